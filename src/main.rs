@@ -1,0 +1,2 @@
+//! The `asra-stream` command.
+fn main() {}

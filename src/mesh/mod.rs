@@ -1,0 +1,34 @@
+//! Triangle meshes larger than memory: where they lie, how they are checked.
+//!
+//! A mesh is a sequence of vertices and a sequence of triangles of vertex numbers; nothing here knows of slices.
+
+pub mod spool;
+
+use crate::error::Result;
+
+/// A triangle mesh that can be read piece by piece, in any order, from several threads.
+pub trait MeshSource: Sync {
+    /// Number of vertices.
+    fn vertex_count(&self) -> u64;
+    /// Number of triangles.
+    fn face_count(&self) -> u64;
+    /// Fills `out` with vertices `first ..`, in the mesh's own coordinates.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], or [`crate::Error::Malformed`] where the file's content is at fault.
+    fn read_vertices(&self, first: u64, out: &mut [[f64; 3]]) -> Result<()>;
+    /// Fills `out` with triangles `first ..`; every number is less than [`MeshSource::vertex_count`].
+    ///
+    /// # Errors
+    /// As [`MeshSource::read_vertices`]; a vertex number out of range is [`crate::Error::Malformed`].
+    fn read_faces(&self, first: u64, out: &mut [[u32; 3]]) -> Result<()>;
+}
+
+/// What travels with a mesh besides its elements.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MeshHeader {
+    /// Added to a vertex, component by component in `f64`, gives the input's coordinates. Zero where none was taken off.
+    pub origin: [f64; 3],
+    /// Lines about the mesh's making, for formats that have comments.
+    pub comments: Vec<String>,
+}

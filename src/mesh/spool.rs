@@ -1,0 +1,114 @@
+//! The mesh while it is being made: vertices and triangles in two spools, in the shapes a PLY file wants.
+
+use bytemuck::Zeroable;
+
+use super::MeshSource;
+use crate::error::Result;
+use crate::points::Precision;
+use crate::spool::{Spool, Workspace};
+
+/// A triangle as a binary PLY file stores it: the number of corners, then the corners. 13 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Zeroable, bytemuck::Pod)]
+#[repr(C, packed)]
+pub struct FaceRecord {
+    corners: u8,
+    vertices: [u32; 3],
+}
+
+impl FaceRecord {
+    /// A triangle of three vertex numbers.
+    pub fn new(vertices: [u32; 3]) -> FaceRecord {
+        FaceRecord { corners: 3, vertices }
+    }
+}
+
+/// A mesh in temporary storage: appended in order, then read back as a [`MeshSource`].
+#[derive(Debug)]
+pub struct MeshSpool {
+    precision: Precision,
+    vertices: Spool,
+    faces: Spool,
+}
+
+impl MeshSpool {
+    /// An empty mesh that keeps up to `in_memory` bytes in memory.
+    pub fn new(workspace: &Workspace, precision: Precision, in_memory: u64) -> MeshSpool {
+        // Triangles take twice the room of vertices: there are two for each, of 13 bytes.
+        let (for_vertices, for_faces) = (in_memory / 3, in_memory / 3 * 2);
+        MeshSpool { precision, vertices: workspace.spool(for_vertices), faces: workspace.spool(for_faces) }
+    }
+
+    /// How vertices are stored: `f32` or `f64` triples.
+    pub fn precision(&self) -> Precision {
+        self.precision
+    }
+
+    /// Appends vertices, rounding to the mesh's precision.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the work directory is full.
+    pub fn append_vertices(&mut self, vertices: &[[f64; 3]]) -> Result<()> {
+        match self.precision {
+            Precision::Double => self.vertices.append(bytemuck::cast_slice(vertices))?,
+            Precision::Single => {
+                let narrowed: Vec<[f32; 3]> = vertices.iter().map(|v| v.map(|c| c as f32)).collect();
+                self.vertices.append(bytemuck::cast_slice(&narrowed))?
+            }
+        };
+        Ok(())
+    }
+
+    /// Appends triangles.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the work directory is full.
+    pub fn append_faces(&mut self, faces: &[FaceRecord]) -> Result<()> {
+        self.faces.append(bytemuck::cast_slice(faces))?;
+        Ok(())
+    }
+
+    /// The vertices' bytes: `x y z` in native order, 12 or 24 bytes each.
+    pub fn vertex_bytes(&self) -> &Spool {
+        &self.vertices
+    }
+
+    /// The triangles' bytes: [`FaceRecord`]s.
+    pub fn face_bytes(&self) -> &Spool {
+        &self.faces
+    }
+}
+
+impl MeshSource for MeshSpool {
+    fn vertex_count(&self) -> u64 {
+        self.vertices.len() / (3 * self.precision.bytes() as u64)
+    }
+
+    fn face_count(&self) -> u64 {
+        self.faces.len() / size_of::<FaceRecord>() as u64
+    }
+
+    fn read_vertices(&self, first: u64, out: &mut [[f64; 3]]) -> Result<()> {
+        let stride = 3 * self.precision.bytes() as u64;
+        match self.precision {
+            Precision::Double => self.vertices.read_at(first * stride, bytemuck::cast_slice_mut(out)),
+            Precision::Single => {
+                let mut narrow = vec![[0f32; 3]; out.len()];
+                self.vertices.read_at(first * stride, bytemuck::cast_slice_mut(&mut narrow))?;
+                for (wide, narrow) in out.iter_mut().zip(narrow) {
+                    *wide = narrow.map(f64::from);
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn read_faces(&self, first: u64, out: &mut [[u32; 3]]) -> Result<()> {
+        let stride = size_of::<FaceRecord>() as u64;
+        let mut records = vec![FaceRecord::zeroed(); out.len()];
+        self.faces.read_at(first * stride, bytemuck::cast_slice_mut(&mut records))?;
+        for (face, record) in out.iter_mut().zip(records) {
+            *face = record.vertices;
+        }
+        Ok(())
+    }
+}

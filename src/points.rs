@@ -1,0 +1,86 @@
+//! Points as they come from files: coordinates in the file's own precision, batch by batch.
+
+use bytemuck::Pod;
+
+/// The precision in which a file stores coordinates; the whole cloud takes the wider of its files'.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Every coordinate is exactly an `f32`.
+    Single,
+    /// `f64`.
+    Double,
+}
+
+impl Precision {
+    /// Bytes of one coordinate.
+    pub fn bytes(self) -> usize {
+        match self {
+            Precision::Single => 4,
+            Precision::Double => 8,
+        }
+    }
+}
+
+/// A coordinate type that points are kept in: `f32` or `f64`. Widening to `f64` is exact.
+pub trait Coordinate: Pod + Send + Sync + PartialOrd + Into<f64> + 'static {
+    /// The precision this type has.
+    const PRECISION: Precision;
+    /// The value as this type; exact if it was read in this or a narrower precision.
+    fn from_f64(value: f64) -> Self;
+}
+
+impl Coordinate for f32 {
+    const PRECISION: Precision = Precision::Single;
+    fn from_f64(value: f64) -> Self {
+        value as f32
+    }
+}
+
+impl Coordinate for f64 {
+    const PRECISION: Precision = Precision::Double;
+    fn from_f64(value: f64) -> Self {
+        value
+    }
+}
+
+/// Decoded points of one block, all finite, in file order and file axes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Points {
+    /// From a file of `f32` coordinates.
+    Single(Vec<[f32; 3]>),
+    /// From a file of `f64`, integer or decimal coordinates.
+    Double(Vec<[f64; 3]>),
+}
+
+impl Points {
+    /// No points, of the given precision.
+    pub fn new(precision: Precision) -> Points {
+        match precision {
+            Precision::Single => Points::Single(Vec::new()),
+            Precision::Double => Points::Double(Vec::new()),
+        }
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        match self {
+            Points::Single(points) => points.len(),
+            Points::Double(points) => points.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// What decoding a block gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch {
+    /// The finite points.
+    pub points: Points,
+    /// Records left out because a coordinate was NaN or infinite.
+    pub dropped: u64,
+}

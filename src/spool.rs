@@ -1,0 +1,180 @@
+//! Temporary storage: append-only byte stores that begin in memory and move to disk when they outgrow it.
+//!
+//! A [`Workspace`] names the folder; a [`Spool`] is one store in it. Files are unlinked as soon as they are opened, so
+//! nothing is left behind on success, on error, on Ctrl-C or when the process is killed. What a spool holds is private
+//! to the process that wrote it: native byte order, no version. Results never depend on where the bytes lay.
+
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::error::{Error, Result};
+
+/// The folder for temporary files and the account of what lies in it.
+///
+/// Cloning is cheap; clones share the account.
+#[derive(Debug, Clone)]
+pub struct Workspace {
+    dir: Arc<PathBuf>,
+    on_disk: Arc<AtomicU64>,
+    peak: Arc<AtomicU64>,
+}
+
+impl Workspace {
+    /// Uses `dir` for temporary files.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if no file can be created there: the work fails in its first second, not after hours.
+    pub fn new(dir: impl Into<PathBuf>) -> Result<Workspace> {
+        let dir = dir.into();
+        tempfile::tempfile_in(&dir).map_err(Error::io(&dir, "create a temporary file"))?;
+        Ok(Workspace { dir: Arc::new(dir), on_disk: Arc::default(), peak: Arc::default() })
+    }
+
+    /// The folder.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// The most bytes that lay on disk at one time so far.
+    pub fn peak_on_disk(&self) -> u64 {
+        self.peak.load(Ordering::Relaxed)
+    }
+
+    /// A new store that keeps up to `in_memory` bytes in memory and goes to disk beyond.
+    pub fn spool(&self, in_memory: u64) -> Spool {
+        Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0 }
+    }
+}
+
+/// An append-only store of bytes, in memory while small, in an unlinked file once it outgrows its share.
+///
+/// Writing needs `&mut`; reading is by position and may happen from several threads at once.
+#[derive(Debug)]
+pub struct Spool {
+    workspace: Workspace,
+    in_memory: u64,
+    store: Store,
+    len: u64,
+}
+
+#[derive(Debug)]
+enum Store {
+    Memory(Vec<u8>),
+    Disk(File),
+}
+
+impl Spool {
+    /// Bytes appended so far.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// Whether nothing was appended yet.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Whether the bytes lie on disk.
+    pub fn is_on_disk(&self) -> bool {
+        matches!(self.store, Store::Disk(_))
+    }
+
+    /// Adds `bytes` at the end and returns the position of their first. Unbuffered: append in large pieces.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory is full or fails.
+    pub fn append(&mut self, bytes: &[u8]) -> Result<u64> {
+        let at = self.len;
+        if let Store::Memory(held) = &mut self.store {
+            if at + bytes.len() as u64 <= self.in_memory {
+                held.extend_from_slice(bytes);
+                self.len += bytes.len() as u64;
+                return Ok(at);
+            }
+            let file = tempfile::tempfile_in(&*self.workspace.dir)
+                .map_err(self.workspace.failed("create a temporary file"))?;
+            file.write_all_at(held, 0).map_err(self.workspace.failed("write temporary data"))?;
+            self.workspace.grow(at);
+            self.store = Store::Disk(file);
+        }
+        if let Store::Disk(file) = &self.store {
+            file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;
+            self.workspace.grow(bytes.len() as u64);
+        }
+        self.len += bytes.len() as u64;
+        Ok(at)
+    }
+
+    /// Fills `out` from position `at`.
+    ///
+    /// # Panics
+    /// If the range was never appended: a bug of the caller.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory fails.
+    pub fn read_at(&self, at: u64, out: &mut [u8]) -> Result<()> {
+        assert!(at + out.len() as u64 <= self.len, "read past the end of a spool");
+        match &self.store {
+            Store::Memory(held) => {
+                out.copy_from_slice(&held[at as usize..at as usize + out.len()]);
+                Ok(())
+            }
+            Store::Disk(file) => file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data")),
+        }
+    }
+}
+
+impl Workspace {
+    fn failed(&self, action: &'static str) -> impl FnOnce(std::io::Error) -> Error + use<> {
+        Error::io(self.dir.to_path_buf(), action)
+    }
+
+    fn grow(&self, bytes: u64) {
+        let now = self.on_disk.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        self.peak.fetch_max(now, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Spool {
+    fn drop(&mut self) {
+        if self.is_on_disk() {
+            self.workspace.on_disk.fetch_sub(self.len, Ordering::Relaxed);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_are_the_same_in_memory_and_on_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(dir.path()).unwrap();
+        for quota in [0, 5, 10, 1000] {
+            let mut spool = workspace.spool(quota);
+            let mut expected = Vec::new();
+            for i in 0u8..40 {
+                let piece = vec![i; usize::from(i % 7)];
+                assert_eq!(spool.append(&piece).unwrap(), expected.len() as u64);
+                expected.extend(piece);
+            }
+            assert_eq!(spool.is_on_disk(), expected.len() as u64 > quota);
+            let mut back = vec![0; expected.len() - 3];
+            spool.read_at(3, &mut back).unwrap();
+            assert_eq!(back, expected[3..]);
+        }
+        assert!(workspace.peak_on_disk() > 0);
+        assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "spool files have no name");
+    }
+
+    #[test]
+    fn a_missing_folder_is_refused_at_once() {
+        let error = Workspace::new("/nonexistent/folder").unwrap_err();
+        assert!(error.to_string().contains("/nonexistent/folder"));
+    }
+}
