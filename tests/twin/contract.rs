@@ -1,0 +1,111 @@
+//! Edge contraction under the link condition.
+
+use std::collections::BTreeSet;
+
+/// Triangles that are being contracted; a vertex number is its place in the order.
+#[derive(Debug, Clone)]
+pub struct Contraction {
+    /// `None` where a triangle is gone.
+    triangles: Vec<Option<[u32; 3]>>,
+    /// The living triangles at each vertex; empty if the vertex is gone.
+    around: Vec<BTreeSet<usize>>,
+    /// Point and squared distance of each vertex.
+    nearest: Vec<Option<(usize, f64)>>,
+}
+
+impl Contraction {
+    /// Starts from a closed mesh.
+    pub fn new(triangles: &[[u32; 3]], nearest: &[Option<(usize, f64)>]) -> Contraction {
+        let mut around = vec![BTreeSet::new(); nearest.len()];
+        for (index, triangle) in triangles.iter().enumerate() {
+            for &v in triangle {
+                around[v as usize].insert(index);
+            }
+        }
+        let triangles = triangles.iter().copied().map(Some).collect();
+        Contraction { triangles, around, nearest: nearest.to_vec() }
+    }
+
+    /// Contracts what can be contracted between vertices of `allowed`.
+    pub fn run(&mut self, allowed: &BTreeSet<u32>) {
+        let mut changed = true;
+        while changed {
+            changed = false;
+            for &v in allowed {
+                while self.lives(v) {
+                    let neighbours = self.neighbours(v);
+                    let first = neighbours.into_iter().find(|u| allowed.contains(u) && self.can_contract(v, *u));
+                    let Some(u) = first else { break };
+                    self.contract(v, u);
+                    changed = true;
+                }
+            }
+        }
+    }
+
+    /// Whether two vertices have the same point.
+    pub fn same_point(&self, u: u32, v: u32) -> bool {
+        match (self.nearest[u as usize], self.nearest[v as usize]) {
+            (Some((p, _)), Some((q, _))) => p == q,
+            _ => false,
+        }
+    }
+
+    fn lives(&self, v: u32) -> bool {
+        !self.around[v as usize].is_empty()
+    }
+
+    /// The living vertices, in order.
+    pub fn living(&self) -> Vec<u32> {
+        (0..self.around.len() as u32).filter(|&v| self.lives(v)).collect()
+    }
+
+    /// The living triangles, in order.
+    pub fn triangles(&self) -> Vec<[u32; 3]> {
+        self.triangles.iter().flatten().copied().collect()
+    }
+
+    /// The vertices that share a triangle with `v`.
+    pub fn neighbours(&self, v: u32) -> BTreeSet<u32> {
+        let mut neighbours = BTreeSet::new();
+        for &t in &self.around[v as usize] {
+            neighbours.extend(self.triangles[t].expect("a triangle at a vertex lives"));
+        }
+        neighbours.remove(&v);
+        neighbours
+    }
+
+    fn can_contract(&self, u: u32, v: u32) -> bool {
+        if !self.same_point(u, v) {
+            return false;
+        }
+        let mut opposite = BTreeSet::new();
+        for t in self.around[u as usize].intersection(&self.around[v as usize]) {
+            opposite.extend(self.triangles[*t].expect("a triangle at a vertex lives"));
+        }
+        opposite.remove(&u);
+        opposite.remove(&v);
+        let (of_u, of_v) = (self.neighbours(u), self.neighbours(v));
+        let common: BTreeSet<u32> = of_u.intersection(&of_v).copied().collect();
+        common == opposite && !(of_u.len() == 3 && of_v.len() == 3)
+    }
+
+    /// Makes the two one: the survivor is the one with the smaller distance, or the earlier one.
+    fn contract(&mut self, u: u32, v: u32) {
+        let d2 = |v: u32| self.nearest[v as usize].expect("only fitted vertices are contracted").1;
+        let v_survives = d2(v) < d2(u) || (d2(v) == d2(u) && v < u);
+        let (survivor, victim) = if v_survives { (v, u) } else { (u, v) };
+        for t in std::mem::take(&mut self.around[victim as usize]) {
+            let triangle = self.triangles[t].expect("a triangle at a vertex lives");
+            if triangle.contains(&survivor) {
+                for w in triangle {
+                    self.around[w as usize].remove(&t);
+                }
+                self.triangles[t] = None;
+            } else {
+                self.triangles[t] = Some(triangle.map(|w| if w == victim { survivor } else { w }));
+                self.around[survivor as usize].insert(t);
+            }
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! From the file's coordinates to cells and back: the axis permutation, the raster, the cell of a point.
+
+use super::Params;
+
+/// An axis of the file's coordinates, as the slicing axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// Slices are perpendicular to the file's x.
+    X,
+    /// Slices are perpendicular to the file's y.
+    Y,
+    /// Slices are perpendicular to the file's z.
+    Z,
+}
+
+impl Axis {
+    /// The three axes in the file's order.
+    pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+
+    /// Which of the file's axes this is.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The file axis behind each grid axis: `grid[g] = file[permutation[g]]`; the grid's y is this axis.
+    pub fn permutation(self) -> [usize; 3] {
+        match self {
+            Axis::X => [2, 0, 1],
+            Axis::Y => [0, 1, 2],
+            Axis::Z => [1, 2, 0],
+        }
+    }
+}
+
+/// Axis, lower end of the box (file axes), cell size and number of cells (grid axes) for a cloud in `slices` slices.
+///
+/// Without an axis the longest side is taken, of equal ones the first. A side of length 0 cannot be sliced: then the
+/// grid is one slice thick and the cells are the longest side's length divided by `slices`, or 1 if the cloud is one
+/// point.
+pub fn grid_for(points: &[[f64; 3]], axis: Option<Axis>, slices: u32) -> (Axis, [f64; 3], f64, [u32; 3]) {
+    let mut min = points[0];
+    let mut max = points[0];
+    for p in points {
+        for a in 0..3 {
+            min[a] = min[a].min(p[a]);
+            max[a] = max[a].max(p[a]);
+        }
+    }
+    let extent = [max[0] - min[0], max[1] - min[1], max[2] - min[2]];
+    let mut longest = Axis::X;
+    for candidate in Axis::ALL {
+        if extent[candidate.index()] > extent[longest.index()] {
+            longest = candidate;
+        }
+    }
+    let axis = axis.unwrap_or(longest);
+    let (side, along_axis) =
+        if extent[axis.index()] > 0.0 { (extent[axis.index()], slices) } else { (extent[longest.index()], 1) };
+    let w = if side > 0.0 { side / f64::from(slices) } else { 1.0 };
+    let inv = 1.0 / w;
+    let mut cells = [1; 3];
+    for (g, f) in axis.permutation().into_iter().enumerate() {
+        cells[g] = (extent[f] * inv * (1.0 - 4.0 * f64::EPSILON)).ceil().max(1.0) as u32;
+    }
+    cells[1] = along_axis;
+    (axis, min, w, cells)
+}
+
+/// The cell of a point, along the grid's axes.
+pub fn cell_of(p: [f64; 3], params: &Params) -> [i32; 3] {
+    let inv = 1.0 / params.w;
+    let mut cell = [0; 3];
+    for (g, f) in params.axis.permutation().into_iter().enumerate() {
+        let along = ((p[f] - params.min[f]) * inv).floor();
+        cell[g] = along.min(f64::from(params.cells[g] - 1)) as i32;
+    }
+    cell
+}
+
+/// A position in cells along the grid's axes, as file coordinates.
+pub fn to_file(q: [f64; 3], params: &Params) -> [f64; 3] {
+    let mut t = [0.0; 3];
+    for (g, f) in params.axis.permutation().into_iter().enumerate() {
+        t[f] = params.min[f] + params.w * q[g];
+    }
+    t
+}

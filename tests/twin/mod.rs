@@ -1,0 +1,103 @@
+//! The naive twin: the whole reconstruction in memory, written for obviousness from `ARCHITECTURE.md` alone.
+//!
+//! It shares no code with the crate. Everything is dense or a map, every definition is applied as it reads, nothing is
+//! looked up in a table; a cloud of some hundred points in a dozen slices is what it is for. The streaming
+//! implementation must give the same mesh: vertex for vertex, triangle for triangle, bit for bit.
+//!
+//! Arithmetic that shows in the bits, as the twin does it:
+//!
+//! * smoothing sums (eᵢ + dᵢ) from 0.0 in the order of the edges, then (d + sum) / (r + 1); where one sheet turns round
+//!   an edge twice, the turn of the solid cell with d_b = 0 is summed first;
+//! * q' = corner + d, T = min + w·q', both after smoothing has ended;
+//! * points at equal distance: the first by (x, y, z), −0 before 0.
+
+// Every test file that includes the twin uses a part of it.
+#![allow(dead_code)]
+
+pub mod check;
+pub mod clouds;
+pub mod contract;
+pub mod corner;
+pub mod fit;
+pub mod grid;
+pub mod solid;
+pub mod surface;
+
+pub use grid::{Axis, grid_for};
+pub use surface::{Diagonals, Surface};
+
+use solid::Cells;
+
+/// What a reconstruction depends on beside the points.
+#[derive(Debug, Clone)]
+pub struct Params {
+    /// The slicing axis.
+    pub axis: Axis,
+    /// Lower end of the box, in the file's axes.
+    pub min: [f64; 3],
+    /// Cell size.
+    pub w: f64,
+    /// Number of cells along the grid's axes.
+    pub cells: [u32; 3],
+    /// Closing radius, at least 1.
+    pub rho: u32,
+    /// Smoothing steps.
+    pub smooth: u32,
+    /// How faces are cut.
+    pub diagonals: Diagonals,
+    /// Whether vertices are fitted.
+    pub fit: bool,
+    /// Slices of a slab, at least 1.
+    pub slab_slices: u32,
+    /// Whether the points are `f32`: then the final vertices are rounded to `f32`.
+    pub single: bool,
+}
+
+/// The finished mesh, in the file's axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TwinMesh {
+    /// Positions.
+    pub vertices: Vec<[f64; 3]>,
+    /// Triangles, counter-clockwise seen from outside.
+    pub faces: Vec<[u32; 3]>,
+}
+
+impl TwinMesh {
+    /// The positions' bits, for a comparison that tells −0 from 0.
+    pub fn bits(&self) -> Vec<[u64; 3]> {
+        self.vertices.iter().map(|p| p.map(f64::to_bits)).collect()
+    }
+}
+
+/// The whole way from points to mesh.
+pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
+    let solid = solid::solid_cells(points, params);
+    let surface = surface::surface(&solid, params.smooth, params.diagonals);
+    fit::finish(&surface, points, params)
+}
+
+/// The solid cells: cell (x, y, z) at `x + cells_x · (z + cells_z · y)`.
+pub fn solid(points: &[[f64; 3]], params: &Params) -> Vec<bool> {
+    solid::solid_cells(points, params).is
+}
+
+/// The cells that hold a point, indexed like [`solid`].
+pub fn occupied(points: &[[f64; 3]], params: &Params) -> Vec<bool> {
+    solid::occupied(points, params).is
+}
+
+/// The dilated cells of the box padded by ρ + 1 on every side; [`Cells`] tells the indexing.
+pub fn dilated(points: &[[f64; 3]], params: &Params) -> Cells {
+    solid::dilated(&solid::occupied(points, params), params.rho)
+}
+
+/// The exterior cells of the box padded by ρ + 1 on every side; [`Cells`] tells the indexing.
+pub fn exterior(points: &[[f64; 3]], params: &Params) -> Cells {
+    solid::exterior(&dilated(points, params))
+}
+
+/// The surface of given solid cells (indexed like [`solid`]), unfitted, in cells along the grid's axes.
+pub fn mesh_of_solid(solid: &[bool], cells: [u32; 3], smooth: u32, diagonals: Diagonals) -> Surface {
+    let solid = Cells { cells, pad: 0, is: solid.to_vec() };
+    surface::surface(&solid, smooth, diagonals)
+}
