@@ -84,3 +84,10 @@ pub struct Batch {
     /// Records left out because a coordinate was NaN or infinite.
     pub dropped: u64,
 }
+
+impl Batch {
+    /// An empty batch, to be filled by decoding.
+    pub fn new(precision: Precision) -> Batch {
+        Batch { points: Points::new(precision), dropped: 0 }
+    }
+}

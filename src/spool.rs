@@ -43,6 +43,15 @@ impl Workspace {
         self.peak.load(Ordering::Relaxed)
     }
 
+    /// Bytes free in the folder's file system, for users like this one.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn available(&self) -> Result<u64> {
+        let stat = rustix::fs::statvfs(self.dir()).map_err(|e| self.failed("read the free space")(e.into()))?;
+        Ok(stat.f_bavail * stat.f_frsize)
+    }
+
     /// A new store that keeps up to `in_memory` bytes in memory and goes to disk beyond.
     pub fn spool(&self, in_memory: u64) -> Spool {
         Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0 }

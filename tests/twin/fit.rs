@@ -8,7 +8,7 @@ use super::surface::Surface;
 use super::{Params, TwinMesh};
 
 /// How far, in cells, a vertex may be from its point.
-const REACH: f64 = 2.0;
+const REACH: f64 = 3.0;
 
 /// The nearest point of a vertex: its place in the sorted cloud, and the squared distance.
 type Nearest = Option<(usize, f64)>;

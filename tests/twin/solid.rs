@@ -156,5 +156,24 @@ pub fn closed(occupied: &Cells, exterior: &Cells, rho: u32) -> Cells {
 pub fn solid_cells(points: &[[f64; 3]], params: &Params) -> Cells {
     let occupied = occupied(points, params);
     let exterior = exterior(&dilated(&occupied, params.rho));
-    closed(&occupied, &exterior, params.rho)
+    without_lone(&closed(&occupied, &exterior, params.rho))
+}
+
+/// Without the cells that have no solid face neighbour but touch a solid cell that has one.
+pub fn without_lone(solid: &Cells) -> Cells {
+    let within = |squared: std::ops::RangeInclusive<i32>| -> Vec<[i32; 3]> {
+        ball(2).into_iter().chain([-1, 1].iter().flat_map(|&x| [[x, -1, -1], [x, -1, 1], [x, 1, -1], [x, 1, 1]]))
+            .filter(|d| d.iter().all(|c| c.abs() <= 1) && squared.contains(&d.iter().map(|c| c * c).sum()))
+            .collect::<std::collections::BTreeSet<_>>().into_iter().collect()
+    };
+    let (faces, touching) = (within(1..=1), within(1..=3));
+    let lone = |cell| !faces.iter().any(|&d| solid.get(plus(cell, d)));
+    let mut out = Cells::none(solid.cells, 0);
+    for cell in solid.all() {
+        let touches = || touching.iter().map(|&d| plus(cell, d)).any(|c| solid.get(c) && !lone(c));
+        if solid.get(cell) && !(lone(cell) && touches()) {
+            out.set(cell);
+        }
+    }
+    out
 }

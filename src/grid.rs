@@ -1,0 +1,351 @@
+//! The only place where the world becomes cells: axis, slices, cell size, raster (the paper's Eqs. 1-3).
+//!
+//! Eq. 1 moves the box to the origin and scales it by its longest side; instead of moving points, the grid keeps the
+//! box's corner and the cell size in the world's own units. Eq. 2: s = ⌊k·∛n⌋ slices. Eq. 3: w = extent / s.
+
+use std::fmt;
+
+use crate::error::{Error, Result};
+
+/// The most cells along an axis.
+pub const CELLS_LIMIT: u32 = (1 << 20) - 1;
+
+/// Slices of one bucket: what is written to and read from temporary storage together.
+pub const BUCKET_SLICES: u32 = 4;
+
+/// How far from a vertex its point may be, in cells.
+pub const REACH: u32 = 3;
+
+/// An axis of the file's coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Axis {
+    /// The first coordinate.
+    X,
+    /// The second.
+    Y,
+    /// The third.
+    Z,
+}
+
+impl Axis {
+    const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+
+    /// 0, 1 or 2.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// `x`, `y` or `z`.
+    pub fn letter(self) -> char {
+        ['x', 'y', 'z'][self.index()]
+    }
+
+    /// The file axis that is grid axis 0, 1, 2 when slicing along `self`: a cyclic permutation, so orientation stays.
+    pub fn file_axes(self) -> [usize; 3] {
+        let a = self.index();
+        [(a + 2) % 3, a, (a + 1) % 3]
+    }
+}
+
+/// Which axis to slice along.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AxisChoice {
+    /// The box's longest side; the first of equals.
+    #[default]
+    Longest,
+    /// A given one.
+    Fixed(Axis),
+}
+
+/// How fine the grid is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Resolution {
+    /// The paper's k: s = ⌊k·∛n⌋ (Eq. 2).
+    K(f64),
+    /// A number of slices.
+    Slices(u32),
+    /// A cell's side, in the file's units.
+    Cell(f64),
+}
+
+impl Default for Resolution {
+    /// k = 4, the paper's choice.
+    fn default() -> Self {
+        Resolution::K(4.0)
+    }
+}
+
+/// The axis-parallel box of a cloud, in the file's coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Bounds {
+    /// The least coordinates.
+    pub min: [f64; 3],
+    /// The greatest.
+    pub max: [f64; 3],
+}
+
+impl Bounds {
+    /// The box of nothing: any point extends it.
+    pub const EMPTY: Bounds = Bounds { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
+
+    /// The box of both.
+    pub fn union(self, other: Bounds) -> Bounds {
+        let mut out = self;
+        for a in 0..3 {
+            out.min[a] = out.min[a].min(other.min[a]);
+            out.max[a] = out.max[a].max(other.max[a]);
+        }
+        out
+    }
+
+    /// The sides' lengths.
+    pub fn extent(&self) -> [f64; 3] {
+        std::array::from_fn(|a| self.max[a] - self.min[a])
+    }
+
+    /// The longest side; the first of equals.
+    pub fn longest(&self) -> Axis {
+        let e = self.extent();
+        let mut best = Axis::X;
+        for axis in Axis::ALL {
+            if e[axis.index()] > e[best.index()] {
+                best = axis;
+            }
+        }
+        best
+    }
+}
+
+/// A place in the grid: x, slice, row.
+pub type Cell = [u32; 3];
+
+/// The grid of cubic cells over the cloud's box.
+///
+/// ```text
+///   slice (grid y) ^       cell = min(floor((p - min) / w), cells - 1) along each grid axis
+///                  |  row (grid z)
+///                  | /     corner (i, j, k) lies at min + w * (i, j, k)
+///                  +-----> x
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    axis: Axis,
+    bounds: Bounds,
+    w: f64,
+    inverse: f64,
+    cells: [u32; 3],
+}
+
+impl Grid {
+    /// The grid for `n` points in `bounds`.
+    ///
+    /// # Errors
+    /// [`Error::Raster`] if an axis would get more than [`CELLS_LIMIT`] cells, [`Error::Usage`] for a resolution that
+    /// is not positive and finite or a box whose extent `f64` cannot express.
+    pub fn new(n: u64, bounds: &Bounds, resolution: Resolution, choice: AxisChoice) -> Result<Grid> {
+        let axis = match choice {
+            AxisChoice::Longest => bounds.longest(),
+            AxisChoice::Fixed(axis) => axis,
+        };
+        let extent = bounds.extent();
+        let longest = extent[bounds.longest().index()];
+        if !longest.is_finite() {
+            return Err(Error::Usage(format!("the cloud's extent {longest} is beyond what can be computed with")));
+        }
+        let along = extent[axis.index()];
+        let (w, slices) = match resolution {
+            Resolution::Cell(w) if w.is_finite() && w > 0.0 => (w, None),
+            Resolution::Cell(w) => return Err(Error::Usage(format!("--cell-size {w} is not a positive length"))),
+            Resolution::Slices(0) => return Err(Error::Usage("--slices 0: at least one slice is needed".into())),
+            Resolution::K(k) if !(k.is_finite() && k > 0.0) => {
+                return Err(Error::Usage(format!("--k {k} is not a positive number")));
+            }
+            Resolution::Slices(_) | Resolution::K(_) => {
+                let s = match resolution {
+                    Resolution::Slices(s) => f64::from(s),
+                    Resolution::K(k) => (k * (n as f64).cbrt()).floor().max(1.0),
+                    Resolution::Cell(_) => unreachable!("handled above"),
+                };
+                if s > f64::from(CELLS_LIMIT) {
+                    return Err(raster_error(s, axis));
+                }
+                // A flat cloud has no extent to divide; its longest side then gives the scale, and a point cloud that
+                // is a single point any scale at all.
+                let (side, slices) = if along > 0.0 { (along, Some(s as u32)) } else { (longest, Some(1)) };
+                (if side > 0.0 { side / s } else { 1.0 }, slices)
+            }
+        };
+        let inverse = 1.0 / w;
+        if !w.is_normal() || !inverse.is_normal() {
+            return Err(Error::Usage(format!("cells of side {w} are beyond what can be computed with")));
+        }
+        let mut cells = [0; 3];
+        for (g, &a) in axis.file_axes().iter().enumerate() {
+            // The factor forgives the last bits of extent * (1 / (extent / s)): a whole number of cells stays that.
+            let exact = (extent[a] * inverse * (1.0 - 4.0 * f64::EPSILON)).ceil().max(1.0);
+            if exact > f64::from(CELLS_LIMIT) {
+                return Err(raster_error(exact, Axis::ALL[a]));
+            }
+            cells[g] = exact as u32;
+        }
+        if let Some(slices) = slices {
+            cells[1] = slices;
+        }
+        Ok(Grid { axis, bounds: *bounds, w, inverse, cells })
+    }
+
+    /// The slicing axis.
+    pub fn axis(&self) -> Axis {
+        self.axis
+    }
+
+    /// The cell's side w, in the file's units.
+    pub fn cell_size(&self) -> f64 {
+        self.w
+    }
+
+    /// Cells along the grid's axes: x, slices, rows.
+    pub fn cells(&self) -> [u32; 3] {
+        self.cells
+    }
+
+    /// The cloud's box.
+    pub fn bounds(&self) -> &Bounds {
+        &self.bounds
+    }
+
+    /// The raster as the paper's Table 1 has it: slices in the middle, the file's other axes in their order round it.
+    pub fn raster(&self) -> [u32; 3] {
+        let [first, slices, second] = self.cells;
+        let axes = self.axis.file_axes();
+        if axes[0] < axes[2] { [first, slices, second] } else { [second, slices, first] }
+    }
+
+    /// The cell of a point inside the box.
+    #[inline]
+    pub fn cell_of(&self, point: [f64; 3]) -> Cell {
+        let axes = self.axis.file_axes();
+        std::array::from_fn(|g| self.along(g, point[axes[g]]))
+    }
+
+    /// The slice of a point inside the box.
+    #[inline]
+    pub fn slice_of(&self, point: [f64; 3]) -> u32 {
+        self.along(1, point[self.axis.index()])
+    }
+
+    /// The cell coordinate along grid axis `g`. The cast saturates, so rounding below zero stays in cell 0.
+    #[inline]
+    fn along(&self, g: usize, coordinate: f64) -> u32 {
+        let a = self.axis.file_axes()[g];
+        (((coordinate - self.bounds.min[a]) * self.inverse) as u32).min(self.cells[g] - 1)
+    }
+
+    /// The world position, in file axes, of a grid position in cells.
+    #[inline]
+    pub fn position(&self, q: [f64; 3]) -> [f64; 3] {
+        let mut out = [0.0; 3];
+        for (g, &a) in self.axis.file_axes().iter().enumerate() {
+            out[a] = self.bounds.min[a] + self.w * q[g];
+        }
+        out
+    }
+
+    /// How far, in cells, rounding can move a point or a vertex: a distance bound must be relaxed by this.
+    pub fn slack(&self) -> f64 {
+        let far = self.bounds.min.iter().chain(&self.bounds.max).fold(0.0f64, |m, c| m.max(c.abs()));
+        1e-9 + 16.0 * f64::EPSILON * far * self.inverse
+    }
+}
+
+fn raster_error(cells: f64, axis: Axis) -> Error {
+    Error::Raster {
+        cells,
+        axis: axis.letter(),
+        limit: CELLS_LIMIT,
+        advice: "use a smaller --k or --slices, a larger --cell-size, or --axis longest; far outliers stretch the box too",
+    }
+}
+
+impl fmt::Display for Grid {
+    /// "134 x 132 x 104 cells of 0.00117 (132 slices along y)".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [a, b, c] = self.raster();
+        write!(f, "{a} x {b} x {c} cells of {:.6} ({} slices along {})", self.w, self.cells[1], self.axis.letter())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bounds(extent: [f64; 3]) -> Bounds {
+        Bounds { min: [0.0; 3], max: extent }
+    }
+
+    #[test]
+    fn table_1_of_the_paper() {
+        // Number of points and slices; the rasters need the models themselves.
+        let table = [
+            (30_133, 124),
+            (35_947, 132),
+            (48_487, 145),
+            (75_782, 169),
+            (122_882, 198),
+            (172_975, 222),
+            (543_652, 326),
+            (654_651, 347),
+            (1_765_913, 483),
+            (3_609_601, 613),
+        ];
+        for (n, slices) in table {
+            let grid = Grid::new(n, &bounds([1.0; 3]), Resolution::default(), AxisChoice::Longest).unwrap();
+            assert_eq!(grid.cells(), [slices; 3], "n = {n}");
+        }
+    }
+
+    #[test]
+    fn the_raster_is_given_in_the_files_order_round_the_slices() {
+        // The horse's extents, along z: 80 x 145 x 174.
+        let b = bounds([0.084, 0.183, 0.153]);
+        let grid = Grid::new(48_485, &b, Resolution::default(), AxisChoice::Fixed(Axis::Z)).unwrap();
+        assert_eq!(grid.raster(), [80, 145, 174]);
+        assert_eq!(grid.cells(), [174, 145, 80]);
+    }
+
+    #[test]
+    fn the_box_corners_fall_into_the_first_and_last_cells() {
+        let b = Bounds { min: [4.5e6, -3.0, 0.1], max: [4.5e6 + 7.3, 11.0, 0.7] };
+        for axis in Axis::ALL {
+            let grid = Grid::new(1000, &b, Resolution::default(), AxisChoice::Fixed(axis)).unwrap();
+            assert_eq!(grid.cell_of(b.min), [0; 3]);
+            assert_eq!(grid.cell_of(b.max), grid.cells().map(|c| c - 1));
+            let corner = grid.position(grid.cells().map(f64::from));
+            for (c, max) in corner.iter().zip(b.max) {
+                assert!(*c >= max - 1e-8 && *c < max + grid.cell_size() + 1e-8);
+            }
+        }
+    }
+
+    #[test]
+    fn flat_clouds_and_single_points_have_a_grid() {
+        let flat = Bounds { min: [0.0, 5.0, 0.0], max: [10.0, 5.0, 2.0] };
+        let grid = Grid::new(1000, &flat, Resolution::Slices(20), AxisChoice::Fixed(Axis::Y)).unwrap();
+        assert_eq!(grid.cells(), [20, 1, 4]);
+        let point = Bounds { min: [7.0; 3], max: [7.0; 3] };
+        assert_eq!(Grid::new(1, &point, Resolution::default(), AxisChoice::Longest).unwrap().cells(), [1, 4, 1].map(|_| 1));
+    }
+
+    #[test]
+    fn too_fine_a_grid_is_refused_with_the_figure() {
+        let b = bounds([1.0, 1.0, 1.0]);
+        let error = Grid::new(10, &b, Resolution::Cell(1e-7), AxisChoice::Longest).unwrap_err();
+        assert!(error.to_string().contains("10000000"), "{error}");
+        for bad in [Resolution::Cell(0.0), Resolution::K(f64::NAN), Resolution::Slices(0), Resolution::K(-1.0)] {
+            assert!(matches!(Grid::new(10, &b, bad, AxisChoice::Longest), Err(Error::Usage(_))));
+        }
+        let huge = Bounds { min: [-1.7e308; 3], max: [1.7e308; 3] };
+        assert!(Grid::new(10, &huge, Resolution::default(), AxisChoice::Longest).is_err());
+    }
+}

@@ -1,0 +1,291 @@
+//! The run, phase by phase: survey, bucket, raster, seal, surface.
+//!
+//! The rest of a run (checking the mesh, writing it) needs the finished mesh only and is [`crate::run`]'s.
+
+use bytesize::ByteSize;
+
+use crate::bucket::Buckets;
+use crate::error::{Error, Result};
+use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
+use crate::input::Cloud;
+use crate::mesh::spool::MeshSpool;
+use crate::plan::{Load, MemoryPlan};
+use crate::points::{Coordinate, Precision};
+use crate::progress::{Phase, Progress};
+use crate::schedule::Workers;
+use crate::slab::{SlabMesh, SurfaceOptions, slab_count, slices_of};
+use crate::spool::Workspace;
+use crate::stage::Context;
+use crate::stage::dilate::Ball;
+use crate::stage::fit::halo;
+use crate::stage::raster::Occupancy;
+use crate::stage::seal::{self, Sealed};
+use crate::stage::solid::Solid;
+use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
+use crate::survey::{Survey, sampling_distance, survey};
+
+/// The cell size that `--cell-size auto` takes, in sampling distances: a surface sampled at random leaves few of its cells of that side empty, so
+/// that a ball of one cell seals it.
+const AUTO_CELL: f64 = 2.0;
+
+/// How fine the grid is to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fineness {
+    /// As told.
+    Given(Resolution),
+    /// Cells tied to the sampling distance.
+    Sampling,
+}
+
+/// What is asked of the reconstruction, apart from files and means.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// How fine the grid is.
+    pub fineness: Fineness,
+    /// Which axis is sliced.
+    pub axis: AxisChoice,
+    /// The window's slices, which bound the closing radius: ρ ≤ (W − 1) / 2. `None` leaves it free.
+    pub window: Option<u32>,
+    /// What is done to the surface.
+    pub surface: SurfaceOptions,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            fineness: Fineness::Given(Resolution::default()),
+            axis: AxisChoice::Longest,
+            window: None,
+            surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
+        }
+    }
+}
+
+impl Settings {
+    /// Checks what can be checked without the input.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn validate(&self) -> Result<()> {
+        if let Some(window) = self.window
+            && (window < 3 || window % 2 == 0)
+        {
+            return Err(Error::Usage(format!("--window {window}: the window is an odd number of slices, at least 3")));
+        }
+        if self.surface.smooth > 100 {
+            return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
+        }
+        Ok(())
+    }
+}
+
+/// A surveyed cloud on its grid: all that is known before the first point is sorted.
+#[derive(Debug)]
+pub struct Surveyed {
+    /// What the survey found.
+    pub survey: Survey,
+    /// The grid.
+    pub grid: Grid,
+    /// The sampling distance, where it was asked for.
+    pub sampling: Option<f64>,
+    /// What the plan is made from.
+    pub load: Load,
+}
+
+/// Surveys the cloud and lays the grid.
+///
+/// # Errors
+/// Those of reading the input and of [`Grid::new`]; [`Error::TooManyElements`] if the mesh would exceed what its
+/// indices can name.
+pub fn survey_cloud(
+    cloud: &Cloud,
+    settings: &Settings,
+    workers: &Workers,
+    progress: &mut Progress,
+) -> Result<Surveyed> {
+    settings.validate()?;
+    let in_flight = 2 * workers.threads();
+    let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
+    progress.begin(Phase::Survey, known);
+    let survey = survey(cloud, workers, in_flight, |records| progress.add(records))?;
+    let (resolution, sampling) = match settings.fineness {
+        Fineness::Given(resolution) => (resolution, None),
+        Fineness::Sampling => {
+            let distance = sampling_distance(cloud, &survey, workers, in_flight)?;
+            // A single place has no sampling distance; any cell does.
+            (Resolution::Cell(distance.map_or(1.0, |d| d * AUTO_CELL)), distance)
+        }
+    };
+    let grid = Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?;
+    progress.end();
+    let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
+    if load.vertices() > VERTEX_LIMIT {
+        return Err(Error::TooManyElements {
+            count: load.vertices(),
+            what: "vertices",
+            limit: VERTEX_LIMIT,
+            carrier: "a mesh file's int",
+        });
+    }
+    Ok(Surveyed { survey, grid, sampling, load })
+}
+
+/// The finished mesh and what is to be told of its making.
+#[derive(Debug)]
+pub struct Reconstruction {
+    /// The mesh.
+    pub mesh: MeshSpool,
+    /// Taken off its positions: added to them, it gives the input's coordinates.
+    pub origin: [f64; 3],
+    /// The closing radius ρ used, in cells.
+    pub radius: u32,
+    /// The closing radius that seals the cloud, if it has an inside.
+    pub sealing_radius: Option<u32>,
+    /// What was tried to find it.
+    pub trials: Vec<seal::Trial>,
+    /// Occupied cells.
+    pub occupied: u64,
+    /// Solid cells.
+    pub solid: u64,
+    /// What became of the vertices.
+    pub counts: Counts,
+    /// Whether the points were kept on disk.
+    pub buckets_on_disk: bool,
+}
+
+/// Makes the mesh of a surveyed cloud.
+///
+/// # Errors
+/// Those of reading the input; [`Error::Io`]; [`Error::Budget`] if a slab turns out to be more than the budget can hold;
+/// [`Error::Interrupted`].
+pub fn reconstruct(
+    cloud: &Cloud,
+    surveyed: &Surveyed,
+    settings: &Settings,
+    context: &Context,
+    progress: &mut Progress,
+) -> Result<Reconstruction> {
+    match surveyed.load.precision {
+        Precision::Single => reconstruct_as::<f32>(cloud, surveyed, settings, context, progress),
+        Precision::Double => reconstruct_as::<f64>(cloud, surveyed, settings, context, progress),
+    }
+}
+
+fn reconstruct_as<T: Coordinate>(
+    cloud: &Cloud,
+    surveyed: &Surveyed,
+    settings: &Settings,
+    context: &Context,
+    progress: &mut Progress,
+) -> Result<Reconstruction> {
+    let Surveyed { survey, grid, load, .. } = surveyed;
+    progress.begin(Phase::Bucket, Some(survey.points + survey.dropped));
+    let buckets = Buckets::<T>::fill(cloud, grid, context, |records| progress.add(records))?;
+    if buckets.point_count() != survey.points {
+        return Err(Error::malformed(
+            &cloud.sources()[0].path,
+            "the second pass",
+            format!("the {} points of the first", survey.points),
+            format!("{}; was the input changed meanwhile?", buckets.point_count()),
+        ));
+    }
+
+    let slices = u64::from(grid.cells()[1]);
+    progress.begin(Phase::Raster, Some(slices));
+    let occupancy = Occupancy::of_buckets(&buckets, grid, context, |slices| progress.add(u64::from(slices)))?;
+    progress.begin(Phase::Seal, None);
+    let (sealed, used) = close(&occupancy, settings.window, context, progress)?;
+    let solid = &sealed.solid;
+
+    progress.begin(Phase::Surface, Some(slices));
+    let smooth = settings.surface.smooth;
+    let faces_of_slab = |number: u32| {
+        let slab = slices_of(number, smooth, solid.cells[1]);
+        solid.faces[slab.start as usize..slab.end as usize].iter().map(|f| u64::from(*f)).sum::<u64>()
+    };
+    let slabs = slab_count(smooth, solid.cells[1]);
+    let jobs = context.memory.slab_jobs(load, (0..slabs).map(faces_of_slab).max().unwrap_or(0))?;
+    let origin = origin(T::PRECISION, &survey.bounds);
+    let mesh = MeshSpool::new(&context.workspace, T::PRECISION, context.memory.mesh_quota);
+    let mut stitcher = Stitcher::new(grid, halo(smooth), origin, mesh);
+    let piece = context.memory.piece_points;
+    context.workers.in_order_range(
+        jobs.in_flight,
+        slabs as usize,
+        |number| SlabMesh::make(number as u32, solid, &buckets, grid, settings.surface, piece),
+        |slab| {
+            progress.add(slab.slices.len() as u64);
+            stitcher.add(slab)
+        },
+    )?;
+    let (mesh, counts) = stitcher.finish()?;
+    progress.end();
+    Ok(Reconstruction {
+        mesh,
+        origin,
+        radius: used,
+        sealing_radius: sealed.has_inside.then_some(sealed.radius),
+        trials: sealed.trials,
+        occupied: occupancy.occupied,
+        solid: sealed.solid.volume,
+        counts,
+        buckets_on_disk: buckets.is_on_disk(),
+    })
+}
+
+/// Finds ρ, and keeps it to what the window allows.
+fn close(
+    occupancy: &Occupancy,
+    window: Option<u32>,
+    context: &Context,
+    progress: &mut Progress,
+) -> Result<(Sealed, u32)> {
+    let mut sealed = seal::find(occupancy, context, |slices| progress.add(u64::from(slices)))?;
+    let most = window.map_or(u32::MAX, |w| (w - 1) / 2);
+    let used = sealed.radius.min(most);
+    if used < sealed.radius {
+        sealed.solid = Solid::close(occupancy, &Ball::new(used), context)?;
+    }
+    sealed.solid = sealed.solid.without_lone_cells(context)?;
+    Ok((sealed, used))
+}
+
+/// What is taken off positions so that formats and programs with `f32` coordinates keep their resolution: nothing for
+/// `f32` input, whose coordinates are written as they are, and nothing for boxes near zero.
+///
+/// Else a round number below the box: no more than a factor of two from any coordinate, so that the
+/// difference of a coordinate and the origin is exact in `f64`, and adding the origin gives the coordinate back, bit for bit.
+fn origin(precision: Precision, bounds: &Bounds) -> [f64; 3] {
+    let extent = bounds.extent().into_iter().fold(0.0, f64::max);
+    if precision == Precision::Single || extent <= 0.0 {
+        return [0.0; 3];
+    }
+    let step = 10f64.powi(extent.log10().floor() as i32);
+    std::array::from_fn(|a| {
+        let (near, far) = (bounds.min[a].abs().min(bounds.max[a].abs()), bounds.min[a].abs().max(bounds.max[a].abs()));
+        let same_sign = (bounds.min[a] > 0.0) == (bounds.max[a] > 0.0);
+        // Sixteen extents away from zero, all coordinates and a multiple of the step below them are within a factor of two.
+        if same_sign && near > 16.0 * extent && far.is_finite() {
+            (bounds.min[a] / step).floor() * step
+        } else {
+            0.0
+        }
+    })
+}
+
+/// The context of a run: `threads` workers, the work directory, and the plan.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Budget`]; [`Error::Disk`] if the work directory has less room than the plan asks for.
+pub fn context(surveyed: &Surveyed, workers: &Workers, workspace: &Workspace, budget: u64) -> Result<Context> {
+    let memory = MemoryPlan::for_budget(budget, &surveyed.load, workers.threads())?;
+    let available = workspace.available()?;
+    if available < memory.predicted_disk {
+        return Err(Error::Disk {
+            path: workspace.dir().to_path_buf(),
+            available: ByteSize(available),
+            needed: ByteSize(memory.predicted_disk),
+        });
+    }
+    Ok(Context { workers: workers.clone(), workspace: workspace.clone(), memory, load: surveyed.load.clone() })
+}

@@ -1,0 +1,181 @@
+//! Contraction: adjacent vertices on one point become one, where the link condition allows.
+//!
+//! ```text
+//!        c                     c
+//!      / | \                   |        u and v may become one if c and d are their only common neighbours
+//!     u--+--v   contract uv    v        (then no edge or triangle appears twice), unless all four make a tetrahedron
+//!      \ | /                   |
+//!        d                     d
+//! ```
+
+/// "No point", "no vertex", "no corner".
+pub const NONE: u32 = u32::MAX;
+
+/// A triangle that a contraction took away.
+pub const GONE: [u32; 3] = [NONE; 3];
+
+/// For each vertex, the corners (3 × triangle + position) at which triangles touch it, as linked lists.
+#[derive(Debug)]
+pub struct Fans {
+    head: Vec<u32>,
+    next: Vec<u32>,
+}
+
+impl Fans {
+    /// The fans of `vertices` vertices of a mesh of `triangles`.
+    pub fn new(triangles: &[[u32; 3]], vertices: usize) -> Fans {
+        let mut fans = Fans { head: vec![NONE; vertices], next: vec![NONE; 3 * triangles.len()] };
+        for (corner, &v) in triangles.as_flattened().iter().enumerate() {
+            fans.next[corner] = fans.head[v as usize];
+            fans.head[v as usize] = corner as u32;
+        }
+        fans
+    }
+
+    /// Number of vertices that have a fan.
+    pub fn len(&self) -> usize {
+        self.head.len()
+    }
+
+    /// Whether no vertex has one.
+    pub fn is_empty(&self) -> bool {
+        self.head.is_empty()
+    }
+
+    /// The triangles at vertex `v`, each with the position of `v` in it. Triangles that are gone are left out.
+    pub fn at<'a>(&'a self, v: u32, triangles: &'a [[u32; 3]]) -> impl Iterator<Item = (usize, usize)> + 'a {
+        let mut corner = self.head[v as usize];
+        std::iter::from_fn(move || {
+            while corner != NONE {
+                let (triangle, position) = (corner as usize / 3, corner as usize % 3);
+                corner = self.next[corner as usize];
+                if triangles[triangle] != GONE {
+                    return Some((triangle, position));
+                }
+            }
+            None
+        })
+    }
+
+    /// Gives `from`'s corners to `to`.
+    fn hand_over(&mut self, from: u32, to: u32) {
+        let first = self.head[from as usize];
+        if first == NONE {
+            return;
+        }
+        let mut last = first;
+        while self.next[last as usize] != NONE {
+            last = self.next[last as usize];
+        }
+        self.next[last as usize] = self.head[to as usize];
+        self.head[to as usize] = first;
+        self.head[from as usize] = NONE;
+    }
+}
+
+/// What is to be contracted: per vertex its group (vertices of one group lie on one point; [`NONE`] for vertices that must stay)
+/// and its rank (the smaller survives, ties by number).
+#[derive(Debug, Clone, Copy)]
+pub struct Groups<'a> {
+    /// The group of each vertex.
+    pub group: &'a [u32],
+    /// The squared distance of each vertex to its point.
+    pub distance: &'a [f64],
+}
+
+/// Contracts edges inside groups until none can be contracted any more.
+///
+/// Vertices are visited in order; at each, as long as it lives, its lowest neighbour of the same group that can be
+/// contracted with it is. `merged(dead, survivor)` is told of each contraction.
+///
+/// Every grouped vertex's fan must be complete. Keeps a closed 2-manifold one, and its Euler number.
+pub fn contract(
+    triangles: &mut [[u32; 3]],
+    fans: &mut Fans,
+    groups: Groups<'_>,
+    mut merged: impl FnMut(u32, u32),
+) {
+    let vertices = groups.group.len() as u32;
+    let mut alive = vec![true; vertices as usize];
+    let mut scratch = Neighbourhoods::default();
+    // Only vertices with a neighbour of their own group can ever be contracted; later rounds look at what is left of them.
+    let mut candidates: Vec<u32> = (0..vertices)
+        .filter(|&v| {
+            let group = groups.group[v as usize];
+            group != NONE
+                && fans.at(v, triangles).any(|(t, p)| {
+                    let next = triangles[t][(p + 1) % 3];
+                    next < vertices && groups.group[next as usize] == group
+                })
+        })
+        .collect();
+    loop {
+        let mut changed = false;
+        for &v in &candidates {
+            while alive[v as usize] {
+                let Some(u) = first_contractible(triangles, fans, groups, v, &mut scratch) else { break };
+                let key = |x: u32| (groups.distance[x as usize], x);
+                let (survivor, dead) = if key(u) < key(v) { (u, v) } else { (v, u) };
+                contract_edge(triangles, fans, survivor, dead);
+                alive[dead as usize] = false;
+                merged(dead, survivor);
+                changed = true;
+            }
+        }
+        if !changed {
+            return;
+        }
+        candidates.retain(|&v| alive[v as usize]);
+    }
+}
+
+/// Buffers for the neighbours of two vertices.
+#[derive(Debug, Default)]
+struct Neighbourhoods {
+    of_v: Vec<u32>,
+    of_u: Vec<u32>,
+    same_group: Vec<u32>,
+}
+
+fn first_contractible(
+    triangles: &[[u32; 3]],
+    fans: &Fans,
+    groups: Groups<'_>,
+    v: u32,
+    scratch: &mut Neighbourhoods,
+) -> Option<u32> {
+    let Neighbourhoods { of_v, of_u, same_group } = scratch;
+    collect_neighbours(triangles, fans, v, of_v);
+    let group = groups.group[v as usize];
+    same_group.clear();
+    same_group.extend(of_v.iter().filter(|&&u| groups.group.get(u as usize) == Some(&group)));
+    same_group.sort_unstable();
+    same_group.iter().copied().find(|&u| {
+        collect_neighbours(triangles, fans, u, of_u);
+        let common = of_u.iter().filter(|x| of_v.contains(x)).count();
+        common == 2 && !(of_u.len() == 3 && of_v.len() == 3)
+    })
+}
+
+/// The neighbours of `v`: in a closed fan each is the next corner of exactly one triangle.
+fn collect_neighbours(triangles: &[[u32; 3]], fans: &Fans, v: u32, out: &mut Vec<u32>) {
+    out.clear();
+    out.extend(fans.at(v, triangles).map(|(t, p)| triangles[t][(p + 1) % 3]));
+}
+
+fn contract_edge(triangles: &mut [[u32; 3]], fans: &mut Fans, survivor: u32, dead: u32) {
+    let mut corner = fans.head[dead as usize];
+    while corner != NONE {
+        let (t, p) = (corner as usize / 3, corner as usize % 3);
+        corner = fans.next[corner as usize];
+        if triangles[t] == GONE {
+            continue;
+        }
+        if triangles[t].contains(&survivor) {
+            triangles[t] = GONE;
+        } else {
+            triangles[t][p] = survivor;
+        }
+    }
+    fans.hand_over(dead, survivor);
+}

@@ -1,0 +1,353 @@
+//! Fitting: the nearest input point of every vertex of a slab, found through the cell grid.
+//!
+//! ```text
+//!   +---+---+---+---+---+---+     the cells round a corner are searched shell by shell: first the eight that touch it
+//!   | 3 | 3 | 3 | 3 | 3 | 3 |     (1), then the ring round them (2), and so on; what lies beyond shell m is at least
+//!   +---+---+---+---+---+---+     m - |q' - corner| cells away, so a nearer point ends the search
+//!   | 3 | 2 | 2 | 2 | 2 | 3 |
+//!   +---+---+---+---+---+---+     points of a slice are sorted by row, then by cell: a stretch of a row's cells is one
+//!   | 3 | 2 | 1 | 1 | 2 | 3 |     stretch of points, found by counting bits
+//!   +---+---+---o---+---+---+
+//! ```
+//!
+//! Points are read in pieces of bounded size, and every piece is searched for every vertex near it: a slab with more points
+//! than fit in memory costs time, not memory.
+
+use std::cmp::Ordering;
+use std::ops::Range;
+
+use crate::bucket::Buckets;
+use crate::error::Result;
+use crate::grid::{BUCKET_SLICES, Grid, REACH};
+use crate::points::Coordinate;
+use crate::slice::words_for;
+use crate::stage::contract::NONE;
+use crate::stage::extract::{Kind, Surface};
+use crate::window::Window;
+
+/// Slices either side of a plane in which the points of its vertices lie, after `smooth` steps of smoothing: the reach, and
+/// one for each step, as a step moves a vertex by less than a cell.
+pub fn halo(smooth: u32) -> u32 {
+    REACH + smooth.max(1)
+}
+
+/// The nearest points of a slab's vertices.
+#[derive(Debug, Clone)]
+pub struct Fitted {
+    /// Of each vertex, a number of its point, or [`NONE`]. Equal numbers mean equal coordinates, and the reverse, within the slab.
+    pub point: Vec<u32>,
+    /// The squared distance from q′ to the point, in the input's units.
+    pub distance: Vec<f64>,
+    /// The point's coordinates, in file axes.
+    pub target: Vec<[f64; 3]>,
+}
+
+impl Fitted {
+    /// Nothing fitted.
+    pub fn none(vertices: usize) -> Fitted {
+        Fitted { point: vec![NONE; vertices], distance: vec![f64::INFINITY; vertices], target: vec![[0.0; 3]; vertices] }
+    }
+}
+
+/// Which vertices to fit, and how far from their planes their points may lie.
+#[derive(Debug)]
+pub struct Task<'a> {
+    /// The slab's surface.
+    pub surface: &'a Surface,
+    /// Positions q′ of all its vertices, in cells.
+    pub q: &'a [[f64; 3]],
+    /// The planes whose vertices are fitted.
+    pub planes: Range<u32>,
+    /// Slices either side of a plane that are searched: [`halo`].
+    pub halo: u32,
+}
+
+/// Finds the nearest point of every vertex on the task's planes; `Fitted` is indexed from the first of them.
+///
+/// Ties go to the smaller (x, y, z). Memory: `piece` points (twice), and the index of `2 halo` slices.
+///
+/// # Errors
+/// [`crate::Error::Io`].
+pub fn fit<T: Coordinate>(buckets: &Buckets<T>, grid: &Grid, task: &Task<'_>, piece: usize) -> Result<Fitted> {
+    let first = task.surface.on_plane(task.planes.start).start;
+    let end = task.surface.on_plane(task.planes.end - 1).end;
+    let mut search = Search { grid, task, first, found: Fitted::none((end - first) as usize), searched: 0 };
+    let slices = task.planes.start.saturating_sub(task.halo)..(task.planes.end + task.halo).min(grid.cells()[1]);
+    let mut held: Vec<[T; 3]> = Vec::new();
+    for bucket in slices.start / BUCKET_SLICES..slices.end.div_ceil(BUCKET_SLICES) {
+        buckets.read(bucket as usize, piece, |points| {
+            for point in points {
+                if slices.contains(&grid.slice_of(point.map(Into::into))) {
+                    held.push(*point);
+                    if held.len() == piece {
+                        search.piece(&held, slices.clone())?;
+                        held.clear();
+                    }
+                }
+            }
+            Ok(())
+        })?;
+    }
+    search.piece(&held, slices)?;
+    Ok(search.found)
+}
+
+struct Search<'a> {
+    grid: &'a Grid,
+    task: &'a Task<'a>,
+    first: u32,
+    found: Fitted,
+    /// Points of earlier pieces: numbers go on from there.
+    searched: u32,
+}
+
+impl Search<'_> {
+    /// Searches one piece of points for all vertices.
+    fn piece<T: Coordinate>(&mut self, points: &[[T; 3]], slices: Range<u32>) -> Result<()> {
+        if points.is_empty() {
+            return Ok(());
+        }
+        let (sorted, starts) = sort_by_slice(points, self.grid, slices.clone());
+        let halo = i64::from(self.task.halo);
+        let [width, _, rows] = self.grid.cells();
+        let mut window = Window::new(2 * halo as usize, || SliceIndex::new(width, rows));
+        for plane in self.task.planes.clone() {
+            window.slide_to(i64::from(plane) - halo, |y, index| {
+                let inside = y >= i64::from(slices.start) && y < i64::from(slices.end);
+                let range = if inside {
+                    let y = (y - i64::from(slices.start)) as usize;
+                    starts[y]..starts[y + 1]
+                } else {
+                    0..0
+                };
+                index.build(&sorted, range, self.grid);
+                Ok(())
+            })?;
+            for v in self.task.surface.on_plane(plane) {
+                self.vertex(v, plane, &window);
+            }
+        }
+        self.searched += points.len() as u32;
+        Ok(())
+    }
+
+    fn vertex<T: Coordinate>(&mut self, v: u32, plane: u32, window: &Window<SliceIndex<T>>) {
+        let vertex = &self.task.surface.vertices[v as usize];
+        if let Kind::Middle(_) = vertex.kind {
+            return;
+        }
+        let q = self.task.q[v as usize];
+        let at = (v - self.first) as usize;
+        let w = self.grid.cell_size();
+        let slack = self.grid.slack();
+        let reach = f64::from(REACH) * w;
+        let offset: [f64; 3] = std::array::from_fn(|a| q[a] - f64::from(vertex.corner[a]));
+        let farthest = offset.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+        let mut best = Nearest {
+            from: self.grid.position(q),
+            limit: reach * reach,
+            distance: self.found.distance[at],
+            target: self.found.target[at],
+            point: self.found.point[at],
+        };
+        let [i, _, k] = vertex.corner.map(i64::from);
+        let gap = |d: i64, offset: f64| (d as f64 - offset).max(offset - d as f64 - 1.0).max(0.0);
+        for m in 1..=i64::from(self.task.halo) {
+            let beyond = (m - 1) as f64 - farthest - slack;
+            if m > 1 && (beyond > f64::from(REACH) || (beyond > 0.0 && best.distance < (beyond * w).powi(2))) {
+                break;
+            }
+            for dy in -m..m {
+                let index = window.get(i64::from(plane) + dy);
+                if index.points.is_empty() {
+                    continue;
+                }
+                for dz in -m..m {
+                    let row_gap = gap(dy, offset[1]).hypot(gap(dz, offset[2])) - slack;
+                    if row_gap > 0.0 && (row_gap * w).powi(2) > best.distance.min(best.limit) {
+                        continue;
+                    }
+                    let base = self.searched + index.base;
+                    if dy == -m || dy == m - 1 || dz == -m || dz == m - 1 {
+                        best.look(index, base, k + dz, i - m..i + m);
+                    } else {
+                        best.look(index, base, k + dz, i - m..i - m + 1);
+                        best.look(index, base, k + dz, i + m - 1..i + m);
+                    }
+                }
+            }
+        }
+        self.found.distance[at] = best.distance;
+        self.found.target[at] = best.target;
+        self.found.point[at] = best.point;
+    }
+}
+
+/// The nearest point so far.
+struct Nearest {
+    from: [f64; 3],
+    limit: f64,
+    distance: f64,
+    target: [f64; 3],
+    point: u32,
+}
+
+impl Nearest {
+    /// Looks at the points in cells `x` of row `z`; both may reach outside the slice.
+    #[inline]
+    fn look<T: Coordinate>(&mut self, index: &SliceIndex<T>, base: u32, z: i64, x: Range<i64>) {
+        let range = index.cells(z, x);
+        for (number, point) in range.clone().zip(&index.points[range]) {
+            let p: [f64; 3] = point.map(Into::into);
+            let d = [p[0] - self.from[0], p[1] - self.from[1], p[2] - self.from[2]];
+            let distance = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            let nearer = distance < self.distance || (distance == self.distance && precedes(p, self.target));
+            if nearer && distance <= self.limit {
+                (self.distance, self.target, self.point) = (distance, p, base + number as u32);
+            }
+        }
+    }
+}
+
+/// Whether `a` comes before `b` by (x, y, z).
+pub fn precedes(a: [f64; 3], b: [f64; 3]) -> bool {
+    let order = a.iter().zip(&b).map(|(a, b)| a.total_cmp(b)).find(|o| o.is_ne());
+    order == Some(Ordering::Less)
+}
+
+/// The points of one slice, sorted by row and cell.
+#[derive(Debug)]
+struct SliceIndex<T> {
+    points: Vec<[T; 3]>,
+    /// The number of the first point among the piece's.
+    base: u32,
+    words: usize,
+    width: u32,
+    rows: u32,
+    /// Is a cell occupied? One row after the other.
+    occupied: Vec<u64>,
+    /// Of each word: the occupied cells before it.
+    before: Vec<u32>,
+    /// Of each occupied cell: the points before it; one entry more than cells.
+    first: Vec<u32>,
+    keys: Vec<(u32, u32)>,
+    order: Vec<u32>,
+    counts: Vec<u32>,
+}
+
+impl<T: Coordinate> SliceIndex<T> {
+    fn new(width: u32, rows: u32) -> SliceIndex<T> {
+        // One cell more than there are, so that the end of a row has a bit, too.
+        let words = words_for(width + 1);
+        SliceIndex {
+            points: Vec::new(),
+            base: 0,
+            words,
+            width,
+            rows,
+            occupied: vec![0; words * rows as usize],
+            before: vec![0; words * rows as usize],
+            first: Vec::new(),
+            keys: Vec::new(),
+            order: Vec::new(),
+            counts: Vec::new(),
+        }
+    }
+
+    /// Takes the points `range` of `sorted`.
+    fn build(&mut self, sorted: &[[T; 3]], range: Range<usize>, grid: &Grid) {
+        self.base = range.start as u32;
+        let points = &sorted[range];
+        let had_points = !self.points.is_empty();
+        self.points.clear();
+        self.first.clear();
+        if points.is_empty() && !had_points {
+            return;
+        }
+        self.occupied.fill(0);
+        self.keys.clear();
+        self.keys.extend(points.iter().map(|p| {
+            let [x, _, z] = grid.cell_of(p.map(Into::into));
+            (x, z)
+        }));
+        // Two stable counting sorts, the less significant key first.
+        let by_x = counting_sort(&mut self.counts, self.width, 0..points.len() as u32, |i| self.keys[i as usize].0);
+        self.order = counting_sort(&mut self.counts, self.rows, by_x.into_iter(), |i| self.keys[i as usize].1);
+        self.points.extend(self.order.iter().map(|&i| points[i as usize]));
+        let mut last = None;
+        for (number, &i) in self.order.iter().enumerate() {
+            let (x, z) = self.keys[i as usize];
+            if last != Some((x, z)) {
+                self.first.push(number as u32);
+                self.occupied[z as usize * self.words + x as usize / 64] |= 1 << (x % 64);
+                last = Some((x, z));
+            }
+        }
+        self.first.push(points.len() as u32);
+        let mut cells = 0;
+        for (before, word) in self.before.iter_mut().zip(&self.occupied) {
+            *before = cells;
+            cells += word.count_ones();
+        }
+    }
+
+    /// The stretch of points in cells `x` of row `z`.
+    #[inline]
+    fn cells(&self, z: i64, x: Range<i64>) -> Range<usize> {
+        if z < 0 || z >= i64::from(self.rows) {
+            return 0..0;
+        }
+        let rank = |x: i64| {
+            let x = x.clamp(0, i64::from(self.width)) as usize;
+            let word = z as usize * self.words + x / 64;
+            let within = self.occupied[word] & ((1 << (x % 64)) - 1);
+            (self.before[word] + within.count_ones()) as usize
+        };
+        self.first[rank(x.start)] as usize..self.first[rank(x.end)] as usize
+    }
+}
+
+/// A stable counting sort of `items` by `key`, which is less than `keys`.
+fn counting_sort(
+    counts: &mut Vec<u32>,
+    keys: u32,
+    items: impl ExactSizeIterator<Item = u32> + Clone,
+    key: impl Fn(u32) -> u32,
+) -> Vec<u32> {
+    counts.clear();
+    counts.resize(keys as usize, 0);
+    for item in items.clone() {
+        counts[key(item) as usize] += 1;
+    }
+    let mut next = 0;
+    for count in counts.iter_mut() {
+        next += std::mem::replace(count, next);
+    }
+    let mut out = vec![0; items.len()];
+    for item in items {
+        let at = &mut counts[key(item) as usize];
+        out[*at as usize] = item;
+        *at += 1;
+    }
+    out
+}
+
+/// The points by slice, and where each slice starts.
+fn sort_by_slice<T: Coordinate>(points: &[[T; 3]], grid: &Grid, slices: Range<u32>) -> (Vec<[T; 3]>, Vec<usize>) {
+    let slice = |p: &[T; 3]| (grid.slice_of(p.map(Into::into)) - slices.start) as usize;
+    let mut starts = vec![0; slices.len() + 1];
+    for point in points {
+        starts[slice(point) + 1] += 1;
+    }
+    for y in 0..slices.len() {
+        starts[y + 1] += starts[y];
+    }
+    let mut next = starts.clone();
+    let mut sorted = vec![[T::zeroed(); 3]; points.len()];
+    for point in points {
+        let at = &mut next[slice(point)];
+        sorted[*at] = *point;
+        *at += 1;
+    }
+    (sorted, starts)
+}

@@ -1,0 +1,156 @@
+//! The survey, pass 1: how many points there are and the box they fill; and, where asked for, how densely they lie.
+
+use std::collections::BTreeSet;
+
+use crate::error::{Error, Result};
+use crate::grid::Bounds;
+use crate::input::Cloud;
+use crate::points::{Batch, Coordinate, Points};
+use crate::schedule::Workers;
+
+/// What the first pass over the points finds.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Survey {
+    /// Finite points.
+    pub points: u64,
+    /// Records left out because a coordinate was NaN or infinite.
+    pub dropped: u64,
+    /// The box of the points.
+    pub bounds: Bounds,
+}
+
+/// Counts the points and finds their box. `progress` is told the records of each block.
+///
+/// # Errors
+/// Those of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
+pub fn survey(cloud: &Cloud, workers: &Workers, in_flight: usize, mut progress: impl FnMut(u64)) -> Result<Survey> {
+    let mut total = Survey { points: 0, dropped: 0, bounds: Bounds::EMPTY };
+    let mut blocks = cloud.blocks()?;
+    workers.in_order(
+        in_flight,
+        || blocks.next(),
+        |block| {
+            let mut batch = Batch::new(cloud.precision());
+            block.decode(&mut batch)?;
+            let bounds = match &batch.points {
+                Points::Single(points) => bounds_of(points),
+                Points::Double(points) => bounds_of(points),
+            };
+            Ok(Survey { points: batch.points.len() as u64, dropped: batch.dropped, bounds })
+        },
+        |part| {
+            total.points += part.points;
+            total.dropped += part.dropped;
+            total.bounds = total.bounds.union(part.bounds);
+            progress(part.points + part.dropped);
+            Ok(())
+        },
+    )?;
+    if total.points == 0 {
+        return Err(Error::NoPoints { dropped: total.dropped });
+    }
+    Ok(total)
+}
+
+fn bounds_of<T: Coordinate>(points: &[[T; 3]]) -> Bounds {
+    // Compared in the file's precision: widening keeps the order, and four lanes are faster than two.
+    let Some(&first) = points.first() else { return Bounds::EMPTY };
+    let (mut min, mut max) = (first, first);
+    for point in points {
+        for a in 0..3 {
+            min[a] = if point[a] < min[a] { point[a] } else { min[a] };
+            max[a] = if point[a] > max[a] { point[a] } else { max[a] };
+        }
+    }
+    Bounds { min: min.map(Into::into), max: max.map(Into::into) }
+}
+
+/// Cells kept by a sketch: its count is good to about 1/√1024, three per cent.
+const KEPT: usize = 1024;
+
+/// Counts distinct cells in bounded memory: of all cells seen it keeps those with the smallest hashes; if the largest kept
+/// hash is the fraction f of the hash range, there are about KEPT / f cells. Order of arrival does not matter.
+#[derive(Debug, Default)]
+struct Sketch {
+    smallest: BTreeSet<u64>,
+}
+
+impl Sketch {
+    fn add(&mut self, hash: u64) {
+        if self.smallest.len() < KEPT {
+            self.smallest.insert(hash);
+        } else if hash < *self.smallest.last().expect("the sketch is full") && self.smallest.insert(hash) {
+            self.smallest.pop_last();
+        }
+    }
+
+    fn distinct(&self) -> f64 {
+        match self.smallest.last() {
+            Some(&last) if self.smallest.len() == KEPT => (KEPT - 1) as f64 * (u64::MAX as f64 / last as f64),
+            _ => self.smallest.len() as f64,
+        }
+    }
+}
+
+/// The mean distance d between neighbouring samples of the cloud's surface, in the input's units: d² = area / points.
+///
+/// A surface of area A occupies about 1.5 A / w² cells of side w. The cells are counted (by sketch) at sides that halve from the
+/// longest extent; the first side at which points per cell fall below four gives the area. `None` for a single place.
+///
+/// # Errors
+/// Those of reading the input; [`Error::Interrupted`].
+pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_flight: usize) -> Result<Option<f64>> {
+    const LEVELS: usize = 20;
+    let longest = survey.bounds.extent().into_iter().fold(0.0, f64::max);
+    if longest <= 0.0 {
+        return Ok(None);
+    }
+    let min = survey.bounds.min;
+    let finest = 2f64.powi(LEVELS as i32) * (1.0 - 1e-12) / longest;
+    let mut sketches: Vec<Sketch> = (0..LEVELS).map(|_| Sketch::default()).collect();
+    let mut blocks = cloud.blocks()?;
+    workers.in_order(
+        in_flight,
+        || blocks.next(),
+        |block| {
+            let mut batch = Batch::new(cloud.precision());
+            block.decode(&mut batch)?;
+            let mut part: Vec<Sketch> = (0..LEVELS).map(|_| Sketch::default()).collect();
+            let mut add = |p: [f64; 3]| {
+                let cell: [u64; 3] = std::array::from_fn(|a| ((p[a] - min[a]) * finest) as u64);
+                for (level, sketch) in part.iter_mut().enumerate() {
+                    // Level l has 2^(l + 1) cells along the longest side.
+                    let shift = LEVELS - 1 - level;
+                    sketch.add(hash(cell.map(|c| c >> shift)));
+                }
+            };
+            match &batch.points {
+                Points::Single(points) => points.iter().for_each(|p| add(p.map(f64::from))),
+                Points::Double(points) => points.iter().for_each(|p| add(*p)),
+            }
+            Ok(part)
+        },
+        |part| {
+            for (sketch, part) in sketches.iter_mut().zip(part) {
+                part.smallest.into_iter().for_each(|h| sketch.add(h));
+            }
+            Ok(())
+        },
+    )?;
+    let n = survey.points as f64;
+    let (level, cells) = sketches
+        .iter()
+        .map(Sketch::distinct)
+        .enumerate()
+        .find(|(_, cells)| n / cells < 4.0)
+        .unwrap_or((LEVELS - 1, sketches[LEVELS - 1].distinct()));
+    let side = longest / 2f64.powi(level as i32 + 1);
+    Ok(Some(side * (cells / (1.5 * n)).sqrt()))
+}
+
+fn hash(cell: [u64; 3]) -> u64 {
+    let mut h = cell[0] | cell[1] << 21 | cell[2] << 42;
+    h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    h ^ h >> 31
+}
