@@ -1,6 +1,7 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
 
 pub mod error;
+pub mod generate;
 pub mod input;
 pub mod mesh;
 pub mod points;

@@ -30,6 +30,7 @@ use crate::error::Result;
 use crate::points::{Batch, Points, Precision};
 
 pub use layout::{Column, Endian, Field, Layout, MAX_STRIDE, Scalar};
+pub(crate) use sidecar::Sidecar;
 
 /// The length a block of records aims at: large against the cost of handing it to another thread, small enough for a
 /// core's cache and for dozens in flight.
@@ -201,7 +202,7 @@ mod tests {
         std::fs::write(&bin, bytemuck::cast_slice(&[0.1f32, 2.0, 3.0])).unwrap();
         std::fs::write(&xyz, "0.1 5 6\n").unwrap();
         let options = InputOptions::default();
-        let alone = Cloud::open(&[bin.clone()], &options).unwrap();
+        let alone = Cloud::open(std::slice::from_ref(&bin), &options).unwrap();
         assert_eq!(alone.precision(), Precision::Single);
         assert_eq!(alone.sources()[0].description, "raw xyz little-endian (detected; pass --layout xyz to fix)");
         let both = Cloud::open(&[bin, xyz], &options).unwrap();
@@ -240,7 +241,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.xyz");
         std::fs::write(&path, "1 2 3\n").unwrap();
-        let cloud = Cloud::open(&[path.clone()], &InputOptions::default()).unwrap();
+        let cloud = Cloud::open(std::slice::from_ref(&path), &InputOptions::default()).unwrap();
         std::fs::write(&path, "1 2 3\n4 5 6\n").unwrap();
         let error = collect_all(&cloud).unwrap_err().to_string();
         assert!(error.contains("6 bytes as in the first look") && error.contains("12 bytes"), "{error}");

@@ -50,7 +50,8 @@ pub fn detect(file: &Mapped, start: u64, endian: Endian) -> Result<Layout> {
     let mut sizes = Vec::new();
     for scalar in [Scalar::F32, Scalar::F64] {
         let number = scalar.bytes() as u64;
-        let fitting: Vec<usize> = COLUMNS.filter(|&k| content > 0 && content % (k as u64 * number) == 0).collect();
+        let fitting: Vec<usize> =
+            COLUMNS.filter(|&k| content > 0 && content.is_multiple_of(k as u64 * number)).collect();
         sizes.extend(fitting.iter().map(|k| k * scalar.bytes()));
         if fitting.is_empty() {
             continue;

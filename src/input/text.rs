@@ -187,7 +187,7 @@ impl Header<'_> {
     }
 }
 
-fn named<'a>(names: &mut dyn Iterator<Item = &'a [u8]>) -> [Option<usize>; 3] {
+fn named(names: &mut dyn Iterator<Item = &[u8]>) -> [Option<usize>; 3] {
     let mut places = [None; 3];
     for (place, name) in names.enumerate() {
         let name =

@@ -42,7 +42,7 @@ fn file_of(columns: &[Column], count: usize, encoding: Encoding, faces_first: bo
         Encoding::Binary(Endian::Little) => "binary_little_endian",
         Encoding::Binary(Endian::Big) => "binary_big_endian",
     };
-    let end = if count % 2 == 0 { "\n" } else { "\r\n" };
+    let end = if count.is_multiple_of(2) { "\n" } else { "\r\n" };
     let mut lines = vec!["ply".to_string(), format!("format {name} 1.0"), "comment element vertex 99".to_string()];
     if faces_first {
         lines.extend(["element face 2", "property list uchar int vertex_indices"].map(String::from));
