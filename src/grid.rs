@@ -334,7 +334,10 @@ mod tests {
         let grid = Grid::new(1000, &flat, Resolution::Slices(20), AxisChoice::Fixed(Axis::Y)).unwrap();
         assert_eq!(grid.cells(), [20, 1, 4]);
         let point = Bounds { min: [7.0; 3], max: [7.0; 3] };
-        assert_eq!(Grid::new(1, &point, Resolution::default(), AxisChoice::Longest).unwrap().cells(), [1, 4, 1].map(|_| 1));
+        assert_eq!(
+            Grid::new(1, &point, Resolution::default(), AxisChoice::Longest).unwrap().cells(),
+            [1, 4, 1].map(|_| 1)
+        );
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 pub mod bucket;
 pub mod error;
+pub mod generate;
 pub mod grid;
 pub mod input;
 pub mod mesh;

@@ -265,11 +265,7 @@ fn origin(precision: Precision, bounds: &Bounds) -> [f64; 3] {
         let (near, far) = (bounds.min[a].abs().min(bounds.max[a].abs()), bounds.min[a].abs().max(bounds.max[a].abs()));
         let same_sign = (bounds.min[a] > 0.0) == (bounds.max[a] > 0.0);
         // Sixteen extents away from zero, all coordinates and a multiple of the step below them are within a factor of two.
-        if same_sign && near > 16.0 * extent && far.is_finite() {
-            (bounds.min[a] / step).floor() * step
-        } else {
-            0.0
-        }
+        if same_sign && near > 16.0 * extent && far.is_finite() { (bounds.min[a] / step).floor() * step } else { 0.0 }
     })
 }
 

@@ -102,7 +102,9 @@ impl Load {
     fn slab_raster(&self) -> u64 {
         let [x, _, z] = self.cells;
         let bits = Bits::bytes(x + 2, z + 2);
-        u64::from(slab_slices(self.smooth) + 1) * bits * 3 / 2 + 3 * bits + u64::from(2 * halo(self.smooth)) * bits * 3 / 2
+        u64::from(slab_slices(self.smooth) + 1) * bits * 3 / 2
+            + 3 * bits
+            + u64::from(2 * halo(self.smooth)) * bits * 3 / 2
     }
 
     /// Faces of one slab, to expect.
@@ -176,7 +178,8 @@ impl MemoryPlan {
         let chunks_in_flight = jobs(Self::chunk_job(load, 1), working, 2 * threads);
         let running = threads as u64;
         let for_points = (working / 2 / running).saturating_sub(load.slab_raster());
-        let slab_points = load.bucket_bytes() / load.record() * u64::from(slab_slices(load.smooth) + 2 * halo(load.smooth))
+        let slab_points = load.bucket_bytes() / load.record()
+            * u64::from(slab_slices(load.smooth) + 2 * halo(load.smooth))
             / u64::from(load.cells[1])
             + 1;
         // Points are read, sorted by slice, and sorted by cell a window at a time.

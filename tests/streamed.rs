@@ -12,12 +12,12 @@ use asra_stream::plan::MemoryPlan;
 use asra_stream::progress::{Progress, Show};
 use asra_stream::schedule::Workers;
 use asra_stream::slab::{Fit, SurfaceOptions, slab_slices};
+use asra_stream::slice::Runs;
 use asra_stream::spool::Workspace;
 use asra_stream::stage::dilate::Ball;
 use asra_stream::stage::extract::Diagonals;
 use asra_stream::stage::raster::Occupancy;
 use asra_stream::stage::solid::Solid;
-use asra_stream::slice::Runs;
 use proptest::prelude::*;
 
 /// A mesh as bits.
@@ -34,7 +34,10 @@ struct Run {
 enum Means {
     Ample,
     /// The least budget, and pieces of this many points.
-    Least { threads: usize, piece: usize },
+    Least {
+        threads: usize,
+        piece: usize,
+    },
 }
 
 fn write_raw(path: &Path, points: &[[f64; 3]], single: bool) -> Layout {

@@ -89,12 +89,7 @@ pub struct Groups<'a> {
 /// contracted with it is. `merged(dead, survivor)` is told of each contraction.
 ///
 /// Every grouped vertex's fan must be complete. Keeps a closed 2-manifold one, and its Euler number.
-pub fn contract(
-    triangles: &mut [[u32; 3]],
-    fans: &mut Fans,
-    groups: Groups<'_>,
-    mut merged: impl FnMut(u32, u32),
-) {
+pub fn contract(triangles: &mut [[u32; 3]], fans: &mut Fans, groups: Groups<'_>, mut merged: impl FnMut(u32, u32)) {
     let vertices = groups.group.len() as u32;
     let mut alive = vec![true; vertices as usize];
     let mut scratch = Neighbourhoods::default();

@@ -98,12 +98,8 @@ const fn pairs(mask: usize, m: usize, s: usize) -> ([(usize, usize); 2], usize) 
 }
 
 const fn corners() -> [Corner; 256] {
-    let empty = Corner {
-        sheets: 0,
-        sheet_of: [NO_SHEET; 12],
-        sheet: [Sheet { neighbours: 0, sum: [0; 3] }; 4],
-        doubled: 0,
-    };
+    let empty =
+        Corner { sheets: 0, sheet_of: [NO_SHEET; 12], sheet: [Sheet { neighbours: 0, sum: [0; 3] }; 4], doubled: 0 };
     let mut out = [empty; 256];
     let mut mask = 0;
     while mask < 256 {
@@ -203,12 +199,7 @@ const fn every_case_closes() -> bool {
 const fn corner_at(mask: usize) -> Corner {
     corner(
         mask,
-        Corner {
-            sheets: 0,
-            sheet_of: [NO_SHEET; 12],
-            sheet: [Sheet { neighbours: 0, sum: [0; 3] }; 4],
-            doubled: 0,
-        },
+        Corner { sheets: 0, sheet_of: [NO_SHEET; 12], sheet: [Sheet { neighbours: 0, sum: [0; 3] }; 4], doubled: 0 },
     )
 }
 

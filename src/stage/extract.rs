@@ -298,9 +298,8 @@ impl Plane {
 
     /// Appends the middles of doubled edges whose lower end lies in the plane: along x and z first, then along y.
     fn add_middles(&mut self, around: [&Bits; 3], vertices: &mut Vec<Vertex>) {
-        let doubled: Vec<usize> = (0..self.masks.len())
-            .filter(|&o| CORNERS[usize::from(self.masks[o])].doubled & 0b10_1010 != 0)
-            .collect();
+        let doubled: Vec<usize> =
+            (0..self.masks.len()).filter(|&o| CORNERS[usize::from(self.masks[o])].doubled & 0b10_1010 != 0).collect();
         for axes in [&[0u8, 2][..], &[1]] {
             for &ordinal in &doubled {
                 let vertex = vertices[self.first[ordinal] as usize];

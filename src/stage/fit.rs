@@ -45,7 +45,11 @@ pub struct Fitted {
 impl Fitted {
     /// Nothing fitted.
     pub fn none(vertices: usize) -> Fitted {
-        Fitted { point: vec![NONE; vertices], distance: vec![f64::INFINITY; vertices], target: vec![[0.0; 3]; vertices] }
+        Fitted {
+            point: vec![NONE; vertices],
+            distance: vec![f64::INFINITY; vertices],
+            target: vec![[0.0; 3]; vertices],
+        }
     }
 }
 

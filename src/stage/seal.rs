@@ -65,7 +65,8 @@ pub fn find(occupancy: &Occupancy, context: &Context, mut progress: impl FnMut(u
     let mut seen: Option<Seen> = None;
     for level in (1..=pyramid.len()).rev() {
         let occupancy = &pyramid[level - 1];
-        let mut attempt = Level { occupancy, level: level as u32, context, trials: &mut trials, progress: &mut progress };
+        let mut attempt =
+            Level { occupancy, level: level as u32, context, trials: &mut trials, progress: &mut progress };
         seen = match seen {
             Some(seen) => attempt.refine(seen, 0)?.map(|(seen, _)| seen),
             None => attempt.largest_jump(0, level == pyramid.len())?.map(|(seen, _)| seen),
@@ -78,7 +79,9 @@ pub fn find(occupancy: &Occupancy, context: &Context, mut progress: impl FnMut(u
     };
     Ok(match found {
         Some((seen, solid)) => Sealed { radius: seen.radius, solid, has_inside: true, trials },
-        None => Sealed { radius: 1, solid: Solid::close(occupancy, &Ball::new(1), context)?, has_inside: false, trials },
+        None => {
+            Sealed { radius: 1, solid: Solid::close(occupancy, &Ball::new(1), context)?, has_inside: false, trials }
+        }
     })
 }
 

@@ -98,7 +98,8 @@ fn solid_slices(occupancy: &Occupancy, exterior: &Exterior, ball: &Ball, chunk: 
 
         let (mut slice, mut faces) = (Runs::default(), 0);
         for z in 0..box_rows {
-            let row = |dy: i32, dz: i32| window.get(padded_y + i64::from(dy)).lit_row((z + pad).wrapping_add_signed(dz));
+            let row =
+                |dy: i32, dz: i32| window.get(padded_y + i64::from(dy)).lit_row((z + pad).wrapping_add_signed(dz));
             ball.dilate_row(row, &mut acc);
             invert(&mut acc, width);
             if let Some(words) = occupied.lit_row(z + pad) {

@@ -162,9 +162,13 @@ pub fn solid_cells(points: &[[f64; 3]], params: &Params) -> Cells {
 /// Without the cells that have no solid face neighbour but touch a solid cell that has one.
 pub fn without_lone(solid: &Cells) -> Cells {
     let within = |squared: std::ops::RangeInclusive<i32>| -> Vec<[i32; 3]> {
-        ball(2).into_iter().chain([-1, 1].iter().flat_map(|&x| [[x, -1, -1], [x, -1, 1], [x, 1, -1], [x, 1, 1]]))
+        ball(2)
+            .into_iter()
+            .chain([-1, 1].iter().flat_map(|&x| [[x, -1, -1], [x, -1, 1], [x, 1, -1], [x, 1, 1]]))
             .filter(|d| d.iter().all(|c| c.abs() <= 1) && squared.contains(&d.iter().map(|c| c * c).sum()))
-            .collect::<std::collections::BTreeSet<_>>().into_iter().collect()
+            .collect::<std::collections::BTreeSet<_>>()
+            .into_iter()
+            .collect()
     };
     let (faces, touching) = (within(1..=1), within(1..=3));
     let lone = |cell| !faces.iter().any(|&d| solid.get(plus(cell, d)));

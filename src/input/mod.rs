@@ -1,0 +1,249 @@
+//! Point clouds as they are found in the wild: several files of several formats, read as one stream of points.
+//!
+//! ```text
+//!  arguments --files.rs--> files --open--> [PointFormat] --cut--> Block, Block, … --decode--> Batch
+//!                           detect.rs says which          one thread, cheap        any thread, in parallel
+//! ```
+//!
+//! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line). Blocks come in file order, so the points of a cloud have one
+//! order. Nothing here holds more than the blocks in flight, whatever the length of a file or the claims of its header.
+//!
+//! A new format is a module that implements [`PointFormat`] and a line in `detect.rs`.
+
+mod detect;
+mod files;
+mod layout;
+mod lines;
+mod mapped;
+mod ply;
+mod raw;
+mod records;
+mod sidecar;
+mod statistics;
+mod text;
+
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::error::Result;
+use crate::points::{Batch, Points, Precision};
+
+pub use layout::{Column, Endian, Field, Layout, MAX_STRIDE, Scalar};
+pub(crate) use sidecar::Sidecar;
+
+/// The length a block of records aims at: large against the cost of handing it to another thread, small enough for a
+/// core's cache and for dozens in flight.
+pub const BLOCK_BYTES: usize = 1 << 20;
+
+/// The most records in a block, so that a decoded block is bounded as well: 1.5 MiB of `f64` coordinates.
+pub const BLOCK_RECORDS: usize = 1 << 16;
+
+/// What the command line says about raw files. Other formats describe themselves and ignore it.
+#[derive(Debug, Clone, Default)]
+pub struct InputOptions {
+    /// The record layout; takes the place of a side-car and of detection.
+    pub layout: Option<Layout>,
+    /// Bytes before the first record.
+    pub skip_bytes: Option<u64>,
+    /// Byte order of the numbers.
+    pub endian: Option<Endian>,
+}
+
+/// Several files as one cloud.
+#[derive(Debug)]
+pub struct Cloud {
+    sources: Vec<Source>,
+    formats: Vec<Arc<dyn PointFormat>>,
+    precision: Precision,
+}
+
+/// One file of a cloud, as it was understood.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Source {
+    /// The file.
+    pub path: PathBuf,
+    /// The format's name: "raw", "PLY", "text".
+    pub format: &'static str,
+    /// What was understood, as a line to print.
+    pub description: String,
+    /// Number of records, where the format tells.
+    pub records: Option<u64>,
+    /// Length of the file.
+    pub bytes: u64,
+}
+
+/// A file whose structure is known.
+///
+/// It holds no open file: thousands of tiles may be waiting. [`PointFormat::cut`] opens it for one pass.
+pub(crate) trait PointFormat: fmt::Debug + Send + Sync {
+    /// The narrowest precision that keeps the coordinates.
+    fn precision(&self) -> Precision;
+
+    /// Opens the file and starts cutting at its first record.
+    fn cut(&self) -> Result<Box<dyn BlockCutter>>;
+}
+
+/// One pass over a file.
+pub(crate) trait BlockCutter: Send {
+    /// The next block of whole records; `None` at the end. Sequential, and much cheaper than decoding.
+    fn next(&mut self) -> Result<Option<Box<dyn Decode>>>;
+}
+
+/// The records of a block.
+pub(crate) trait Decode: Send + Sync {
+    /// Appends the finite points to `batch`, which comes empty and in the cloud's precision, and counts the others.
+    fn decode(&self, batch: &mut Batch) -> Result<()>;
+}
+
+impl Cloud {
+    /// Looks at the files: their headers, and for raw files without a layout at a sample of their content.
+    ///
+    /// An argument that is no file is taken as a pattern (`tiles/*.ply`); a folder stands for the point files in it. A
+    /// file that is named more than once counts once. The order is that of the arguments, by name within an argument.
+    ///
+    /// # Errors
+    /// If an argument or pattern matches nothing, a file cannot be opened, is malformed or of a format that is not
+    /// supported, or the layout of a raw file cannot be told.
+    pub fn open(inputs: &[PathBuf], options: &InputOptions) -> Result<Cloud> {
+        let mut cloud = Cloud { sources: Vec::new(), formats: Vec::new(), precision: Precision::Single };
+        for path in files::expand(inputs)? {
+            let (source, format) = detect::open(&path, options)?;
+            cloud.precision = cloud.precision.max(format.precision());
+            cloud.sources.push(source);
+            cloud.formats.push(format);
+        }
+        Ok(cloud)
+    }
+
+    /// The files, in reading order.
+    pub fn sources(&self) -> &[Source] {
+        &self.sources
+    }
+
+    /// The widest precision of the files, which all decoded points have.
+    pub fn precision(&self) -> Precision {
+        self.precision
+    }
+
+    /// Starts a pass over everything; every pass gives the same blocks as long as the files stay as they are.
+    ///
+    /// # Errors
+    /// None at present: files are opened when the pass comes to them.
+    pub fn blocks(&self) -> Result<Blocks> {
+        Ok(Blocks { waiting: self.formats.clone().into_iter(), current: None, precision: self.precision })
+    }
+}
+
+/// One pass over a cloud.
+pub struct Blocks {
+    waiting: std::vec::IntoIter<Arc<dyn PointFormat>>,
+    current: Option<Box<dyn BlockCutter>>,
+    precision: Precision,
+}
+
+impl Blocks {
+    /// The next block; `None` at the end. Cheap: it only finds where the block ends.
+    ///
+    /// # Errors
+    /// If a file cannot be read, changed its length since it was looked at, or is malformed.
+    #[expect(clippy::should_implement_trait, reason = "an iterator of results would go on after an error")]
+    pub fn next(&mut self) -> Result<Option<Block>> {
+        loop {
+            if let Some(cutter) = &mut self.current {
+                if let Some(records) = cutter.next()? {
+                    return Ok(Some(Block { records, precision: self.precision }));
+                }
+                self.current = None;
+            }
+            match self.waiting.next() {
+                Some(format) => self.current = Some(format.cut()?),
+                None => return Ok(None),
+            }
+        }
+    }
+}
+
+/// Undecoded records, to be decoded on any thread.
+pub struct Block {
+    records: Box<dyn Decode>,
+    precision: Precision,
+}
+
+impl Block {
+    /// Replaces the content of `batch` by this block's points, in file order and the cloud's precision. Reusing a batch
+    /// saves its allocation.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`](crate::Error::Malformed) if the bytes are not what the format promises.
+    pub fn decode(&self, batch: &mut Batch) -> Result<()> {
+        match (&mut batch.points, self.precision) {
+            (Points::Single(points), Precision::Single) => points.clear(),
+            (Points::Double(points), Precision::Double) => points.clear(),
+            (points, precision) => *points = Points::new(precision),
+        }
+        batch.dropped = 0;
+        self.records.decode(batch)
+    }
+}
+
+#[cfg(test)]
+mod testing;
+
+#[cfg(test)]
+mod tests {
+    use super::testing::collect_all;
+    use super::*;
+
+    #[test]
+    fn files_of_all_formats_are_one_cloud_in_the_widest_precision() {
+        let dir = tempfile::tempdir().unwrap();
+        let (bin, xyz) = (dir.path().join("a.bin"), dir.path().join("b.xyz"));
+        std::fs::write(&bin, bytemuck::cast_slice(&[0.1f32, 2.0, 3.0])).unwrap();
+        std::fs::write(&xyz, "0.1 5 6\n").unwrap();
+        let options = InputOptions::default();
+        let alone = Cloud::open(std::slice::from_ref(&bin), &options).unwrap();
+        assert_eq!(alone.precision(), Precision::Single);
+        assert_eq!(alone.sources()[0].description, "raw xyz little-endian (detected; pass --layout xyz to fix)");
+        let both = Cloud::open(&[bin, xyz], &options).unwrap();
+        assert_eq!(both.precision(), Precision::Double);
+        assert_eq!(
+            both.sources().iter().map(|s| (s.format, s.records)).collect::<Vec<_>>(),
+            [("raw", Some(1)), ("text", None)]
+        );
+        let first = collect_all(&both).unwrap();
+        assert_eq!(first.0, [[f64::from(0.1f32), 2.0, 3.0], [0.1, 5.0, 6.0]]);
+        assert_eq!(collect_all(&both).unwrap(), first, "every pass gives the same");
+    }
+
+    #[test]
+    fn blocks_are_bounded_and_a_batch_is_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.bin");
+        let points: Vec<[f32; 3]> = (0..200_000).map(|i| [i as f32, 1.0, 2.0]).collect();
+        std::fs::write(&path, bytemuck::cast_slice(&points)).unwrap();
+        let layout = Some("xyz".parse().unwrap());
+        let cloud = Cloud::open(&[path], &InputOptions { layout, ..InputOptions::default() }).unwrap();
+        let mut blocks = cloud.blocks().unwrap();
+        let mut batch = Batch { points: Points::new(Precision::Double), dropped: 9 };
+        let mut read = Vec::new();
+        while let Some(block) = blocks.next().unwrap() {
+            block.decode(&mut batch).unwrap();
+            let Points::Single(points) = &batch.points else { panic!("the cloud is single") };
+            assert!(points.len() <= BLOCK_RECORDS && batch.dropped == 0);
+            read.extend_from_slice(points);
+        }
+        assert_eq!(read, points);
+    }
+
+    #[test]
+    fn a_file_that_changes_between_passes_is_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.xyz");
+        std::fs::write(&path, "1 2 3\n").unwrap();
+        let cloud = Cloud::open(std::slice::from_ref(&path), &InputOptions::default()).unwrap();
+        std::fs::write(&path, "1 2 3\n4 5 6\n").unwrap();
+        let error = collect_all(&cloud).unwrap_err().to_string();
+        assert!(error.contains("6 bytes as in the first look") && error.contains("12 bytes"), "{error}");
+    }
+}
