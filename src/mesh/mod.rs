@@ -2,6 +2,8 @@
 //!
 //! A mesh is a sequence of vertices and a sequence of triangles of vertex numbers; nothing here knows of slices.
 
+pub mod check;
+pub mod measure;
 pub mod spool;
 
 use crate::error::Result;
