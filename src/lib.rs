@@ -2,6 +2,7 @@
 
 pub mod error;
 pub mod mesh;
+pub mod output;
 pub mod points;
 pub mod schedule;
 pub mod spool;

@@ -4,6 +4,8 @@
 
 pub mod check;
 pub mod measure;
+mod queue;
+pub mod read;
 pub mod spool;
 
 use crate::error::Result;

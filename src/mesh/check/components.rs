@@ -12,14 +12,13 @@
 //! ```
 
 use crate::error::Result;
-use crate::spool::{Spool, Workspace};
+use crate::mesh::queue::Queue;
+use crate::spool::Workspace;
 
 /// The most ranges, each of which may hold a temporary file open: well below the 1024 files a process may usually open.
 const MOST_RANGES: u64 = 256;
 /// Bytes of one node in the range under elimination: its parent and its set's outlet.
 const NODE_BYTES: u64 = 12;
-/// Bytes of a waiting join.
-const JOIN_BYTES: u64 = 16;
 const NO_OUTLET: u64 = u64::MAX;
 
 /// Counts how many times joins merge two sets of nodes, for more nodes than memory can hold.
@@ -30,14 +29,7 @@ pub(super) struct Components {
     /// The range being eliminated: range 0 until [`Components::merges`] is called.
     current: Range,
     /// Joins that wait for the ranges above the current one; entry 0 is never used.
-    waiting: Vec<Option<Waiting>>,
-    /// Joins a range gathers before they go to its spool.
-    buffered: usize,
-}
-
-struct Waiting {
-    buffer: Vec<[u64; 2]>,
-    spool: Spool,
+    waiting: Vec<Option<Queue<[u64; 2]>>>,
 }
 
 struct Range {
@@ -57,10 +49,8 @@ impl Components {
         let range = if nodes <= fits { nodes } else { fits.max(nodes.div_ceil(MOST_RANGES)) }.clamp(1, 1 << 31);
         let ranges = nodes.div_ceil(range).max(1) as usize;
         let share = memory / 2 / ranges as u64;
-        let waiting =
-            (0..ranges).map(|_| Some(Waiting { buffer: Vec::new(), spool: workspace.spool(share / 2) })).collect();
-        let buffered = (share / 2 / JOIN_BYTES).clamp(1, 8192) as usize;
-        Components { nodes, range, current: Range::new(0, 0, range.min(nodes)), waiting, buffered }
+        let waiting = (0..ranges).map(|_| Some(Queue::new(workspace, share))).collect();
+        Components { nodes, range, current: Range::new(0, 0, range.min(nodes)), waiting }
     }
 
     /// Puts nodes `a` and `b` into one set.
@@ -71,7 +61,7 @@ impl Components {
             let number = (low / self.range) as usize;
             if number != self.current.number {
                 let waiting = self.waiting[number].as_mut().expect("joins go up, to ranges still to come");
-                return waiting.push([low, high], self.buffered);
+                return waiting.push([low, high]);
             }
             next = self.current.join(low, high);
         }
@@ -84,34 +74,12 @@ impl Components {
         for number in 1..self.waiting.len() {
             let first = number as u64 * self.range;
             self.current = Range::new(number, first, self.range.min(self.nodes - first));
-            let Waiting { buffer, spool } = self.waiting[number].take().expect("each range has its turn once");
-            let mut piece = vec![[0u64; 2]; self.buffered];
-            let (mut at, joins) = (0, spool.len() / JOIN_BYTES);
-            while at < joins {
-                piece.truncate((joins - at).min(self.buffered as u64) as usize);
-                spool.read_at(at * JOIN_BYTES, bytemuck::cast_slice_mut(&mut piece))?;
-                for &[a, b] in &piece {
-                    self.join(a, b)?;
-                }
-                at += piece.len() as u64;
-            }
-            for [a, b] in buffer {
-                self.join(a, b)?;
-            }
+            // Taken out, so that its storage is given back before the next range's turn.
+            let waiting = self.waiting[number].take().expect("each range has its turn once");
+            waiting.read(|[a, b]| self.join(a, b))?;
             merges += self.current.merges();
         }
         Ok(merges)
-    }
-}
-
-impl Waiting {
-    fn push(&mut self, join: [u64; 2], buffered: usize) -> Result<()> {
-        self.buffer.push(join);
-        if self.buffer.len() >= buffered {
-            self.spool.append(bytemuck::cast_slice(&self.buffer))?;
-            self.buffer.clear();
-        }
-        Ok(())
     }
 }
 
