@@ -1,15 +1,20 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
 
 pub mod bucket;
+pub mod cli;
 pub mod error;
 pub mod generate;
 pub mod grid;
 pub mod input;
+pub mod machine;
 pub mod mesh;
+pub mod output;
 pub mod pipeline;
 pub mod plan;
 pub mod points;
 pub mod progress;
+pub mod report;
+pub mod run;
 pub mod schedule;
 pub mod slab;
 pub mod slice;
@@ -17,6 +22,7 @@ pub mod spool;
 pub mod stage;
 pub mod stitch;
 pub mod survey;
+pub mod whole;
 pub mod window;
 
 pub use error::{Error, Result};

@@ -1,2 +1,7 @@
-//! The `asra-stream` command.
-fn main() {}
+//! The `asra-stream` command: arguments in, exit code out; everything else is the library's.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    asra_stream::cli::main()
+}

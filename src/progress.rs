@@ -23,6 +23,8 @@ pub enum Phase {
     Check,
     /// Writing the mesh file.
     Write,
+    /// Making a test cloud.
+    Generate,
 }
 
 impl Phase {
@@ -35,8 +37,14 @@ impl Phase {
             Phase::Seal => ("seal", "slices"),
             Phase::Surface => ("surface", "slices"),
             Phase::Check => ("check", "triangles"),
-            Phase::Write => ("write", "bytes"),
+            Phase::Write => ("write", "elements"),
+            Phase::Generate => ("generate", "points"),
         }
+    }
+
+    /// The phase's name.
+    pub fn name(self) -> &'static str {
+        self.words().0
     }
 }
 
@@ -92,26 +100,25 @@ impl Progress {
         self.current = Some(Current { phase, start: now, last_line: now, total, done: 0 });
         if self.show == Show::Bars {
             let (name, unit) = phase.words();
-            let rate = if phase == Phase::Write { "{binary_bytes_per_sec}" } else { "{human_per_sec}" };
             let template = if total.is_some() {
-                format!("{name:>8} [{{wide_bar}}] {{percent:>3}} %  {rate:>10} {unit}/s  ETA {{eta}}")
+                format!("{name:>8} [{{wide_bar}}] {{percent:>3}} %  {{rate}} {unit}/s  {{eta}} left")
             } else {
-                format!("{name:>8} {{spinner}} {{human_pos}} {unit}  {rate} {unit}/s")
-            }
-            .replace("{binary_bytes_per_sec} bytes/s", "{binary_bytes_per_sec}")
-            .replace("/s} ", "} ")
-            .replace("{human_per_sec} ", "{per_sec} ");
+                format!("{name:>8} {{spinner}} {{human_pos}} {unit}  {{rate}} {unit}/s")
+            };
             let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
             let bar = total.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
             bar.set_draw_target(ProgressDrawTarget::stderr());
-            bar.set_style(style.with_key(
-                "per_sec",
-                |state: &indicatif::ProgressState, out: &mut dyn std::fmt::Write| {
-                    let _ = write!(out, "{}", thousands(state.per_sec() as u64));
-                },
-            ));
+            bar.set_style(style.with_key("rate", |state: &indicatif::ProgressState, out: &mut dyn std::fmt::Write| {
+                let _ = write!(out, "{}", thousands(state.per_sec() as u64));
+            }));
             self.bar = bar;
         }
+    }
+
+    /// So many units of the phase are done in all.
+    pub fn set(&mut self, done: u64) {
+        let before = self.current.as_ref().map_or(0, |current| current.done);
+        self.add(done.saturating_sub(before));
     }
 
     /// More units of the phase are done.

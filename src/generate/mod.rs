@@ -16,6 +16,7 @@ use self::write::{FileKind, Target};
 use crate::error::{Error, Result};
 use crate::points::Precision;
 use crate::schedule::Workers;
+use crate::whole::Overwrite;
 
 pub use shape::Shape;
 
@@ -41,15 +42,6 @@ pub struct Options {
     pub path: PathBuf,
     /// Whether an existing file may be replaced.
     pub overwrite: Overwrite,
-}
-
-/// What happens to a file that is there already.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Overwrite {
-    /// It stays, and generating fails.
-    Refuse,
-    /// It is replaced once the new one is complete.
-    Replace,
 }
 
 impl Options {

@@ -3,12 +3,11 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
-
-use super::{Options, Overwrite};
+use super::Options;
 use crate::error::{Error, Result};
 use crate::input::{Scalar, Sidecar};
 use crate::points::Precision;
+use crate::whole::{Overwrite, WholeFile};
 
 /// The formats that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,10 +66,9 @@ impl FileKind {
     }
 }
 
-/// A file in the making. Dropping it before [`Target::finish`] removes what was written.
+/// A cloud's file in the making.
 pub struct Target {
-    file: NamedTempFile,
-    path: PathBuf,
+    file: WholeFile,
     bytes: u64,
 }
 
@@ -81,13 +79,11 @@ impl Target {
     /// [`Error::OutputExists`]; [`Error::Io`] if the folder cannot be written to; [`Error::Usage`] for the extension.
     pub fn create(options: &Options) -> Result<Target> {
         let kind = FileKind::of(&options.path)?;
-        if options.overwrite == Overwrite::Refuse {
-            let sidecar = (kind == FileKind::Raw).then(|| Sidecar::path_for(&options.path));
-            if let Some(there) = std::iter::once(options.path.clone()).chain(sidecar).find(|path| path.exists()) {
-                return Err(Error::OutputExists(there));
-            }
+        let sidecar = Sidecar::path_for(&options.path);
+        if kind == FileKind::Raw && options.overwrite == Overwrite::Refuse && sidecar.exists() {
+            return Err(Error::OutputExists(sidecar));
         }
-        let mut target = Target { file: temporary(&options.path)?, path: options.path.clone(), bytes: 0 };
+        let mut target = Target { file: WholeFile::create(&options.path, options.overwrite)?, bytes: 0 };
         target.append(kind.header(options).as_bytes())?;
         Ok(target)
     }
@@ -97,7 +93,7 @@ impl Target {
     /// # Errors
     /// [`Error::Io`], for example if the disk is full.
     pub fn append(&mut self, bytes: &[u8]) -> Result<()> {
-        self.file.write_all(bytes).map_err(Error::io(&self.path, "write the points"))?;
+        self.file.file().write_all(bytes).map_err(Error::io(self.file.path(), "write the points"))?;
         self.bytes += bytes.len() as u64;
         Ok(())
     }
@@ -108,40 +104,19 @@ impl Target {
     /// [`Error::OutputExists`] if a file of that name appeared meanwhile; [`Error::Io`].
     pub fn finish(self, options: &Options) -> Result<(u64, Option<PathBuf>)> {
         let mut sidecar = None;
-        if FileKind::of(&self.path)? == FileKind::Raw {
+        if FileKind::of(self.file.path())? == FileKind::Raw {
             let scalar = match options.precision() {
                 Precision::Single => Scalar::F32,
                 Precision::Double => Scalar::F64,
             };
-            let path = Sidecar::path_for(&self.path);
-            let mut file = temporary(&path)?;
-            writeln!(file, "{}", Sidecar::describing(scalar, options.points)).map_err(Error::io(&path, "write"))?;
-            name(file, &path, options.overwrite)?;
+            let path = Sidecar::path_for(self.file.path());
+            let file = WholeFile::create(&path, options.overwrite)?;
+            writeln!(file.file(), "{}", Sidecar::describing(scalar, options.points))
+                .map_err(Error::io(&path, "write"))?;
+            file.finish()?;
             sidecar = Some(path);
         }
-        name(self.file, &self.path, options.overwrite)?;
+        self.file.finish()?;
         Ok((self.bytes, sidecar))
     }
-}
-
-fn temporary(path: &Path) -> Result<NamedTempFile> {
-    use std::os::unix::fs::PermissionsExt;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    // Temporary files are private by default; this one becomes an ordinary file, subject to the umask.
-    tempfile::Builder::new()
-        .permissions(std::fs::Permissions::from_mode(0o666))
-        .prefix(".asra-stream-")
-        .tempfile_in(folder)
-        .map_err(Error::io(path, "create a file beside"))
-}
-
-fn name(file: NamedTempFile, path: &Path, overwrite: Overwrite) -> Result<()> {
-    let named = match overwrite {
-        Overwrite::Replace => file.persist(path),
-        Overwrite::Refuse => file.persist_noclobber(path),
-    };
-    named.map(drop).map_err(|e| match e.error.kind() {
-        std::io::ErrorKind::AlreadyExists => Error::OutputExists(path.to_path_buf()),
-        _ => Error::io(path, "name the finished file")(e.error),
-    })
 }

@@ -2,6 +2,10 @@
 //!
 //! A mesh is a sequence of vertices and a sequence of triangles of vertex numbers; nothing here knows of slices.
 
+pub mod check;
+pub mod measure;
+mod queue;
+pub mod read;
 pub mod spool;
 
 use crate::error::Result;

@@ -1,0 +1,336 @@
+//! The flags: name, type, help and default, each in one place; README's table is tested against this.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use super::sizes;
+use crate::generate::Shape;
+use crate::grid::{Axis, AxisChoice, Resolution};
+use crate::input::{Endian, InputOptions, Layout};
+use crate::pipeline::{Fineness, Settings};
+use crate::run::{Check, Job, Means};
+use crate::slab::{Fit, SurfaceOptions};
+use crate::stage::extract::Diagonals;
+use crate::whole::Overwrite;
+
+/// Turns point clouds too large for memory into watertight triangle meshes, without normals.
+///
+/// Points are sorted into slices on disk; a sliding window of slices streams through dilation, surface extraction, smoothing
+/// and fitting. The mesh is always closed, oriented and 2-manifold, and the same bytes for any memory and threads.
+#[derive(Debug, Parser)]
+#[command(version, args_conflicts_with_subcommands = true, arg_required_else_help = true)]
+#[command(after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 the mesh failed its own check, \
+                        4 `check` found a mesh that is no closed oriented 2-manifold, 130 interrupted.")]
+pub struct Arguments {
+    /// What to do instead of reconstructing.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// What to reconstruct.
+    #[command(flatten)]
+    pub reconstruct: ReconstructArguments,
+}
+
+/// What to do instead of reconstructing.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Show what a reconstruction would take (memory, disk, slices, triangles), without doing it
+    Plan(PlanArguments),
+    /// Show what is in the input: layout, number of points, box, raster, sampling distance
+    Info(PlanArguments),
+    /// Check a mesh: closed, oriented, manifold, Euler number, components, volume, area (exit code 4 if it is no closed oriented 2-manifold)
+    Check(CheckArguments),
+    /// Write a test cloud of any size
+    Generate(GenerateArguments),
+}
+
+/// Arguments of a reconstruction.
+#[derive(Debug, Args)]
+pub struct ReconstructArguments {
+    /// The cloud and how it is meshed.
+    #[command(flatten)]
+    pub cloud: CloudArguments,
+    /// The mesh file: .ply, .stl, .obj or .glb [default: the first input's name with .mesh.ply]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Replace the output if it exists
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Do not check the mesh at the end
+    #[arg(long)]
+    pub no_check: bool,
+    /// Write a report of the run as JSON
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub means: MeansArguments,
+}
+
+/// The cloud and how it is meshed.
+#[derive(Debug, Args)]
+pub struct CloudArguments {
+    /// Point clouds: .ply, text (.xyz .txt .csv .pts .asc) or raw binary; several files, patterns and folders are one cloud
+    #[arg(value_name = "INPUT", required = true)]
+    pub inputs: Vec<PathBuf>,
+    /// Record layout of raw files: xyz, xyzi, xyzir, xyzrgb, xyz:f64, x:f64,y:f64,z:f64,i:u16,_:6
+    #[arg(long, value_name = "FIELDS", help_heading = "Input")]
+    pub layout: Option<Layout>,
+    /// Bytes before the first record of raw files
+    #[arg(long, value_name = "N", help_heading = "Input")]
+    pub skip_bytes: Option<u64>,
+    /// Byte order of raw files [default: little]
+    #[arg(long, value_enum, help_heading = "Input")]
+    pub endian: Option<EndianWord>,
+    /// Slices for each cube root of the number of points [default: 4]
+    #[arg(long, value_name = "K", help_heading = "Grid", conflicts_with_all = ["slices", "cell_size"])]
+    pub k: Option<f64>,
+    /// Number of slices
+    #[arg(long, value_name = "S", help_heading = "Grid", conflicts_with = "cell_size")]
+    pub slices: Option<u32>,
+    /// Side of a cell, in the input's units, or `auto`: twice the sampling distance
+    #[arg(long, value_name = "W|auto", value_parser = cell_size, help_heading = "Grid")]
+    pub cell_size: Option<Fineness>,
+    /// The axis to slice along
+    #[arg(long, value_enum, default_value_t, help_heading = "Grid")]
+    pub axis: AxisWord,
+    /// Slices in the window: an odd number, at least 3. It bounds the closing radius, (W - 1) / 2 cells, which is otherwise found by itself
+    #[arg(long, value_name = "W", help_heading = "Surface")]
+    pub window: Option<u32>,
+    /// Steps of smoothing
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Surface")]
+    pub smooth: u32,
+    /// Which diagonal cuts a rectangle into triangles
+    #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
+    pub diagonals: Diagonals,
+    /// What vertices are moved onto
+    #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
+    pub fit: Fit,
+}
+
+/// Memory, disk, threads: nothing of it shows in the mesh.
+#[derive(Debug, Args)]
+pub struct MeansArguments {
+    /// Memory to work in, such as 512M or 2G [default: a quarter of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = sizes::size, help_heading = "Means")]
+    pub max_memory: Option<u64>,
+    /// Worker threads [default: one for each processor]
+    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Means")]
+    pub threads: Option<u16>,
+    /// Folder for temporary files [default: TMPDIR, else the output's folder]
+    #[arg(long, value_name = "DIR", help_heading = "Means")]
+    pub temp_dir: Option<PathBuf>,
+}
+
+/// Arguments of `plan` and `info`.
+#[derive(Debug, Args)]
+pub struct PlanArguments {
+    /// The cloud and how it would be meshed.
+    #[command(flatten)]
+    pub cloud: CloudArguments,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub means: MeansArguments,
+}
+
+/// Arguments of `check`.
+#[derive(Debug, Args)]
+pub struct CheckArguments {
+    /// The mesh: .ply, .stl, .obj or .glb
+    pub mesh: PathBuf,
+    /// Write the findings as JSON
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub means: MeansArguments,
+}
+
+/// Arguments of `generate`.
+#[derive(Debug, Args)]
+pub struct GenerateArguments {
+    /// What is sampled
+    #[arg(value_enum)]
+    pub shape: Shape,
+    /// Number of points, such as 5000, 100k or 20M
+    #[arg(value_parser = sizes::count)]
+    pub points: u64,
+    /// The file: .bin (with a side-car), .ply or .xyz
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Seed of the random numbers
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Standard deviation of the noise on each coordinate, as a fraction of the size
+    #[arg(long, default_value_t = 0.0)]
+    pub noise: f64,
+    /// Length of the longest side
+    #[arg(long, default_value_t = 1.0)]
+    pub size: f64,
+    /// Where the centre lies; away from zero, coordinates are written as f64
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, default_value = "0,0,0", allow_hyphen_values = true)]
+    pub offset: Triple,
+    /// Replace the file if it exists
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Worker threads [default: one for each processor]
+    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub threads: Option<u16>,
+}
+
+/// Three numbers.
+pub type Triple = Coordinates;
+
+/// X, Y and Z as typed.
+#[derive(Debug, Clone, Copy)]
+pub struct Coordinates(pub [f64; 3]);
+
+/// The axis as typed.
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+pub enum AxisWord {
+    /// The longest side of the cloud's box.
+    #[default]
+    Longest,
+    /// The first coordinate.
+    X,
+    /// The second coordinate.
+    Y,
+    /// The third coordinate.
+    Z,
+}
+
+/// The byte order as typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum EndianWord {
+    /// Least significant byte first.
+    #[value(alias = "le")]
+    Little,
+    /// Most significant byte first.
+    #[value(alias = "be")]
+    Big,
+}
+
+fn cell_size(text: &str) -> Result<Fineness, String> {
+    if text == "auto" {
+        return Ok(Fineness::Sampling);
+    }
+    match text.parse::<f64>() {
+        Ok(side) if side > 0.0 && side.is_finite() => Ok(Fineness::Given(Resolution::Cell(side))),
+        _ => Err(format!("expected a length above 0, or `auto`, found {text:?}")),
+    }
+}
+
+fn triple(text: &str) -> Result<Coordinates, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
+    match numbers.try_into() {
+        Ok(numbers) if text.split(',').count() == 3 => Ok(Coordinates(numbers)),
+        _ => Err(format!("expected three numbers such as 1,2.5,-3, found {text:?}")),
+    }
+}
+
+impl CloudArguments {
+    fn settings(&self) -> Settings {
+        let given = |resolution| Fineness::Given(resolution);
+        let fineness = match (self.k, self.slices, self.cell_size) {
+            (Some(k), ..) => given(Resolution::K(k)),
+            (_, Some(slices), _) => given(Resolution::Slices(slices)),
+            (.., Some(fineness)) => fineness,
+            _ => given(Resolution::default()),
+        };
+        let axis = match self.axis {
+            AxisWord::Longest => AxisChoice::Longest,
+            AxisWord::X => AxisChoice::Fixed(Axis::X),
+            AxisWord::Y => AxisChoice::Fixed(Axis::Y),
+            AxisWord::Z => AxisChoice::Fixed(Axis::Z),
+        };
+        let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
+        Settings { fineness, axis, window: self.window, surface }
+    }
+
+    fn input(&self) -> InputOptions {
+        let endian = self.endian.map(|word| match word {
+            EndianWord::Little => Endian::Little,
+            EndianWord::Big => Endian::Big,
+        });
+        InputOptions { layout: self.layout.clone(), skip_bytes: self.skip_bytes, endian }
+    }
+}
+
+impl MeansArguments {
+    /// The means of a run.
+    pub fn means(&self) -> Means {
+        Means { max_memory: self.max_memory, threads: self.threads.map(usize::from), temp_dir: self.temp_dir.clone() }
+    }
+}
+
+impl ReconstructArguments {
+    /// The job they describe.
+    pub fn job(&self) -> Job {
+        let check = if self.no_check { Check::Never } else { Check::Always };
+        let output = self.output.clone();
+        Job { output, overwrite: overwrite(self.overwrite), check, ..job(&self.cloud, &self.means) }
+    }
+}
+
+impl PlanArguments {
+    /// The job they describe.
+    pub fn job(&self) -> Job {
+        job(&self.cloud, &self.means)
+    }
+}
+
+fn job(cloud: &CloudArguments, means: &MeansArguments) -> Job {
+    Job {
+        inputs: cloud.inputs.clone(),
+        input: cloud.input(),
+        settings: cloud.settings(),
+        output: None,
+        overwrite: Overwrite::Refuse,
+        means: means.means(),
+        check: Check::Always,
+    }
+}
+
+/// What the flag `--overwrite` means.
+pub fn overwrite(flag: bool) -> Overwrite {
+    if flag { Overwrite::Replace } else { Overwrite::Refuse }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_flags_are_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn one_resolution_at_a_time() {
+        for two in
+            [["--k", "3", "--slices", "9"], ["--k", "3", "--cell-size", "1"], ["--slices", "9", "--cell-size", "auto"]]
+        {
+            let line = ["asra-stream", "a.ply"].into_iter().chain(two);
+            assert!(Arguments::try_parse_from(line).is_err(), "{two:?}");
+        }
+    }
+
+    #[test]
+    fn a_reconstruction_needs_no_word_for_it() {
+        let arguments = Arguments::try_parse_from(["asra-stream", "huge.bin", "--window", "3"]).unwrap();
+        let job = arguments.reconstruct.job();
+        assert_eq!(job.inputs, [PathBuf::from("huge.bin")]);
+        assert_eq!(job.settings, Settings { window: Some(3), ..Settings::default() });
+    }
+}

@@ -1,0 +1,186 @@
+//! What each subcommand does. Results go to standard output or a file, words to standard error.
+
+use std::io::Write;
+use std::path::Path;
+
+use bytesize::ByteSize;
+
+use super::args::{
+    Arguments, CheckArguments, Command, GenerateArguments, PlanArguments, ReconstructArguments, overwrite,
+};
+use super::{Exit, stop_on_signal};
+use crate::error::{Error, Result};
+use crate::generate;
+use crate::mesh;
+use crate::pipeline::Fineness;
+use crate::progress::{Phase, Progress, Show, thousands};
+use crate::report::short;
+use crate::run::{Means, Planned, plan, run};
+use crate::survey::sampling_distance;
+use crate::whole::{Overwrite, WholeFile};
+
+/// Does what the arguments say.
+///
+/// # Errors
+/// Those of the work.
+pub fn execute(arguments: Arguments) -> Result<Exit> {
+    match &arguments.command {
+        None => reconstruct(&arguments.reconstruct),
+        Some(Command::Plan(arguments)) => show_plan(arguments),
+        Some(Command::Info(arguments)) => show_info(arguments),
+        Some(Command::Check(arguments)) => check(arguments),
+        Some(Command::Generate(arguments)) => generate_cloud(arguments),
+    }
+}
+
+fn show(quiet: bool) -> Show {
+    if quiet { Show::Nothing } else { Show::fitting() }
+}
+
+fn reconstruct(arguments: &ReconstructArguments) -> Result<Exit> {
+    let job = arguments.job();
+    let workers = job.means.workers()?;
+    stop_on_signal(&workers)?;
+    let report_file = json_file(arguments.report.as_deref())?;
+    let mut progress = Progress::new(show(arguments.quiet));
+    let report = run(&job, &workers, &mut progress)?;
+    progress.note(&report.to_string());
+    if let Some(file) = report_file {
+        write_json(file, &report)?;
+    }
+    Ok(Exit::Done)
+}
+
+fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
+    let job = arguments.job();
+    let workers = job.means.workers()?;
+    stop_on_signal(&workers)?;
+    let mut progress = Progress::new(Show::fitting());
+    let Planned { surveyed, memory, .. } = plan(&job, &workers, &mut progress)?;
+    let load = &surveyed.load;
+    let least = crate::plan::MemoryPlan::least(load);
+    let in_memory = |quota: u64, bytes: u64| if quota >= bytes { "in memory" } else { "on disk" };
+    let lines = [
+        ("points", thousands(load.points)),
+        ("grid", surveyed.grid.to_string()),
+        ("slices", thousands(u64::from(load.cells[1]))),
+        ("triangles", format!("about {}", thousands(load.triangles()))),
+        ("threads", memory.threads.to_string()),
+        ("memory", format!("{} at most, of {} granted", ByteSize(memory.predicted), ByteSize(memory.budget))),
+        ("least memory", ByteSize(least.next_multiple_of(1 << 20)).to_string()),
+        ("temporary disk", ByteSize(memory.predicted_disk).to_string()),
+        ("points kept", in_memory(memory.buckets_quota, load.bucket_bytes()).to_owned()),
+        ("mesh kept", in_memory(memory.mesh_quota, load.mesh_bytes()).to_owned()),
+        ("bucket buffers", format!("{} each", ByteSize(memory.bucket_buffer))),
+        ("in flight", format!("{} blocks, {} chunks of slices", memory.blocks_in_flight, memory.chunks_in_flight)),
+        ("fitted at once", format!("{} points of a slab", thousands(memory.piece_points as u64))),
+    ];
+    print(&lines)
+}
+
+fn show_info(arguments: &PlanArguments) -> Result<Exit> {
+    let job = arguments.job();
+    let workers = job.means.workers()?;
+    stop_on_signal(&workers)?;
+    let mut progress = Progress::new(Show::fitting());
+    let Planned { cloud, surveyed, .. } = plan(&job, &workers, &mut progress)?;
+    let distance = match (job.settings.fineness, surveyed.sampling) {
+        (Fineness::Sampling, measured) => measured,
+        _ => sampling_distance(&cloud, &surveyed.survey, &workers, 2 * workers.threads())?,
+    };
+    let survey = &surveyed.survey;
+    let triple = |values: [f64; 3]| values.map(|v| v.to_string()).join("  ");
+    let mut lines: Vec<(&str, String)> = Vec::new();
+    for source in cloud.sources() {
+        lines.push(("file", format!("{}, {}", source.path.display(), ByteSize(source.bytes))));
+        lines.push(("layout", source.description.clone()));
+    }
+    lines.extend([
+        ("points", thousands(survey.points)),
+        ("dropped", thousands(survey.dropped)),
+        ("smallest", triple(survey.bounds.min)),
+        ("largest", triple(survey.bounds.max)),
+        ("extent", triple(survey.bounds.extent())),
+        ("raster", surveyed.grid.to_string()),
+        ("sampling distance", distance.map_or_else(|| "none: a single place".to_owned(), short)),
+    ]);
+    print(&lines)
+}
+
+fn check(arguments: &CheckArguments) -> Result<Exit> {
+    let means = arguments.means.means();
+    let workers = means.workers()?;
+    stop_on_signal(&workers)?;
+    let report_file = json_file(arguments.report.as_deref())?;
+    let workspace = Means { temp_dir: means.temp_dir.clone().or(Some(std::env::temp_dir())), ..means.clone() }
+        .workspace(&arguments.mesh)?;
+    let budget = means.budget();
+    let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 2)?;
+    let mut progress = Progress::new(show(arguments.quiet));
+    progress.begin(Phase::Check, Some(mesh.face_count()));
+    let report = mesh::check::check(&*mesh, budget / 2, &workers, &workspace, &mut |done| progress.set(done))?;
+    progress.end();
+    if !arguments.quiet {
+        print_text(&report.to_string())?;
+    }
+    if let Some(file) = report_file {
+        write_json(file, &report)?;
+    }
+    Ok(if report.is_closed_oriented_manifold() { Exit::Done } else { Exit::NotManifold })
+}
+
+fn generate_cloud(arguments: &GenerateArguments) -> Result<Exit> {
+    let means = Means { threads: arguments.threads.map(usize::from), ..Means::default() };
+    let workers = means.workers()?;
+    stop_on_signal(&workers)?;
+    let options = generate::Options {
+        seed: arguments.seed,
+        noise: arguments.noise,
+        size: arguments.size,
+        offset: arguments.offset.0,
+        overwrite: overwrite(arguments.overwrite),
+        ..generate::Options::new(arguments.shape, arguments.points, &arguments.output)
+    };
+    let mut progress = Progress::new(show(arguments.quiet));
+    progress.begin(Phase::Generate, Some(arguments.points));
+    let made = generate::generate(&options, &workers, &mut |done| progress.set(done))?;
+    progress.end();
+    progress.note(&format!(
+        "{}: {} points, {}",
+        arguments.output.display(),
+        thousands(made.points),
+        ByteSize(made.bytes)
+    ));
+    Ok(Exit::Done)
+}
+
+/// The report's file, created before the work.
+fn json_file(path: Option<&Path>) -> Result<Option<WholeFile>> {
+    path.map(|path| WholeFile::create(path, Overwrite::Replace)).transpose()
+}
+
+fn write_json(file: WholeFile, report: &impl serde::Serialize) -> Result<()> {
+    let path = file.path().to_path_buf();
+    let write = || -> std::io::Result<()> {
+        let mut out = file.file();
+        serde_json::to_writer_pretty(&mut out, report)?;
+        writeln!(out)
+    };
+    write().map_err(Error::io(path, "write the report"))?;
+    file.finish()
+}
+
+fn print(lines: &[(&str, String)]) -> Result<Exit> {
+    let width = lines.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+    let text: Vec<String> = lines.iter().map(|(name, value)| format!("{name:<width$}  {value}")).collect();
+    print_text(&text.join("\n"))?;
+    Ok(Exit::Done)
+}
+
+/// To standard output; a reader that has gone away is no failure.
+fn print_text(text: &str) -> Result<()> {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        result => result.map_err(Error::io("standard output", "write")),
+    }
+}

@@ -1,0 +1,132 @@
+//! GLB: glTF 2.0 in one file, little-endian.
+//!
+//! ```text
+//!  12 bytes   "glTF", version 2, length of the file
+//!   8 bytes   length of the JSON chunk, "JSON"
+//!             JSON, padded with spaces to a multiple of 4
+//!   8 bytes   length of the binary chunk, "BIN\0"
+//!             positions, f32×3 each; vertex numbers, u32×3 each
+//! ```
+//!
+//! Lengths are 32 bits wide, which limits the file to 4 GiB. A mesh without triangles becomes an empty scene, since glTF
+//! has no empty accessors.
+
+use serde_json::{Value, json};
+
+use super::Job;
+use crate::error::{Error, Result};
+use crate::mesh::{MeshHeader, MeshSource};
+
+/// Elements of a block.
+const BLOCK: usize = 1 << 16;
+/// Bytes of a vertex, and of a triangle.
+const ELEMENT: u64 = 12;
+const FLOAT: u32 = 5126;
+const UNSIGNED_INT: u32 = 5125;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+const TRIANGLES: u32 = 4;
+
+pub(super) fn write(job: &mut Job) -> Result<()> {
+    let mesh = job.mesh;
+    let (mut vertices, mut faces) = (mesh.vertex_count(), mesh.face_count());
+    if vertices == 0 || faces == 0 {
+        (vertices, faces) = (0, 0);
+    }
+    let bounds = if faces > 0 { bounds(job)? } else { [[0.0; 3]; 2] };
+    let mut json = scene(job.header, vertices, faces, bounds).to_string().into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+
+    let binary = ELEMENT * (vertices + faces);
+    let overhead = 12 + 8 + json.len() as u64 + 8;
+    let Ok(length) = u32::try_from(overhead + binary) else {
+        let limit = (u64::from(u32::MAX) - overhead).saturating_sub(ELEMENT * vertices) / ELEMENT;
+        return Err(Error::TooManyElements { count: faces, what: "triangles", limit, carrier: "a GLB file of 4 GiB" });
+    };
+    // An empty scene has no binary chunk.
+    let length = if faces > 0 { length } else { length - 8 };
+    job.put(b"glTF")?;
+    job.put(&2u32.to_le_bytes())?;
+    job.put(&length.to_le_bytes())?;
+    job.put(&(json.len() as u32).to_le_bytes())?;
+    job.put(b"JSON")?;
+    job.put(&json)?;
+    if faces == 0 {
+        return Ok(());
+    }
+    job.put(&(binary as u32).to_le_bytes())?;
+    job.put(b"BIN\0")?;
+    job.put_blocks(vertices, BLOCK, |first, len| {
+        let mut positions = vec![[0.0; 3]; len];
+        mesh.read_vertices(first, &mut positions)?;
+        Ok(positions.as_flattened().iter().flat_map(|c| (*c as f32).to_le_bytes()).collect())
+    })?;
+    job.put_blocks(faces, BLOCK, |first, len| {
+        let mut numbers = vec![[0; 3]; len];
+        mesh.read_faces(first, &mut numbers)?;
+        Ok(numbers.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect())
+    })
+}
+
+/// Smallest and largest coordinates of all vertices, as they will be written: glTF asks for them in the JSON.
+fn bounds(job: &Job) -> Result<[[f32; 3]; 2]> {
+    let mesh = job.mesh;
+    let [mut low, mut high] = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    let blocks = mesh.vertex_count().div_ceil(BLOCK as u64) as usize;
+    let look = |number: usize| {
+        let first = number as u64 * BLOCK as u64;
+        let mut positions = vec![[0.0; 3]; (mesh.vertex_count() - first).min(BLOCK as u64) as usize];
+        mesh.read_vertices(first, &mut positions)?;
+        let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+        for position in positions {
+            widen(&mut bounds, position.map(|c| c as f32));
+        }
+        Ok(bounds)
+    };
+    job.workers.in_order_range(job.workers.threads() + 1, blocks, look, |[l, h]| {
+        let mut bounds = [low, high];
+        widen(&mut bounds, l);
+        widen(&mut bounds, h);
+        [low, high] = bounds;
+        Ok(())
+    })?;
+    Ok([low, high])
+}
+
+fn widen([low, high]: &mut [[f32; 3]; 2], position: [f32; 3]) {
+    for axis in 0..3 {
+        low[axis] = low[axis].min(position[axis]);
+        high[axis] = high[axis].max(position[axis]);
+    }
+}
+
+fn scene(header: &MeshHeader, vertices: u64, faces: u64, [low, high]: [[f32; 3]; 2]) -> Value {
+    let mut asset = json!({
+        "version": "2.0",
+        "generator": concat!("asra-stream ", env!("CARGO_PKG_VERSION")),
+        "extras": { "origin": header.origin, "comments": header.comments },
+    });
+    if header.comments.is_empty() {
+        asset["extras"] = json!({ "origin": header.origin });
+    }
+    if faces == 0 {
+        return json!({ "asset": asset, "scene": 0, "scenes": [{}] });
+    }
+    let at = ELEMENT * vertices;
+    json!({
+        "asset": asset,
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0, "translation": header.origin }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "mode": TRIANGLES }] }],
+        "accessors": [
+            { "bufferView": 0, "componentType": FLOAT, "count": vertices, "type": "VEC3", "min": low, "max": high },
+            { "bufferView": 1, "componentType": UNSIGNED_INT, "count": 3 * faces, "type": "SCALAR" },
+        ],
+        "bufferViews": [
+            { "buffer": 0, "byteOffset": 0, "byteLength": at, "target": ARRAY_BUFFER },
+            { "buffer": 0, "byteOffset": at, "byteLength": ELEMENT * faces, "target": ELEMENT_ARRAY_BUFFER },
+        ],
+        "buffers": [{ "byteLength": at + ELEMENT * faces }],
+    })
+}

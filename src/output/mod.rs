@@ -1,0 +1,189 @@
+//! Meshes as files: PLY, STL, OBJ and GLB, each deterministic, each there only when whole.
+//!
+//! A [`Target`] is made before the work begins: it proves in the first second that the folder can be written to, and holds a
+//! temporary file in it. The file takes its name when its last byte is written; on error, on Ctrl-C and on any early
+//! return it is removed. Vertices are written in the mesh's own coordinates; the header's origin stands where the
+//! format has room for it.
+//!
+//! | format | coordinates | triangles | origin | limit |
+//! |--------|-------------|-----------|--------|-------|
+//! | PLY | `float` or `double`, as the mesh has them | `list uchar int` | comment | 2³¹ − 1 vertices |
+//! | STL | `f32` | corners, not shared; with normals | 80-byte header | 2³² − 1 triangles |
+//! | OBJ | shortest decimals that read back exactly | from 1 | comment | none |
+//! | GLB | `f32` | `u32` | node translation, `asset.extras` | 4 GiB |
+
+mod glb;
+mod obj;
+mod ply;
+mod stl;
+#[cfg(test)]
+mod tests;
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::mesh::MeshHeader;
+use crate::mesh::spool::MeshSpool;
+use crate::schedule::Workers;
+use crate::whole::{Overwrite, WholeFile};
+
+/// The file formats that meshes are written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// Binary little-endian PLY.
+    Ply,
+    /// Binary STL.
+    Stl,
+    /// Wavefront OBJ.
+    Obj,
+    /// glTF 2.0 in one binary file.
+    Glb,
+}
+
+impl Format {
+    /// The format that a path's extension names, in whatever case.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for any other extension, or none.
+    pub fn from_path(path: &Path) -> Result<Format> {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        match extension.as_deref() {
+            Some("ply") => Ok(Format::Ply),
+            Some("stl") => Ok(Format::Stl),
+            Some("obj") => Ok(Format::Obj),
+            Some("glb") => Ok(Format::Glb),
+            _ => Err(Error::Usage(format!(
+                "{}: the mesh's format is told by its extension: .ply, .stl, .obj or .glb",
+                path.display()
+            ))),
+        }
+    }
+}
+
+/// What was written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct Written {
+    /// Length of the file.
+    pub bytes: u64,
+}
+
+/// A mesh file that is going to be.
+#[derive(Debug)]
+pub struct Target {
+    format: Format,
+    file: WholeFile,
+}
+
+impl Target {
+    /// Creates the temporary file beside `path`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for an unknown extension, and those of [`WholeFile::create`].
+    pub fn prepare(path: &Path, overwrite: Overwrite) -> Result<Target> {
+        Ok(Target { format: Format::from_path(path)?, file: WholeFile::create(path, overwrite)? })
+    }
+
+    /// Writes the mesh and gives the file its name. `progress` is told the number of vertices and triangles
+    /// written so far.
+    ///
+    /// # Errors
+    /// [`Error::TooManyElements`] if the format cannot index the mesh, before anything is written; [`Error::Io`];
+    /// [`Error::OutputExists`] if a file of that name has come up meanwhile; [`Error::Interrupted`].
+    pub fn write(
+        self,
+        mesh: &MeshSpool,
+        header: &MeshHeader,
+        workers: &Workers,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<Written> {
+        let out = BufWriter::with_capacity(1 << 16, self.file.file());
+        let mut job = Job { mesh, header, workers, out, path: self.file.path(), bytes: 0, elements: 0, progress };
+        match self.format {
+            Format::Ply => ply::write(&mut job),
+            Format::Stl => stl::write(&mut job),
+            Format::Obj => obj::write(&mut job),
+            Format::Glb => glb::write(&mut job),
+        }?;
+        job.out.flush().map_err(Error::io(job.path, "write the mesh"))?;
+        let written = Written { bytes: job.bytes };
+        drop(job);
+        self.file.finish()?;
+        Ok(written)
+    }
+}
+
+/// [`Target::prepare`] and [`Target::write`] in one.
+///
+/// # Errors
+/// As these.
+pub fn write(
+    mesh: &MeshSpool,
+    header: &MeshHeader,
+    path: &Path,
+    overwrite: Overwrite,
+    workers: &Workers,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Written> {
+    Target::prepare(path, overwrite)?.write(mesh, header, workers, progress)
+}
+
+/// One file under way: what the formats share.
+struct Job<'a> {
+    mesh: &'a MeshSpool,
+    header: &'a MeshHeader,
+    workers: &'a Workers,
+    out: BufWriter<&'a File>,
+    path: &'a Path,
+    bytes: u64,
+    elements: u64,
+    progress: &'a mut dyn FnMut(u64),
+}
+
+impl Job<'_> {
+    fn put(&mut self, bytes: &[u8]) -> Result<()> {
+        self.out.write_all(bytes).map_err(Error::io(self.path, "write the mesh"))?;
+        self.bytes += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Tells that `count` more vertices or triangles are written.
+    fn advance(&mut self, count: u64) {
+        self.elements += count;
+        (self.progress)(self.elements);
+    }
+
+    /// Lets the workers make the bytes of elements `0..count`, `block` at a time, and puts them in order.
+    fn put_blocks(
+        &mut self,
+        count: u64,
+        block: usize,
+        make: impl Fn(u64, usize) -> Result<Vec<u8>> + Sync,
+    ) -> Result<()> {
+        let blocks = count.div_ceil(block as u64) as usize;
+        let workers = self.workers;
+        let make = |number: usize| {
+            let first = number as u64 * block as u64;
+            let len = (count - first).min(block as u64);
+            Ok((len, make(first, len as usize)?))
+        };
+        workers.in_order_range(workers.threads() + 1, blocks, make, |(len, bytes)| {
+            self.put(&bytes)?;
+            self.advance(len);
+            Ok(())
+        })
+    }
+
+    /// The header's comments, each as one line without control characters; with the origin, if there is one, as the last.
+    fn comments(&self) -> Vec<String> {
+        let mut lines: Vec<String> =
+            self.header.comments.iter().map(|line| line.replace(|c: char| c.is_control(), " ")).collect();
+        if self.header.origin != [0.0; 3] {
+            let [x, y, z] = self.header.origin;
+            lines.push(format!("origin {x} {y} {z}"));
+        }
+        lines
+    }
+}

@@ -1,0 +1,171 @@
+//! Every writer through every reader, and files that are there whole or not at all.
+
+use std::path::Path;
+
+use super::*;
+use crate::mesh::MeshSource;
+use crate::mesh::read::open;
+use crate::mesh::spool::FaceRecord;
+use crate::points::Precision;
+use crate::spool::Workspace;
+
+type Elements = (Vec<[f64; 3]>, Vec<[u32; 3]>);
+
+/// A strip of `n` squares over coordinates that no short decimal has.
+fn strip(n: u32) -> Elements {
+    let vertices = (0..2 * n + 2).map(|i| [f64::from(i / 2) / 3.0, f64::from(i % 2) * -1.1e-7, f64::from(i * i) * 1e3]);
+    let faces = (0..n).flat_map(|i| [[2 * i, 2 * i + 2, 2 * i + 1], [2 * i + 1, 2 * i + 2, 2 * i + 3]]);
+    (vertices.collect(), faces.collect())
+}
+
+fn spool((vertices, faces): &Elements, precision: Precision, workspace: &Workspace) -> MeshSpool {
+    let mut mesh = MeshSpool::new(workspace, precision, 100);
+    mesh.append_vertices(vertices).unwrap();
+    mesh.append_faces(&faces.iter().map(|f| FaceRecord::new(*f)).collect::<Vec<_>>()).unwrap();
+    mesh
+}
+
+fn elements(mesh: &dyn MeshSource) -> Elements {
+    let mut vertices = vec![[0.0; 3]; mesh.vertex_count() as usize];
+    let mut faces = vec![[0; 3]; mesh.face_count() as usize];
+    mesh.read_vertices(0, &mut vertices).unwrap();
+    mesh.read_faces(0, &mut faces).unwrap();
+    (vertices, faces)
+}
+
+fn write_to(path: &Path, mesh: &MeshSpool, threads: usize) -> Written {
+    let header = MeshHeader { origin: [500_000.25, -0.1, 0.0], comments: vec!["two\nlines".into()] };
+    let mut told = 0;
+    let workers = Workers::new(threads).unwrap();
+    let written = write(mesh, &header, path, Overwrite::Replace, &workers, &mut |done| told = done).unwrap();
+    let faces = mesh.face_count();
+    assert!(told == faces || told == faces + mesh.vertex_count());
+    assert_eq!(written.bytes, std::fs::metadata(path).unwrap().len());
+    written
+}
+
+#[test]
+fn every_writer_is_read_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let strip = strip(30_000);
+    for precision in [Precision::Single, Precision::Double] {
+        let mesh = spool(&strip, precision, &workspace);
+        let exact = elements(&mesh);
+        let mut single = exact.clone();
+        single.0.iter_mut().for_each(|v| *v = v.map(|c| f64::from(c as f32)));
+        for (name, expected) in [("m.ply", &exact), ("m.OBJ", &exact), ("m.glb", &single), ("m.stl", &single)] {
+            let path = dir.path().join(name);
+            write_to(&path, &mesh, 2);
+            let bytes = std::fs::read(&path).unwrap();
+            write_to(&path, &mesh, 1);
+            assert!(bytes == std::fs::read(&path).unwrap(), "{name} depends on threads");
+            for in_memory in [0, 1 << 30] {
+                let (mut vertices, mut faces) = elements(&*open(&path, &workspace, in_memory).unwrap());
+                if name == "m.stl" {
+                    // Vertices come in the order of corners: compare the triangles' positions.
+                    let at = |f: [u32; 3], v: &[[f64; 3]]| f.map(|i| v[i as usize]);
+                    assert_eq!(vertices.len(), expected.0.len());
+                    let read: Vec<_> = faces.iter().map(|f| at(*f, &vertices)).collect();
+                    assert!(read == expected.1.iter().map(|f| at(*f, &expected.0)).collect::<Vec<_>>());
+                    assert_eq!(faces[0], [0, 1, 2]);
+                    (vertices, faces) = expected.clone();
+                }
+                if name == "m.OBJ" && precision == Precision::Single {
+                    // Shortest decimals of an `f32` name that `f32`, not that `f64`.
+                    vertices.iter_mut().for_each(|v| *v = v.map(|c| f64::from(c as f32)));
+                }
+                assert!((&vertices, &faces) == (&expected.0, &expected.1), "{name} at {in_memory}");
+            }
+        }
+    }
+    let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
+    assert_eq!(left.len(), 4, "temporary files are gone");
+}
+
+#[test]
+fn origin_and_comments_stand_in_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let mesh = spool(&strip(1), Precision::Single, &workspace);
+    let text = |name: &str| {
+        write_to(&dir.path().join(name), &mesh, 1);
+        String::from_utf8_lossy(&std::fs::read(dir.path().join(name)).unwrap()).into_owned()
+    };
+    let ply = "ply\nformat binary_little_endian 1.0\ncomment two lines\ncomment origin 500000.25 -0.1 0\n\
+               element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n\
+               property list uchar int vertex_indices\nend_header\n";
+    assert!(text("m.ply").starts_with(ply));
+    assert!(text("m.obj").starts_with("# two lines\n# origin 500000.25 -0.1 0\nv 0 -0 0\nv 0 -0.00000011 1000\n"));
+    assert!(text("m.stl").starts_with("origin 500000.25 -0.1 0   "));
+    assert!(text("m.glb").contains("\"translation\":[500000.25,-0.1,0.0]"));
+}
+
+#[test]
+fn an_empty_mesh_is_a_file_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let mesh = spool(&(vec![], vec![]), Precision::Single, &workspace);
+    for name in ["m.ply", "m.stl", "m.glb"] {
+        let path = dir.path().join(name);
+        write_to(&path, &mesh, 1);
+        assert_eq!(open(&path, &workspace, 0).unwrap().face_count(), 0);
+    }
+}
+
+#[test]
+fn an_existing_file_stays_unless_it_may_be_replaced() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let workers = Workers::new(1).unwrap();
+    let mesh = spool(&strip(1), Precision::Single, &workspace);
+    let path = dir.path().join("m.ply");
+
+    let target = Target::prepare(&path, Overwrite::Refuse).unwrap();
+    assert!(!path.exists(), "the name is taken only by a whole file");
+    std::fs::write(&path, "somebody else's").unwrap();
+    let error = target.write(&mesh, &MeshHeader::default(), &workers, &mut |_| ()).unwrap_err();
+    assert!(matches!(error, Error::OutputExists(_)), "{error}");
+    assert!(matches!(Target::prepare(&path, Overwrite::Refuse), Err(Error::OutputExists(_))));
+    assert_eq!(std::fs::read(&path).unwrap(), b"somebody else's");
+
+    drop(Target::prepare(&path, Overwrite::Replace).unwrap());
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "a target given up leaves nothing");
+    write_to(&path, &mesh, 1);
+    assert!(std::fs::read(&path).unwrap().starts_with(b"ply"));
+}
+
+#[test]
+fn a_mesh_gets_the_permissions_of_any_new_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let path = dir.path().join("m.stl");
+    write_to(&path, &spool(&strip(1), Precision::Single, &workspace), 1);
+    File::create(dir.path().join("any")).unwrap();
+    let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
+    assert_eq!(mode(&path), mode(&dir.path().join("any")));
+}
+
+#[test]
+fn what_cannot_be_written_is_refused_at_once() {
+    let missing = Target::prepare(Path::new("/nonexistent/m.ply"), Overwrite::Refuse).unwrap_err();
+    assert!(missing.to_string().starts_with("/nonexistent/m.ply: cannot create the mesh"), "{missing}");
+    for name in ["mesh", "mesh.xyz", ".ply"] {
+        assert!(matches!(Target::prepare(Path::new(name), Overwrite::Refuse), Err(Error::Usage(_))), "{name}");
+    }
+}
+
+#[test]
+fn an_interrupted_write_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let mesh = spool(&strip(5), Precision::Single, &workspace);
+    let workers = Workers::new(1).unwrap();
+    workers.cancel_flag().store(true, std::sync::atomic::Ordering::Relaxed);
+    for name in ["m.ply", "m.stl", "m.obj", "m.glb"] {
+        let target = Target::prepare(&dir.path().join(name), Overwrite::Refuse).unwrap();
+        let error = target.write(&mesh, &MeshHeader::default(), &workers, &mut |_| ()).unwrap_err();
+        assert!(matches!(error, Error::Interrupted), "{error}");
+    }
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}

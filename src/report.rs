@@ -1,0 +1,292 @@
+//! The report of a run: everything a batch job's owner may ask afterwards, as JSON, and a summary for people.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use bytesize::ByteSize;
+
+use crate::grid::{Bounds, Grid};
+use crate::mesh::check::CheckReport;
+use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
+use crate::plan::MemoryPlan;
+use crate::points::Precision;
+use crate::progress::{Phase, thousands};
+use crate::slab::SurfaceOptions;
+use crate::stage::seal::Trial;
+use crate::stitch::Counts;
+
+/// Everything about a finished run.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct Report {
+    /// The program's version.
+    pub version: &'static str,
+    /// The files read.
+    pub inputs: Vec<InputReport>,
+    /// What was asked for.
+    pub parameters: Parameters,
+    /// The points.
+    pub points: PointsReport,
+    /// The grid.
+    pub grid: GridReport,
+    /// The closing.
+    pub closing: Closing,
+    /// What became of the vertices.
+    pub vertices: Counts,
+    /// The mesh as the check found it, unless it was left out.
+    pub check: Option<CheckReport>,
+    /// The mesh file.
+    pub output: OutputReport,
+    /// Seconds of each phase, in order.
+    pub seconds: Vec<(Phase, f64)>,
+    /// Seconds in all.
+    pub seconds_total: f64,
+    /// Memory and disk.
+    pub memory: MemoryReport,
+}
+
+/// One file read.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct InputReport {
+    /// The file.
+    pub path: PathBuf,
+    /// Its format.
+    pub format: &'static str,
+    /// How it was understood.
+    pub layout: String,
+    /// Its length.
+    pub bytes: u64,
+}
+
+/// What was asked for.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct Parameters {
+    /// The paper's k, if that set the grid.
+    pub k: Option<f64>,
+    /// The number of slices, if that set the grid.
+    pub slices: Option<u32>,
+    /// The cell's side, if that set the grid.
+    pub cell_size: Option<f64>,
+    /// The window's slices, if given.
+    pub window: Option<u32>,
+    /// What was done to the surface.
+    pub surface: SurfaceOptions,
+}
+
+/// The points.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct PointsReport {
+    /// Finite points.
+    pub count: u64,
+    /// Records left out as not finite.
+    pub dropped: u64,
+    /// `f32` or `f64`.
+    pub precision: Precision,
+    /// Their box.
+    pub bounds: Bounds,
+    /// Mean distance between neighbouring samples, if it was measured.
+    pub sampling_distance: Option<f64>,
+}
+
+/// The grid.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct GridReport {
+    /// The slicing axis.
+    pub axis: char,
+    /// Number of slices.
+    pub slices: u32,
+    /// Cells along the file's axes, the slices in the middle (the paper's Table 1).
+    pub raster: [u32; 3],
+    /// The cell's side.
+    pub cell_size: f64,
+}
+
+/// The closing.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct Closing {
+    /// The radius used, in cells.
+    pub radius: u32,
+    /// The radius that seals the inside, if one was found.
+    pub sealing_radius: Option<u32>,
+    /// Whether the mesh encloses the inside.
+    pub sealed: bool,
+    /// What was tried.
+    pub trials: Vec<Trial>,
+    /// Occupied cells.
+    pub occupied_cells: u64,
+    /// Solid cells.
+    pub solid_cells: u64,
+}
+
+/// The mesh file.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct OutputReport {
+    /// The file.
+    pub path: PathBuf,
+    /// Its length.
+    pub bytes: u64,
+    /// Vertices.
+    pub vertices: u64,
+    /// Triangles.
+    pub triangles: u64,
+    /// Added to the vertices, gives the input's coordinates.
+    pub origin: [f64; 3],
+}
+
+/// Memory and disk, planned and used.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct MemoryReport {
+    /// The plan.
+    pub plan: MemoryPlan,
+    /// The most memory resident at a time, in bytes (pages of mapped input included).
+    pub peak_resident: Option<u64>,
+    /// The most temporary disk used at a time, in bytes.
+    pub peak_disk: u64,
+}
+
+impl Parameters {
+    /// What `settings` asked for.
+    pub fn of(settings: &Settings) -> Parameters {
+        use crate::grid::Resolution;
+        let (mut k, mut slices, mut cell_size) = (None, None, None);
+        match settings.fineness {
+            Fineness::Given(Resolution::K(value)) => k = Some(value),
+            Fineness::Given(Resolution::Slices(value)) => slices = Some(value),
+            Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
+            Fineness::Sampling => {}
+        }
+        Parameters { k, slices, cell_size, window: settings.window, surface: settings.surface }
+    }
+}
+
+impl PointsReport {
+    /// The points of a surveyed cloud.
+    pub fn of(surveyed: &Surveyed) -> PointsReport {
+        PointsReport {
+            count: surveyed.survey.points,
+            dropped: surveyed.survey.dropped,
+            precision: surveyed.load.precision,
+            bounds: surveyed.survey.bounds,
+            sampling_distance: surveyed.sampling,
+        }
+    }
+}
+
+impl GridReport {
+    /// A grid.
+    pub fn of(grid: &Grid) -> GridReport {
+        GridReport {
+            axis: grid.axis().letter(),
+            slices: grid.cells()[1],
+            raster: grid.raster(),
+            cell_size: grid.cell_size(),
+        }
+    }
+}
+
+impl Closing {
+    /// The closing of a reconstruction.
+    pub fn of(made: &Reconstruction) -> Closing {
+        Closing {
+            radius: made.radius,
+            sealing_radius: made.sealing_radius,
+            sealed: made.sealing_radius.is_some_and(|needed| made.radius >= needed),
+            trials: made.trials.clone(),
+            occupied_cells: made.occupied,
+            solid_cells: made.solid,
+        }
+    }
+
+    /// A line about the inside.
+    pub fn verdict(&self) -> String {
+        match self.sealing_radius {
+            Some(needed) if self.radius < needed => format!(
+                "radius {} cells does not seal this cloud: the mesh is a thin shell of two sides; --window {} would seal it",
+                self.radius,
+                2 * needed + 1
+            ),
+            Some(_) => format!("radius {} cells, sealed: the mesh encloses the inside", self.radius),
+            None => format!(
+                "radius {} cells; no radius finds an inside (an open surface?): the mesh is a thin closed shell of two sides",
+                self.radius
+            ),
+        }
+    }
+}
+
+/// The words for a time.
+fn seconds(time: f64) -> String {
+    match time {
+        t if t < 10.0 => format!("{t:.2} s"),
+        t if t < 120.0 => format!("{t:.1} s"),
+        t => indicatif::HumanDuration(Duration::from_secs_f64(t)).to_string(),
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let GridReport { axis, slices, raster: [a, b, c], cell_size } = &self.grid;
+        write!(f, "points   {}", thousands(self.points.count))?;
+        if self.points.dropped > 0 {
+            write!(f, " ({} dropped: not finite)", thousands(self.points.dropped))?;
+        }
+        writeln!(f)?;
+        writeln!(f, "grid     {a} x {b} x {c} cells of {}, {slices} slices along {axis}", short(*cell_size))?;
+        writeln!(f, "closing  {}", self.closing.verdict())?;
+        let OutputReport { vertices, triangles, .. } = self.output;
+        write!(f, "mesh     {} vertices, {} triangles", thousands(vertices), thousands(triangles))?;
+        match &self.check {
+            None => writeln!(f, "; not checked")?,
+            Some(check) => {
+                let genus = check.genus.map_or_else(String::new, |genus| format!(", genus {genus}"));
+                let parts = if check.components == 1 { "component" } else { "components" };
+                writeln!(f, "; closed, oriented, manifold; {} {parts}{genus}", thousands(check.components))?;
+                writeln!(f, "         area {}, volume {}", short(check.area), short(check.volume))?;
+            }
+        }
+        writeln!(f, "output   {}, {}", self.output.path.display(), ByteSize(self.output.bytes))?;
+        write!(f, "time     {}:", seconds(self.seconds_total))?;
+        for (i, (phase, time)) in self.seconds.iter().enumerate() {
+            let share = 100.0 * time / self.seconds_total.max(1e-9);
+            write!(f, "{} {} {share:.0} %", if i > 0 { "," } else { "" }, phase.name())?;
+        }
+        writeln!(f)?;
+        let used = self.memory.peak_resident.map_or_else(|| "?".into(), |bytes| ByteSize(bytes).to_string());
+        write!(f, "memory   {used} at most, of {} granted", ByteSize(self.memory.plan.budget))?;
+        write!(f, "; {} of temporary disk", ByteSize(self.memory.peak_disk))
+    }
+}
+
+/// A length, area or volume with six digits, without trailing zeros.
+pub fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let magnitude = value.abs().log10().floor() as i32;
+    if (-4..9).contains(&magnitude) {
+        let text = format!("{value:.*}", (5 - magnitude).max(0) as usize);
+        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    } else {
+        format!("{value:.5e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::short;
+
+    #[test]
+    fn numbers_are_short() {
+        for (value, text) in [
+            (0.0, "0"),
+            (1.0, "1"),
+            (0.00026342, "0.00026342"),
+            (0.0000123456789, "1.23457e-5"),
+            (123456.789, "123457"),
+            (-2.5, "-2.5"),
+            (1e12, "1.00000e12"),
+        ] {
+            assert_eq!(short(value), text);
+        }
+    }
+}
