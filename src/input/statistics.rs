@@ -1,18 +1,20 @@
 //! Finding the record layout of a bare binary file from its numbers.
 //!
-//! Divisibility of the size decides little: one 16-byte-record file in three is also divisible by 12. What decides is that the number one record further on
-//! is of the same kind. For k columns, with v the numbers of the file in order,
+//! Divisibility of the size decides little: one 16-byte-record file in three is also divisible by 12. What decides is
+//! that the number one record further on is of the same kind. For k columns, with v the numbers of the file in order,
 //!
 //! ```text
 //!  D(k) = mean (v[i+k] − v[i])² / (2 · variance of v)
 //! ```
 //!
-//! is 1 for a wrong k of unordered centred points, near 0 for scans and meshes in their usual order, and never more than
-//! the within-column variance ratio for points in random order. (The within-column variance alone, without the order, cannot tell a centred scan's
-//! columns apart: on real clouds moved to their centroid it is 1.000 for every k.) The smallest k within [`MARGIN`] of the best is taken, if
-//! no k but its own multiples comes within `MARGIN` of it.
+//! is 1 for a wrong k of unordered centred points, near 0 for scans and meshes in their usual order, and the
+//! within-column variance ratio for points in random order. (The within-column variance alone, without the
+//! order, cannot tell a centred scan's columns apart: on real clouds moved to their centroid it is 1.000 for every
+//! k.) The smallest k within [`MARGIN`] of the best is taken, if no k but its own multiples comes within `MARGIN` of
+//! it.
 //!
-//! `f32` is tried before `f64`: the lower halves of `f64`s make absurd `f32`s, whereas `f32`s between 0.5 and 8 pair up into harmless `f64`s.
+//! `f32` is tried before `f64`: the lower halves of `f64`s make absurd `f32`s, whereas `f32`s between 0.5 and 8 pair
+//! up into harmless `f64`s.
 
 use super::layout::{Endian, Layout, Scalar};
 use super::mapped::Mapped;
@@ -32,7 +34,8 @@ const WINDOW: u64 = 20 * COLUMN_PERIOD;
 /// 0.03 to 0.04 only, and need that many.
 const WINDOWS: u64 = 64;
 
-/// The advantage in D that decides. Of 165 files made from real clouds, the thinnest right margin was 0.028.
+/// The advantage in D that decides. Of 164 files made from real scans and meshes it found 163 right, with margins
+/// from 0.028 up, and refused one: 10 000 nearly centred points, shuffled.
 const MARGIN: f64 = 0.02;
 
 /// The part of the numbers that must be of sane size for a type to be considered.
@@ -66,7 +69,8 @@ pub fn detect(file: &Mapped, start: u64, endian: Endian) -> Result<Layout> {
             None => Err(ambiguous(file, start, scalar, endian, &fitting)?),
         };
     }
-    let expected = "records of 3 to 8 equal floating-point numbers; pass --layout (and --skip-bytes, --endian) to say what it holds";
+    let expected =
+        "records of 3 to 8 floating-point numbers, or --layout (and --skip-bytes, --endian) to say what it holds";
     let found = match sizes.as_slice() {
         [] => format!("{content} bytes, no multiple of such a record"),
         _ => "numbers of absurd size".to_string(),
@@ -189,7 +193,7 @@ mod tests {
 
     use super::*;
 
-    /// A power of 840 records fits every number of columns, in every type.
+    /// A multiple of 840 records fits every number of columns, in every type.
     const RECORDS: usize = 840 * 20;
 
     fn found(bytes: &[u8]) -> Result<String> {
