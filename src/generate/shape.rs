@@ -178,8 +178,8 @@ fn on_circle<R: Rng + ?Sized>(rng: &mut R) -> [f64; 2] {
     [u * scale, v * scale]
 }
 
-/// Marsaglia (1972): for (u, v) uniform in the disc, s = u² + v² is uniform in 0 … 1, so that the unit sphere's z = 1 − 2s
-/// is uniform as it must be (Archimedes), while (u, v)/√s is a uniform direction independent of s.
+/// Marsaglia (1972): for (u, v) uniform in the disc, s = u² + v² is uniform in 0 … 1, so that the unit sphere's z = 1
+/// − 2s is uniform as it must be (Archimedes), while (u, v)/√s is a uniform direction independent of s.
 fn sphere<R: Rng + ?Sized>(rng: &mut R) -> [f64; 3] {
     let ([u, v], square) = in_disc(rng);
     let radius = (1.0 - square).sqrt();

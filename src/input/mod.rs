@@ -9,7 +9,7 @@
 //! file order, so the points of a cloud have one order. Nothing here holds more than the blocks in flight, whatever
 //! the length of a file or the claims of its header.
 //!
-//! A new format is a module that implements [`PointFormat`] and a line in `detect.rs`.
+//! A new format is a module that implements `PointFormat` and a line in `detect.rs`.
 
 mod detect;
 mod files;

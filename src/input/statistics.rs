@@ -10,8 +10,11 @@
 //! is 1 for a wrong k of unordered centred points, near 0 for scans and meshes in their usual order, and the
 //! within-column variance ratio for points in random order. (The within-column variance alone, without the
 //! order, cannot tell a centred scan's columns apart: on real clouds moved to their centroid it is 1.000 for every
-//! k.) The smallest k within [`MARGIN`] of the best is taken, if no k but its own multiples comes within `MARGIN` of
-//! it.
+//! k.) The smallest k within `MARGIN` of the best is taken, if no k but its own multiples comes within `MARGIN` of it.
+//!
+//! Where the numbers do not decide, their distances from the mean are asked in the same way: they tell the columns of
+//! unordered centred points apart if these differ in extent. What has neither order, place nor extent, such as a sphere
+//! round the origin in random order, remains ambiguous.
 //!
 //! `f32` is tried before `f64`: the lower halves of `f64`s make absurd `f32`s, whereas `f32`s between 0.5 and 8 pair
 //! up into harmless `f64`s.
@@ -34,8 +37,8 @@ const WINDOW: u64 = 20 * COLUMN_PERIOD;
 /// 0.03 to 0.04 only, and need that many.
 const WINDOWS: u64 = 64;
 
-/// The advantage in D that decides. Of 164 files made from real scans and meshes it found 163 right, with margins
-/// from 0.028 up, and refused one: 10 000 nearly centred points, shuffled.
+/// The advantage in D that decides. Of 164 files made from real scans and meshes all were told rightly with it, the
+/// thinnest by 0.028; of 90 synthetic ones, most in random order, 74 rightly, and the isotropic 16 were refused.
 const MARGIN: f64 = 0.02;
 
 /// The part of the numbers that must be of sane size for a type to be considered.
@@ -63,7 +66,7 @@ pub fn detect(file: &Mapped, start: u64, endian: Endian) -> Result<Layout> {
         if !sample.is_sane(scalar, endian) {
             continue;
         }
-        let found = decide(&sample, &fitting);
+        let found = decide(&sample, &fitting).or_else(|| decide(&sample.deviations(), &fitting));
         return match found {
             Some(columns) => Ok(layout(columns, scalar)),
             None => Err(ambiguous(file, start, scalar, endian, &fitting)?),
@@ -146,14 +149,22 @@ impl Sample {
                 }
             }
         }
-        sum / count / (2.0 * self.variance())
+        sum / count / (2.0 * self.moments().1)
     }
 
-    fn variance(&self) -> f64 {
+    /// The distances of the numbers from their mean.
+    fn deviations(&self) -> Sample {
+        let (mean, _) = self.moments();
+        let windows = self.windows.iter().map(|w| w.iter().map(|v| (v - mean).abs()).collect());
+        Sample { windows: windows.collect() }
+    }
+
+    /// Mean and variance of the finite numbers.
+    fn moments(&self) -> (f64, f64) {
         let finite = || self.numbers().filter(|v| v.is_finite());
         let count = finite().count() as f64;
         let mean = finite().sum::<f64>() / count;
-        finite().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count
+        (mean, finite().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count)
     }
 }
 
@@ -262,6 +273,15 @@ mod tests {
     fn whole_numbers_in_double_precision_are_not_taken_for_single() {
         let records: Vec<Vec<f64>> = (0..RECORDS).map(|i| vec![(i % 100) as f64, (i / 100) as f64, 5.0]).collect();
         assert_eq!(found(&double(&records)).unwrap(), "xyz:f64");
+    }
+
+    #[test]
+    fn extents_tell_unordered_columns_apart() {
+        let mut rng = ChaCha8Rng::seed_from_u64(10);
+        let mut centred = |extent: f64| (rng.random::<f64>() - 0.5) * extent;
+        let flat: Vec<Vec<f64>> = (0..RECORDS).map(|_| vec![centred(1.0), centred(1.0), centred(0.1)]).collect();
+        assert_eq!(found(&single(&flat)).unwrap(), "xyz");
+        assert_eq!(found(&double(&flat)).unwrap(), "xyz:f64");
     }
 
     #[test]
