@@ -1,7 +1,8 @@
 //! Test clouds of any size: points of a [`Shape`], written as a stream in bounded memory.
 //!
-//! Points are made in blocks of [`BLOCK_POINTS`]; block i takes stream i of a ChaCha generator with the given seed. So
-//! the file depends on the options alone, whatever the number of threads, and two clouds of different sizes begin alike.
+//! Points are made in blocks of [`BLOCK_POINTS`]; block i takes stream i of a ChaCha generator with the given seed.
+//! So the file depends on the options alone, whatever the number of threads, and two clouds of different sizes begin
+//! alike.
 
 mod shape;
 mod write;
@@ -36,7 +37,8 @@ pub struct Options {
     pub noise: f64,
     /// Length of the shape's longest side.
     pub size: f64,
-    /// Where its centre lies. Away from the origin coordinates are written as `f64`, else as `f32`: a map position leaves an `f32` no digits for the shape.
+    /// Where its centre lies. Away from the origin coordinates are written as `f64`, else as `f32`: a map position
+    /// leaves an `f32` no digits for the shape.
     pub offset: [f64; 3],
     /// The file: `.bin` (raw, with a side-car), `.ply` (binary) or `.xyz` / `.txt` (text).
     pub path: PathBuf,

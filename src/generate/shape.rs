@@ -20,7 +20,8 @@ const KNOT_SCALE: f64 = 1.0 / 7.0;
 /// Radius of the knot's tube, before scaling: thin enough for strands to pass each other, and not to fold in the bends.
 const KNOT_TUBE: f64 = 0.5;
 
-/// The most area of the knot's tube per unit of its two parameters, divided by the tube's radius; a test searches for it.
+/// The most area of the knot's tube per unit of its two parameters, divided by the tube's radius; a test searches for
+/// it.
 const KNOT_MAX_STRETCH: f64 = 8.28;
 
 /// Octaves of the terrain: from hills of a quarter of its width to roughness of 1/128.
@@ -157,8 +158,8 @@ fn centred<R: Rng + ?Sized>(rng: &mut R) -> f64 {
     rng.random::<f64>() - 0.5
 }
 
-/// Uniform in the unit disc without its centre, and the square of its distance from there. Made of one 64-bit number per try: 2⁻³¹ is far below any noise
-/// and half the random bits are half the time.
+/// Uniform in the unit disc without its centre, and the square of its distance from there. Made of one 64-bit number
+/// per try: 2⁻³¹ is far below any noise and half the random bits are half the time.
 fn in_disc<R: Rng + ?Sized>(rng: &mut R) -> ([f64; 2], f64) {
     loop {
         let bits = rng.next_u64();
@@ -177,8 +178,8 @@ fn on_circle<R: Rng + ?Sized>(rng: &mut R) -> [f64; 2] {
     [u * scale, v * scale]
 }
 
-/// Marsaglia (1972): for (u, v) uniform in the disc, s = u² + v² is uniform in 0 … 1, and so is the sphere's z = 1 − 2s
-/// (Archimedes), while (u, v)/√s is a uniform direction independent of s.
+/// Marsaglia (1972): for (u, v) uniform in the disc, s = u² + v² is uniform in 0 … 1, so that the unit sphere's z = 1
+/// − 2s is uniform as it must be (Archimedes), while (u, v)/√s is a uniform direction independent of s.
 fn sphere<R: Rng + ?Sized>(rng: &mut R) -> [f64; 3] {
     let ([u, v], square) = in_disc(rng);
     let radius = (1.0 - square).sqrt();
@@ -357,7 +358,8 @@ mod tests {
         }
     }
 
-    /// Equal areas get equal shares: 100 000 samples keep a share within 0.005 of its expectation (3 standard deviations).
+    /// Equal areas get equal shares: 100 000 samples keep a share within 0.005 of its expectation (3 standard
+    /// deviations).
     #[test]
     fn closed_surfaces_are_sampled_by_area() {
         let share = |shape, inside: &dyn Fn(&[f64; 3]) -> bool| {

@@ -82,14 +82,16 @@ fn is_unity_viewer(head: &[u8], len: u64) -> bool {
     count > 0 && len == 6 + count as u64 * per_point
 }
 
-/// Whether the bytes are text: no control characters but those that lay out lines. Numbers in binary have some within the
-/// first few records. Bytes from 128 on are letters of some encoding, in comments.
+/// Whether the bytes are text: no control characters but those that lay out lines. Numbers in binary have some within
+/// the first few records. Bytes from 128 on are letters of some encoding, in comments.
 fn is_text(head: &[u8]) -> bool {
     head.iter().all(|&byte| byte >= b' ' && byte != 0x7f || matches!(byte, b'\t' | b'\n' | b'\r' | 0x0c))
 }
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::super::testing::{collect, points_of};
     use super::*;
 
@@ -132,5 +134,14 @@ mod tests {
         assert!(matches!(collect(&path, &options), Err(Error::ForeignFormat { .. })));
         let skipping = InputOptions { skip_bytes: Some(0), ..options };
         assert_eq!(points_of(&path, &skipping).len(), 1);
+    }
+
+    proptest! {
+        #[test]
+        fn no_content_makes_it_panic(content in prop::collection::vec(any::<u8>(), 0..400), ply: bool) {
+            let content = if ply { [&b"ply\nformat ascii 1.0\n"[..], &content].concat() } else { content };
+            let (_dir, path) = file("cloud.bin", &content);
+            drop(collect(&path, &InputOptions::default()));
+        }
     }
 }

@@ -7,9 +7,10 @@
 //!         | name [":" type]           x:f64,y:f64,z:f64,i:u16,_:6
 //! ```
 //!
-//! The letters are `x y z`, `i` (intensity), `r` (ring, or red beside `g` and `b`), `g`, `b` and `t` (time), one field each; any
-//! other word is the name of a single field. A type behind letters holds for all of them. Without a type a field is
-//! `f32`; `rgb` behind other letters is `u8`, as sensors and exporters pack it (three `f32`s are `rgb:f32`).
+//! The letters are `x y z`, `i` (intensity), `r` (ring, or red beside `g` and `b`), `g`, `b` and `t` (time), one
+//! field each; any other word is the name of a single field. A type behind letters holds for all of them. Without a
+//! type a field is `f32`; `rgb` behind other letters is `u8`, as sensors and exporters pack it (three `f32`s are
+//! `rgb:f32`).
 
 use std::fmt;
 use std::str::FromStr;
@@ -263,7 +264,10 @@ impl fmt::Display for Layout {
                     rest = &rest[1..];
                 }
                 Field::Number { name, scalar } => {
-                    let joins = |other: &Field| matches!(other, Field::Number { name: n, scalar: s } if s == scalar && is_letter(n) && is_letter(name));
+                    let joins = |other: &Field| match other {
+                        Field::Number { name: n, scalar: s } => s == scalar && is_letter(n) && is_letter(name),
+                        Field::Skipped(_) => false,
+                    };
                     let run = rest.iter().take_while(|other| joins(other)).count().max(1);
                     let mut word = String::new();
                     for field in &rest[..run] {

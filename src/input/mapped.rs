@@ -2,9 +2,10 @@
 //!
 //! The only module of the crate with `unsafe`. A map lends pages of the file without copying them, at a price: if
 //! another program shortens the file meanwhile, touching a page that is gone raises SIGBUS, which ends the process.
-//! [`Mapped::bytes`] therefore asks the file's length before it lends anything, so a file that shrank between two blocks
-//! is an ordinary error; only a cut made during the decoding of a block remains fatal. A file that is rewritten in place gives
-//! mixed points, as it would with plain reads. Temporary files are unlinked on creation, so nothing is left behind even then.
+//! [`Mapped::bytes`] therefore asks the file's length before it lends anything, so a file that shrank between two
+//! blocks is an ordinary error; only a cut made during the decoding of a block remains fatal. A file that is
+//! rewritten in place gives mixed points, as it would with plain reads. Temporary files are unlinked on creation, so
+//! nothing is left behind even then.
 //!
 //! Resident memory: pages count as the process's own while they are mapped in. [`Bytes`] gives its pages back when it
 //! is dropped, so a pass over a file of any size holds about as many bytes as there are blocks in flight.
@@ -42,9 +43,9 @@ impl Mapped {
     pub fn open(path: &Path) -> Result<Arc<Mapped>> {
         let mapped = Mapped::unmapped(path)?;
         // SAFETY: the map is read-only and private to this module, which lends its bytes only as `Bytes` and after
-        // checking the file's present length. Soundness still rests on other processes not shortening or rewriting the file while
-        // a block is decoded; the module's introduction says what happens if they do. No bytes from the map are trusted:
-        // every decoder takes them for arbitrary data.
+        // checking the file's present length. Soundness still rests on other processes not shortening or rewriting
+        // the file while a block is decoded; the module's introduction says what happens if they do. No bytes from
+        // the map are trusted: every decoder takes them for arbitrary data.
         let map = unsafe { Mmap::map(&mapped.file) }.ok();
         if let Some(map) = &map {
             // Only a hint for read-ahead: failure costs speed, not correctness.
@@ -53,17 +54,20 @@ impl Mapped {
         Ok(Arc::new(Mapped { map, ..mapped }))
     }
 
-    /// Opens the file for plain reads only: the fallback of [`Mapped::open`], and the choice for a look at a few places.
+    /// Opens the file for plain reads only: the fallback of [`Mapped::open`], and the choice for a look at a few
+    /// places.
     ///
     /// # Errors
     /// As [`Mapped::open`].
     pub fn unmapped(path: &Path) -> Result<Mapped> {
-        let file = File::open(path).map_err(Error::io(path, "open"))?;
-        let metadata = file.metadata().map_err(Error::io(path, "read the length of"))?;
+        // Asked first: opening a pipe would wait for a writer.
+        let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
         if !metadata.is_file() {
             let source = std::io::Error::other("it is not a regular file");
             return Err(Error::io(path, "read points from")(source));
         }
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        let metadata = file.metadata().map_err(Error::io(path, "read the length of"))?;
         Ok(Mapped { path: path.to_path_buf(), file, len: metadata.len(), map: None })
     }
 
@@ -153,8 +157,9 @@ impl Drop for Bytes {
         let start = range.start / FAULT_WINDOW * FAULT_WINDOW;
         let end = if range.end as u64 == file.len { range.end } else { range.end / FAULT_WINDOW * FAULT_WINDOW };
         if start < end {
-            // SAFETY: the map is shared, read-only and backed by the file: a page given back is read from the file again
-            // when it is next touched, by whichever block still needs it, with the same content. Failure is harmless.
+            // SAFETY: the map is shared, read-only and backed by the file: a page given back is read from the file
+            // again when it is next touched, by whichever block still needs it, with the same content. Failure is
+            // harmless.
             drop(unsafe { map.unchecked_advise_range(UncheckedAdvice::DontNeed, start, end - start) });
         }
     }

@@ -5,10 +5,11 @@
 //!                           detect.rs says which          one thread, cheap        any thread, in parallel
 //! ```
 //!
-//! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line). Blocks come in file order, so the points of a cloud have one
-//! order. Nothing here holds more than the blocks in flight, whatever the length of a file or the claims of its header.
+//! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line). Blocks come in
+//! file order, so the points of a cloud have one order. Nothing here holds more than the blocks in flight, whatever
+//! the length of a file or the claims of its header.
 //!
-//! A new format is a module that implements [`PointFormat`] and a line in `detect.rs`.
+//! A new format is a module that implements `PointFormat` and a line in `detect.rs`.
 
 mod detect;
 mod files;

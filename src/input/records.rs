@@ -1,7 +1,7 @@
 //! Binary records of one fixed length: raw files and most binary PLY files.
 //!
-//! Blocks are lent from the memory map. Where the three coordinates lie side by side in the cloud's own precision and this
-//! machine's byte order, decoding is a copy.
+//! Blocks are lent from the memory map. Where the three coordinates lie side by side in the cloud's own precision and
+//! this machine's byte order, decoding is a copy.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -92,15 +92,16 @@ impl RecordShape {
 ///
 /// A pass without branches finds out whether there are any: almost always there are none, and then that pass is all.
 pub fn drop_non_finite<C: Coordinate>(points: &mut Vec<[C; 3]>, from: usize) -> u64 {
-    let finite = |point: &[C; 3]| point.iter().all(|&c| c.into().is_finite());
     // 0 · v is 0 for finite v and NaN for all others, so the sum is 0 exactly if all are finite.
-    let sum = points[from..].iter().flatten().fold(0.0, |sum, &c| sum + 0.0 * c.into());
-    if sum == 0.0 {
+    let sums = points[from..]
+        .iter()
+        .fold([0.0; 3], |sums: [f64; 3], point| [0, 1, 2].map(|axis| sums[axis] + 0.0 * point[axis].into()));
+    if sums == [0.0; 3] {
         return 0;
     }
     let mut kept = from;
     for read in from..points.len() {
-        if finite(&points[read]) {
+        if points[read].iter().all(|&c| c.into().is_finite()) {
             points[kept] = points[read];
             kept += 1;
         }

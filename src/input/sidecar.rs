@@ -5,9 +5,10 @@
 //!  "scale": [0.01, 0.01, 0.01], "offset": [0, 0, 0], "srs": "EPSG:25832", "count": 1000}
 //! ```
 //!
-//! `fields` are pairs of name and numpy type (`f4 f8 i1 … u8`, `V4` or the name `_` for bytes to skip), so numpy's `dtype.descr`
-//! can be stored as it is; a `<` or `>` before a type must agree with `endian`. Everything else may be missing. `srs`
-//! is accepted and not used. Unknown keys are refused: a misspelt `scale` would move the cloud without a word.
+//! `fields` are pairs of name and numpy type (`f4 f8 i1 … u8`, `V4` or the name `_` for bytes to skip), so numpy's
+//! `dtype.descr` can be stored as it is; a `<` or `>` before a type must agree with `endian`. Everything else may be
+//! missing. `srs` is accepted and not used. Unknown keys are refused: a misspelt `scale` would move the cloud without
+//! a word.
 
 use std::fs::File;
 use std::io::Read;

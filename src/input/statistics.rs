@@ -1,18 +1,23 @@
 //! Finding the record layout of a bare binary file from its numbers.
 //!
-//! Divisibility of the size decides little: one 16-byte-record file in three is also divisible by 12. What decides is that the number one record further on
-//! is of the same kind. For k columns, with v the numbers of the file in order,
+//! Divisibility of the size decides little: one 16-byte-record file in three is also divisible by 12. What decides is
+//! that the number one record further on is of the same kind. For k columns, with v the numbers of the file in order,
 //!
 //! ```text
 //!  D(k) = mean (v[i+k] − v[i])² / (2 · variance of v)
 //! ```
 //!
-//! is 1 for a wrong k of unordered centred points, near 0 for scans and meshes in their usual order, and never more than
-//! the within-column variance ratio for points in random order. (The within-column variance alone, without the order, cannot tell a centred scan's
-//! columns apart: on real clouds moved to their centroid it is 1.000 for every k.) The smallest k within [`MARGIN`] of the best is taken, if
-//! no k but its own multiples comes within `MARGIN` of it.
+//! is 1 for a wrong k of unordered centred points, near 0 for scans and meshes in their usual order, and the
+//! within-column variance ratio for points in random order. (The within-column variance alone, without the
+//! order, cannot tell a centred scan's columns apart: on real clouds moved to their centroid it is 1.000 for every
+//! k.) The smallest k within `MARGIN` of the best is taken, if no k but its own multiples comes within `MARGIN` of it.
 //!
-//! `f32` is tried before `f64`: the lower halves of `f64`s make absurd `f32`s, whereas `f32`s between 0.5 and 8 pair up into harmless `f64`s.
+//! Where the numbers do not decide, their distances from the mean are asked in the same way: they tell the columns of
+//! unordered centred points apart if these differ in extent. What has neither order, place nor extent, such as a sphere
+//! round the origin in random order, remains ambiguous.
+//!
+//! `f32` is tried before `f64`: the lower halves of `f64`s make absurd `f32`s, whereas `f32`s between 0.5 and 8 pair
+//! up into harmless `f64`s.
 
 use super::layout::{Endian, Layout, Scalar};
 use super::mapped::Mapped;
@@ -32,7 +37,8 @@ const WINDOW: u64 = 20 * COLUMN_PERIOD;
 /// 0.03 to 0.04 only, and need that many.
 const WINDOWS: u64 = 64;
 
-/// The advantage in D that decides. Of 165 files made from real clouds, the thinnest right margin was 0.028.
+/// The advantage in D that decides. Of 164 files made from real scans and meshes all were told rightly with it, the
+/// thinnest by 0.028; of 90 synthetic ones, most in random order, 74 rightly, and the isotropic 16 were refused.
 const MARGIN: f64 = 0.02;
 
 /// The part of the numbers that must be of sane size for a type to be considered.
@@ -60,13 +66,14 @@ pub fn detect(file: &Mapped, start: u64, endian: Endian) -> Result<Layout> {
         if !sample.is_sane(scalar, endian) {
             continue;
         }
-        let found = decide(&sample, &fitting);
+        let found = decide(&sample, &fitting).or_else(|| decide(&sample.deviations(), &fitting));
         return match found {
             Some(columns) => Ok(layout(columns, scalar)),
             None => Err(ambiguous(file, start, scalar, endian, &fitting)?),
         };
     }
-    let expected = "records of 3 to 8 equal floating-point numbers; pass --layout (and --skip-bytes, --endian) to say what it holds";
+    let expected =
+        "records of 3 to 8 floating-point numbers, or --layout (and --skip-bytes, --endian) to say what it holds";
     let found = match sizes.as_slice() {
         [] => format!("{content} bytes, no multiple of such a record"),
         _ => "numbers of absurd size".to_string(),
@@ -142,14 +149,22 @@ impl Sample {
                 }
             }
         }
-        sum / count / (2.0 * self.variance())
+        sum / count / (2.0 * self.moments().1)
     }
 
-    fn variance(&self) -> f64 {
+    /// The distances of the numbers from their mean.
+    fn deviations(&self) -> Sample {
+        let (mean, _) = self.moments();
+        let windows = self.windows.iter().map(|w| w.iter().map(|v| (v - mean).abs()).collect());
+        Sample { windows: windows.collect() }
+    }
+
+    /// Mean and variance of the finite numbers.
+    fn moments(&self) -> (f64, f64) {
         let finite = || self.numbers().filter(|v| v.is_finite());
         let count = finite().count() as f64;
         let mean = finite().sum::<f64>() / count;
-        finite().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count
+        (mean, finite().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count)
     }
 }
 
@@ -189,7 +204,7 @@ mod tests {
 
     use super::*;
 
-    /// A power of 840 records fits every number of columns, in every type.
+    /// A multiple of 840 records fits every number of columns, in every type.
     const RECORDS: usize = 840 * 20;
 
     fn found(bytes: &[u8]) -> Result<String> {
@@ -258,6 +273,15 @@ mod tests {
     fn whole_numbers_in_double_precision_are_not_taken_for_single() {
         let records: Vec<Vec<f64>> = (0..RECORDS).map(|i| vec![(i % 100) as f64, (i / 100) as f64, 5.0]).collect();
         assert_eq!(found(&double(&records)).unwrap(), "xyz:f64");
+    }
+
+    #[test]
+    fn extents_tell_unordered_columns_apart() {
+        let mut rng = ChaCha8Rng::seed_from_u64(10);
+        let mut centred = |extent: f64| (rng.random::<f64>() - 0.5) * extent;
+        let flat: Vec<Vec<f64>> = (0..RECORDS).map(|_| vec![centred(1.0), centred(1.0), centred(0.1)]).collect();
+        assert_eq!(found(&single(&flat)).unwrap(), "xyz");
+        assert_eq!(found(&double(&flat)).unwrap(), "xyz:f64");
     }
 
     #[test]

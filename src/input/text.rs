@@ -1,12 +1,14 @@
 //! Points as text: one per line, coordinates in columns (`.xyz .txt .csv .pts .asc`).
 //!
-//! * Columns are separated by blanks (spaces and tabs), commas or semicolons, whichever makes three numbers of the first line of data.
+//! * Columns are separated by blanks (spaces and tabs), commas or semicolons, whichever makes three numbers of the
+//!   first line of data.
 //! * Lines that begin with `#`, `//` or `;` are comments; blank lines are skipped.
-//! * Lines before the first data are a header. If the last one, or a comment, names columns x, y and z, these are read; otherwise the first
-//!   three are. Other columns are ignored.
-//! * A line with a single whole number before the data is a count, as in PTS files, which may repeat it between scans. It is not
-//!   trusted or used.
-//! * Decimal commas are read where they cannot be separators: between semicolons, or between blanks if the first line of data needs it.
+//! * Lines before the first data are a header. If the last one, or a comment, names columns x, y and z, these are
+//!   read; otherwise the first three are. Other columns are ignored.
+//! * A line with a single whole number before the data is a count, as in PTS files, which may repeat it between
+//!   scans. It is not trusted or used.
+//! * Decimal commas are read where they cannot be separators: between semicolons, or between blanks if the first line
+//!   of data needs it.
 //!
 //! Coordinates are taken as `f64`.
 
@@ -39,7 +41,8 @@ enum Decimal {
     PointOrComma,
 }
 
-/// The ways to read a line, in the order in which they are tried. `1,5 2,5 3,5` has four columns by commas, but `5 2` is no number.
+/// The ways to read a line, in the order in which they are tried. `1,5 2,5 3,5` has four columns by commas, but `5 2`
+/// is no number.
 const WAYS: [(Separator, Decimal); 4] = [
     (Separator::Semicolon, Decimal::PointOrComma),
     (Separator::Comma, Decimal::Point),

@@ -83,8 +83,8 @@ impl ListShape {
         Walk::Row(at)
     }
 
-    /// The lengths of the next rows, up to `limit`, that lie whole in the next block from `at` on: their number and bytes.
-    /// `row` is the number of the first, for messages.
+    /// The lengths of the next rows, up to `limit`, that lie whole in the next block from `at` on: their number and
+    /// bytes. `row` is the number of the first, for messages.
     fn measure(&self, file: &Arc<Mapped>, at: u64, row: u64, limit: u64) -> Result<(u64, u64)> {
         let window = file.bytes(at..file.len().min(at + BLOCK_BYTES as u64))?;
         let (mut rows, mut end) = (0, 0);

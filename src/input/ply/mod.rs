@@ -1,8 +1,8 @@
 //! PLY files: the vertices of any of the three encodings, with any properties in any order.
 //!
-//! Only x, y and z of the element `vertex` are read; elements behind it are not looked at, those before it are passed over.
-//! Vertices without lists have one length each and are read like raw records. The header's counts are checked against the file, never
-//! trusted.
+//! Only x, y and z of the element `vertex` are read; elements behind it are not looked at, those before it are passed
+//! over. Vertices without lists have one length each and are read like raw records. The header's counts are checked
+//! against the file, never trusted.
 
 mod ascii;
 mod header;
