@@ -114,42 +114,9 @@ fn an_empty_mesh_is_a_file_too() {
 }
 
 #[test]
-fn an_existing_file_stays_unless_it_may_be_replaced() {
-    let dir = tempfile::tempdir().unwrap();
-    let workspace = Workspace::new(dir.path()).unwrap();
-    let workers = Workers::new(1).unwrap();
-    let mesh = spool(&strip(1), Precision::Single, &workspace);
-    let path = dir.path().join("m.ply");
-
-    let target = Target::prepare(&path, Overwrite::Refuse).unwrap();
-    assert!(!path.exists(), "the name is taken only by a whole file");
-    std::fs::write(&path, "somebody else's").unwrap();
-    let error = target.write(&mesh, &MeshHeader::default(), &workers, &mut |_| ()).unwrap_err();
-    assert!(matches!(error, Error::OutputExists(_)), "{error}");
-    assert!(matches!(Target::prepare(&path, Overwrite::Refuse), Err(Error::OutputExists(_))));
-    assert_eq!(std::fs::read(&path).unwrap(), b"somebody else's");
-
-    drop(Target::prepare(&path, Overwrite::Replace).unwrap());
-    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "a target given up leaves nothing");
-    write_to(&path, &mesh, 1);
-    assert!(std::fs::read(&path).unwrap().starts_with(b"ply"));
-}
-
-#[test]
-fn a_mesh_gets_the_permissions_of_any_new_file() {
-    let dir = tempfile::tempdir().unwrap();
-    let workspace = Workspace::new(dir.path()).unwrap();
-    let path = dir.path().join("m.stl");
-    write_to(&path, &spool(&strip(1), Precision::Single, &workspace), 1);
-    File::create(dir.path().join("any")).unwrap();
-    let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
-    assert_eq!(mode(&path), mode(&dir.path().join("any")));
-}
-
-#[test]
 fn what_cannot_be_written_is_refused_at_once() {
     let missing = Target::prepare(Path::new("/nonexistent/m.ply"), Overwrite::Refuse).unwrap_err();
-    assert!(missing.to_string().starts_with("/nonexistent/m.ply: cannot create the mesh"), "{missing}");
+    assert!(missing.to_string().starts_with("/nonexistent/m.ply: cannot create a file beside"), "{missing}");
     for name in ["mesh", "mesh.xyz", ".ply"] {
         assert!(matches!(Target::prepare(Path::new(name), Overwrite::Refuse), Err(Error::Usage(_))), "{name}");
     }

@@ -251,7 +251,7 @@ mod tests {
 
     #[test]
     fn solid_cells_that_share_no_face_share_no_sheet() {
-        for mask in 0..256usize {
+        for (mask, corner) in CORNERS.iter().enumerate() {
             let mut component: [usize; 8] = std::array::from_fn(|i| i);
             for _ in 0..8 {
                 for i in 0..8 {
@@ -265,7 +265,7 @@ mod tests {
             }
             let mut solid_of_sheet = [usize::MAX; 4];
             for q in 0..12 {
-                let sheet = CORNERS[mask].sheet_of[q];
+                let sheet = corner.sheet_of[q];
                 if sheet != NO_SHEET {
                     let low = bit(q / 4, 0, q % 2, q / 2 % 2);
                     let cell = if mask >> low & 1 == 1 { low } else { bit(q / 4, 1, q % 2, q / 2 % 2) };

@@ -139,7 +139,7 @@ pub fn invert(words: &mut [u64], width: u32) {
     for word in words.iter_mut() {
         *word = !*word;
     }
-    if width % 64 != 0
+    if !width.is_multiple_of(64)
         && let Some(last) = words.last_mut()
     {
         *last &= u64::MAX >> (64 - width % 64);
