@@ -8,7 +8,7 @@ mod queue;
 pub mod read;
 pub mod spool;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// A triangle mesh that can be read piece by piece, in any order, from several threads.
 pub trait MeshSource: Sync {
@@ -35,4 +35,13 @@ pub struct MeshHeader {
     pub origin: [f64; 3],
     /// Lines about the mesh's making, for formats that have comments.
     pub comments: Vec<String>,
+}
+
+/// Refuses more vertices than 32 bits can number.
+fn check_vertex_count(count: u64) -> Result<()> {
+    let limit = u64::from(u32::MAX);
+    if count > limit {
+        return Err(Error::TooManyElements { count, what: "vertices", limit, carrier: "a mesh" });
+    }
+    Ok(())
 }

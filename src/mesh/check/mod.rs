@@ -29,28 +29,29 @@ use self::blocks::Stars;
 use self::link::Examiner;
 pub use self::report::CheckReport;
 use self::vertices::Bounds;
-use super::MeshSource;
 use super::measure::{Corners, GROUP, Sums};
+use super::{MeshSource, check_vertex_count};
 use crate::error::Result;
 use crate::schedule::Workers;
 use crate::spool::Workspace;
 
 /// Vertices of a range while the triangles at them lie close together: its corners stay in a processor's cache.
 const NEAR_RANGE: u32 = 1 << 15;
-/// Bytes for each vertex of a range: up to 8 corners of 8 bytes on average, its place among them, its parent, and, if the mesh is in random order,
-/// three edges that leave the range.
+/// Bytes for each vertex of a range: up to 8 corners of 8 bytes on average, its place among them, its parent and flags,
+/// and, if the mesh is in random order, three edges that leave the range and the room a vector grows by.
 const VERTEX_BYTES: u64 = 64 + 8 + 6 + 48;
 /// Bytes for each triangle of a far group: see [`Corners::fill`], and the triangle itself.
 const FAR_BYTES: u64 = 122;
 
 /// Checks a mesh: topology, area, volume, box.
 ///
-/// Memory: about `budget` bytes, but no less than some 8 MB for each worker; beyond that 8 bytes for every 16 thousand
-/// triangles, and 32 bytes per triangle of the vertex that has the most. `progress` is told the number of triangles
-/// done, up to the number of triangles.
+/// Memory: about `budget` bytes, but no less than some 8 MB for each worker; beyond that 2 KB for every million triangles,
+/// and 32 bytes for each triangle of the vertex that has the most. `progress` is told the number of triangles done, up
+/// to the number of triangles; both passes over them count half.
 ///
 /// # Errors
-/// What reading the mesh or the work directory gives; [`crate::Error::CheckFailed`] if a triangle names a vertex
+/// What reading the mesh or the work directory gives; [`crate::Error::TooManyElements`] if 32 bits cannot number the
+/// vertices; [`crate::Error::CheckFailed`] if a triangle names a vertex
 /// that is not there; [`crate::Error::Interrupted`].
 pub fn check(
     mesh: &dyn MeshSource,
@@ -59,6 +60,7 @@ pub fn check(
     workspace: &Workspace,
     progress: &mut dyn FnMut(u64),
 ) -> Result<CheckReport> {
+    check_vertex_count(mesh.vertex_count())?;
     Check { mesh, plan: Plan::for_budget(budget, workers.threads()), workers, workspace }.run(progress)
 }
 

@@ -61,7 +61,8 @@ impl Check<'_> {
         };
         let mut groups = far.iter();
         self.workers.in_order_range(self.plan.in_flight, batches.len(), measure, |measured| {
-            for (group, measured) in groups.by_ref().zip(measured) {
+            // In this order: a zip asks its first side first, and the groups must not lose one to the batch's end.
+            for (measured, group) in measured.into_iter().zip(groups.by_ref()) {
                 sums[*group] = Some(measured);
             }
             Ok(())

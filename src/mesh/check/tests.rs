@@ -188,6 +188,29 @@ fn volume_survives_coordinates_of_millions() {
 }
 
 #[test]
+fn far_groups_are_measured_like_near_ones() {
+    // Four groups of triangles, and a last one that is short.
+    let (at, faces) = torus(400, 380);
+    assert!(faces.len() > 4 * GROUP);
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let workers = Workers::new(2).unwrap();
+    let mut mesh = MeshSpool::new(&workspace, Precision::Double, 1 << 26);
+    mesh.append_vertices(&at).unwrap();
+    mesh.append_faces(&faces.iter().map(|f| FaceRecord::new(*f)).collect::<Vec<_>>()).unwrap();
+    let roomy = Plan::for_budget(1 << 30, 2);
+    let report = |window, far| {
+        let plan = Plan { window, far, ..roomy.clone() };
+        Check { mesh: &mesh, plan, workers: &workers, workspace: &workspace }.run(&mut |_| ()).unwrap()
+    };
+    let near = report(1 << 20, 0);
+    assert!((near.area / (12.0 * std::f64::consts::PI.powi(2)) - 1.0).abs() < 1e-3);
+    for far in [0, GROUP, 2 * GROUP, 9 * GROUP] {
+        assert_eq!(report(0, far), near, "{far} triangles at once");
+    }
+}
+
+#[test]
 fn progress_ends_with_the_number_of_triangles() {
     let dir = tempfile::tempdir().unwrap();
     let workspace = Workspace::new(dir.path()).unwrap();

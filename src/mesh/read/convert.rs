@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
+use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::Precision;
 use crate::spool::Workspace;
 
@@ -111,13 +111,4 @@ impl<'a> Converter<'a> {
             _ => Ok(self.mesh),
         }
     }
-}
-
-/// Refuses more vertices than 32 bits can number.
-pub(super) fn check_vertex_count(count: u64) -> Result<()> {
-    let limit = u64::from(u32::MAX);
-    if count > limit {
-        return Err(Error::TooManyElements { count, what: "vertices", limit, carrier: "a mesh" });
-    }
-    Ok(())
 }

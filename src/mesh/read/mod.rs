@@ -1,7 +1,7 @@
 //! Other programs' meshes, opened for reading piece by piece.
 //!
 //! A binary little-endian PLY file of triangles is read in place. Everything else is converted to a
-//! [`MeshSpool`] in one pass: polygons become fans of triangles, STL corners of equal position become one vertex. Whatever a
+//! [`MeshSpool`](super::spool::MeshSpool) in one pass: polygons become fans of triangles, STL corners of equal position become one vertex. Whatever a
 //! header promises is believed only as far as the file's length bears it out.
 
 mod convert;

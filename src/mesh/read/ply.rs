@@ -6,11 +6,11 @@ use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 
 use super::Input;
-use super::convert::{Converter, check_vertex_count};
+use super::convert::Converter;
 use super::ply_header::{Element, Encoding, Header, Property, Type};
 use super::text::Lines;
 use crate::error::{Error, Result};
-use crate::mesh::MeshSource;
+use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::Precision;
 use crate::spool::Workspace;
 

@@ -14,8 +14,8 @@ use std::collections::hash_map::Entry;
 use bytemuck::{Pod, Zeroable};
 use rustc_hash::FxHashMap;
 
-use super::convert::check_vertex_count;
 use crate::error::Result;
+use crate::mesh::check_vertex_count;
 use crate::mesh::queue::Queue;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;
