@@ -69,6 +69,16 @@ impl Exterior {
         labeller.resolve(context)
     }
 
+    /// Sets the free cells of padded slice `y`, exterior or enclosed, in `bits`, which must be empty.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn paint_free(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
+        self.free.read(y, &mut scratch.runs)?;
+        bits.paint(&scratch.runs, 0, 0);
+        Ok(())
+    }
+
     /// Sets the exterior cells of padded slice `y` in `bits`, which must be empty. `scratch` is overwritten.
     ///
     /// # Errors

@@ -1,18 +1,23 @@
 //! Seal: finds the closing radius ρ, the smallest ball that does not roll into the inside.
 //!
-//! The solid's volume V against the radius jumps: below the jump the ball gets inside and only the shell of the points is solid, from it on
-//! the inside is solid too, and V hardly grows any more (by some per cent a step). Where a scan has several holes there are several
-//! jumps; the last one counts. In occupied cells, at the finest level:
+//! Below that radius the ball gets inside, and what is solid is a shell with the exterior on both its sides; from it on, the
+//! shell's other side faces enclosed cells. So the share of the shell that encloses something
+//! ([`Solid::close_measured`]) tells whether a radius seals, on the first try if it does:
 //!
 //! ```text
-//!   radius           1     3     5     7     9    11    13    14    15    17    19    21
-//!   bunny, scans   1.13  1.15  1.28  1.47  1.77  2.20  2.40 18.82 18.87 18.96 19.05 19.14
-//!   dragon, scans  1.07  1.20  1.48  1.87  2.32  2.83  3.43  3.69  4.15  5.97  9.70  9.97
+//!   share for radius, on the coarsest level of  0     1     2     3     4     5     6
+//!   the armadillo's points, dense              .84   .77   .78   .72   .69   .66   .60
+//!   the bunny, holes in its base               .00   .00   .01   .72   .72   .71   .69
+//!   the dragon's raw scans, parts missing      .00   .01   .01   .06   .18   .14   .09
 //! ```
 //!
+//! Where the ball that a hole needs is about as thick as the body, no radius leaves anything enclosed (last row). There the volume tells: it
+//! jumps (in occupied cells 1.6, 2.1, 2.6 at radius 3, 4, 5) and then hardly grows (2.7, 2.7). The last jump counts, if the next finer level
+//! confirms it.
+//!
 //! The search runs on a pyramid of the occupied cells, coarse to fine: each level halves the resolution, so that all radii are tried where
-//! they are cheap. Of the volume, half the occupied cells are the shell's outer half; the rest, the inside, is the same on every level but for
-//! the factor of eight: so a level tells the next finer one what volume to look for (measured: within 8 %).
+//! they are cheap. Finer levels only look for the solid's volume: half the occupied cells are the shell's outer half; the rest, the
+//! inside, is the same on every level but for the factor of eight (measured: within 8 %).
 
 use crate::error::Result;
 use crate::stage::Context;
@@ -24,9 +29,16 @@ use crate::stage::solid::Solid;
 /// blur.
 const COARSEST: u32 = 128;
 
-/// A radius that multiplies the inside by this is a jump. Holes that are the object's own (the rocker arm's) showed 1.2, a ball that widens
-/// on a sealed cloud shows 1.0 to 1.1; closing the last of several holes 1.3 and more.
+/// Where the largest share of the shell that encloses something stays below this, there is no inside: an open surface has
+/// some small cavities, no more.
+const ENCLOSES: f64 = 0.25;
+
+/// Without such a share, a radius that multiplies the inside by this is a jump. A ball that widens on a sealed cloud shows 1.0 to 1.1,
+/// closing the last of several holes 1.3 and more.
 const JUMP: f64 = 1.25;
+
+/// The smallest radius with this part of the largest share is taken: larger ones only thicken the shell.
+const NEARLY: f64 = 0.85;
 
 /// A finer level is sealed from this share of the volume that the coarser one lets expect.
 const CONFIRMED: f64 = 0.8;
@@ -34,7 +46,7 @@ const CONFIRMED: f64 = 0.8;
 /// The largest radius tried on the coarsest level, as a share of the longest side. Scans without a base need 0.06.
 const LARGEST: f64 = 0.08;
 
-/// What was tried: a radius at a level and the volume it gave.
+/// What was tried: a radius at a level, and what it gave.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Trial {
     /// 0 is the grid itself; each level has cells twice as large.
@@ -43,6 +55,8 @@ pub struct Trial {
     pub radius: u32,
     /// Solid cells of the level.
     pub volume: u64,
+    /// The share of the shell that encloses something, where it was measured.
+    pub encloses: Option<f64>,
 }
 
 /// The outcome of the search.
@@ -83,13 +97,16 @@ pub fn find(occupancy: &Occupancy, context: &Context, mut progress: impl FnMut(u
             Level { occupancy, level: level as u32, context, trials: &mut trials, progress: &mut progress };
         seen = match seen {
             Some(seen) => attempt.refine(seen, 0)?.map(|(seen, _)| seen),
-            None => attempt.last_jump(0, level == pyramid.len())?.map(|(seen, _)| seen),
+            None => attempt.first_enclosing(0, level == pyramid.len())?,
         };
     }
     let mut attempt = Level { occupancy, level: 0, context, trials: &mut trials, progress: &mut progress };
     let found = match seen {
         Some(seen) => attempt.refine(seen, 1)?,
-        None => attempt.last_jump(1, pyramid.is_empty())?,
+        None => match attempt.first_enclosing(1, pyramid.is_empty())? {
+            Some(seen) => Some((seen, attempt.close(seen.radius)?)),
+            None => None,
+        },
     };
     Ok(match found {
         Some((seen, solid)) => Sealed { radius: seen.radius, solid, has_inside: true, trials },
@@ -112,7 +129,7 @@ impl Level<'_> {
     fn close(&mut self, radius: u32) -> Result<Solid> {
         let solid = Solid::close(self.occupancy, &Ball::new(radius), self.context)?;
         (self.progress)(self.occupancy.cells[1]);
-        self.trials.push(Trial { level: self.level, radius, volume: solid.volume });
+        self.trials.push(Trial { level: self.level, radius, volume: solid.volume, encloses: None });
         Ok(solid)
     }
 
@@ -121,24 +138,29 @@ impl Level<'_> {
         volume as f64 - 0.5 * self.occupancy.occupied as f64
     }
 
-    /// Tries radii upwards from `least` and takes the last at which the inside jumps, if there is one.
+    /// Tries radii upwards from `least` and takes the first whose shell encloses nearly as much as any does.
     ///
     /// The first level tries all radii up to the largest; a finer one, where the coarser found no inside, only small ones: a hole that needs
     /// more would have needed a ball of two or more on the coarser level, which tried that.
-    fn last_jump(&mut self, least: u32, first_level: bool) -> Result<Option<(Seen, Solid)>> {
+    fn first_enclosing(&mut self, least: u32, first_level: bool) -> Result<Option<Seen>> {
         let longest = f64::from(self.occupancy.cells.into_iter().max().unwrap_or(1));
         let most = if first_level { ((longest * LARGEST).ceil() as u32).max(3) } else { 3 };
-        let mut before = self.inside(self.occupancy.occupied);
-        let mut last = None;
+        let mut tried = Vec::new();
         for radius in least..=most {
-            let solid = self.close(radius)?;
-            let inside = self.inside(solid.volume);
-            if inside >= JUMP * before {
-                last = Some((Seen { radius, inside }, solid));
-            }
-            before = inside;
+            let (solid, encloses) = Solid::close_measured(self.occupancy, &Ball::new(radius), self.context)?;
+            (self.progress)(self.occupancy.cells[1]);
+            let volume = solid.volume;
+            self.trials.push(Trial { level: self.level, radius, volume, encloses: Some(encloses) });
+            tried.push((encloses, Seen { radius, inside: self.inside(volume) }));
         }
-        Ok(last)
+        let jump = |pair: &[(f64, Seen)]| (pair[1].1.inside >= JUMP * pair[0].1.inside).then_some(pair[1].1);
+        let largest = tried.iter().map(|(encloses, _)| *encloses).fold(0.0, f64::max);
+        if largest < ENCLOSES {
+            // On the grid itself no finer level would confirm a jump.
+            let confirmable = self.level > 0;
+            return Ok(tried.windows(2).rev().find_map(jump).filter(|_| confirmable));
+        }
+        Ok(tried.into_iter().find(|(encloses, _)| *encloses >= NEARLY * largest).map(|(_, seen)| seen))
     }
 
     /// Finds the smallest radius near twice the coarser level's that gives about the volume to be expected.

@@ -30,6 +30,15 @@ struct Chunk {
     faces: Vec<u32>,
 }
 
+/// Which free cells are grown back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Grown {
+    /// The exterior ones: what is left is the solid.
+    Exterior,
+    /// All: what is left is the shell, the closing of the occupied cells without regard to inside and outside.
+    Free,
+}
+
 impl Solid {
     /// Closes the occupied cells with `ball`.
     ///
@@ -37,6 +46,38 @@ impl Solid {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn close(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Solid> {
         let exterior = Exterior::find(occupancy, ball, context)?;
+        Solid::grown(occupancy, &exterior, ball, Grown::Exterior, context)
+    }
+
+    /// Closes the occupied cells with `ball`, and tells how much of the shell encloses something: the faces that the shell
+    /// turns to enclosed cells, for each face that it turns to the exterior.
+    ///
+    /// ```text
+    ///     leaking: 0            sealed: 1, less the thicker the shell is against the body
+    ///     +--------+            +--------+
+    ///     |+------+|            |+------+|
+    ///     ||      ||            ||//////||
+    ///     +|      |+            |+------+|
+    ///                           +--------+
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Solid::close`].
+    pub fn close_measured(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<(Solid, f64)> {
+        let exterior = Exterior::find(occupancy, ball, context)?;
+        let solid = Solid::grown(occupancy, &exterior, ball, Grown::Exterior, context)?;
+        let shell = Solid::grown(occupancy, &exterior, ball, Grown::Free, context)?;
+        let (outer, all) = (solid.face_count() as f64, shell.face_count() as f64);
+        Ok((solid, (all - outer) / outer))
+    }
+
+    fn grown(
+        occupancy: &Occupancy,
+        exterior: &Exterior,
+        ball: &Ball,
+        grown: Grown,
+        context: &Context,
+    ) -> Result<Solid> {
         let cells = occupancy.cells;
         let mut solid = Solid {
             cells,
@@ -48,7 +89,7 @@ impl Solid {
         context.workers.in_order(
             context.memory.chunks_for(&context.load, ball.radius()),
             || Ok(jobs.next()),
-            |chunk| solid_slices(occupancy, &exterior, ball, chunk),
+            |chunk| solid_slices(occupancy, exterior, ball, grown, chunk),
             |chunk| {
                 for slice in &chunk.slices {
                     solid.volume += slice.cell_count();
@@ -59,6 +100,10 @@ impl Solid {
             },
         )?;
         Ok(solid)
+    }
+
+    fn face_count(&self) -> u64 {
+        self.faces.iter().map(|faces| u64::from(*faces)).sum()
     }
 
     /// Sets the solid cells of slice `y` in `bits`, moved by one cell and one row; none where there is no such slice.
@@ -75,8 +120,14 @@ impl Solid {
     }
 }
 
-/// The solid cells of a chunk of slices, with the number of faces of each.
-fn solid_slices(occupancy: &Occupancy, exterior: &Exterior, ball: &Ball, chunk: std::ops::Range<u32>) -> Result<Chunk> {
+/// The cells of a chunk of slices that are left, with the number of faces of each slice.
+fn solid_slices(
+    occupancy: &Occupancy,
+    exterior: &Exterior,
+    ball: &Ball,
+    grown: Grown,
+    chunk: std::ops::Range<u32>,
+) -> Result<Chunk> {
     let Padded { pad, cells: [width, _, rows] } = exterior.padded;
     let [box_width, _, box_rows] = occupancy.cells;
     let radius = i64::from(ball.radius());
@@ -90,7 +141,10 @@ fn solid_slices(occupancy: &Occupancy, exterior: &Exterior, ball: &Ball, chunk: 
         let padded_y = i64::from(y + pad);
         window.slide_to(padded_y - radius, |y, bits| {
             bits.clear();
-            exterior.paint(y as u32, bits, &mut scratch)
+            match grown {
+                Grown::Exterior => exterior.paint(y as u32, bits, &mut scratch),
+                Grown::Free => exterior.paint_free(y as u32, bits, &mut scratch),
+            }
         })?;
         occupied.clear();
         occupancy.store.read(y, &mut occupied_runs)?;
