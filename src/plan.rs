@@ -30,12 +30,12 @@ const BUCKET_BUFFER: (u64, u64) = (256 << 10, 4 << 10);
 /// The largest and smallest piece of points that a slab's fitting holds at once, in points.
 const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 
-/// Bytes of a slab's mesh for each face: a vertex (20 as found, 24 smoothed in cells, 24 in place, 37 fitted, 5 contracted), two triangles
-/// (12 each, 12 for the fans), and what growing vectors leave unused.
-const FACE_BYTES: u64 = 200;
+/// Bytes of a slab's mesh for each face while it is made. While fitting: a vertex as found (21), smoothed (24) and fitted (36),
+/// two triangles (24); while contracting, without the first but with fans (28), groups and winners (25). The rest is what vectors leave unused.
+const FACE_BYTES: u64 = 150;
 
 /// Of those, the bytes that remain when the slab waits for its seam.
-const FACE_BYTES_WAITING: u64 = 120;
+const FACE_BYTES_WAITING: u64 = 118;
 
 /// What the plan is made from.
 #[derive(Debug, Clone, PartialEq)]
@@ -256,10 +256,11 @@ impl MemoryPlan {
             });
         }
         let more = self.working - least;
-        let running = 1 + ((more / (job + waiting)) as usize).min(self.threads - 1);
-        let left = self.working - running as u64 * job - 2 * waiting;
-        let ahead = ((left / waiting.max(1)) as usize).min(self.threads);
-        Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead.min(running) })
+        // Beyond one for each thread, jobs in flight are finished slabs that wait for their turn.
+        let running = 1 + ((more / job) as usize).min(self.threads - 1);
+        let left = more - (running as u64 - 1) * job;
+        let ahead = if running == self.threads { ((left / waiting.max(1)) as usize).min(self.threads) } else { 0 };
+        Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead })
     }
 }
 

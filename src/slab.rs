@@ -113,8 +113,8 @@ impl SlabMesh {
         let last = slices.end == solid.cells[1];
         // Each step of smoothing beyond the first, which is a table, needs one more plane either side.
         let more = i64::from(options.smooth.max(1)) - 1;
-        let surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
-        let q = smooth(&surface, options.smooth);
+        let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
+        let mut q = smooth(&surface, options.smooth);
         let planes = slices.start..slices.end + u32::from(last);
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
 
@@ -124,7 +124,9 @@ impl SlabMesh {
             *corner -= own.start;
         }
         let named = triangles.as_flattened().iter().copied().max().map_or(0, |v| v + 1).max(own.len() as u32);
-        let fans = Fans::new(&triangles, named as usize);
+        let seam = surface.on_plane(slices.start).len() as u32;
+        // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
+        surface.drop_lookups();
         let fitted = match options.fit {
             Fit::None => Fitted::none(own.len()),
             Fit::Nearest => {
@@ -132,8 +134,19 @@ impl SlabMesh {
                 fit(buckets, grid, &task, piece)?
             }
         };
-        let smoothed = q[own.start as usize..own.end as usize].iter().map(|q| grid.position(*q)).collect();
-        let seam = surface.on_plane(slices.start).len() as u32;
+        eprintln!(
+            "slab {number} verts {} cap {} tri {} cap {} fans {}",
+            surface.vertices.len(),
+            surface.vertices.capacity(),
+            triangles.len(),
+            triangles.capacity(),
+            named
+        );
+        drop(surface);
+        q.truncate(own.end as usize);
+        q.drain(..own.start as usize);
+        let smoothed = q.into_iter().map(|q| grid.position(q)).collect();
+        let fans = Fans::new(&triangles, named as usize);
         let fate = vec![Fate::Stays; own.len()];
         let mut mesh = SlabMesh { slices, smoothed, fitted, fate, triangles, fans, seam };
         if options.fit == Fit::Nearest {

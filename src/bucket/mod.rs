@@ -75,6 +75,10 @@ impl<T: Coordinate> Buckets<T> {
                     let buffer = &mut buffers[bucket as usize];
                     while !piece.is_empty() {
                         let (fits, left) = piece.split_at(piece.len().min(capacity - buffer.len()));
+                        if buffer.len() + fits.len() > buffer.capacity() {
+                            // Doubling, but never past what the plan counts with.
+                            buffer.reserve_exact((2 * buffer.len()).max(fits.len()).min(capacity) - buffer.len());
+                        }
                         buffer.extend_from_slice(fits);
                         piece = left;
                         if buffer.len() == capacity {
@@ -105,6 +109,11 @@ impl<T: Coordinate> Buckets<T> {
     /// Number of buckets.
     pub fn count(&self) -> usize {
         self.extents.len()
+    }
+
+    /// Number of points in a bucket.
+    pub fn points_in(&self, bucket: usize) -> u64 {
+        self.extents[bucket].iter().map(|extent| u64::from(extent.points)).sum()
     }
 
     /// Number of points in all buckets.

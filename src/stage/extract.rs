@@ -92,7 +92,10 @@ impl Surface {
     pub fn find(solid: &Solid, planes: std::ops::RangeInclusive<i64>) -> Result<Surface> {
         let [width, slices, rows] = solid.cells;
         let (lowest, highest) = ((*planes.start()).max(0), (*planes.end()).min(i64::from(slices)));
-        let mut out = Surface { vertices: Vec::new(), planes: Vec::new(), lowest: lowest as u32, starts: vec![0] };
+        // A surface has about as many vertices as faces.
+        let expected: usize = (lowest..highest).map(|y| solid.faces[y as usize] as usize).sum();
+        let vertices = Vec::with_capacity(expected + expected / 32);
+        let mut out = Surface { vertices, planes: Vec::new(), lowest: lowest as u32, starts: vec![0] };
         let mut window = Window::new(3, || Bits::new(width + 2, rows + 2));
         let mut runs = Runs::default();
         for j in lowest..=highest {
@@ -131,6 +134,11 @@ impl Surface {
         plane.masks[plane.ordinal(i, k)]
     }
 
+    /// Gives back the memory of what [`Surface::vertex`], [`Surface::triangles`] and smoothing need; the vertices stay.
+    pub fn drop_lookups(&mut self) {
+        self.planes = Vec::new();
+    }
+
     /// The two ends of the doubled edge that `vertex` is the middle of.
     pub fn ends(&self, vertex: &Vertex, axis: u8) -> [u32; 2] {
         let m = usize::from(axis);
@@ -145,7 +153,9 @@ impl Surface {
 
     /// The triangles of slices `slices`, given the smoothed positions of all vertices, in cells.
     pub fn triangles(&self, slices: std::ops::Range<u32>, q: &[[f64; 3]], diagonals: Diagonals) -> Vec<[u32; 3]> {
-        let mut out = Vec::new();
+        let planes = slices.clone().map(|y| &self.planes[(y - self.lowest) as usize]);
+        let faces: usize = planes.flat_map(|plane| &plane.masks).map(|mask| faces_at(*mask)).sum();
+        let mut out = Vec::with_capacity(2 * faces);
         for y in slices {
             let plane = &self.planes[(y - self.lowest) as usize];
             for row in plane.rows.windows(2) {
@@ -224,6 +234,11 @@ impl Surface {
         let key = (lower[2], lower[0], m as u8);
         plane.middles.iter().find(|(place, _)| *place == key).map(|(_, vertex)| *vertex)
     }
+}
+
+/// The number of faces whose lowest corner has this mask.
+fn faces_at(mask: u8) -> usize {
+    (0..3).filter(|axis| (mask >> 7 ^ mask >> (7 - (1 << axis))) & 1 == 1).count()
 }
 
 /// Emits a triangle whose sides 01, 12, 20 may have a middle: the first that has one splits it in two.

@@ -77,8 +77,10 @@ pub fn fit<T: Coordinate>(buckets: &Buckets<T>, grid: &Grid, task: &Task<'_>, pi
     let end = task.surface.on_plane(task.planes.end - 1).end;
     let mut search = Search { grid, task, first, found: Fitted::none((end - first) as usize), searched: 0 };
     let slices = task.planes.start.saturating_sub(task.halo)..(task.planes.end + task.halo).min(grid.cells()[1]);
-    let mut held: Vec<[T; 3]> = Vec::new();
-    for bucket in slices.start / BUCKET_SLICES..slices.end.div_ceil(BUCKET_SLICES) {
+    let buckets_near = slices.start / BUCKET_SLICES..slices.end.div_ceil(BUCKET_SLICES);
+    let near: u64 = buckets_near.clone().map(|bucket| buckets.points_in(bucket as usize)).sum();
+    let mut held: Vec<[T; 3]> = Vec::with_capacity(piece.min(near as usize));
+    for bucket in buckets_near {
         buckets.read(bucket as usize, piece, |points| {
             for point in points {
                 if slices.contains(&grid.slice_of(point.map(Into::into))) {

@@ -13,7 +13,7 @@ use crate::stage::extract::{Kind, Surface, Vertex};
 /// true one: such planes are halo. With `steps` of 0 or 1 every plane's is true.
 pub fn smooth(surface: &Surface, steps: u32) -> Vec<[f64; 3]> {
     let vertices = &surface.vertices;
-    let mut displacements: Vec<[f64; 3]> = vertices
+    let mut q: Vec<[f64; 3]> = vertices
         .iter()
         .map(|v| match v.kind {
             Kind::Sheet(sheet) if steps > 0 => CORNERS[usize::from(v.mask)].displacement(usize::from(sheet)),
@@ -21,13 +21,12 @@ pub fn smooth(surface: &Surface, steps: u32) -> Vec<[f64; 3]> {
         })
         .collect();
     for _ in 1..steps {
-        displacements = step(surface, &displacements);
+        q = step(surface, &q);
     }
-    let mut q: Vec<[f64; 3]> = vertices
-        .iter()
-        .zip(&displacements)
-        .map(|(v, d)| std::array::from_fn(|a| f64::from(v.corner[a]) + d[a]))
-        .collect();
+    // From here on not displacements any more, but positions.
+    for (q, vertex) in q.iter_mut().zip(vertices) {
+        *q = std::array::from_fn(|a| f64::from(vertex.corner[a]) + q[a]);
+    }
     for (i, vertex) in vertices.iter().enumerate() {
         if let Kind::Middle(axis) = vertex.kind
             && ends_are_held(surface, vertex, axis)
