@@ -205,11 +205,6 @@ fn reconstruct_as<T: Coordinate>(
     };
     let slabs = slab_count(smooth, solid.cells[1]);
     let jobs = context.memory.slab_jobs(load, (0..slabs).map(faces_of_slab).max().unwrap_or(0))?;
-    eprintln!(
-        "JOBS {jobs:?} max faces {:?} piece {}",
-        (0..slabs).map(faces_of_slab).max(),
-        context.memory.piece_points
-    );
     let origin = origin(T::PRECISION, &survey.bounds);
     let mesh = MeshSpool::new(&context.workspace, T::PRECISION, context.memory.mesh_quota);
     let mut stitcher = Stitcher::new(grid, halo(smooth), origin, mesh);

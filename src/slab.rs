@@ -134,14 +134,6 @@ impl SlabMesh {
                 fit(buckets, grid, &task, piece)?
             }
         };
-        eprintln!(
-            "slab {number} verts {} cap {} tri {} cap {} fans {}",
-            surface.vertices.len(),
-            surface.vertices.capacity(),
-            triangles.len(),
-            triangles.capacity(),
-            named
-        );
         drop(surface);
         q.truncate(own.end as usize);
         q.drain(..own.start as usize);

@@ -93,7 +93,8 @@ impl Surface {
         let [width, slices, rows] = solid.cells;
         let (lowest, highest) = ((*planes.start()).max(0), (*planes.end()).min(i64::from(slices)));
         // A surface has about as many vertices as faces.
-        let expected: usize = (lowest..highest).map(|y| solid.faces[y as usize] as usize).sum();
+        let expected: usize =
+            (lowest..=highest).filter_map(|y| solid.faces.get(y as usize)).map(|faces| *faces as usize).sum();
         let vertices = Vec::with_capacity(expected + expected / 32);
         let mut out = Surface { vertices, planes: Vec::new(), lowest: lowest as u32, starts: vec![0] };
         let mut window = Window::new(3, || Bits::new(width + 2, rows + 2));
