@@ -157,7 +157,8 @@ impl Search<'_> {
             point: self.found.point[at],
         };
         let [i, _, k] = vertex.corner.map(i64::from);
-        let gap = |d: i64, offset: f64| (d as f64 - offset).max(offset - d as f64 - 1.0).max(0.0);
+        let gap = |d: i64, offset: f64| (d as f64 - offset).max(offset - d as f64 - 1.0).max(slack) - slack;
+        let row_gap = |dy: i64, dz: i64| gap(dy, offset[1]).powi(2) + gap(dz, offset[2]).powi(2);
         for m in 1..=i64::from(self.task.halo) {
             let beyond = (m - 1) as f64 - farthest - slack;
             if m > 1 && (beyond > f64::from(REACH) || (beyond > 0.0 && best.distance < (beyond * w).powi(2))) {
@@ -169,8 +170,7 @@ impl Search<'_> {
                     continue;
                 }
                 for dz in -m..m {
-                    let row_gap = gap(dy, offset[1]).hypot(gap(dz, offset[2])) - slack;
-                    if row_gap > 0.0 && (row_gap * w).powi(2) > best.distance.min(best.limit) {
+                    if row_gap(dy, dz) * w * w * (1.0 - 1e-9) > best.distance.min(best.limit) {
                         continue;
                     }
                     let base = self.searched + index.base;
