@@ -76,13 +76,13 @@ pub struct CloudArguments {
     /// Point clouds: .ply, text (.xyz .txt .csv .pts .asc) or raw binary; several files, patterns and folders are one cloud
     #[arg(value_name = "INPUT", required = true)]
     pub inputs: Vec<PathBuf>,
-    /// Record layout of raw files: xyz, xyzi, xyzir, xyzrgb, xyz:f64, x:f64,y:f64,z:f64,i:u16,_:6
+    /// Record layout of raw files: xyz, xyzi, xyzir, xyzrgb, xyz:f64, x:f64,y:f64,z:f64,i:u16,_:6 [default: the side-car's, else detected]
     #[arg(long, value_name = "FIELDS", help_heading = "Input")]
     pub layout: Option<Layout>,
-    /// Bytes before the first record of raw files
+    /// Bytes before the first record of raw files [default: the side-car's, else 0]
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub skip_bytes: Option<u64>,
-    /// Byte order of raw files [default: little]
+    /// Byte order of raw files [default: the side-car's, else little]
     #[arg(long, value_enum, help_heading = "Input")]
     pub endian: Option<EndianWord>,
     /// Slices for each cube root of the number of points [default: 4]
@@ -99,7 +99,7 @@ pub struct CloudArguments {
     /// The axis to slice along
     #[arg(long, value_enum, default_value_t, help_heading = "Grid")]
     pub axis: AxisWord,
-    /// Slices in the window: an odd number, at least 3. It bounds the closing radius, (W - 1) / 2 cells, which is otherwise found by itself
+    /// Slices in the window: an odd number, at least 3. It bounds the closing radius, to (W - 1) / 2 cells [default: as wide as the radius needs that is found]
     #[arg(long, value_name = "W", help_heading = "Surface")]
     pub window: Option<u32>,
     /// Steps of smoothing
