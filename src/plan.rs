@@ -132,7 +132,7 @@ pub struct MemoryPlan {
     pub store_quota: u64,
     /// The mesh stays in memory up to this many bytes.
     pub mesh_quota: u64,
-    /// Points that a slab's fitting holds at once.
+    /// Points that a slab's fitting holds at once, at most.
     pub piece_points: usize,
     /// What one pass may use at a time, in bytes.
     pub working: u64,
@@ -182,8 +182,7 @@ impl MemoryPlan {
             * u64::from(slab_slices(load.smooth) + 2 * halo(load.smooth))
             / u64::from(load.cells[1])
             + 1;
-        // Points are read, sorted by slice, and sorted by cell a window at a time.
-        let piece_points = (for_points / (load.record() * 5 / 2 + 12)).clamp(PIECE.1, PIECE.0);
+        let piece_points = (for_points / point_bytes(load)).clamp(PIECE.1, PIECE.0);
         let mut plan = MemoryPlan {
             budget,
             threads,
@@ -202,7 +201,7 @@ impl MemoryPlan {
         let passes = [
             blocks_in_flight as u64 * BLOCK_JOB + (buckets * bucket_buffer).min(load.bucket_bytes()),
             chunks_in_flight as u64 * Self::chunk_job(load, 1),
-            slabs.running as u64 * plan.slab_job(load, load.slab_faces(), slab_points)
+            slabs.running as u64 * slab_job(load, load.slab_faces(), slab_points.min(slabs.piece_points as u64))
                 + slabs.waiting as u64 * load.slab_faces() * FACE_BYTES_WAITING,
         ];
         let kept = buckets_quota.min(load.bucket_bytes())
@@ -218,9 +217,7 @@ impl MemoryPlan {
         let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
         let bucketing = BLOCK_JOB + buckets * BUCKET_BUFFER.1;
         let slices = Self::chunk_job(load, 1);
-        let slab = load.slab_raster()
-            + PIECE.1 * (load.record() * 5 / 2 + 12)
-            + load.slab_faces() * (FACE_BYTES + 2 * FACE_BYTES_WAITING);
+        let slab = slab_job(load, load.slab_faces(), PIECE.1) + load.slab_faces() * 2 * FACE_BYTES_WAITING;
         PROCESS + (2 << 20) + bucketing.max(slices).max(slab)
     }
 
@@ -236,17 +233,17 @@ impl MemoryPlan {
         ((self.working / Self::chunk_job(load, radius)) as usize).clamp(1, 2 * self.threads)
     }
 
-    fn slab_job(&self, load: &Load, faces: u64, points: u64) -> u64 {
-        load.slab_raster() + (self.piece_points as u64).min(points) * (load.record() * 5 / 2 + 12) + faces * FACE_BYTES
-    }
-
     /// Slabs that may be in the making and waiting at a time, when the largest has `faces` faces.
     ///
     /// # Errors
     /// [`Error::Budget`] if one in the making and two at a seam are too much.
     pub fn slab_jobs(&self, load: &Load, faces: u64) -> Result<SlabJobs> {
-        let job = self.slab_job(load, faces, self.piece_points as u64);
         let waiting = faces * FACE_BYTES_WAITING;
+        let besides_points = slab_job(load, faces, 0) + 2 * waiting;
+        // Faces come first: points can be taken in smaller pieces.
+        let room = self.working.saturating_sub(besides_points) / point_bytes(load);
+        let piece_points = (self.piece_points as u64).min(room.max(PIECE.1));
+        let job = slab_job(load, faces, piece_points);
         let least = job + 2 * waiting;
         if least > self.working {
             return Err(Error::Budget {
@@ -259,8 +256,19 @@ impl MemoryPlan {
         let running = 1 + ((more / (job + waiting)) as usize).min(self.threads - 1);
         let left = self.working - running as u64 * job - 2 * waiting;
         let ahead = ((left / waiting.max(1)) as usize).min(self.threads);
-        Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead.min(running) })
+        let piece_points = piece_points as usize;
+        Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead.min(running), piece_points })
     }
+}
+
+/// Bytes that a point takes while a slab is fitted: read, sorted by slice, and sorted by cell a window at a time.
+fn point_bytes(load: &Load) -> u64 {
+    load.record() * 5 / 2 + 12
+}
+
+/// Bytes of a slab in the making, with `faces` faces and `points` points at once.
+fn slab_job(load: &Load, faces: u64, points: u64) -> u64 {
+    load.slab_raster() + points * point_bytes(load) + faces * FACE_BYTES
 }
 
 /// How many slabs exist at a time.
@@ -272,6 +280,8 @@ pub struct SlabJobs {
     pub waiting: usize,
     /// Between source and sink of the pass.
     pub in_flight: usize,
+    /// Points of a slab that are held at once.
+    pub piece_points: usize,
 }
 
 #[cfg(test)]
