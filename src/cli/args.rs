@@ -99,7 +99,7 @@ pub struct CloudArguments {
     /// The axis to slice along
     #[arg(long, value_enum, default_value_t, help_heading = "Grid")]
     pub axis: AxisWord,
-    /// Slices in the window: an odd number, at least 3. It bounds the closing radius, to (W - 1) / 2 cells [default: as wide as the radius needs that is found]
+    /// Slices in the window: an odd number, at least 3. It bounds the closing radius, to (W - 1) / 2 cells [default: as wide as the radius found needs]
     #[arg(long, value_name = "W", help_heading = "Surface")]
     pub window: Option<u32>,
     /// Steps of smoothing
