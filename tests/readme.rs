@@ -102,5 +102,8 @@ fn files_that_are_linked_exist() {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(link);
         assert!(link.starts_with("https://") || path.exists(), "{link}");
     }
-    assert!(README.contains(" tests/data/stadium "), "the first command's scan");
+    let commands: Vec<&str> = section("## Two commands").lines().filter(|line| line.starts_with("cargo ")).collect();
+    let [meshes, tests] = commands[..] else { panic!("two commands, not {commands:?}") };
+    assert!(meshes.contains(" tests/data/stadium "), "{meshes}");
+    assert!(include_str!("../.ci/run").contains(&format!("if ! {tests} <")), "CI runs {tests:?}");
 }
