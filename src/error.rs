@@ -80,7 +80,7 @@ pub enum Error {
         advice: &'static str,
     },
     /// The memory budget cannot hold the work.
-    #[error("--max-memory {given}: {what} needs {needed}; pass --max-memory {needed} or more")]
+    #[error("--max-memory {given}: {what} needs {needed}; pass --max-memory {}M or more", needed.0.div_ceil(1 << 20))]
     Budget {
         /// What was granted.
         given: ByteSize,

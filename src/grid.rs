@@ -3,8 +3,6 @@
 //! Eq. 1 moves the box to the origin and scales it by its longest side; instead of moving points, the grid keeps the
 //! box's corner and the cell size in the world's own units. Eq. 2: s = ⌊k·∛n⌋ slices. Eq. 3: w = extent / s.
 
-use std::fmt;
-
 use crate::error::{Error, Result};
 
 /// The most cells along an axis.
@@ -265,14 +263,6 @@ fn raster_error(cells: f64, axis: Axis) -> Error {
         axis: axis.letter(),
         limit: CELLS_LIMIT,
         advice: "use a smaller --k or --slices, a larger --cell-size, or --axis longest; far outliers stretch the box too",
-    }
-}
-
-impl fmt::Display for Grid {
-    /// "134 x 132 x 104 cells of 0.00117 (132 slices along y)".
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [a, b, c] = self.raster();
-        write!(f, "{a} x {b} x {c} cells of {:.6} ({} slices along {})", self.w, self.cells[1], self.axis.letter())
     }
 }
 

@@ -26,3 +26,7 @@ pub mod whole;
 pub mod window;
 
 pub use error::{Error, Result};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

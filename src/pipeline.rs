@@ -208,11 +208,10 @@ fn reconstruct_as<T: Coordinate>(
     let origin = origin(T::PRECISION, &survey.bounds);
     let mesh = MeshSpool::new(&context.workspace, T::PRECISION, context.memory.mesh_quota);
     let mut stitcher = Stitcher::new(grid, halo(smooth), origin, mesh);
-    let piece = context.memory.piece_points;
     context.workers.in_order_range(
         jobs.in_flight,
         slabs as usize,
-        |number| SlabMesh::make(number as u32, solid, &buckets, grid, settings.surface, piece),
+        |number| SlabMesh::make(number as u32, solid, &buckets, grid, settings.surface, jobs.piece_points),
         |slab| {
             progress.add(slab.slices.len() as u64);
             stitcher.add(slab)

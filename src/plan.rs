@@ -30,6 +30,9 @@ const BUCKET_BUFFER: (u64, u64) = (256 << 10, 4 << 10);
 /// The largest and smallest piece of points that a slab's fitting holds at once, in points.
 const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 
+/// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
+const GOOD_PIECE: u64 = 256 << 10;
+
 /// Bytes of a slab's mesh for each face while it is made. While fitting: a vertex as found (21), smoothed (24) and fitted (36),
 /// two triangles (24); while contracting, without the first but with fans (28), groups and winners (25). The rest is what vectors leave unused.
 const FACE_BYTES: u64 = 150;
@@ -132,7 +135,7 @@ pub struct MemoryPlan {
     pub store_quota: u64,
     /// The mesh stays in memory up to this many bytes.
     pub mesh_quota: u64,
-    /// Points that a slab's fitting holds at once.
+    /// Points that a slab's fitting holds at once, at most.
     pub piece_points: usize,
     /// What one pass may use at a time, in bytes.
     pub working: u64,
@@ -182,8 +185,7 @@ impl MemoryPlan {
             * u64::from(slab_slices(load.smooth) + 2 * halo(load.smooth))
             / u64::from(load.cells[1])
             + 1;
-        // Points are read, sorted by slice, and sorted by cell a window at a time.
-        let piece_points = (for_points / (load.record() * 5 / 2 + 12)).clamp(PIECE.1, PIECE.0);
+        let piece_points = (for_points / point_bytes(load)).clamp(PIECE.1, PIECE.0);
         let mut plan = MemoryPlan {
             budget,
             threads,
@@ -202,7 +204,7 @@ impl MemoryPlan {
         let passes = [
             blocks_in_flight as u64 * BLOCK_JOB + (buckets * bucket_buffer).min(load.bucket_bytes()),
             chunks_in_flight as u64 * Self::chunk_job(load, 1),
-            slabs.running as u64 * plan.slab_job(load, load.slab_faces(), slab_points)
+            slabs.running as u64 * slab_job(load, load.slab_faces(), slab_points.min(slabs.piece_points as u64))
                 + slabs.waiting as u64 * load.slab_faces() * FACE_BYTES_WAITING,
         ];
         let kept = buckets_quota.min(load.bucket_bytes())
@@ -218,9 +220,7 @@ impl MemoryPlan {
         let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
         let bucketing = BLOCK_JOB + buckets * BUCKET_BUFFER.1;
         let slices = Self::chunk_job(load, 1);
-        let slab = load.slab_raster()
-            + PIECE.1 * (load.record() * 5 / 2 + 12)
-            + load.slab_faces() * (FACE_BYTES + 2 * FACE_BYTES_WAITING);
+        let slab = slab_job(load, load.slab_faces(), PIECE.1) + load.slab_faces() * 2 * FACE_BYTES_WAITING;
         PROCESS + (2 << 20) + bucketing.max(slices).max(slab)
     }
 
@@ -236,32 +236,45 @@ impl MemoryPlan {
         ((self.working / Self::chunk_job(load, radius)) as usize).clamp(1, 2 * self.threads)
     }
 
-    fn slab_job(&self, load: &Load, faces: u64, points: u64) -> u64 {
-        load.slab_raster() + (self.piece_points as u64).min(points) * (load.record() * 5 / 2 + 12) + faces * FACE_BYTES
-    }
-
     /// Slabs that may be in the making and waiting at a time, when the largest has `faces` faces.
     ///
     /// # Errors
     /// [`Error::Budget`] if one in the making and two at a seam are too much.
     pub fn slab_jobs(&self, load: &Load, faces: u64) -> Result<SlabJobs> {
-        let job = self.slab_job(load, faces, self.piece_points as u64);
         let waiting = faces * FACE_BYTES_WAITING;
-        let least = job + 2 * waiting;
-        if least > self.working {
-            return Err(Error::Budget {
-                given: ByteSize(self.budget),
-                needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
-                what: "the slab with the most faces",
-            });
+        let for_jobs = self.working.saturating_sub(2 * waiting);
+        let besides_points = slab_job(load, faces, 0);
+        for running in (1..=self.threads).rev() {
+            let room = (for_jobs / running as u64).saturating_sub(besides_points) / point_bytes(load);
+            let piece_points = room.min(self.piece_points as u64);
+            // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
+            let enough = if running == 1 { PIECE.1 } else { GOOD_PIECE };
+            if piece_points >= enough.min(self.piece_points as u64) {
+                let left = for_jobs - running as u64 * slab_job(load, faces, piece_points);
+                // Beyond one for each thread, jobs in flight are finished slabs that wait for their turn.
+                let room_ahead = ((left / waiting.max(1)) as usize).min(self.threads);
+                let ahead = if running == self.threads { room_ahead } else { 0 };
+                let piece_points = piece_points as usize;
+                return Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead, piece_points });
+            }
         }
-        let more = self.working - least;
-        // Beyond one for each thread, jobs in flight are finished slabs that wait for their turn.
-        let running = 1 + ((more / job) as usize).min(self.threads - 1);
-        let left = more - (running as u64 - 1) * job;
-        let ahead = if running == self.threads { ((left / waiting.max(1)) as usize).min(self.threads) } else { 0 };
-        Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead })
+        let least = 2 * waiting + slab_job(load, faces, PIECE.1);
+        Err(Error::Budget {
+            given: ByteSize(self.budget),
+            needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
+            what: "the slab with the most faces",
+        })
     }
+}
+
+/// Bytes that a point takes while a slab is fitted: read, sorted by slice, and sorted by cell a window at a time.
+fn point_bytes(load: &Load) -> u64 {
+    load.record() * 5 / 2 + 12
+}
+
+/// Bytes of a slab in the making, with `faces` faces and `points` points at once.
+fn slab_job(load: &Load, faces: u64, points: u64) -> u64 {
+    load.slab_raster() + points * point_bytes(load) + faces * FACE_BYTES
 }
 
 /// How many slabs exist at a time.
@@ -273,6 +286,8 @@ pub struct SlabJobs {
     pub waiting: usize,
     /// Between source and sink of the pass.
     pub in_flight: usize,
+    /// Points of a slab that are held at once.
+    pub piece_points: usize,
 }
 
 #[cfg(test)]

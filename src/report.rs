@@ -184,6 +184,14 @@ impl GridReport {
     }
 }
 
+impl fmt::Display for GridReport {
+    /// "132 x 134 x 104 cells of 0.00117, 134 slices along y".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let GridReport { axis, slices, raster: [a, b, c], cell_size } = self;
+        write!(f, "{a} x {b} x {c} cells of {}, {slices} slices along {axis}", short(*cell_size))
+    }
+}
+
 impl Closing {
     /// The closing of a reconstruction.
     pub fn of(made: &Reconstruction) -> Closing {
@@ -199,16 +207,18 @@ impl Closing {
 
     /// A line about the inside.
     pub fn verdict(&self) -> String {
+        let radius = match self.radius {
+            1 => "radius 1 cell".to_owned(),
+            cells => format!("radius {cells} cells"),
+        };
         match self.sealing_radius {
             Some(needed) if self.radius < needed => format!(
-                "radius {} cells does not seal this cloud: the mesh is a thin shell of two sides; --window {} would seal it",
-                self.radius,
+                "{radius}, which does not seal this cloud: the mesh is a thin closed shell of two sides; --window {} or more would seal it",
                 2 * needed + 1
             ),
-            Some(_) => format!("radius {} cells, sealed: the mesh encloses the inside", self.radius),
+            Some(_) => format!("{radius}, sealed: the mesh encloses the inside"),
             None => format!(
-                "radius {} cells; no radius finds an inside (an open surface?): the mesh is a thin closed shell of two sides",
-                self.radius
+                "{radius}; no radius finds an inside (an open surface?): the mesh is a thin closed shell of two sides"
             ),
         }
     }
@@ -225,13 +235,12 @@ fn seconds(time: f64) -> String {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let GridReport { axis, slices, raster: [a, b, c], cell_size } = &self.grid;
         write!(f, "points   {}", thousands(self.points.count))?;
         if self.points.dropped > 0 {
             write!(f, " ({} dropped: not finite)", thousands(self.points.dropped))?;
         }
         writeln!(f)?;
-        writeln!(f, "grid     {a} x {b} x {c} cells of {}, {slices} slices along {axis}", short(*cell_size))?;
+        writeln!(f, "grid     {}", self.grid)?;
         writeln!(f, "closing  {}", self.closing.verdict())?;
         let OutputReport { vertices, triangles, .. } = self.output;
         write!(f, "mesh     {} vertices, {} triangles", thousands(vertices), thousands(triangles))?;

@@ -35,6 +35,21 @@ pub struct Job {
     pub check: Check,
 }
 
+impl Job {
+    /// A job with the command's defaults.
+    pub fn new(inputs: impl IntoIterator<Item = impl Into<PathBuf>>) -> Job {
+        Job {
+            inputs: inputs.into_iter().map(Into::into).collect(),
+            input: InputOptions::default(),
+            settings: Settings::default(),
+            output: None,
+            overwrite: Overwrite::Refuse,
+            means: Means::default(),
+            check: Check::Always,
+        }
+    }
+}
+
 /// What a run may use. Nothing of it shows in the mesh.
 #[derive(Debug, Clone, Default)]
 pub struct Means {
@@ -83,12 +98,14 @@ impl Means {
     }
 }
 
-/// The default output: the input's name with `.mesh.ply` for its extension, beside it.
-pub fn default_output(input: &Path) -> PathBuf {
-    input.with_extension("mesh.ply")
+/// The default output: the first input's name with `.mesh.ply` for its extension, beside it. If that input is a pattern, its
+/// first file's name counts.
+pub fn default_output(inputs: &[PathBuf], cloud: &Cloud) -> PathBuf {
+    let named = inputs.first().filter(|input| input.exists() && input.file_name().is_some());
+    named.unwrap_or(&cloud.sources()[0].path).with_extension("mesh.ply")
 }
 
-/// What is known of a job before its first point is sorted: for `plan` and `info`.
+/// What is known of a job before its first point is sorted.
 #[derive(Debug)]
 pub struct Planned {
     /// The files.
@@ -104,19 +121,45 @@ pub struct Planned {
 /// # Errors
 /// Those of opening and reading the input, of laying the grid and of the plan.
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
-    let cloud = open(job, progress)?;
+    let cloud = open(job)?;
+    describe(&cloud, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     let memory = MemoryPlan::for_budget(job.means.budget(), &surveyed.load, workers.threads())?;
     Ok(Planned { cloud, surveyed, memory })
 }
 
-fn open(job: &Job, progress: &Progress) -> Result<Cloud> {
+/// Looks at the input and surveys it; asks for no memory beyond that.
+///
+/// # Errors
+/// Those of opening and reading the input and of laying the grid.
+pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<(Cloud, Surveyed)> {
+    let cloud = open(job)?;
+    let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    Ok((cloud, surveyed))
+}
+
+fn open(job: &Job) -> Result<Cloud> {
     job.settings.validate()?;
-    let cloud = Cloud::open(&job.inputs, &job.input)?;
+    Cloud::open(&job.inputs, &job.input)
+}
+
+/// Says how every file was understood.
+fn describe(cloud: &Cloud, progress: &Progress) {
     for source in cloud.sources() {
         progress.note(&format!("{}: {}", source.path.display(), source.description));
     }
-    Ok(cloud)
+}
+
+/// No mesh takes the place of the points it is made from.
+fn refuse_input_as_output(cloud: &Cloud, output: &Path) -> Result<()> {
+    let same = |path: &Path| matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    match cloud.sources().iter().find(|source| same(&source.path)) {
+        Some(source) => Err(Error::Usage(format!(
+            "{}: is an input, which the mesh would replace; choose another --output",
+            source.path.display()
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// Reconstructs: reads the input, makes the mesh, checks it, writes it.
@@ -125,13 +168,14 @@ fn open(job: &Job, progress: &Progress) -> Result<Cloud> {
 /// All of [`Error`]. Whatever happens, no temporary file stays, and the output exists only if it is whole.
 pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Report> {
     let start = Instant::now();
-    let cloud = open(job, progress)?;
-    let first = &cloud.sources()[0].path;
-    let output = job.output.clone().unwrap_or_else(|| default_output(first));
+    let cloud = open(job)?;
+    let output = job.output.clone().unwrap_or_else(|| default_output(&job.inputs, &cloud));
+    refuse_input_as_output(&cloud, &output)?;
     // What can fail for want of room or rights fails now, not after the work.
     let target = Target::prepare(&output, job.overwrite)?;
     let workspace = job.means.workspace(&output)?;
 
+    describe(&cloud, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     let context = context(&surveyed, workers, &workspace, job.means.budget())?;
     let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;

@@ -6,7 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::sizes;
 use crate::generate::Shape;
-use crate::grid::{Axis, AxisChoice, Resolution};
+use crate::grid::{Axis, AxisChoice, CELLS_LIMIT, Resolution};
 use crate::input::{Endian, InputOptions, Layout};
 use crate::pipeline::{Fineness, Settings};
 use crate::run::{Check, Job, Means};
@@ -36,8 +36,8 @@ pub struct Arguments {
 pub enum Command {
     /// Show what a reconstruction would take (memory, disk, slices, triangles), without doing it
     Plan(PlanArguments),
-    /// Show what is in the input: layout, number of points, box, raster, sampling distance
-    Info(PlanArguments),
+    /// Show what is in the input: layout, number of points, box, grid, sampling distance
+    Info(InfoArguments),
     /// Check a mesh: closed, oriented, manifold, Euler number, components, volume, area (exit code 4 if it is no closed oriented 2-manifold)
     Check(CheckArguments),
     /// Write a test cloud of any size
@@ -59,7 +59,7 @@ pub struct ReconstructArguments {
     /// Do not check the mesh at the end
     #[arg(long)]
     pub no_check: bool,
-    /// Write a report of the run as JSON
+    /// Write a report of the run as JSON; an existing one is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Say nothing but errors
@@ -76,28 +76,30 @@ pub struct CloudArguments {
     /// Point clouds: .ply, text (.xyz .txt .csv .pts .asc) or raw binary; several files, patterns and folders are one cloud
     #[arg(value_name = "INPUT", required = true)]
     pub inputs: Vec<PathBuf>,
-    /// Record layout of raw files: xyz, xyzi, xyzir, xyzrgb, xyz:f64, x:f64,y:f64,z:f64,i:u16,_:6
+    /// Record layout of raw files: xyz, xyzi, xyzir, xyzrgb, xyz:f64, x:f64,y:f64,z:f64,i:u16,_:6 [default: the side-car's, else detected]
     #[arg(long, value_name = "FIELDS", help_heading = "Input")]
     pub layout: Option<Layout>,
-    /// Bytes before the first record of raw files
+    /// Bytes before the first record of raw files [default: the side-car's, else 0]
     #[arg(long, value_name = "N", help_heading = "Input")]
     pub skip_bytes: Option<u64>,
-    /// Byte order of raw files [default: little]
+    /// Byte order of raw files [default: the side-car's, else little]
     #[arg(long, value_enum, help_heading = "Input")]
     pub endian: Option<EndianWord>,
     /// Slices for each cube root of the number of points [default: 4]
-    #[arg(long, value_name = "K", help_heading = "Grid", conflicts_with_all = ["slices", "cell_size"])]
+    #[arg(long, value_name = "K", value_parser = positive, allow_negative_numbers = true, help_heading = "Grid")]
+    #[arg(conflicts_with_all = ["slices", "cell_size"])]
     pub k: Option<f64>,
-    /// Number of slices
-    #[arg(long, value_name = "S", help_heading = "Grid", conflicts_with = "cell_size")]
+    /// Number of slices, instead of --k
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u32).range(1..=i64::from(CELLS_LIMIT)))]
+    #[arg(allow_negative_numbers = true, help_heading = "Grid", conflicts_with = "cell_size")]
     pub slices: Option<u32>,
-    /// Side of a cell, in the input's units, or `auto`: twice the sampling distance
-    #[arg(long, value_name = "W|auto", value_parser = cell_size, help_heading = "Grid")]
+    /// Side of a cell, in the input's units, or `auto`: twice the sampling distance; instead of --k
+    #[arg(long, value_name = "W|auto", value_parser = cell_size, allow_negative_numbers = true, help_heading = "Grid")]
     pub cell_size: Option<Fineness>,
     /// The axis to slice along
     #[arg(long, value_enum, default_value_t, help_heading = "Grid")]
     pub axis: AxisWord,
-    /// Slices in the window: an odd number, at least 3. It bounds the closing radius, (W - 1) / 2 cells, which is otherwise found by itself
+    /// Slices in the window: an odd number, at least 3. It bounds the closing radius, to (W - 1) / 2 cells [default: as wide as the radius found needs]
     #[arg(long, value_name = "W", help_heading = "Surface")]
     pub window: Option<u32>,
     /// Steps of smoothing
@@ -120,12 +122,12 @@ pub struct MeansArguments {
     /// Worker threads [default: one for each processor]
     #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Means")]
     pub threads: Option<u16>,
-    /// Folder for temporary files [default: TMPDIR, else the output's folder]
+    /// Folder for temporary files [default: TMPDIR, else the mesh's folder]
     #[arg(long, value_name = "DIR", help_heading = "Means")]
     pub temp_dir: Option<PathBuf>,
 }
 
-/// Arguments of `plan` and `info`.
+/// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArguments {
     /// The cloud and how it would be meshed.
@@ -136,12 +138,23 @@ pub struct PlanArguments {
     pub means: MeansArguments,
 }
 
+/// Arguments of `info`.
+#[derive(Debug, Args)]
+pub struct InfoArguments {
+    /// The cloud and how it would be meshed.
+    #[command(flatten)]
+    pub cloud: CloudArguments,
+    /// Worker threads [default: one for each processor]
+    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Means")]
+    pub threads: Option<u16>,
+}
+
 /// Arguments of `check`.
 #[derive(Debug, Args)]
 pub struct CheckArguments {
     /// The mesh: .ply, .stl, .obj or .glb
     pub mesh: PathBuf,
-    /// Write the findings as JSON
+    /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Say nothing but errors
@@ -219,14 +232,20 @@ pub enum EndianWord {
     Big,
 }
 
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
+        _ => Err(format!("expected a number above 0, found {text:?}")),
+    }
+}
+
 fn cell_size(text: &str) -> Result<Fineness, String> {
     if text == "auto" {
         return Ok(Fineness::Sampling);
     }
-    match text.parse::<f64>() {
-        Ok(side) if side > 0.0 && side.is_finite() => Ok(Fineness::Given(Resolution::Cell(side))),
-        _ => Err(format!("expected a length above 0, or `auto`, found {text:?}")),
-    }
+    positive(text)
+        .map(|side| Fineness::Given(Resolution::Cell(side)))
+        .map_err(|_| format!("expected a length above 0, or `auto`, found {text:?}"))
 }
 
 fn triple(text: &str) -> Result<Coordinates, String> {
@@ -277,27 +296,26 @@ impl ReconstructArguments {
     pub fn job(&self) -> Job {
         let check = if self.no_check { Check::Never } else { Check::Always };
         let output = self.output.clone();
-        Job { output, overwrite: overwrite(self.overwrite), check, ..job(&self.cloud, &self.means) }
+        Job { output, overwrite: overwrite(self.overwrite), check, ..job(&self.cloud, self.means.means()) }
     }
 }
 
 impl PlanArguments {
     /// The job they describe.
     pub fn job(&self) -> Job {
-        job(&self.cloud, &self.means)
+        job(&self.cloud, self.means.means())
     }
 }
 
-fn job(cloud: &CloudArguments, means: &MeansArguments) -> Job {
-    Job {
-        inputs: cloud.inputs.clone(),
-        input: cloud.input(),
-        settings: cloud.settings(),
-        output: None,
-        overwrite: Overwrite::Refuse,
-        means: means.means(),
-        check: Check::Always,
+impl InfoArguments {
+    /// The job they describe.
+    pub fn job(&self) -> Job {
+        job(&self.cloud, Means { threads: self.threads.map(usize::from), ..Means::default() })
     }
+}
+
+fn job(cloud: &CloudArguments, means: Means) -> Job {
+    Job { input: cloud.input(), settings: cloud.settings(), means, ..Job::new(&cloud.inputs) }
 }
 
 /// What the flag `--overwrite` means.

@@ -6,16 +6,18 @@ use std::path::Path;
 use bytesize::ByteSize;
 
 use super::args::{
-    Arguments, CheckArguments, Command, GenerateArguments, PlanArguments, ReconstructArguments, overwrite,
+    Arguments, CheckArguments, Command, GenerateArguments, InfoArguments, PlanArguments, ReconstructArguments,
+    overwrite,
 };
 use super::{Exit, stop_on_signal};
 use crate::error::{Error, Result};
 use crate::generate;
 use crate::mesh;
 use crate::pipeline::Fineness;
+use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress, Show, thousands};
-use crate::report::short;
-use crate::run::{Means, Planned, plan, run};
+use crate::report::{GridReport, short};
+use crate::run::{Means, Planned, default_output, look, plan, run};
 use crate::survey::sampling_distance;
 use crate::whole::{Overwrite, WholeFile};
 
@@ -56,19 +58,24 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
     let workers = job.means.workers()?;
     stop_on_signal(&workers)?;
     let mut progress = Progress::new(Show::fitting());
-    let Planned { surveyed, memory, .. } = plan(&job, &workers, &mut progress)?;
+    let Planned { cloud, surveyed, memory } = plan(&job, &workers, &mut progress)?;
     let load = &surveyed.load;
-    let least = crate::plan::MemoryPlan::least(load);
+    let least = MemoryPlan::least(load);
+    let output = default_output(&job.inputs, &cloud);
+    let workspace = job.means.workspace(&output)?;
     let in_memory = |quota: u64, bytes: u64| if quota >= bytes { "in memory" } else { "on disk" };
     let lines = [
         ("points", thousands(load.points)),
-        ("grid", surveyed.grid.to_string()),
-        ("slices", thousands(u64::from(load.cells[1]))),
+        ("grid", GridReport::of(&surveyed.grid).to_string()),
         ("triangles", format!("about {}", thousands(load.triangles()))),
         ("threads", memory.threads.to_string()),
         ("memory", format!("{} at most, of {} granted", ByteSize(memory.predicted), ByteSize(memory.budget))),
         ("least memory", ByteSize(least.next_multiple_of(1 << 20)).to_string()),
-        ("temporary disk", ByteSize(memory.predicted_disk).to_string()),
+        (
+            "temporary disk",
+            format!("{} at most, of {} free", ByteSize(memory.predicted_disk), ByteSize(workspace.available()?)),
+        ),
+        ("temporary folder", workspace.dir().display().to_string()),
         ("points kept", in_memory(memory.buckets_quota, load.bucket_bytes()).to_owned()),
         ("mesh kept", in_memory(memory.mesh_quota, load.mesh_bytes()).to_owned()),
         ("bucket buffers", format!("{} each", ByteSize(memory.bucket_buffer))),
@@ -78,18 +85,18 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
     print(&lines)
 }
 
-fn show_info(arguments: &PlanArguments) -> Result<Exit> {
+fn show_info(arguments: &InfoArguments) -> Result<Exit> {
     let job = arguments.job();
     let workers = job.means.workers()?;
     stop_on_signal(&workers)?;
     let mut progress = Progress::new(Show::fitting());
-    let Planned { cloud, surveyed, .. } = plan(&job, &workers, &mut progress)?;
+    let (cloud, surveyed) = look(&job, &workers, &mut progress)?;
     let distance = match (job.settings.fineness, surveyed.sampling) {
         (Fineness::Sampling, measured) => measured,
         _ => sampling_distance(&cloud, &surveyed.survey, &workers, 2 * workers.threads())?,
     };
     let survey = &surveyed.survey;
-    let triple = |values: [f64; 3]| values.map(|v| v.to_string()).join("  ");
+    let triple = |values: [f64; 3], word: fn(f64) -> String| values.map(word).join("  ");
     let mut lines: Vec<(&str, String)> = Vec::new();
     for source in cloud.sources() {
         lines.push(("file", format!("{}, {}", source.path.display(), ByteSize(source.bytes))));
@@ -97,11 +104,11 @@ fn show_info(arguments: &PlanArguments) -> Result<Exit> {
     }
     lines.extend([
         ("points", thousands(survey.points)),
-        ("dropped", thousands(survey.dropped)),
-        ("smallest", triple(survey.bounds.min)),
-        ("largest", triple(survey.bounds.max)),
-        ("extent", triple(survey.bounds.extent())),
-        ("raster", surveyed.grid.to_string()),
+        ("dropped", format!("{} (not finite)", thousands(survey.dropped))),
+        ("smallest", triple(survey.bounds.min, |v| v.to_string())),
+        ("largest", triple(survey.bounds.max, |v| v.to_string())),
+        ("extent", triple(survey.bounds.extent(), short)),
+        ("grid", GridReport::of(&surveyed.grid).to_string()),
         ("sampling distance", distance.map_or_else(|| "none: a single place".to_owned(), short)),
     ]);
     print(&lines)
@@ -112,9 +119,8 @@ fn check(arguments: &CheckArguments) -> Result<Exit> {
     let workers = means.workers()?;
     stop_on_signal(&workers)?;
     let report_file = json_file(arguments.report.as_deref())?;
-    let workspace = Means { temp_dir: means.temp_dir.clone().or(Some(std::env::temp_dir())), ..means.clone() }
-        .workspace(&arguments.mesh)?;
     let budget = means.budget();
+    let workspace = means.workspace(&arguments.mesh)?;
     let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 2)?;
     let mut progress = Progress::new(show(arguments.quiet));
     progress.begin(Phase::Check, Some(mesh.face_count()));

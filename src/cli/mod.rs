@@ -59,8 +59,8 @@ pub fn main() -> ExitCode {
     ExitCode::from(exit as u8)
 }
 
-/// Lets Ctrl-C and termination signals stop `workers` at the next job; a second one ends the process at once (temporary
-/// files have no name by then, and the output not yet its own).
+/// Lets Ctrl-C and termination signals stop `workers` at the next job; a second one ends the process at once. Then the
+/// output in the making may stay, under its temporary name; the rest of the temporary files never has a name.
 fn stop_on_signal(workers: &Workers) -> Result<()> {
     let flag = workers.cancel_flag();
     ctrlc::set_handler(move || {

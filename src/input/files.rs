@@ -43,7 +43,7 @@ fn stands_for(input: &Path) -> Result<Vec<PathBuf>> {
     for path in paths {
         let path = path.map_err(|e| Error::io(e.path(), "read")(std::io::Error::from(e.error().kind())))?;
         // `scans/*` also matches the side-cars.
-        if path.is_file() && !has_extension(&path, &["json"]) {
+        if path.is_file() && !has_extension(&path, &["json"]) && !is_own_mesh(&path) {
             files.push(path);
         }
     }
@@ -54,12 +54,17 @@ fn point_files_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder, "list"))? {
         let path = entry.map_err(Error::io(folder, "list"))?.path();
-        if path.is_file() && has_extension(&path, &POINT_FILES) {
+        if path.is_file() && has_extension(&path, &POINT_FILES) && !is_own_mesh(&path) {
             files.push(path);
         }
     }
     files.sort();
     some(files, folder, "the folder holds no point file")
+}
+
+/// Whether the file has the name that a mesh gets by default: the mesh of an earlier run is no part of the cloud beside it.
+fn is_own_mesh(path: &Path) -> bool {
+    path.to_str().is_some_and(|name| name.ends_with(".mesh.ply"))
 }
 
 fn has_extension(path: &Path, extensions: &[&str]) -> bool {
@@ -77,7 +82,7 @@ mod tests {
     #[test]
     fn patterns_folders_and_names_give_each_file_once() {
         let dir = tempfile::tempdir().unwrap();
-        for name in ["b.ply", "a.ply", "c.bin", "c.bin.json", "notes.md", "[odd].xyz"] {
+        for name in ["b.ply", "a.ply", "c.bin", "c.bin.json", "notes.md", "[odd].xyz", "a.mesh.ply"] {
             std::fs::write(dir.path().join(name), "x").unwrap();
         }
         let names = |inputs: &[&str]| {
@@ -92,6 +97,7 @@ mod tests {
         assert_eq!(names(&["c.*"]).unwrap(), ["c.bin"], "side-cars are not points");
         assert_eq!(names(&[""]).unwrap(), ["[odd].xyz", "a.ply", "b.ply", "c.bin"]);
         assert_eq!(names(&["[odd].xyz"]).unwrap(), ["[odd].xyz"], "an existing file is no pattern");
+        assert_eq!(names(&["a.mesh.ply"]).unwrap(), ["a.mesh.ply"], "a mesh counts if it is named");
         assert!(names(&["*.las"]).unwrap_err().to_string().contains("matches no file"));
         assert!(names(&["[.ply"]).unwrap_err().to_string().contains("not a valid pattern"));
         assert!(matches!(names(&["gone.ply"]), Err(Error::Io { .. })));

@@ -100,8 +100,8 @@ pub(crate) trait Decode: Send + Sync {
 impl Cloud {
     /// Looks at the files: their headers, and for raw files without a layout at a sample of their content.
     ///
-    /// An argument that is no file is taken as a pattern (`tiles/*.ply`); a folder stands for the point files in it. A
-    /// file that is named more than once counts once. The order is that of the arguments, by name within an argument.
+    /// An argument that is no file is taken as a pattern (`tiles/*.ply`); a folder stands for the point files in it;
+    /// neither for meshes by default names (`*.mesh.ply`). A file that is named more than once counts once. The order is that of the arguments, by name within an argument.
     ///
     /// # Errors
     /// If an argument or pattern matches nothing, a file cannot be opened, is malformed or of a format that is not

@@ -116,7 +116,7 @@ fn an_empty_mesh_is_a_file_too() {
 #[test]
 fn what_cannot_be_written_is_refused_at_once() {
     let missing = Target::prepare(Path::new("/nonexistent/m.ply"), Overwrite::Refuse).unwrap_err();
-    assert!(missing.to_string().starts_with("/nonexistent/m.ply: cannot create a file beside"), "{missing}");
+    assert!(missing.to_string().starts_with("/nonexistent: cannot open the folder: No such file"), "{missing}");
     for name in ["mesh", "mesh.xyz", ".ply"] {
         assert!(matches!(Target::prepare(Path::new(name), Overwrite::Refuse), Err(Error::Usage(_))), "{name}");
     }

@@ -1,0 +1,470 @@
+//! The command as a user meets it: what it says, what it writes, how it ends.
+
+mod command {
+    pub mod folder;
+}
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use command::folder::{Answer, Folder, ply, shuffled, with_intensity};
+
+const SHAPES: [&str; 10] = ["sphere", "torus", "knot", "terrain", "plane", "box", "volume", "cluster", "line", "steps"];
+
+// ---- Input that is not what it should be ----
+
+#[test]
+fn a_wrong_path_is_named() {
+    let f = Folder::new();
+    f.fails("gone.ply", 1, &["gone.ply: cannot open: No such file"]);
+    f.fails("gone*.ply", 2, &["gone*.ply: the pattern matches no file"]);
+    f.make("nothing");
+    f.fails("nothing", 2, &["nothing: the folder holds no point file"]);
+}
+
+#[test]
+fn an_empty_file_is_no_cloud() {
+    let f = Folder::new();
+    f.write("a.ply", "");
+    f.fails("a.ply", 1, &["a.ply: length: expected points, found an empty file"]);
+}
+
+#[test]
+fn a_truncated_file_says_where_it_ends() {
+    let f = Folder::new();
+    f.knot(1000);
+    let whole = f.read("k.ply");
+    f.write("cut.ply", &whole[..whole.len() - 5]);
+    f.fails("cut.ply", 1, &["cut.ply: vertex 999: expected 1000 vertices of 12 bytes", "found the end of the file"]);
+    f.write("head.ply", &whole[..40]);
+    f.fails("head.ply", 1, &["head.ply"]);
+}
+
+#[test]
+fn points_that_are_not_finite_are_dropped_and_counted() {
+    let f = Folder::new();
+    let mut points = f.knot(5000);
+    f.ok("k.ply -o clean.ply");
+    points.insert(7, [f32::NAN, 0.0, 0.0]);
+    points.insert(2000, [0.0, f32::INFINITY, 9e9]);
+    f.write("dirty.ply", ply(&points));
+    let answer = f.ok("dirty.ply -o dirty.mesh.ply --report r.json");
+    assert!(answer.err.contains("points   5,000 (2 dropped: not finite)"), "{}", answer.err);
+    assert_eq!(report(&f, "r.json")["points"]["dropped"], 2);
+    assert_eq!(f.read("dirty.mesh.ply"), f.read("clean.ply"));
+    f.write("none.ply", ply(&[[f32::NAN; 3]; 3]));
+    f.fails("none.ply", 1, &["the input holds no points (3 records dropped as not finite)"]);
+}
+
+#[test]
+fn a_raw_file_is_told_by_side_car_flag_or_numbers_or_refused() {
+    let f = Folder::new();
+    f.ok("generate sphere 20k -o s.bin");
+    f.ok("s.bin -o sidecar.ply");
+    f.write("bare.bin", f.read("s.bin"));
+    f.fails("bare.bin", 1, &["bare.bin: the record layout is ambiguous; name one with --layout", "--layout xyzir"]);
+    let answer = f.ok("bare.bin --layout xyz -o given.ply");
+    assert!(answer.err.contains("bare.bin: raw xyz little-endian (given)"), "{}", answer.err);
+    assert_eq!(f.read("given.ply"), f.read("sidecar.ply"));
+    f.fails("bare.bin --layout xy", 2, &["expected one field z, found 0"]);
+    f.fails("bare.bin --layout xyz --skip-bytes 5", 1, &["expected a multiple of 12 bytes", "7 left over"]);
+}
+
+#[test]
+fn foreign_formats_are_refused_by_name() {
+    let f = Folder::new();
+    f.write("a.bin", [b"LASF".as_slice(), &[0; 300]].concat());
+    f.fails("a.bin", 1, &["a.bin: this is a LAS or LAZ file", "pdal translate"]);
+    f.write("a.e57", [b"ASTM-E57".as_slice(), &[0; 300]].concat());
+    f.fails("a.e57", 1, &["an E57 file"]);
+}
+
+// ---- Output ----
+
+#[test]
+fn an_output_that_exists_stays_unless_told() {
+    let f = Folder::new();
+    f.knot(2000);
+    f.write("m.ply", "precious");
+    f.fails("k.ply -o m.ply", 2, &["m.ply: exists already; pass --overwrite"]);
+    assert_eq!(f.read("m.ply"), b"precious");
+    f.ok("k.ply -o m.ply --overwrite");
+    assert!(f.read("m.ply").starts_with(b"ply\n"));
+    f.fails("k.ply -o k.ply --overwrite", 2, &["k.ply: is an input"]);
+    f.fails("generate knot 10 -o k.ply", 2, &["k.ply: exists already"]);
+}
+
+#[test]
+fn the_default_output_lies_beside_the_input_and_is_no_input_next_time() {
+    let f = Folder::new();
+    f.knot(2000);
+    f.ok("k.ply");
+    let first = f.read("k.mesh.ply");
+    f.ok("*.ply --overwrite");
+    assert_eq!(f.read("k.mesh.ply"), first);
+    f.ok(". --overwrite");
+    assert_eq!(f.read("k.mesh.ply"), first);
+    f.make("tiles");
+    f.write("tiles/a.ply", f.read("k.ply"));
+    f.ok("tiles/");
+    assert_eq!(f.read("tiles.mesh.ply"), first);
+}
+
+#[test]
+fn an_output_that_cannot_be_is_refused_at_once() {
+    let f = Folder::new();
+    f.knot(2000);
+    f.fails("k.ply -o k.off", 2, &["k.off", ".ply, .stl, .obj or .glb"]);
+    f.fails("k.ply -o no/where/k.obj", 1, &["no/where: cannot open the folder: No such file"]);
+    f.fails("k.ply --report no/r.json", 1, &["no: cannot open the folder"]);
+    f.fails("k.ply --temp-dir no", 1, &["no: cannot create a temporary file: No such file"]);
+}
+
+#[test]
+fn a_folder_without_write_permission_is_refused() {
+    use std::os::unix::fs::PermissionsExt;
+    let f = Folder::new();
+    f.knot(2000);
+    f.make("locked");
+    std::fs::set_permissions(f.path("locked"), std::fs::Permissions::from_mode(0o555)).unwrap();
+    if std::fs::write(f.path("locked/probe"), "").is_ok() {
+        return; // The superuser may write anywhere.
+    }
+    f.fails("k.ply --temp-dir locked", 1, &["locked: cannot create a temporary file: Permission denied"]);
+    f.fails("k.ply -o locked/k.ply", 1, &["locked/k.ply: cannot create a file beside: Permission denied"]);
+}
+
+/// A limit on the length of files stands in for a disk that is full: the system's answer comes at the same call.
+#[test]
+fn a_full_disk_is_reported_and_nothing_is_left() {
+    let f = Folder::new();
+    f.knot(20_000);
+    f.make("tmp");
+    for (blocks, arguments, says) in [
+        (200, "k.ply -o m.ply", "m.ply: cannot"),
+        (100, "k.ply -o m.ply --temp-dir tmp --max-memory LEAST", "tmp: cannot write temporary data"),
+    ] {
+        let arguments = arguments.replace("LEAST", &least_memory(&f, "k.ply"));
+        let program = f.command("").get_program().to_owned();
+        let mut shell = Command::new("sh");
+        shell.arg("-c").arg(format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" {arguments}")).arg(program);
+        let before = f.names("");
+        let answer = Answer::of(shell.current_dir(f.path("")).env_remove("TMPDIR").output().unwrap());
+        assert_eq!(answer.code, 1, "{}", answer.err);
+        assert!(answer.err.contains(says) && answer.err.contains("File too large"), "{}", answer.err);
+        assert_eq!(f.names(""), before);
+        assert_eq!(f.names("tmp").len(), 0);
+    }
+}
+
+// ---- Arguments ----
+
+#[test]
+fn arguments_out_of_range_are_refused_before_the_input_is_read() {
+    let f = Folder::new();
+    f.knot(2000);
+    for (arguments, says) in [
+        ("--window 4", "--window 4: the window is an odd number of slices, at least 3"),
+        ("--window 1", "--window 1"),
+        ("--k 0", "expected a number above 0"),
+        ("--k -1", "expected a number above 0"),
+        ("--slices 0", "0 is not in 1..=1048575"),
+        ("--cell-size -3", "expected a length above 0"),
+        ("--k 3 --cell-size 1", "cannot be used with"),
+        ("--threads 0", "0 is not in 1..=65535"),
+        ("--max-memory much", "expected a size such as 512M or 2G"),
+        ("--smooth 1000", "at most 100 steps"),
+        ("--frobnicate", "--frobnicate"),
+    ] {
+        f.fails(&format!("k.ply {arguments}"), 2, &[says]);
+    }
+    f.fails("", 2, &["Usage: asra-stream [OPTIONS] <INPUT>..."]);
+    f.fails("generate dragon 10 -o a.ply", 2, &["dragon", "sphere, torus, knot"]);
+    f.fails("generate knot 10 -o a.las", 2, &["a.las: expected a name with .bin, .ply, .xyz or .txt"]);
+    f.fails("k.ply --cell-size 1e-9", 1, &["cells long along", "--cell-size"]);
+}
+
+#[test]
+fn help_and_version_go_to_standard_output() {
+    let f = Folder::new();
+    for line in ["--help", "-h", "plan --help", "info --help", "check --help", "generate --help"] {
+        let answer = f.ok(line);
+        assert!(answer.out.contains("Usage:") && answer.err.is_empty(), "{line}");
+    }
+    assert_eq!(f.ok("--version").out, format!("asra-stream {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+// ---- Memory, threads, folders: nothing of them shows ----
+
+/// The least budget for `arguments`, found by doing as the refusals say: the first figure is the plan's, made from the survey; what the
+/// largest slab needs is known when the solid is, and may be more.
+fn least_memory(f: &Folder, arguments: &str) -> String {
+    let mut budget = "1M".to_owned();
+    for _ in 0..6 {
+        let answer = f.run(&format!("{arguments} -o least.ply --overwrite --max-memory {budget}"));
+        if answer.code == 0 {
+            return budget;
+        }
+        assert_eq!(answer.code, 1, "{}", answer.err);
+        let (_, after) = answer.err.split_once("pass --max-memory ").expect("a figure that would do");
+        budget = after.split_whitespace().next().unwrap().to_owned();
+    }
+    panic!("no figure named for {arguments} was accepted, at last {budget}")
+}
+
+#[test]
+fn means_do_not_show_in_the_mesh() {
+    let f = Folder::new();
+    f.knot(60_000);
+    f.make("tmp");
+    f.ok("k.ply -o a.ply");
+    let expected = f.read("a.ply");
+    let least = |threads: &str| format!("--max-memory {} {threads}", least_memory(&f, &format!("k.ply {threads}")));
+    for means in [
+        "--threads 1".to_owned(),
+        "-j 7".to_owned(),
+        "--temp-dir tmp".to_owned(),
+        "--max-memory 64G".to_owned(),
+        least("--threads 1"),
+        least("--threads 7 --temp-dir tmp"),
+    ] {
+        f.ok(&format!("k.ply -o b.ply --overwrite {means} --report r.json"));
+        assert!(f.read("b.ply") == expected, "{means}");
+        let used = report(&f, "r.json")["memory"]["peak_disk"].as_u64().unwrap();
+        assert_eq!(used > 0, means.contains("M --threads"), "{means}: {used} bytes on disk");
+        assert_eq!(f.names("tmp").len(), 0);
+    }
+}
+
+#[test]
+fn each_output_format_is_the_same_whatever_the_means() {
+    let f = Folder::new();
+    f.knot(5000);
+    let least = least_memory(&f, "k.ply --threads 7");
+    let mut topologies = Vec::new();
+    for format in ["ply", "stl", "obj", "glb"] {
+        f.ok(&format!("k.ply -o a.{format} --threads 1"));
+        f.ok(&format!("k.ply -o b.{format} --threads 7 --max-memory {least}"));
+        assert!(f.read(&format!("a.{format}")) == f.read(&format!("b.{format}")), "{format}");
+        let answer = f.ok(&format!("check a.{format}"));
+        assert!(answer.out.contains("closed, consistently oriented, manifold"), "{}", answer.out);
+        topologies.push(answer.out.lines().find(|line| line.contains("Euler number")).unwrap().to_owned());
+    }
+    assert!(topologies.iter().all(|t| *t == topologies[0]), "{topologies:?}");
+}
+
+#[test]
+fn order_files_and_formats_of_the_points_do_not_show_in_the_mesh() {
+    let f = Folder::new();
+    let points = f.knot(30_000);
+    f.ok("k.ply -o a.ply");
+    let mixed = shuffled(&points);
+    f.make("parts");
+    f.write("parts/a.ply", ply(&mixed[..11_000]));
+    f.write("parts/b.bin", bytemuck::cast_slice(&mixed[11_000..25_000]));
+    f.write("parts/b.bin.json", r#"{"fields":[["x","f4"],["y","f4"],["z","f4"]],"count":14000}"#);
+    f.write("parts/c.bin", with_intensity(&mixed[25_000..]));
+    let four = r#"{"fields":[["x","<f4"],["y","<f4"],["z","<f4"],["intensity","<f4"]]}"#;
+    f.write("parts/c.bin.json", four);
+    f.ok("parts -o b.ply");
+    f.ok("parts/c.bin parts/b.* parts/a.ply -o c.ply");
+    let expected = f.read("a.ply");
+    assert!(f.read("b.ply") == expected && f.read("c.ply") == expected);
+    f.write("k.xyz", points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect::<String>());
+    f.ok("k.xyz -o text.ply");
+    f.write("reversed.xyz", points.iter().rev().map(|[x, y, z]| format!("{x};{y};{z}\n")).collect::<String>());
+    f.ok("reversed.xyz -o reversed.ply");
+    assert!(f.read("reversed.ply") == f.read("text.ply"));
+}
+
+// ---- Subcommands ----
+
+const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+
+#[test]
+fn check_tells_a_good_mesh_from_a_broken_one() {
+    let f = Folder::new();
+    f.write("good.obj", TETRAHEDRON);
+    let answer = f.ok("check good.obj --report good.json");
+    assert!(answer.out.contains("closed, consistently oriented, manifold"), "{}", answer.out);
+    assert_eq!(report(&f, "good.json")["closed"], true);
+    let open = TETRAHEDRON.strip_suffix("f 2 3 4\n").unwrap();
+    let turned = TETRAHEDRON.replace("f 2 3 4", "f 2 4 3");
+    for (name, content, says) in
+        [("open.obj", open, "not closed"), ("turned.obj", &turned, "not consistently oriented")]
+    {
+        f.write(name, content);
+        let answer = f.fails(&format!("check {name}"), 4, &[]);
+        assert!(answer.out.contains(says), "{}", answer.out);
+        assert_eq!(f.fails(&format!("check {name} --quiet"), 4, &[]).out, "");
+    }
+    f.fails("check gone.ply", 1, &["gone.ply: cannot open"]);
+    f.fails("check good.obj --temp-dir no", 1, &["no: cannot create a temporary file"]);
+    f.write("cloud.txt", "1 2 3\n");
+    f.fails("check cloud.txt", 2, &["cloud.txt: not a mesh that can be read"]);
+    f.knot(10);
+    f.fails("check k.ply", 1, &["k.ply: the header: expected one element face (is this a point cloud?)"]);
+}
+
+#[test]
+fn plan_and_info_look_and_write_nothing() {
+    let f = Folder::new();
+    f.knot(5000);
+    let before = f.names("");
+    let plan = f.ok("plan k.ply --max-memory 100M").out;
+    for row in ["points            5,000", "slices along y", "of 100.0 MiB granted", "least memory", "temporary disk"] {
+        assert!(plan.contains(row), "{row:?} is not in\n{plan}");
+    }
+    let named = plan.lines().find(|l| l.starts_with("least memory")).unwrap();
+    let megabytes = named.split_whitespace().nth(2).unwrap().trim_end_matches(".0");
+    f.fails("plan k.ply --max-memory 1M", 1, &[&format!("pass --max-memory {megabytes}M or more")]);
+    f.fails("k.ply --max-memory 1M", 1, &[&format!("pass --max-memory {megabytes}M or more")]);
+    let info = f.ok("info k.ply").out;
+    for row in ["k.ply, 58.7 KiB", "PLY binary little-endian, 5000 vertices", "dropped", "extent", "sampling distance"]
+    {
+        assert!(info.contains(row), "{row:?} is not in\n{info}");
+    }
+    assert_eq!(f.names(""), before);
+}
+
+#[test]
+fn every_generated_shape_becomes_a_closed_mesh() {
+    let f = Folder::new();
+    for shape in SHAPES {
+        f.ok(&format!("generate {shape} 3000 -o {shape}.bin --noise 0.001"));
+        for window in ["", "--window 3"] {
+            f.ok(&format!("{shape}.bin -o m.ply --overwrite {window}"));
+            f.ok("check m.ply -q");
+        }
+    }
+}
+
+#[test]
+fn large_coordinates_keep_their_place() {
+    let f = Folder::new();
+    f.ok("generate torus 5000 -o t.ply --size 10 --offset 500000,5400000,200");
+    for format in ["ply", "obj", "glb", "stl"] {
+        f.ok(&format!("t.ply -o m.{format} --report r.json"));
+        let report = report(&f, "r.json");
+        let least = report["check"]["bounds"][0][1].as_f64().unwrap() + report["output"]["origin"][1].as_f64().unwrap();
+        assert!((least - 5_399_995.0).abs() < 0.1, "{least}");
+        f.ok(&format!("check m.{format} -q"));
+    }
+}
+
+#[test]
+fn the_scan_in_the_repository_becomes_a_closed_mesh() {
+    let f = Folder::new();
+    let scan = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/stadium");
+    let answer = f.ok(&format!("{} -o m.ply", scan.display()));
+    assert!(
+        answer.err.contains("points   410,866\n") && answer.err.contains("closed, oriented, manifold"),
+        "{}",
+        answer.err
+    );
+}
+
+// ---- Words ----
+
+#[test]
+fn quiet_says_nothing() {
+    let f = Folder::new();
+    let generated = f.ok("generate box 2000 -o b.ply -q");
+    let made = f.ok("b.ply -o m.ply --quiet");
+    let checked = f.ok("check m.ply --quiet");
+    for answer in [generated, made, checked] {
+        assert_eq!((answer.out.as_str(), answer.err.as_str()), ("", ""));
+    }
+    f.fails("b.ply -o m.ply --quiet", 2, &["exists already"]);
+}
+
+#[test]
+fn words_go_to_standard_error_and_need_no_terminal() {
+    let f = Folder::new();
+    f.knot(2000);
+    let answer = f.ok("k.ply");
+    assert_eq!(answer.out, "");
+    for row in
+        ["k.ply: PLY binary", "points   2,000", "grid     ", "closing  radius", "mesh     ", "output   k.mesh.ply"]
+    {
+        assert!(answer.err.contains(row), "{row:?} is not in\n{}", answer.err);
+    }
+    assert!(!answer.err.contains('\u{1b}') && !answer.err.contains('\r'), "no bars in a log");
+}
+
+fn report(f: &Folder, name: &str) -> serde_json::Value {
+    serde_json::from_slice(&f.read(name)).unwrap()
+}
+
+#[test]
+fn the_report_holds_what_batch_jobs_ask_for() {
+    let f = Folder::new();
+    f.knot(3000);
+    f.write("r.json", "an older report");
+    f.ok("k.ply -o m.ply --report r.json --k 3 --window 3 --smooth 2 -q");
+    let r = report(&f, "r.json");
+    for pointer in [
+        "/version",
+        "/inputs/0/path",
+        "/inputs/0/layout",
+        "/parameters/k",
+        "/parameters/window",
+        "/parameters/surface/smooth",
+        "/points/count",
+        "/points/bounds/min/0",
+        "/grid/axis",
+        "/grid/slices",
+        "/grid/raster/2",
+        "/grid/cell_size",
+        "/closing/radius",
+        "/closing/sealed",
+        "/check/closed",
+        "/check/genus",
+        "/check/volume",
+        "/output/path",
+        "/output/bytes",
+        "/output/triangles",
+        "/output/origin/2",
+        "/seconds/0/1",
+        "/seconds_total",
+        "/memory/plan/budget",
+        "/memory/plan/predicted",
+        "/memory/peak_resident",
+        "/memory/peak_disk",
+    ] {
+        assert!(r.pointer(pointer).is_some_and(|v| !v.is_null()), "{pointer} is not in {r:#}");
+    }
+    assert_eq!(r["output"]["bytes"], f.read("m.ply").len());
+    f.ok("k.ply -o n.ply --report r.json --no-check -q");
+    assert!(report(&f, "r.json")["check"].is_null());
+}
+
+#[test]
+fn ctrl_c_leaves_nothing_behind() {
+    let f = Folder::new();
+    f.ok("generate knot 1M -o k.bin");
+    f.make("tmp");
+    f.write("m.ply", "precious");
+    let before = f.names("");
+    let command = "k.bin -o m.ply --overwrite --report r.json --temp-dir tmp --k 12";
+    for wait in [0, 150, 600] {
+        let mut child = f.command(command).spawn().unwrap();
+        let mut words = BufReader::new(child.stderr.take().unwrap());
+        let mut err = String::new();
+        words.read_line(&mut err).unwrap();
+        std::thread::sleep(Duration::from_millis(wait));
+        let id = rustix::process::Pid::from_child(&child);
+        rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
+        std::io::Read::read_to_string(&mut words, &mut err).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{err}");
+        assert!(
+            err.ends_with("asra-stream: interrupted; temporary files are removed, no output was written\n"),
+            "{err}"
+        );
+        assert_eq!(f.names(""), before);
+        assert_eq!(f.names("tmp").len(), 0);
+        assert_eq!(f.read("m.ply"), b"precious");
+    }
+}

@@ -1,0 +1,109 @@
+//! README says what the program does: every flag with its default, every exit code, every shape.
+
+use std::collections::BTreeMap;
+
+use asra_stream::cli::{Arguments, Exit};
+use asra_stream::generate::Shape;
+use clap::{Arg, Command, CommandFactory};
+
+const README: &str = include_str!("../README.md");
+
+/// The text below a heading, to the next.
+fn section(heading: &str) -> &'static str {
+    let (_, below) = README.split_once(&format!("\n{heading}\n")).unwrap_or_else(|| panic!("no heading {heading:?}"));
+    below.split("\n#").next().unwrap()
+}
+
+/// The rows of the section's table: its first two columns.
+fn rows(section: &str) -> Vec<[String; 2]> {
+    let lines = section.lines().filter(|line| line.starts_with("| ")).skip(1);
+    let cells =
+        |line: &str| line.replace("\\|", "¦").split('|').map(|c| c.trim().replace('¦', "|")).collect::<Vec<_>>();
+    lines.map(cells).map(|cells| [cells[1].clone(), cells[2].clone()]).collect()
+}
+
+/// The flag as the table writes it: `-o`, `--output FILE`.
+fn written(arg: &Arg) -> String {
+    let mut long = format!("--{}", arg.get_long().unwrap());
+    if arg.get_action().takes_values() {
+        long += &format!(" {}", arg.get_value_names().unwrap()[0]);
+    }
+    arg.get_short().map_or(format!("`{long}`"), |short| format!("`-{short}`, `{long}`"))
+}
+
+/// The default that clap knows, or that the help names in brackets.
+fn default(arg: &Arg) -> String {
+    if let Some(value) = arg.get_default_values().first().filter(|_| arg.get_action().takes_values()) {
+        return value.to_str().unwrap().to_owned();
+    }
+    let help = arg.get_help().unwrap().to_string();
+    help.split_once("[default: ").map_or_else(String::new, |(_, rest)| rest.trim_end_matches(']').to_owned())
+}
+
+/// The flags in the order of `--help`: those without a heading first.
+fn flags(command: &Command) -> Vec<[String; 2]> {
+    let mut flags: Vec<&Arg> = command.get_arguments().filter(|arg| arg.get_long().is_some()).collect();
+    flags.retain(|arg| !["help", "version"].contains(&arg.get_id().as_str()));
+    flags.sort_by_key(|arg| arg.get_help_heading().is_some());
+    flags.into_iter().map(|arg| [written(arg), default(arg)]).collect()
+}
+
+fn program() -> Command {
+    let mut program = Arguments::command();
+    program.build();
+    program
+}
+
+#[test]
+fn the_tables_list_exactly_the_flags_and_their_defaults() {
+    let program = program();
+    assert_eq!(rows(section("### Options")), flags(&program));
+    assert_eq!(rows(section("### Options of `generate`")), flags(program.find_subcommand("generate").unwrap()));
+}
+
+#[test]
+fn other_subcommands_take_options_of_the_table() {
+    let program = program();
+    let all: BTreeMap<String, String> = flags(&program).into_iter().map(|[flag, default]| (flag, default)).collect();
+    let names = |command: &str| {
+        let flags = flags(program.find_subcommand(command).unwrap());
+        for [flag, default] in &flags {
+            assert_eq!(all.get(flag), Some(default), "{command} {flag}");
+        }
+        flags.into_iter().map(|[flag, _]| flag).collect::<Vec<_>>()
+    };
+    let table: Vec<String> = flags(&program).into_iter().map(|[flag, _]| flag).collect();
+    let from_layout = table.iter().position(|flag| flag.contains("--layout")).unwrap();
+    assert_eq!(names("plan"), table[from_layout..]);
+    let mut info = table[from_layout..].to_vec();
+    info.retain(|flag| !flag.contains("--max-memory") && !flag.contains("--temp-dir"));
+    assert_eq!(names("info"), info);
+    let mut check: Vec<String> = table[table.len() - 3..].to_vec();
+    check.splice(0..0, table.iter().filter(|f| f.contains("--report") || f.contains("--quiet")).cloned());
+    assert_eq!(names("check"), check);
+    for command in program.get_subcommands().filter(|c| c.get_name() != "help") {
+        assert!(README.contains(&format!("asra-stream {}", command.get_name())), "{}", command.get_name());
+    }
+}
+
+#[test]
+fn exit_codes_and_shapes_are_those_of_the_program() {
+    let codes: Vec<String> = rows(section("### Exit codes")).into_iter().map(|[code, _]| code).collect();
+    let known = [Exit::Done, Exit::Failed, Exit::Usage, Exit::OwnCheckFailed, Exit::NotManifold, Exit::Interrupted];
+    assert_eq!(codes, known.map(|exit| (exit as i32).to_string()));
+    let shapes: Vec<String> = Shape::ALL.iter().map(Shape::to_string).collect();
+    assert!(README.contains(&format!("`{}`", shapes.join(" "))));
+}
+
+#[test]
+fn files_that_are_linked_exist() {
+    for part in README.split("](").skip(1) {
+        let link = part.split(')').next().unwrap();
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(link);
+        assert!(link.starts_with("https://") || path.exists(), "{link}");
+    }
+    let commands: Vec<&str> = section("## Two commands").lines().filter(|line| line.starts_with("cargo ")).collect();
+    let [meshes, tests] = commands[..] else { panic!("two commands, not {commands:?}") };
+    assert!(meshes.contains(" tests/data/stadium "), "{meshes}");
+    assert!(include_str!("../.ci/run").contains(&format!("if ! {tests} <")), "CI runs {tests:?}");
+}
