@@ -164,6 +164,36 @@ fn assert_same(points: &[[f64; 3]], single: bool, settings: &Settings) -> Result
     Ok(())
 }
 
+/// The centre of a cell of side 1.
+fn centre([x, y, z]: [u32; 3]) -> [f64; 3] {
+    [x, y, z].map(|c| f64::from(c) + 0.5)
+}
+
+#[test]
+fn all_256_corners_give_the_twins_mesh_on_a_seam() {
+    let settings = Settings {
+        fineness: Fineness::Given(Resolution::Slices(24)),
+        axis: AxisChoice::Fixed(Axis::Y),
+        window: Some(3),
+        ..Settings::default()
+    };
+    let seam = slab_slices(settings.surface.smooth);
+    assert!(seam < 24, "the block lies across a seam");
+    for fit in [Fit::Nearest, Fit::None] {
+        for mask in 0..256u32 {
+            // Two points far from the block hold the box at 7 x 24 x 7 cells of side 1.
+            let mut points = vec![[0.0; 3], [7.0, 24.0, 7.0]];
+            let set = (0..8).filter(|bit| mask >> bit & 1 == 1);
+            points.extend(set.map(|bit| centre([3 + (bit & 1), seam - 1 + (bit >> 1 & 1), 3 + (bit >> 2)])));
+            let settings = Settings { surface: SurfaceOptions { fit, ..settings.surface }, ..settings };
+            let run = stream(&points, true, &settings, Means::Ample).unwrap();
+            assert_eq!(run.surveyed.grid.cells(), [7, 24, 7]);
+            twin::check::check(run.mesh.0.len(), &run.mesh.1).unwrap_or_else(|e| panic!("mask {mask:08b}: {e}"));
+            assert!(run.mesh == naive(&points, true, &settings, &run), "mask {mask:08b}");
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, max_global_rejects: 100_000, ..ProptestConfig::default() })]
 
@@ -188,29 +218,57 @@ proptest! {
     fn closing_gives_the_twins_solid(cloud in twin::clouds::cloud(), setting in twin::clouds::setting()) {
         let params = setting.params(&cloud);
         prop_assume!(params.cells.iter().map(|c| u64::from(*c)).product::<u64>() < 5_000);
-        let expected = twin::solid(&cloud.points, &params);
-        let dir = tempfile::tempdir().unwrap();
-        let context = small_context(dir.path());
-        let occupied = cloud.points.iter().map(|p| twin::grid::cell_of(*p, &params).map(|c| c as u32));
-        let occupancy = Occupancy::of_cells(occupied, params.cells, &context).unwrap();
-        let closed = Solid::close(&occupancy, &Ball::new(params.rho), &context).unwrap();
-        let solid = closed.without_lone_cells(&context).unwrap();
-        let [width, slices, rows] = params.cells;
-        let mut ours = vec![false; expected.len()];
-        let mut runs = Runs::default();
-        for y in 0..slices {
-            solid.store.read(y, &mut runs).unwrap();
-            for z in 0..rows {
-                for run in runs.row(z) {
-                    for x in run.start..run.end {
-                        ours[(x + width * (z + rows * y)) as usize] = true;
-                    }
+        assert_same_solid(&cloud.points, &params)?;
+    }
+
+    #[test]
+    fn winding_cavities_are_told_from_the_exterior(
+        occupied in prop::collection::vec(prop::bool::weighted(0.55), 7 * 18 * 7),
+        rho in 0u32..=1,
+    ) {
+        let cells = [7, 18, 7];
+        let at = |i: usize| centre([i as u32 % 7, i as u32 / 49, i as u32 / 7 % 7]);
+        let points: Vec<[f64; 3]> = (0..occupied.len()).filter(|i| occupied[*i]).map(at).collect();
+        let setting = twin::clouds::Setting {
+            axis: Some(twin::Axis::Y),
+            slices: 18,
+            rho,
+            smooth: 1,
+            diagonals: twin::Diagonals::First,
+            slab_slices: 16,
+        };
+        let cloud = twin::clouds::Cloud { kind: "cells", points: points.clone(), single: true };
+        let params = twin::Params { min: [0.0; 3], w: 1.0, cells, ..setting.params(&cloud) };
+        prop_assume!(params.axis == twin::Axis::Y);
+        assert_same_solid(&points, &params)?;
+    }
+}
+
+/// The stream's closing gives the solid that the twin's gives.
+fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), TestCaseError> {
+    let expected = twin::solid(points, params);
+    let dir = tempfile::tempdir().unwrap();
+    let context = small_context(dir.path());
+    let occupied = points.iter().map(|p| twin::grid::cell_of(*p, params).map(|c| c as u32));
+    let occupancy = Occupancy::of_cells(occupied, params.cells, &context).unwrap();
+    let closed = Solid::close(&occupancy, &Ball::new(params.rho), &context).unwrap();
+    let solid = closed.without_lone_cells(&context).unwrap();
+    let [width, slices, rows] = params.cells;
+    let mut ours = vec![false; expected.len()];
+    let mut runs = Runs::default();
+    for y in 0..slices {
+        solid.store.read(y, &mut runs).unwrap();
+        for z in 0..rows {
+            for run in runs.row(z) {
+                for x in run.start..run.end {
+                    ours[(x + width * (z + rows * y)) as usize] = true;
                 }
             }
         }
-        prop_assert!(ours == expected);
-        prop_assert_eq!(solid.volume, expected.iter().filter(|s| **s).count() as u64);
     }
+    prop_assert!(ours == expected);
+    prop_assert_eq!(solid.volume, expected.iter().filter(|s| **s).count() as u64);
+    Ok(())
 }
 
 /// A context for passes over the slices of small grids.
