@@ -18,8 +18,9 @@ use crate::slab::{slab_count, slab_slices};
 use crate::slice::Bits;
 use crate::stage::fit::halo;
 
-/// The process itself: code, stacks, allocator, directories of spools.
+/// The process itself: code, directories of spools, what the allocator keeps; and for each thread its stack and its part of that.
 const PROCESS: u64 = 12 << 20;
+const THREAD: u64 = 3 << 19;
 
 /// A block of input, its decoded points and their sorted copy.
 const BLOCK_JOB: u64 = 5 << 20;
@@ -34,11 +35,14 @@ const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 const GOOD_PIECE: u64 = 256 << 10;
 
 /// Bytes of a slab's mesh for each face while it is made. While fitting: a vertex as found (21), smoothed (24) and fitted (36),
-/// two triangles (24); while contracting, without the first but with fans (28), groups and winners (25). The rest is what vectors leave unused.
-const FACE_BYTES: u64 = 150;
+/// two triangles (24); while contracting, without the first but with fans (28), groups and winners (25). The rest is what vectors and the allocator leave unused.
+const FACE_BYTES: u64 = 185;
 
 /// Of those, the bytes that remain when the slab waits for its seam.
-const FACE_BYTES_WAITING: u64 = 118;
+const FACE_BYTES_WAITING: u64 = 135;
+
+/// Bytes for each face of a slab while it is written: positions (24, and 12 narrowed), triangles (26), numbers (8).
+const FACE_BYTES_WRITING: u64 = 75;
 
 /// What the plan is made from.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,7 +155,7 @@ impl MemoryPlan {
     /// # Errors
     /// [`Error::Budget`] with the least budget that would do.
     pub fn for_budget(budget: u64, load: &Load, threads: usize) -> Result<MemoryPlan> {
-        let least = Self::least(load);
+        let least = Self::least(load, threads);
         if budget < least {
             return Err(Error::Budget {
                 given: ByteSize(budget),
@@ -160,7 +164,8 @@ impl MemoryPlan {
             });
         }
         let threads = threads.max(1);
-        let mut left = budget - PROCESS;
+        let process = process(threads);
+        let mut left = budget - process;
         // Kept in memory only what leaves the passes the larger part.
         let mut keep = |bytes: u64, share: u64| {
             let kept = if bytes <= left / share { bytes } else { 0 };
@@ -205,23 +210,24 @@ impl MemoryPlan {
             blocks_in_flight as u64 * BLOCK_JOB + (buckets * bucket_buffer).min(load.bucket_bytes()),
             chunks_in_flight as u64 * Self::chunk_job(load, 1),
             slabs.running as u64 * slab_job(load, load.slab_faces(), slab_points.min(slabs.piece_points as u64))
-                + slabs.waiting as u64 * load.slab_faces() * FACE_BYTES_WAITING,
+                + (slabs.waiting as u64 - 2) * load.slab_faces() * FACE_BYTES_WAITING
+                + stitching(load.slab_faces()),
         ];
         let kept = buckets_quota.min(load.bucket_bytes())
             + mesh_quota.min(load.mesh_bytes())
             + (8 * store_quota).min(load.slice_bytes());
-        plan.predicted = PROCESS + kept + passes.into_iter().max().unwrap_or(0);
+        plan.predicted = process + kept + passes.into_iter().max().unwrap_or(0);
         plan.predicted_disk = load.disk() - kept.min(load.disk());
         Ok(plan)
     }
 
-    /// The least budget for a load, in bytes.
-    pub fn least(load: &Load) -> u64 {
+    /// The least budget for a load on `threads` threads, in bytes.
+    pub fn least(load: &Load, threads: usize) -> u64 {
         let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
         let bucketing = BLOCK_JOB + buckets * BUCKET_BUFFER.1;
         let slices = Self::chunk_job(load, 1);
-        let slab = slab_job(load, load.slab_faces(), PIECE.1) + load.slab_faces() * 2 * FACE_BYTES_WAITING;
-        PROCESS + (2 << 20) + bucketing.max(slices).max(slab)
+        let slab = slab_job(load, load.slab_faces(), PIECE.1) + stitching(load.slab_faces());
+        process(threads) + (2 << 20) + bucketing.max(slices).max(slab)
     }
 
     /// Bytes of a job over a chunk of slices with a ball of radius `radius`: its window, and the runs it gives.
@@ -242,7 +248,7 @@ impl MemoryPlan {
     /// [`Error::Budget`] if one in the making and two at a seam are too much.
     pub fn slab_jobs(&self, load: &Load, faces: u64) -> Result<SlabJobs> {
         let waiting = faces * FACE_BYTES_WAITING;
-        let for_jobs = self.working.saturating_sub(2 * waiting);
+        let for_jobs = self.working.saturating_sub(stitching(faces));
         let besides_points = slab_job(load, faces, 0);
         for running in (1..=self.threads).rev() {
             let room = (for_jobs / running as u64).saturating_sub(besides_points) / point_bytes(load);
@@ -258,7 +264,7 @@ impl MemoryPlan {
                 return Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead, piece_points });
             }
         }
-        let least = 2 * waiting + slab_job(load, faces, PIECE.1);
+        let least = stitching(faces) + slab_job(load, faces, PIECE.1);
         Err(Error::Budget {
             given: ByteSize(self.budget),
             needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
@@ -267,9 +273,19 @@ impl MemoryPlan {
     }
 }
 
+/// Bytes of the process with its threads.
+fn process(threads: usize) -> u64 {
+    PROCESS + THREAD * threads.max(1) as u64
+}
+
+/// Bytes of the two slabs at a seam, one of them being written, with `faces` faces each.
+fn stitching(faces: u64) -> u64 {
+    faces * (2 * FACE_BYTES_WAITING + FACE_BYTES_WRITING)
+}
+
 /// Bytes that a point takes while a slab is fitted: read, sorted by slice, and sorted by cell a window at a time.
 fn point_bytes(load: &Load) -> u64 {
-    load.record() * 5 / 2 + 12
+    load.record() * 3 + 16
 }
 
 /// Bytes of a slab in the making, with `faces` faces and `points` points at once.
@@ -302,10 +318,10 @@ mod tests {
     fn the_least_budget_is_accepted_and_one_byte_less_is_refused_with_it() {
         for (points, s) in [(1, 1), (36_000, 132), (100_000_000, 1856), (1_000_000_000, 4000)] {
             let load = load(points, s);
-            let least = MemoryPlan::least(&load);
             for threads in [1, 2, 64] {
-                MemoryPlan::for_budget(least, &load, threads).unwrap();
+                MemoryPlan::for_budget(MemoryPlan::least(&load, threads), &load, threads).unwrap();
             }
+            let least = MemoryPlan::least(&load, 2);
             let Err(Error::Budget { needed, .. }) = MemoryPlan::for_budget(least - 1, &load, 2) else {
                 panic!("a budget below the least was accepted")
             };

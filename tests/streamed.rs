@@ -68,7 +68,7 @@ fn stream(points: &[[f64; 3]], single: bool, settings: &Settings, means: Means) 
     let workspace = Workspace::new(dir.path())?;
     let budget = match means {
         Means::Ample => 4 << 30,
-        Means::Least { .. } => MemoryPlan::least(&surveyed.load),
+        Means::Least { .. } => MemoryPlan::least(&surveyed.load, threads),
     };
     let mut context = context(&surveyed, &workers, &workspace, budget)?;
     if let Means::Least { piece, .. } = means {

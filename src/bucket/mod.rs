@@ -75,9 +75,9 @@ impl<T: Coordinate> Buckets<T> {
                     let buffer = &mut buffers[bucket as usize];
                     while !piece.is_empty() {
                         let (fits, left) = piece.split_at(piece.len().min(capacity - buffer.len()));
-                        if buffer.len() + fits.len() > buffer.capacity() {
-                            // Doubling, but never past what the plan counts with.
-                            buffer.reserve_exact((2 * buffer.len()).max(fits.len()).min(capacity) - buffer.len());
+                        if buffer.capacity() == 0 {
+                            // Whole at once: growing by and by would leave the smaller ones' memory behind. Untouched pages cost nothing.
+                            buffer.reserve_exact(capacity);
                         }
                         buffer.extend_from_slice(fits);
                         piece = left;

@@ -60,7 +60,7 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
     let mut progress = Progress::new(Show::fitting());
     let Planned { cloud, surveyed, memory } = plan(&job, &workers, &mut progress)?;
     let load = &surveyed.load;
-    let least = MemoryPlan::least(load);
+    let least = MemoryPlan::least(load, workers.threads());
     let output = default_output(&job.inputs, &cloud);
     let workspace = job.means.workspace(&output)?;
     let in_memory = |quota: u64, bytes: u64| if quota >= bytes { "in memory" } else { "on disk" };
