@@ -181,7 +181,8 @@ impl MemoryPlan {
         let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
         let jobs = |per_job: u64, share: u64, most: usize| ((share / per_job.max(1)) as usize).clamp(1, most);
         let blocks_in_flight = jobs(BLOCK_JOB, working / 2, 2 * threads);
-        let for_buffers = working.saturating_sub(blocks_in_flight as u64 * BLOCK_JOB);
+        // A quarter of it for what the allocator rounds such sizes up by.
+        let for_buffers = working.saturating_sub(blocks_in_flight as u64 * BLOCK_JOB) / 4 * 3;
         let bucket_buffer = (for_buffers / buckets).clamp(BUCKET_BUFFER.1, BUCKET_BUFFER.0);
         let chunks_in_flight = jobs(Self::chunk_job(load, 1), working, 2 * threads);
         let running = threads as u64;
@@ -207,7 +208,7 @@ impl MemoryPlan {
         };
         let slabs = plan.slab_jobs(load, load.slab_faces())?;
         let passes = [
-            blocks_in_flight as u64 * BLOCK_JOB + (buckets * bucket_buffer).min(load.bucket_bytes()),
+            blocks_in_flight as u64 * BLOCK_JOB + (buckets * bucket_buffer / 3 * 4).min(load.bucket_bytes()),
             chunks_in_flight as u64 * Self::chunk_job(load, 1),
             slabs.running as u64 * slab_job(load, load.slab_faces(), slab_points.min(slabs.piece_points as u64))
                 + (slabs.waiting as u64 - 2) * load.slab_faces() * FACE_BYTES_WAITING
@@ -224,7 +225,7 @@ impl MemoryPlan {
     /// The least budget for a load on `threads` threads, in bytes.
     pub fn least(load: &Load, threads: usize) -> u64 {
         let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
-        let bucketing = BLOCK_JOB + buckets * BUCKET_BUFFER.1;
+        let bucketing = BLOCK_JOB + buckets * BUCKET_BUFFER.1 / 3 * 4 + 4;
         let slices = Self::chunk_job(load, 1);
         let slab = slab_job(load, load.slab_faces(), PIECE.1) + stitching(load.slab_faces());
         process(threads) + (2 << 20) + bucketing.max(slices).max(slab)
