@@ -1,7 +1,7 @@
 //! Each stage by itself, on what the stages before it made of a knot of one million points (k = 4, 400 slices).
 //!
 //! ```text
-//! cargo bench --bench stages                                  all stages, about a minute and a half
+//! cargo bench --bench stages                                  all stages, about a minute
 //! cargo bench --bench stages -- fit                           those with `fit` in the name
 //! ASRA_BENCH_POINTS=20_000_000 cargo bench --bench stages     a larger cloud, on a grid that is finer in proportion
 //! ```
