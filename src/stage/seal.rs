@@ -37,8 +37,9 @@ const ENCLOSES: f64 = 0.25;
 /// closing the last of several holes 1.3 and more.
 const JUMP: f64 = 1.25;
 
-/// The smallest radius with this part of the largest share is taken: larger ones only thicken the shell.
-const NEARLY: f64 = 0.85;
+/// The smallest radius with this part of the inside that the radius with the largest share gives is taken: larger ones only
+/// thicken the shell.
+const NEARLY: f64 = 0.9;
 
 /// A finer level is sealed from this share of the volume that the coarser one lets expect.
 const CONFIRMED: f64 = 0.8;
@@ -138,7 +139,7 @@ impl Level<'_> {
         volume as f64 - 0.5 * self.occupancy.occupied as f64
     }
 
-    /// Tries radii upwards from `least` and takes the first whose shell encloses nearly as much as any does.
+    /// Tries radii upwards from `least` and takes the first that gives nearly the inside of the one whose shell encloses the largest share.
     ///
     /// The first level tries all radii up to the largest; a finer one, where the coarser found no inside, only small ones: a hole that needs
     /// more would have needed a ball of two or more on the coarser level, which tried that.
@@ -154,13 +155,15 @@ impl Level<'_> {
             tried.push((encloses, Seen { radius, inside: self.inside(volume) }));
         }
         let jump = |pair: &[(f64, Seen)]| (pair[1].1.inside >= JUMP * pair[0].1.inside).then_some(pair[1].1);
-        let largest = tried.iter().map(|(encloses, _)| *encloses).fold(0.0, f64::max);
-        if largest < ENCLOSES {
+        let largest = tried.iter().copied().reduce(|best, next| if next.0 > best.0 { next } else { best });
+        Ok(match largest {
+            Some((encloses, most)) if encloses >= ENCLOSES => {
+                tried.into_iter().map(|(_, seen)| seen).find(|seen| seen.inside >= NEARLY * most.inside)
+            }
             // On the grid itself no finer level would confirm a jump.
-            let confirmable = self.level > 0;
-            return Ok(tried.windows(2).rev().find_map(jump).filter(|_| confirmable));
-        }
-        Ok(tried.into_iter().find(|(encloses, _)| *encloses >= NEARLY * largest).map(|(_, seen)| seen))
+            _ if self.level == 0 => None,
+            _ => tried.windows(2).rev().find_map(jump),
+        })
     }
 
     /// Finds the smallest radius near twice the coarser level's that gives about the volume to be expected.
