@@ -1,0 +1,84 @@
+//! The closing radius is found: none for a plane, one cell for a whole shell, what the hole needs for a shell with a hole.
+
+use asra_stream::grid::Cell;
+use asra_stream::plan::{Load, MemoryPlan};
+use asra_stream::points::Precision;
+use asra_stream::schedule::Workers;
+use asra_stream::spool::Workspace;
+use asra_stream::stage::Context;
+use asra_stream::stage::dilate::Ball;
+use asra_stream::stage::raster::Occupancy;
+use asra_stream::stage::seal::{Sealed, find};
+use asra_stream::stage::solid::Solid;
+
+fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
+    let dir = tempfile::tempdir().unwrap();
+    let load = Load { points: 1000, precision: Precision::Single, cells, smooth: 1 };
+    let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
+    let workers = Workers::new(2).unwrap();
+    work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory, load })
+}
+
+/// The cells of a sphere's surface, without those nearer than `hole` to its top.
+fn shell(size: u32, hole: f64) -> Vec<Cell> {
+    let (middle, radius) = (f64::from(size) / 2.0, f64::from(size) / 2.0 - 1.0);
+    let mut cells = Vec::new();
+    for x in 0..size {
+        for y in 0..size {
+            for z in 0..size {
+                let d = [x, y, z].map(|c| f64::from(c) + 0.5 - middle);
+                let far = d.iter().map(|c| c * c).sum::<f64>().sqrt();
+                let from_top = (d[0].powi(2) + (d[1] - radius).powi(2) + d[2].powi(2)).sqrt();
+                if (far - radius).abs() < 0.9 && from_top >= hole {
+                    cells.push([x, y, z]);
+                }
+            }
+        }
+    }
+    cells
+}
+
+fn assert_sealed(sealed: &Sealed, occupancy: &Occupancy, size: u32, context: &Context) {
+    let ball = 4.0 / 3.0 * std::f64::consts::PI * (f64::from(size) / 2.0 - 1.0).powi(3);
+    let volume = sealed.solid.volume as f64;
+    assert!(sealed.has_inside);
+    assert!((0.95..1.15).contains(&(volume / ball)), "{volume} of {ball}: {:?}", sealed.trials);
+    if sealed.radius > 1 {
+        let smaller = Solid::close(occupancy, &Ball::new(sealed.radius - 1), context).unwrap();
+        assert!((smaller.volume as f64) < 0.5 * ball, "a smaller radius would do: {:?}", sealed.trials);
+    }
+}
+
+#[test]
+fn shells_with_holes_get_the_smallest_radius_that_seals() {
+    // 60 cells: searched on the grid itself; 150 and 300: on one and two coarser levels first.
+    for size in [60, 150, 300] {
+        let cells = [size; 3];
+        // A hole's radius, up to the largest that is looked for: 0.08 of the longest side.
+        for hole in [0.0, 3.0, 0.06 * f64::from(size)] {
+            with_context(cells, |context| {
+                let occupancy = Occupancy::of_cells(shell(size, hole), cells, context).unwrap();
+                let sealed = find(&occupancy, context, |_| ()).unwrap();
+                assert_sealed(&sealed, &occupancy, size, context);
+                assert_eq!(sealed.radius == 1, hole == 0.0, "size {size}, hole {hole}: {:?}", sealed.trials);
+            });
+        }
+    }
+}
+
+#[test]
+fn a_wavy_sheet_has_no_inside() {
+    let cells = [150, 150, 40];
+    let sheet = (0..150u32).flat_map(|x| {
+        (0..150u32).map(move |y| {
+            let height = 20.0 + 8.0 * (f64::from(x) / 17.0).sin() * (f64::from(y) / 23.0).cos();
+            [x, y, height as u32]
+        })
+    });
+    with_context(cells, |context| {
+        let occupancy = Occupancy::of_cells(sheet, cells, context).unwrap();
+        let sealed = find(&occupancy, context, |_| ()).unwrap();
+        assert!(!sealed.has_inside, "{:?}", sealed.trials);
+        assert_eq!(sealed.radius, 1);
+    });
+}
