@@ -114,7 +114,7 @@ impl Load {
             + u64::from(2 * halo(self.smooth)) * bits * 3 / 2
     }
 
-    /// Faces of one slab, to expect.
+    /// Faces of one slab, to expect: the mean. The estimate of all faces lies above what surfaces have, which makes up for uneven slabs.
     fn slab_faces(&self) -> u64 {
         self.faces().div_ceil(u64::from(slab_count(self.smooth, self.cells[1])))
     }
@@ -166,9 +166,11 @@ impl MemoryPlan {
         let threads = threads.max(1);
         let process = process(threads);
         let mut left = budget - process;
-        // Kept in memory only what leaves the passes the larger part.
+        // Kept in memory only what leaves the passes the larger part, and twice the least: a slab may turn out to have more faces than
+        // expected, and the budget that is then named must not be eaten up by what it would allow to keep.
+        let spare = 2 * (least - process);
         let mut keep = |bytes: u64, share: u64| {
-            let kept = if bytes <= left / share { bytes } else { 0 };
+            let kept = if bytes <= left / share && bytes + spare <= left { bytes } else { 0 };
             left -= kept;
             kept
         };
