@@ -8,12 +8,6 @@ use crate::error::{Error, Result};
 /// The most cells along an axis.
 pub const CELLS_LIMIT: u32 = (1 << 20) - 1;
 
-/// Slices of one bucket: what is written to and read from temporary storage together.
-pub const BUCKET_SLICES: u32 = 4;
-
-/// How far from a vertex its point may be, in cells.
-pub const REACH: u32 = 3;
-
 /// An axis of the file's coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]

@@ -2,6 +2,7 @@
 
 pub mod bucket;
 pub mod cli;
+pub mod context;
 pub mod error;
 pub mod generate;
 pub mod grid;
@@ -9,6 +10,7 @@ pub mod input;
 pub mod machine;
 pub mod mesh;
 pub mod output;
+pub mod partition;
 pub mod pipeline;
 pub mod plan;
 pub mod points;

@@ -5,19 +5,19 @@
 use bytesize::ByteSize;
 
 use crate::bucket::Buckets;
+use crate::context::Context;
 use crate::error::{Error, Result};
 use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
 use crate::mesh::spool::MeshSpool;
+use crate::partition::{halo, slab_count, slices_of};
 use crate::plan::{Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
 use crate::schedule::Workers;
-use crate::slab::{SlabMesh, SurfaceOptions, slab_count, slices_of};
+use crate::slab::{SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
-use crate::stage::Context;
 use crate::stage::dilate::Ball;
-use crate::stage::fit::halo;
 use crate::stage::raster::Occupancy;
 use crate::stage::seal::{self, Sealed};
 use crate::stage::solid::Solid;

@@ -12,11 +12,10 @@
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
-use crate::grid::{BUCKET_SLICES, Cell, Grid};
+use crate::grid::{Cell, Grid};
+use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices};
 use crate::points::Precision;
-use crate::slab::{slab_count, slab_slices};
 use crate::slice::Bits;
-use crate::stage::fit::halo;
 
 /// The process itself: code, directories of spools, what the allocator keeps; and for each thread its stack and its part of that.
 const PROCESS: u64 = 12 << 20;

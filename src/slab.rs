@@ -6,11 +6,12 @@ use rustc_hash::FxHashMap;
 
 use crate::bucket::Buckets;
 use crate::error::Result;
-use crate::grid::{BUCKET_SLICES, Grid};
+use crate::grid::Grid;
+use crate::partition::{halo, slices_of};
 use crate::points::Coordinate;
 use crate::stage::contract::{Fans, GONE, Groups, NONE, contract};
 use crate::stage::extract::{Diagonals, Surface};
-use crate::stage::fit::{Fitted, Task, fit, halo};
+use crate::stage::fit::{Fitted, Task, fit};
 use crate::stage::smooth::smooth;
 use crate::stage::solid::Solid;
 
@@ -34,23 +35,6 @@ pub enum Fit {
     Nearest,
     /// Nothing: the smoothed surface stays.
     None,
-}
-
-/// Slices of a slab, given the steps of smoothing: a whole number of buckets, and so many that what a vertex at one seam can be contracted with
-/// (twice the fitting's halo away, and its fan) never reaches the middle of the slab. Fixed by the parameters, never by threads or memory.
-pub fn slab_slices(smooth: u32) -> u32 {
-    (2 * (2 * halo(smooth) + 1) + 2).next_multiple_of(BUCKET_SLICES)
-}
-
-/// The slices of slab `number`.
-pub fn slices_of(number: u32, smooth: u32, slices: u32) -> Range<u32> {
-    let size = slab_slices(smooth);
-    number * size..((number + 1) * size).min(slices)
-}
-
-/// Number of slabs.
-pub fn slab_count(smooth: u32, slices: u32) -> u32 {
-    slices.div_ceil(slab_slices(smooth))
 }
 
 /// The mesh of one slab.

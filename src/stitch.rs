@@ -63,7 +63,7 @@ enum Side {
 }
 
 impl<'a> Stitcher<'a> {
-    /// A stitcher that appends to `mesh`; `halo` as in [`crate::stage::fit::halo`].
+    /// A stitcher that appends to `mesh`; `halo` as in [`crate::partition::halo`].
     pub fn new(grid: &'a Grid, halo: u32, origin: [f64; 3], mesh: MeshSpool) -> Stitcher<'a> {
         Stitcher {
             grid,

@@ -1,11 +1,11 @@
 //! The closing radius is found: none for a plane, one cell for a whole shell, what the hole needs for a shell with a hole.
 
+use asra_stream::context::Context;
 use asra_stream::grid::Cell;
 use asra_stream::plan::{Load, MemoryPlan};
 use asra_stream::points::Precision;
 use asra_stream::schedule::Workers;
 use asra_stream::spool::Workspace;
-use asra_stream::stage::Context;
 use asra_stream::stage::dilate::Ball;
 use asra_stream::stage::raster::Occupancy;
 use asra_stream::stage::seal::{Sealed, find};

@@ -7,11 +7,12 @@ use std::path::Path;
 use asra_stream::grid::{Axis, AxisChoice, Resolution};
 use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
+use asra_stream::partition::slab_slices;
 use asra_stream::pipeline::{Fineness, Reconstruction, Settings, Surveyed, context, reconstruct, survey_cloud};
 use asra_stream::plan::MemoryPlan;
 use asra_stream::progress::{Progress, Show};
 use asra_stream::schedule::Workers;
-use asra_stream::slab::{Fit, SurfaceOptions, slab_slices};
+use asra_stream::slab::{Fit, SurfaceOptions};
 use asra_stream::slice::Runs;
 use asra_stream::spool::Workspace;
 use asra_stream::stage::dilate::Ball;
@@ -272,12 +273,12 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
 }
 
 /// A context for passes over the slices of small grids.
-fn small_context(dir: &Path) -> asra_stream::stage::Context {
+fn small_context(dir: &Path) -> asra_stream::context::Context {
     use asra_stream::plan::Load;
     use asra_stream::points::Precision;
     let load = Load { points: 1000, precision: Precision::Single, cells: [64; 3], smooth: 1 };
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
-    asra_stream::stage::Context {
+    asra_stream::context::Context {
         workers: Workers::new(2).unwrap(),
         workspace: Workspace::new(dir).unwrap(),
         memory,

@@ -10,12 +10,13 @@
 
 use std::marker::PhantomData;
 
+use crate::context::Context;
 use crate::error::Result;
-use crate::grid::{BUCKET_SLICES, Grid};
+use crate::grid::Grid;
 use crate::input::Cloud;
+use crate::partition::BUCKET_SLICES;
 use crate::points::{Batch, Coordinate, Points};
 use crate::spool::Spool;
-use crate::stage::Context;
 
 /// The buckets of a cloud, readable in any order, from several threads.
 #[derive(Debug)]

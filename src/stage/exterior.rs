@@ -11,13 +11,13 @@
 //!
 //! Memory: the runs of two slices and their classes, whatever the number of slices.
 
+use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::slice::{Bits, Run, Runs, SliceStore, words_for};
 use crate::spool::{Spool, Workspace};
 use crate::stage::dilate::Ball;
 use crate::stage::raster::Occupancy;
-use crate::stage::{Context, chunks};
 use crate::window::Window;
 
 /// What a class became in the slice above, if nothing: it ended.

@@ -18,18 +18,13 @@ use std::ops::Range;
 
 use crate::bucket::Buckets;
 use crate::error::Result;
-use crate::grid::{BUCKET_SLICES, Grid, REACH};
+use crate::grid::Grid;
+use crate::partition::{BUCKET_SLICES, REACH};
 use crate::points::Coordinate;
 use crate::slice::words_for;
 use crate::stage::contract::NONE;
 use crate::stage::extract::{Kind, Surface};
 use crate::window::Window;
-
-/// Slices either side of a plane in which the points of its vertices lie, after `smooth` steps of smoothing: the reach, and
-/// one for each step, as a step moves a vertex by less than a cell.
-pub fn halo(smooth: u32) -> u32 {
-    REACH + smooth.max(1)
-}
 
 /// The nearest points of a slab's vertices.
 #[derive(Debug, Clone)]
@@ -62,7 +57,7 @@ pub struct Task<'a> {
     pub q: &'a [[f64; 3]],
     /// The planes whose vertices are fitted.
     pub planes: Range<u32>,
-    /// Slices either side of a plane that are searched: [`halo`].
+    /// Slices either side of a plane that are searched: [`crate::partition::halo`].
     pub halo: u32,
 }
 

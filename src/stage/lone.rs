@@ -8,10 +8,10 @@
 //!
 //! The point of a dropped cell stays a point that vertices are fitted to.
 
+use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::slice::{Run, Runs, SliceStore};
 use crate::stage::solid::Solid;
-use crate::stage::{Context, chunks};
 
 impl Solid {
     /// The same solid without lone cells that touch a larger body. The counts of faces stay those before: an upper bound.

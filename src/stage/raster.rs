@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use crate::bucket::Buckets;
+use crate::context::{Context, chunks};
 use crate::error::Result;
-use crate::grid::{BUCKET_SLICES, Cell, Grid};
+use crate::grid::{Cell, Grid};
+use crate::partition::BUCKET_SLICES;
 use crate::points::Coordinate;
 use crate::slice::{Bits, Runs, SliceStore};
-use crate::stage::{Context, chunks};
 
 /// The occupied cells of a cloud at one resolution.
 #[derive(Debug)]

@@ -19,8 +19,8 @@
 //! they are cheap. Finer levels only look for the solid's volume: half the occupied cells are the shell's outer half; the rest, the
 //! inside, is the same on every level but for the factor of eight (measured: within 8 %).
 
+use crate::context::Context;
 use crate::error::Result;
-use crate::stage::Context;
 use crate::stage::dilate::Ball;
 use crate::stage::raster::Occupancy;
 use crate::stage::solid::Solid;

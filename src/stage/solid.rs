@@ -3,13 +3,13 @@
 //! Dilation, connected exterior and growing back together are a morphological closing decided by connectivity: a ball of
 //! radius ρ rolls outside, holes narrower than 2ρ are bridged, and the surface lies against the points again.
 
+use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::slice::{Bits, Runs, SliceStore, words_for};
 use crate::stage::dilate::Ball;
 use crate::stage::exterior::{Exterior, Padded, Scratch, invert};
 use crate::stage::raster::Occupancy;
-use crate::stage::{Context, chunks};
 use crate::window::Window;
 
 /// The solid cells of a cloud, slice by slice, in the box.

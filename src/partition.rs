@@ -1,0 +1,40 @@
+//! How the slices are shared out: buckets, slabs and their halo. Fixed by the grid and the steps of smoothing alone, never by threads or
+//! memory, so that the mesh cannot depend on these.
+//!
+//! ```text
+//!   slices   0 1 2 3 4 5 6 7 8 ...
+//!   buckets  |0      |1      |2        BUCKET_SLICES each: read and written together
+//!   slabs    |0                  |1    slab_slices each: one job, one piece of the mesh
+//!            |<- halo ->|              points of a vertex lie within so many slices of its plane
+//! ```
+
+use std::ops::Range;
+
+/// Slices of one bucket: what is written to and read from temporary storage together.
+pub const BUCKET_SLICES: u32 = 4;
+
+/// How far from a vertex its point may be, in cells.
+pub const REACH: u32 = 3;
+
+/// Slices either side of a plane in which the points of its vertices lie, after `smooth` steps of smoothing: the reach, and
+/// one for each step, as a step moves a vertex by less than a cell.
+pub fn halo(smooth: u32) -> u32 {
+    REACH + smooth.max(1)
+}
+
+/// Slices of a slab, given the steps of smoothing: a whole number of buckets, and so many that what a vertex at one seam can be contracted with
+/// (twice the fitting's halo away, and its fan) never reaches the middle of the slab. Fixed by the parameters, never by threads or memory.
+pub fn slab_slices(smooth: u32) -> u32 {
+    (2 * (2 * halo(smooth) + 1) + 2).next_multiple_of(BUCKET_SLICES)
+}
+
+/// The slices of slab `number`.
+pub fn slices_of(number: u32, smooth: u32, slices: u32) -> Range<u32> {
+    let size = slab_slices(smooth);
+    number * size..((number + 1) * size).min(slices)
+}
+
+/// Number of slabs.
+pub fn slab_count(smooth: u32, slices: u32) -> u32 {
+    slices.div_ceil(slab_slices(smooth))
+}
