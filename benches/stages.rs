@@ -108,7 +108,7 @@ fn points_to_cells(
     let fill = || Buckets::<f32>::fill(cloud, grid, context, |_| ()).expect("points");
     group.bench_function("bucket", |b| b.iter(fill));
     let buckets = fill();
-    assert!(!buckets.is_on_disk());
+    assert_eq!(context.workspace.peak_on_disk(), 0);
     group.bench_function("raster", |b| {
         b.iter(|| Occupancy::of_buckets(&buckets, grid, context, |_| ()).expect("cells"));
     });

@@ -149,8 +149,6 @@ pub struct Reconstruction {
     pub solid: u64,
     /// What became of the vertices.
     pub counts: Counts,
-    /// Whether the points were kept on disk.
-    pub buckets_on_disk: bool,
 }
 
 /// Makes the mesh of a surveyed cloud.
@@ -228,7 +226,6 @@ fn reconstruct_as<T: Coordinate>(
         occupied: occupancy.occupied,
         solid: sealed.solid.volume,
         counts,
-        buckets_on_disk: buckets.is_on_disk(),
     })
 }
 
@@ -261,10 +258,10 @@ fn origin(precision: Precision, bounds: &Bounds) -> [f64; 3] {
     }
     let step = 10f64.powi(extent.log10().floor() as i32);
     std::array::from_fn(|a| {
-        let (near, far) = (bounds.min[a].abs().min(bounds.max[a].abs()), bounds.min[a].abs().max(bounds.max[a].abs()));
+        let near = bounds.min[a].abs().min(bounds.max[a].abs());
         let same_sign = (bounds.min[a] > 0.0) == (bounds.max[a] > 0.0);
         // Sixteen extents away from zero, all coordinates and a multiple of the step below them are within a factor of two.
-        if same_sign && near > 16.0 * extent && far.is_finite() { (bounds.min[a] / step).floor() * step } else { 0.0 }
+        if same_sign && near > 16.0 * extent { (bounds.min[a] / step).floor() * step } else { 0.0 }
     })
 }
 

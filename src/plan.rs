@@ -1,4 +1,4 @@
-//! The memory plan: a budget becomes buffer sizes, quotas and numbers of jobs in flight, before the first point is read.
+//! The memory plan: a budget becomes buffer sizes, quotas and numbers of jobs in flight, before the first point is sorted.
 //!
 //! Passes run one after the other, so the peak is what persists (spools that are kept in memory, the directories of spools)
 //! plus the most that any one pass needs. Each pass is given as many jobs in flight as its share allows, at least one; the

@@ -234,7 +234,7 @@ impl Runs {
 #[derive(Debug)]
 pub struct SliceStore {
     spool: Spool,
-    places: Vec<(u64, u32)>,
+    places: Vec<u64>,
     scratch: Vec<u8>,
 }
 
@@ -255,7 +255,7 @@ impl SliceStore {
         self.scratch.extend_from_slice(bytemuck::cast_slice(&slice.starts));
         self.scratch.extend_from_slice(bytemuck::cast_slice(&slice.runs));
         let at = self.spool.append(&self.scratch)?;
-        self.places.push((at, self.scratch.len() as u32));
+        self.places.push(at);
         Ok(())
     }
 
@@ -269,7 +269,7 @@ impl SliceStore {
     /// # Errors
     /// [`crate::Error::Io`] if the work directory fails.
     pub fn read(&self, y: u32, out: &mut Runs) -> Result<()> {
-        let (at, _) = self.places[y as usize];
+        let at = self.places[y as usize];
         let mut header = [0u32; 2];
         self.spool.read_at(at, bytemuck::cast_slice_mut(&mut header))?;
         let (rows, runs) = (header[0] as usize, header[1] as usize);
@@ -277,11 +277,6 @@ impl SliceStore {
         self.spool.read_at(at + 8, bytemuck::cast_slice_mut(&mut out.starts))?;
         out.runs.resize(runs, Run { start: 0, end: 0 });
         self.spool.read_at(at + 8 + 4 * (rows as u64 + 1), bytemuck::cast_slice_mut(&mut out.runs))
-    }
-
-    /// The stored size of the largest slice, in bytes: what reading one takes.
-    pub fn largest(&self) -> u64 {
-        self.places.iter().map(|&(_, len)| u64::from(len)).max().unwrap_or(0)
     }
 }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::error::{Error, Result};
 use crate::grid::Bounds;
 use crate::input::Cloud;
-use crate::points::{Batch, Coordinate, Points};
+use crate::points::{Coordinate, Points};
 use crate::schedule::Workers;
 
 /// What the first pass over the points finds.
@@ -25,13 +25,10 @@ pub struct Survey {
 /// Those of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
 pub fn survey(cloud: &Cloud, workers: &Workers, in_flight: usize, mut progress: impl FnMut(u64)) -> Result<Survey> {
     let mut total = Survey { points: 0, dropped: 0, bounds: Bounds::EMPTY };
-    let mut blocks = cloud.blocks()?;
-    workers.in_order(
+    cloud.for_each_batch(
+        workers,
         in_flight,
-        || blocks.next(),
-        |block| {
-            let mut batch = Batch::new(cloud.precision());
-            block.decode(&mut batch)?;
+        |batch| {
             let bounds = match &batch.points {
                 Points::Single(points) => bounds_of(points),
                 Points::Double(points) => bounds_of(points),
@@ -108,13 +105,10 @@ pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_f
     let min = survey.bounds.min;
     let finest = 2f64.powi(LEVELS as i32) * (1.0 - 1e-12) / longest;
     let mut sketches: Vec<Sketch> = (0..LEVELS).map(|_| Sketch::default()).collect();
-    let mut blocks = cloud.blocks()?;
-    workers.in_order(
+    cloud.for_each_batch(
+        workers,
         in_flight,
-        || blocks.next(),
-        |block| {
-            let mut batch = Batch::new(cloud.precision());
-            block.decode(&mut batch)?;
+        |batch| {
             let mut part: Vec<Sketch> = (0..LEVELS).map(|_| Sketch::default()).collect();
             let mut add = |p: [f64; 3]| {
                 let cell: [u64; 3] = std::array::from_fn(|a| ((p[a] - min[a]) * finest) as u64);

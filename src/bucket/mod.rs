@@ -59,15 +59,10 @@ impl<T: Coordinate> Buckets<T> {
             precision: PhantomData,
         };
         let mut buffers: Vec<Vec<[T; 3]>> = vec![Vec::new(); count];
-        let mut blocks = cloud.blocks()?;
-        context.workers.in_order(
+        cloud.for_each_batch(
+            &context.workers,
             context.memory.blocks_in_flight,
-            || blocks.next(),
-            |block| {
-                let mut batch = Batch::new(T::PRECISION);
-                block.decode(&mut batch)?;
-                Ok(sort_by_bucket(&batch, grid, count))
-            },
+            |batch| Ok(sort_by_bucket(batch, grid, count)),
             |sorted: Sorted<T>| {
                 let mut rest = sorted.points.as_slice();
                 for (bucket, points) in sorted.pieces {
@@ -120,11 +115,6 @@ impl<T: Coordinate> Buckets<T> {
     /// Number of points in all buckets.
     pub fn point_count(&self) -> u64 {
         self.points
-    }
-
-    /// Whether the points lie on disk.
-    pub fn is_on_disk(&self) -> bool {
-        self.spool.is_on_disk()
     }
 
     /// Hands the points of `bucket` to `visit`, at most `at_once` at a time, in order of arrival.

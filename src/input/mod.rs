@@ -29,6 +29,7 @@ use std::sync::Arc;
 
 use crate::error::Result;
 use crate::points::{Batch, Points, Precision};
+use crate::schedule::Workers;
 
 pub use layout::{Column, Endian, Field, Layout, MAX_STRIDE, Scalar};
 pub(crate) use sidecar::Sidecar;
@@ -133,6 +134,31 @@ impl Cloud {
     /// None at present: files are opened when the pass comes to them.
     pub fn blocks(&self) -> Result<Blocks> {
         Ok(Blocks { waiting: self.formats.clone().into_iter(), current: None, precision: self.precision })
+    }
+
+    /// One pass over everything, decoded: `work` sees each block's points on some worker, `sink` the results in file order. At most
+    /// `in_flight` blocks are held.
+    ///
+    /// # Errors
+    /// Those of reading the files, of `work` and of `sink`; [`Error::Interrupted`](crate::Error::Interrupted).
+    pub fn for_each_batch<R: Send>(
+        &self,
+        workers: &Workers,
+        in_flight: usize,
+        work: impl Fn(&Batch) -> Result<R> + Sync,
+        sink: impl FnMut(R) -> Result<()>,
+    ) -> Result<()> {
+        let mut blocks = self.blocks()?;
+        workers.in_order(
+            in_flight,
+            || blocks.next(),
+            |block| {
+                let mut batch = Batch::new(self.precision);
+                block.decode(&mut batch)?;
+                work(&batch)
+            },
+            sink,
+        )
     }
 }
 

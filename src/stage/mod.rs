@@ -1,4 +1,4 @@
-//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii),
+//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone,
 //! extract, smooth, fit, contract.
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
