@@ -7,7 +7,7 @@ use bytesize::ByteSize;
 use crate::bucket::Buckets;
 use crate::context::Context;
 use crate::error::{Error, Result};
-use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
+use crate::grid::{AxisChoice, Bounds, CELLS_LIMIT, Grid, Resolution};
 use crate::input::Cloud;
 use crate::mesh::spool::MeshSpool;
 use crate::partition::{halo, slab_count, slices_of};
@@ -19,7 +19,7 @@ use crate::slab::{SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
 use crate::stage::dilate::Ball;
 use crate::stage::raster::Occupancy;
-use crate::stage::seal::{self, Sealed};
+use crate::stage::seal::{self, Closing, Pyramid, Sealed};
 use crate::stage::solid::Solid;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
 use crate::survey::{Survey, sampling_distance, survey};
@@ -37,6 +37,33 @@ pub enum Fineness {
     Sampling,
 }
 
+/// How holes are closed.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sealing {
+    /// By the smallest ball that seals, found by trying.
+    #[default]
+    Auto,
+    /// By a ball of this radius, in cells.
+    Cells(u32),
+    /// By a ball of this radius, in the input's units.
+    Length(f64),
+    /// Only those that a ball of one cell closes.
+    Off,
+}
+
+impl Sealing {
+    /// The radius asked for, in cells of `cell_size`, at least 1; none if it is to be found.
+    fn radius(self, cell_size: f64) -> Option<u32> {
+        match self {
+            Sealing::Auto => None,
+            Sealing::Cells(cells) => Some(cells.max(1)),
+            Sealing::Length(length) => Some((length / cell_size).ceil().clamp(1.0, f64::from(CELLS_LIMIT)) as u32),
+            Sealing::Off => Some(1),
+        }
+    }
+}
+
 /// What is asked of the reconstruction, apart from files and means.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
@@ -44,6 +71,8 @@ pub struct Settings {
     pub fineness: Fineness,
     /// Which axis is sliced.
     pub axis: AxisChoice,
+    /// How holes are closed.
+    pub seal: Sealing,
     /// The window's slices, which bound the closing radius: ρ ≤ (W − 1) / 2. `None` leaves it free.
     pub window: Option<u32>,
     /// What is done to the surface.
@@ -55,6 +84,7 @@ impl Default for Settings {
         Settings {
             fineness: Fineness::Given(Resolution::default()),
             axis: AxisChoice::Longest,
+            seal: Sealing::Auto,
             window: None,
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
         }
@@ -139,6 +169,10 @@ pub struct Reconstruction {
     pub origin: [f64; 3],
     /// The closing radius ρ used, in cells.
     pub radius: u32,
+    /// Where in the pyramid it was used.
+    pub closing: Closing,
+    /// Whether it fell from there to smaller ones.
+    pub falls: bool,
     /// The closing radius that seals the cloud, if it has an inside.
     pub sealing_radius: Option<u32>,
     /// What was tried to find it.
@@ -192,8 +226,8 @@ fn reconstruct_as<T: Coordinate>(
     progress.begin(Phase::Raster, Some(slices));
     let occupancy = Occupancy::of_buckets(&buckets, grid, context, |slices| progress.add(u64::from(slices)))?;
     progress.begin(Phase::Seal, None);
-    let (sealed, used) = close(&occupancy, settings.window, context, progress)?;
-    let solid = &sealed.solid;
+    let closed = close(&occupancy, settings, grid, context, progress)?;
+    let solid = &closed.solid;
 
     progress.begin(Phase::Surface, Some(slices));
     let smooth = settings.surface.smooth;
@@ -220,30 +254,65 @@ fn reconstruct_as<T: Coordinate>(
     Ok(Reconstruction {
         mesh,
         origin,
-        radius: used,
-        sealing_radius: sealed.has_inside.then_some(sealed.radius),
-        trials: sealed.trials,
+        radius: closed.closing.rho(),
+        closing: closed.closing,
+        falls: closed.falls,
+        sealing_radius: closed.sealing_radius,
+        trials: closed.trials,
         occupied: occupancy.occupied,
-        solid: sealed.solid.volume,
+        solid: closed.solid.volume,
         counts,
     })
 }
 
-/// Finds ρ, and keeps it to what the window allows.
+/// The solid, and how it was closed.
+struct Closed {
+    solid: Solid,
+    closing: Closing,
+    falls: bool,
+    sealing_radius: Option<u32>,
+    trials: Vec<seal::Trial>,
+}
+
+/// Closes the occupied cells: with the radius that is asked for, or that seals, and that the window allows.
 fn close(
     occupancy: &Occupancy,
-    window: Option<u32>,
+    settings: &Settings,
+    grid: &Grid,
     context: &Context,
     progress: &mut Progress,
-) -> Result<(Sealed, u32)> {
-    let mut sealed = seal::find(occupancy, context, |slices| progress.add(u64::from(slices)))?;
-    let most = window.map_or(u32::MAX, |w| (w - 1) / 2);
-    let used = sealed.radius.min(most);
-    if used < sealed.radius {
-        sealed.solid = Solid::close(occupancy, &Ball::new(used), context)?;
+) -> Result<Closed> {
+    let mut told = |slices: u32| progress.add(u64::from(slices));
+    let asked = settings.seal.radius(grid.cell_size());
+    let longest = grid.cells().into_iter().max().unwrap_or(1);
+    if let Some(radius) = asked.filter(|radius| *radius > 1 && 2 * radius > longest) {
+        return Err(Error::Usage(format!(
+            "--seal: a radius of {radius} cells is more than half of the longest side, {longest} cells"
+        )));
     }
-    sealed.solid = sealed.solid.without_lone_cells(context)?;
-    Ok((sealed, used))
+    let wanted = asked.map(Closing::with_radius);
+    let pyramid = Pyramid::over(occupancy, wanted.map_or(0, |closing| closing.level), context)?;
+    let mut sealed = match wanted {
+        Some(closing) => Sealed { closing: Some(closing), solid: None, trials: Vec::new() },
+        None => seal::find(&pyramid, context, &mut told)?,
+    };
+    let found = sealed.closing.unwrap_or(Closing { level: 0, radius: 1 });
+    let most = settings.window.map_or(u32::MAX, |w| (w - 1) / 2);
+    // A ball that the window bounds does not seal: there are no sides to tell apart, and nothing to fall to.
+    let falls = found.rho() > 1 && found.rho() <= most;
+    let closing = if found.rho() <= most { found } else { Closing { level: 0, radius: most } };
+    let solid = match sealed.solid.take().filter(|_| closing == found) {
+        Some(solid) => solid,
+        None if falls => pyramid.close(closing, context, &mut told)?,
+        None => Solid::close(occupancy, &Ball::new(closing.radius), context)?,
+    };
+    Ok(Closed {
+        solid: solid.without_lone_cells(context)?,
+        closing,
+        falls,
+        sealing_radius: sealed.closing.filter(|_| asked.is_none()).map(|closing| closing.rho()),
+        trials: sealed.trials,
+    })
 }
 
 /// What is taken off positions so that formats and programs with `f32` coordinates keep their resolution: nothing for

@@ -8,7 +8,7 @@ use bytesize::ByteSize;
 
 use crate::grid::{Bounds, Grid};
 use crate::mesh::check::CheckReport;
-use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
+use crate::pipeline::{Fineness, Reconstruction, Sealing, Settings, Surveyed};
 use crate::plan::MemoryPlan;
 use crate::points::Precision;
 use crate::progress::{Phase, thousands};
@@ -67,6 +67,8 @@ pub struct Parameters {
     pub slices: Option<u32>,
     /// The cell's side, if that set the grid.
     pub cell_size: Option<f64>,
+    /// How holes were to be closed.
+    pub seal: Sealing,
     /// The window's slices, if given.
     pub window: Option<u32>,
     /// What was done to the surface.
@@ -155,7 +157,7 @@ impl Parameters {
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
             Fineness::Sampling => {}
         }
-        Parameters { k, slices, cell_size, window: settings.window, surface: settings.surface }
+        Parameters { k, slices, cell_size, seal: settings.seal, window: settings.window, surface: settings.surface }
     }
 }
 
@@ -212,11 +214,13 @@ impl Closing {
             cells => format!("radius {cells} cells"),
         };
         match self.sealing_radius {
+            None if self.trials.is_empty() => format!("{radius}, as asked"),
             Some(needed) if self.radius < needed => format!(
                 "{radius}, which does not seal this cloud: the mesh is a thin closed shell of two sides; --window {} or more would seal it",
                 2 * needed + 1
             ),
-            Some(_) => format!("{radius}, sealed: the mesh encloses the inside"),
+            Some(1) => format!("{radius}, sealed: the mesh encloses the inside"),
+            Some(_) => format!("{radius} where a hole needs it, sealed: the mesh encloses the inside"),
             None => format!(
                 "{radius}; no radius finds an inside (an open surface?): the mesh is a thin closed shell of two sides"
             ),

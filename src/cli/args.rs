@@ -8,7 +8,7 @@ use super::sizes;
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, CELLS_LIMIT, Resolution};
 use crate::input::{Endian, InputOptions, Layout};
-use crate::pipeline::{Fineness, Settings};
+use crate::pipeline::{Fineness, Sealing, Settings};
 use crate::run::{Check, Job, Means};
 use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::extract::Diagonals;
@@ -102,6 +102,10 @@ pub struct CloudArguments {
     /// Slices in the window: an odd number, at least 3. It bounds the closing radius, to (W - 1) / 2 cells [default: as wide as the radius found needs]
     #[arg(long, value_name = "W", help_heading = "Surface")]
     pub window: Option<u32>,
+    /// How holes are closed: by the smallest ball that seals (auto), by one of radius R (a length, or cells as in `8c`), or not (off)
+    #[arg(long, value_name = "auto|R|off", default_value = "auto", value_parser = sealing, help_heading = "Surface")]
+    #[arg(allow_negative_numbers = true)]
+    pub seal: Sealing,
     /// Steps of smoothing
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Surface")]
     pub smooth: u32,
@@ -200,6 +204,23 @@ pub struct GenerateArguments {
     pub threads: Option<u16>,
 }
 
+/// A way to close holes, as typed.
+fn sealing(text: &str) -> Result<Sealing, String> {
+    let expected = || format!("expected auto, off, a length, or a number of cells such as 8c, found {text:?}");
+    match (text, text.strip_suffix('c')) {
+        ("auto", _) => Ok(Sealing::Auto),
+        ("off", _) => Ok(Sealing::Off),
+        (_, Some(cells)) => match cells.parse() {
+            Ok(cells @ 1..) => Ok(Sealing::Cells(cells)),
+            _ => Err(expected()),
+        },
+        _ => match text.parse() {
+            Ok(length) if f64::is_finite(length) && length > 0.0 => Ok(Sealing::Length(length)),
+            _ => Err(expected()),
+        },
+    }
+}
+
 /// Three numbers.
 pub type Triple = Coordinates;
 
@@ -272,7 +293,7 @@ impl CloudArguments {
             AxisWord::Z => AxisChoice::Fixed(Axis::Z),
         };
         let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
-        Settings { fineness, axis, window: self.window, surface }
+        Settings { fineness, axis, seal: self.seal, window: self.window, surface }
     }
 
     fn input(&self) -> InputOptions {

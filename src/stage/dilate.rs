@@ -25,10 +25,12 @@ pub struct Ball {
 impl Ball {
     /// The ball of closing radius `radius`, in cells.
     pub fn new(radius: u32) -> Ball {
-        let squared = match radius {
-            1 => 3,
-            _ => i64::from(radius) * i64::from(radius),
-        };
+        Ball::squared(squared(radius))
+    }
+
+    /// The ball of the offsets whose squared length is at most `squared`.
+    pub fn squared(squared: u32) -> Ball {
+        let (radius, squared) = (squared.isqrt(), i64::from(squared));
         let reach = radius as i32;
         let mut layers = vec![Vec::new(); radius as usize + 1];
         for dy in -reach..=reach {
@@ -70,6 +72,11 @@ impl Ball {
         }
         any
     }
+}
+
+/// The squared radius r² of the ball of closing radius `radius`: ρ², but 3 for ρ = 1.
+pub fn squared(radius: u32) -> u32 {
+    if radius == 1 { 3 } else { radius * radius }
 }
 
 /// Sets both neighbours of every set cell of a row.

@@ -1,27 +1,21 @@
 //! Exterior: the free cells that a path of free cells joins to the border of the padded box.
 //!
-//! Labels stream. Upwards, slice by slice, runs of free cells are joined by union-find within their slice and to the slice before;
-//! a set of joined runs is a *class* of its slice, and of the slice below only "what became of its classes" is kept.
-//! Class 0 is what is known to be exterior. Downwards, each class learns from the slice above what it turned out to be:
-//!
-//! ```text
-//!   slice y+1   [0] [  1  ]          became, for the classes of slice y: 0 -> 0, 1 -> 1, 2 -> 1, 3 -> ended
-//!   slice y     [0] [1] [2] [3]      exterior(y, c) = exterior(y+1, became(c)); what ended is not
-//! ```
-//!
-//! Memory: the runs of two slices and their classes, whatever the number of slices.
+//! The runs of free cells are labelled slice by slice ([`crate::stage::label`]); a component that touches the border is exterior, any other
+//! is enclosed.
 
 use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
-use crate::slice::{Bits, Run, Runs, SliceStore, words_for};
-use crate::spool::{Spool, Workspace};
+use crate::slice::{Bits, Runs, words_for};
 use crate::stage::dilate::Ball;
+pub use crate::stage::label::Scratch;
+use crate::stage::label::{Labeller, Labels, Measure};
 use crate::stage::raster::Occupancy;
 use crate::window::Window;
 
-/// What a class became in the slice above, if nothing: it ended.
-const ENDED: u32 = u32::MAX;
+/// The verdicts on components of free cells.
+const ENCLOSED: u8 = 0;
+const EXTERIOR: u8 = 1;
 
 /// The box of cells padded on every side by ρ + 1: far enough that a ball outside the box touches every side of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,6 +32,25 @@ impl Padded {
         let pad = radius + 1;
         Padded { pad, cells: cells.map(|c| c + 2 * pad) }
     }
+
+    /// Empty bits of one slice.
+    pub fn bits(&self) -> Bits {
+        Bits::new(self.cells[0], self.cells[2])
+    }
+
+    /// Sets the occupied cells of padded slice `y` in `bits`, which is cleared first; slices outside the box have none.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn paint_occupied(&self, occupancy: &Occupancy, y: i64, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
+        bits.clear();
+        let y = y - i64::from(self.pad);
+        if (0..i64::from(occupancy.cells[1])).contains(&y) {
+            occupancy.store.read(y as u32, runs)?;
+            bits.paint(runs, self.pad, self.pad);
+        }
+        Ok(())
+    }
 }
 
 /// The exterior of a cloud, slice by slice, in the padded box.
@@ -45,9 +58,23 @@ impl Padded {
 pub struct Exterior {
     /// The box.
     pub padded: Padded,
-    free: SliceStore,
-    classes: Records,
-    exterior: Records,
+    labels: Labels,
+}
+
+/// Whether a run or a component touches the border of the padded box.
+#[derive(Debug, Clone, Copy, Default)]
+struct AtBorder(bool);
+
+impl Measure for AtBorder {
+    fn add(&mut self, other: &AtBorder) {
+        self.0 |= other.0;
+    }
+}
+
+impl AtBorder {
+    fn verdict(&self) -> u8 {
+        if self.0 { EXTERIOR } else { ENCLOSED }
+    }
 }
 
 impl Exterior {
@@ -57,16 +84,30 @@ impl Exterior {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn find(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Exterior> {
         let padded = Padded::new(occupancy.cells, ball.radius());
-        let slices = padded.cells[1];
-        let mut labeller = Labeller::new(padded, context);
+        let [width, slices, rows] = padded.cells;
+        let mut labeller = Labeller::new(context);
         let mut jobs = chunks(slices);
+        let (mut y, mut at_border) = (0, Vec::new());
         context.workers.in_order(
             context.memory.chunks_for(&context.load, ball.radius()),
             || Ok(jobs.next()),
             |chunk| free_slices(occupancy, ball, padded, chunk),
-            |free: Vec<Runs>| free.into_iter().try_for_each(|slice| labeller.add(slice)),
+            |free: Vec<Runs>| {
+                for slice in free {
+                    let at_end = y == 0 || y == slices - 1;
+                    at_border.clear();
+                    for z in 0..rows {
+                        let at_end = at_end || z == 0 || z == rows - 1;
+                        let touches = slice.row(z).iter().map(|run| at_end || run.start == 0 || run.end == width);
+                        at_border.extend(touches.map(AtBorder));
+                    }
+                    labeller.add(slice, &at_border, AtBorder::verdict)?;
+                    y += 1;
+                }
+                Ok(())
+            },
         )?;
-        labeller.resolve(context)
+        Ok(Exterior { padded, labels: labeller.resolve(context, AtBorder::verdict)? })
     }
 
     /// Sets the free cells of padded slice `y`, exterior or enclosed, in `bits`, which must be empty.
@@ -74,9 +115,7 @@ impl Exterior {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn paint_free(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
-        self.free.read(y, &mut scratch.runs)?;
-        bits.paint(&scratch.runs, 0, 0);
-        Ok(())
+        self.labels.paint_all(y, bits, scratch)
     }
 
     /// Sets the exterior cells of padded slice `y` in `bits`, which must be empty. `scratch` is overwritten.
@@ -84,54 +123,30 @@ impl Exterior {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn paint(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
-        self.free.read(y, &mut scratch.runs)?;
-        self.classes.read(y, &mut scratch.classes)?;
-        self.exterior.read(y, &mut scratch.exterior)?;
-        for z in 0..scratch.runs.row_count() {
-            let range = scratch.runs.row_range(z);
-            let classes = &scratch.classes[range.clone()];
-            for (run, &class) in scratch.runs.all()[range].iter().zip(classes) {
-                if scratch.exterior[class as usize] != 0 {
-                    crate::slice::set_range(bits.row_mut(z), run.start, run.end);
-                }
-            }
-        }
-        Ok(())
+        self.labels.paint(y, EXTERIOR, bits, scratch)
     }
-}
 
-/// Buffers for reading a slice of [`Exterior`].
-#[derive(Debug, Default)]
-pub struct Scratch {
-    runs: Runs,
-    classes: Vec<u32>,
-    exterior: Vec<u32>,
+    /// Sets the free cells of padded slice `y` that are not exterior in `bits`, which must be empty.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn paint_enclosed(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
+        self.labels.paint(y, ENCLOSED, bits, scratch)
+    }
 }
 
 /// The free cells of a chunk of padded slices.
 fn free_slices(occupancy: &Occupancy, ball: &Ball, padded: Padded, chunk: std::ops::Range<u32>) -> Result<Vec<Runs>> {
     let [width, _, rows] = padded.cells;
     let radius = i64::from(ball.radius());
-    let mut window = Window::new(2 * ball.radius() as usize + 1, || Bits::new(width, rows));
+    let mut window = Window::new(2 * ball.radius() as usize + 1, || padded.bits());
     let (mut runs, mut acc) = (Runs::default(), vec![0; words_for(width)]);
     let mut out = Vec::with_capacity(chunk.len());
     for y in chunk.map(i64::from) {
-        window.slide_to(y - radius, |y, bits| {
-            bits.clear();
-            let y = y - i64::from(padded.pad);
-            if (0..i64::from(occupancy.cells[1])).contains(&y) {
-                occupancy.store.read(y as u32, &mut runs)?;
-                bits.paint(&runs, padded.pad, padded.pad);
-            }
-            Ok(())
-        })?;
+        window.slide_to(y - radius, |y, bits| padded.paint_occupied(occupancy, y, bits, &mut runs))?;
         let mut free = Runs::default();
-        for z in 0..rows as i32 {
-            let row = |dy: i32, dz: i32| {
-                let z = z + dz;
-                if z < 0 || z >= rows as i32 { None } else { window.get(y + i64::from(dy)).lit_row(z as u32) }
-            };
-            if ball.dilate_row(row, &mut acc) {
+        for z in 0..rows {
+            if ball.dilate_row(near(&window, y, z), &mut acc) {
                 invert(&mut acc, width);
                 free.push_row(&acc);
             } else {
@@ -144,6 +159,15 @@ fn free_slices(occupancy: &Occupancy, ball: &Ball, padded: Padded, chunk: std::o
     Ok(out)
 }
 
+/// The rows of a window round row `z` of slice `y`, by their offset, for [`Ball::dilate_row`].
+pub fn near<'a>(window: &'a Window<Bits>, y: i64, z: u32) -> impl Fn(i32, i32) -> Option<&'a [u64]> {
+    move |dy, dz| {
+        let slice = window.get(y + i64::from(dy));
+        let z = i64::from(z) + i64::from(dz);
+        if (0..i64::from(slice.row_count())).contains(&z) { slice.lit_row(z as u32) } else { None }
+    }
+}
+
 /// Complements the first `width` cells of a row; the rest of its last word stays clear.
 pub fn invert(words: &mut [u64], width: u32) {
     for word in words.iter_mut() {
@@ -154,156 +178,4 @@ pub fn invert(words: &mut [u64], width: u32) {
     {
         *last &= u64::MAX >> (64 - width % 64);
     }
-}
-
-/// Lists of `u32`, written one after the other, read by number.
-#[derive(Debug)]
-struct Records {
-    spool: Spool,
-    places: Vec<(u64, u32)>,
-}
-
-impl Records {
-    fn new(workspace: &Workspace, in_memory: u64) -> Records {
-        Records { spool: workspace.spool(in_memory), places: Vec::new() }
-    }
-
-    fn append(&mut self, list: &[u32]) -> Result<()> {
-        let at = self.spool.append(bytemuck::cast_slice(list))?;
-        self.places.push((at, list.len() as u32));
-        Ok(())
-    }
-
-    fn read(&self, number: u32, out: &mut Vec<u32>) -> Result<()> {
-        let (at, len) = self.places[number as usize];
-        out.resize(len as usize, 0);
-        self.spool.read_at(at, bytemuck::cast_slice_mut(out))
-    }
-}
-
-/// The upward half: takes slices of free runs in order and gives each run its class.
-struct Labeller {
-    padded: Padded,
-    free: SliceStore,
-    classes: Records,
-    /// Of slice y: what its classes became in slice y + 1.
-    became: Records,
-    below: Runs,
-    below_classes: Vec<u32>,
-    /// Number of classes of the slice below; class 0 always exists.
-    below_count: usize,
-    parents: Vec<u32>,
-}
-
-impl Labeller {
-    fn new(padded: Padded, context: &Context) -> Labeller {
-        let quota = context.memory.store_quota;
-        Labeller {
-            padded,
-            free: SliceStore::new(&context.workspace, quota),
-            classes: Records::new(&context.workspace, quota),
-            became: Records::new(&context.workspace, quota),
-            below: Runs::default(),
-            below_classes: Vec::new(),
-            below_count: 1,
-            parents: Vec::new(),
-        }
-    }
-
-    /// Labels the next slice. Elements of the union-find: the classes below, then this slice's runs.
-    fn add(&mut self, slice: Runs) -> Result<()> {
-        let y = self.free.slice_count();
-        let [width, slices, rows] = self.padded.cells;
-        let (base, runs) = (self.below_count as u32, slice.all().len() as u32);
-        self.parents.clear();
-        self.parents.extend(0..base + runs);
-        let parents = &mut self.parents;
-        let at_end = y == 0 || y == slices - 1;
-        for z in 0..rows {
-            let range = slice.row_range(z);
-            let row = &slice.all()[range.clone()];
-            let number = |i: usize| base + (range.start + i) as u32;
-            for (i, run) in row.iter().enumerate() {
-                if at_end || z == 0 || z == rows - 1 || run.start == 0 || run.end == width {
-                    unite(parents, number(i), 0);
-                }
-            }
-            if z > 0 {
-                let before = slice.row_range(z - 1);
-                overlaps(row, &slice.all()[before.clone()], |i, j| {
-                    unite(parents, number(i), base + (before.start + j) as u32);
-                });
-            }
-            if y > 0 {
-                let below = self.below.row_range(z);
-                let classes = &self.below_classes[below.clone()];
-                overlaps(row, &self.below.all()[below], |i, j| unite(parents, number(i), classes[j]));
-            }
-        }
-
-        // The smaller root wins a union, so whatever joined class 0 has root 0.
-        let mut names = vec![ENDED; (base + runs) as usize];
-        names[0] = 0;
-        let mut count = 1;
-        self.below_classes.clear();
-        for run in base..base + runs {
-            let root = find(parents, run) as usize;
-            if names[root] == ENDED {
-                names[root] = count;
-                count += 1;
-            }
-            self.below_classes.push(names[root]);
-        }
-        if y > 0 {
-            let became: Vec<u32> = (0..base).map(|class| names[find(parents, class) as usize]).collect();
-            self.became.append(&became)?;
-        }
-        self.free.append(&slice)?;
-        self.classes.append(&self.below_classes)?;
-        self.below_count = count as usize;
-        self.below = slice;
-        Ok(())
-    }
-
-    /// The downward half.
-    fn resolve(self, context: &Context) -> Result<Exterior> {
-        let mut exterior = Records::new(&context.workspace, context.memory.store_quota);
-        let mut above: Vec<u32> = (0..self.below_count).map(|class| u32::from(class == 0)).collect();
-        exterior.append(&above)?;
-        let mut became = Vec::new();
-        for y in (0..self.free.slice_count() - 1).rev() {
-            self.became.read(y, &mut became)?;
-            let here: Vec<u32> = became.iter().map(|&c| if c == ENDED { 0 } else { above[c as usize] }).collect();
-            exterior.append(&here)?;
-            above = here;
-        }
-        exterior.places.reverse();
-        Ok(Exterior { padded: self.padded, free: self.free, classes: self.classes, exterior })
-    }
-}
-
-/// Calls `found(i, j)` for every pair of runs of two rows that share a cell coordinate.
-fn overlaps(a: &[Run], b: &[Run], mut found: impl FnMut(usize, usize)) {
-    let (mut i, mut j) = (0, 0);
-    while i < a.len() && j < b.len() {
-        if a[i].start < b[j].end && b[j].start < a[i].end {
-            found(i, j);
-        }
-        if a[i].end < b[j].end { i += 1 } else { j += 1 }
-    }
-}
-
-fn find(parents: &mut [u32], mut element: u32) -> u32 {
-    while parents[element as usize] != element {
-        let grandparent = parents[parents[element as usize] as usize];
-        parents[element as usize] = grandparent;
-        element = grandparent;
-    }
-    element
-}
-
-fn unite(parents: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (find(parents, a), find(parents, b));
-    // The smaller number becomes the root: class 0, the exterior, always wins.
-    parents[a.max(b) as usize] = a.min(b);
 }

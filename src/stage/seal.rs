@@ -21,8 +21,10 @@
 
 use crate::context::Context;
 use crate::error::Result;
-use crate::stage::dilate::Ball;
+use crate::stage::dilate::{Ball, squared};
+use crate::stage::exterior::Exterior;
 use crate::stage::raster::Occupancy;
+use crate::stage::sides::Sides;
 use crate::stage::solid::Solid;
 
 /// The coarsest level is the first with no more cells than this along any axis. With half of that, the several jumps of a scan that lacks parts
@@ -47,6 +49,10 @@ const CONFIRMED: f64 = 0.8;
 /// The largest radius tried on the coarsest level, as a share of the longest side. Scans without a base need 0.06.
 const LARGEST: f64 = 0.08;
 
+/// A ball of this many cells is large enough to tell the sides apart on a level: it falls from there, and no level below needs a larger
+/// one than twice the cells it ends with.
+const FALLS_FROM: u32 = 5;
+
 /// What was tried: a radius at a level, and what it gave.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Trial {
@@ -60,61 +66,123 @@ pub struct Trial {
     pub encloses: Option<f64>,
 }
 
+/// The ball that tells inside and outside apart, on a level of the pyramid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct Closing {
+    /// The level: 0 is the grid itself; each level has cells twice as large.
+    pub level: u32,
+    /// The closing radius, in cells of the level.
+    pub radius: u32,
+}
+
+impl Closing {
+    /// The closing radius ρ in cells of the grid.
+    pub fn rho(&self) -> u32 {
+        self.radius << self.level
+    }
+
+    /// A closing with a given radius, in cells of the grid, on the level that has the smallest ball of [`FALLS_FROM`] cells or more.
+    pub fn with_radius(rho: u32) -> Closing {
+        let level = (rho / FALLS_FROM).max(1).ilog2();
+        Closing { level, radius: rho.div_ceil(1 << level) }
+    }
+}
+
 /// The outcome of the search.
 #[derive(Debug)]
 pub struct Sealed {
-    /// The closing radius ρ, in cells of the grid.
-    pub radius: u32,
-    /// The solid closed with it.
-    pub solid: Solid,
-    /// Whether the cloud was seen to have an inside that this radius seals.
-    pub has_inside: bool,
+    /// The smallest ball that seals, or none if the cloud has no inside at any radius.
+    pub closing: Option<Closing>,
+    /// The solid, if the last trial made it: a ball of one cell, on the grid itself.
+    pub solid: Option<Solid>,
     /// All that was tried, in order.
     pub trials: Vec<Trial>,
+}
+
+/// The grid's occupied cells, and the same cells ever coarser.
+#[derive(Debug)]
+pub struct Pyramid<'a> {
+    finest: &'a Occupancy,
+    coarser: Vec<Occupancy>,
+}
+
+impl<'a> Pyramid<'a> {
+    /// The pyramid over `finest`, up to the first level with no more than [`COARSEST`] cells along any axis, or to `level`, if that is coarser.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn over(finest: &'a Occupancy, level: u32, context: &Context) -> Result<Pyramid<'a>> {
+        let mut coarser: Vec<Occupancy> = Vec::new();
+        while coarser.last().unwrap_or(finest).cells.iter().max() > Some(&COARSEST) || coarser.len() < level as usize {
+            coarser.push(coarser.last().unwrap_or(finest).coarser(context)?);
+        }
+        Ok(Pyramid { finest, coarser })
+    }
+
+    /// The occupied cells of a level.
+    pub fn level(&self, level: u32) -> &Occupancy {
+        if level == 0 { self.finest } else { &self.coarser[level as usize - 1] }
+    }
+
+    fn coarsest(&self) -> u32 {
+        self.coarser.len() as u32
+    }
+
+    /// The solid of the grid that the ball of `closing` and its fall ([`crate::stage::sides`]) leave.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn close(&self, closing: Closing, context: &Context, mut progress: impl FnMut(u32)) -> Result<Solid> {
+        let Closing { level, radius } = closing;
+        let exterior = Exterior::find(self.level(level), &Ball::new(radius), context)?;
+        let mut sides = Sides::told_by(&exterior, squared(radius), context)?;
+        for level in (0..=level).rev() {
+            let occupancy = self.level(level);
+            if level < closing.level {
+                sides = sides.refined(occupancy, context)?;
+            }
+            sides = sides.fallen(occupancy, level, context, &mut progress)?;
+        }
+        Solid::between(self.finest, &sides, context)
+    }
 }
 
 /// What a level of the pyramid taught the next finer one.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     radius: u32,
+    /// Whether more than a jump of the volume speaks for it.
+    confirmed: bool,
     /// Solid cells, less the half of the occupied ones that lies outside the surface.
     inside: f64,
 }
 
-/// Finds ρ for `occupancy` and closes it. `progress` is told the slices of each trial. The outcome depends on the occupied cells alone.
+/// Finds the ball that seals. `progress` is told the slices of each trial. The outcome depends on the occupied cells alone.
+///
+/// The search goes down the pyramid until a ball of [`FALLS_FROM`] cells or more seals a level, or to the grid itself.
 ///
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-pub fn find(occupancy: &Occupancy, context: &Context, mut progress: impl FnMut(u32)) -> Result<Sealed> {
-    let mut pyramid = Vec::new();
-    while pyramid.last().unwrap_or(occupancy).cells.iter().max() > Some(&COARSEST) {
-        pyramid.push(pyramid.last().unwrap_or(occupancy).coarser(context)?);
-    }
+pub fn find(pyramid: &Pyramid<'_>, context: &Context, mut progress: impl FnMut(u32)) -> Result<Sealed> {
     let mut trials = Vec::new();
     let mut seen: Option<Seen> = None;
-    for level in (1..=pyramid.len()).rev() {
-        let occupancy = &pyramid[level - 1];
-        let mut attempt =
-            Level { occupancy, level: level as u32, context, trials: &mut trials, progress: &mut progress };
-        seen = match seen {
-            Some(seen) => attempt.refine(seen, 0)?.map(|(seen, _)| seen),
-            None => attempt.first_enclosing(0, level == pyramid.len())?,
+    for level in (0..=pyramid.coarsest()).rev() {
+        let least = u32::from(level == 0);
+        let occupancy = pyramid.level(level);
+        let mut attempt = Level { occupancy, level, context, trials: &mut trials, progress: &mut progress };
+        let found = match seen {
+            Some(seen) => attempt.refine(seen, least)?,
+            None => attempt.first_enclosing(least, level == pyramid.coarsest())?,
         };
-    }
-    let mut attempt = Level { occupancy, level: 0, context, trials: &mut trials, progress: &mut progress };
-    let found = match seen {
-        Some(seen) => attempt.refine(seen, 1)?,
-        None => match attempt.first_enclosing(1, pyramid.is_empty())? {
-            Some(seen) => Some((seen, attempt.close(seen.radius)?)),
-            None => None,
-        },
-    };
-    Ok(match found {
-        Some((seen, solid)) => Sealed { radius: seen.radius, solid, has_inside: true, trials },
-        None => {
-            Sealed { radius: 1, solid: Solid::close(occupancy, &Ball::new(1), context)?, has_inside: false, trials }
+        let solid;
+        (seen, solid) = found.unzip();
+        if let Some(Seen { radius, confirmed, .. }) = seen
+            && (confirmed && radius >= FALLS_FROM || level == 0)
+        {
+            return Ok(Sealed { closing: Some(Closing { level, radius }), solid: solid.filter(|_| radius == 1), trials });
         }
-    })
+    }
+    Ok(Sealed { closing: None, solid: None, trials })
 }
 
 /// One level of the pyramid under trial.
@@ -143,27 +211,30 @@ impl Level<'_> {
     ///
     /// The first level tries all radii up to the largest; a finer one, where the coarser found no inside, only small ones: a hole that needs
     /// more would have needed a ball of two or more on the coarser level, which tried that.
-    fn first_enclosing(&mut self, least: u32, first_level: bool) -> Result<Option<Seen>> {
+    fn first_enclosing(&mut self, least: u32, first_level: bool) -> Result<Option<(Seen, Solid)>> {
         let longest = f64::from(self.occupancy.cells.into_iter().max().unwrap_or(1));
         let most = if first_level { ((longest * LARGEST).ceil() as u32).max(3) } else { 3 };
-        let mut tried = Vec::new();
+        let (mut tried, mut solids) = (Vec::new(), Vec::new());
         for radius in least..=most {
             let (solid, encloses) = Solid::close_measured(self.occupancy, &Ball::new(radius), self.context)?;
             (self.progress)(self.occupancy.cells[1]);
             let volume = solid.volume;
             self.trials.push(Trial { level: self.level, radius, volume, encloses: Some(encloses) });
-            tried.push((encloses, Seen { radius, inside: self.inside(volume) }));
+            tried.push((encloses, Seen { radius, confirmed: encloses >= ENCLOSES, inside: self.inside(volume) }));
+            solids.push(solid);
         }
         let jump = |pair: &[(f64, Seen)]| (pair[1].1.inside >= JUMP * pair[0].1.inside).then_some(pair[1].1);
         let largest = tried.iter().copied().reduce(|best, next| if next.0 > best.0 { next } else { best });
-        Ok(match largest {
-            Some((encloses, most)) if encloses >= ENCLOSES => {
-                tried.into_iter().map(|(_, seen)| seen).find(|seen| seen.inside >= NEARLY * most.inside)
-            }
+        let found = match largest {
+            Some((encloses, most)) if encloses >= ENCLOSES => tried
+                .into_iter()
+                .map(|(_, seen)| Seen { confirmed: true, ..seen })
+                .find(|seen| seen.inside >= NEARLY * most.inside),
             // On the grid itself no finer level would confirm a jump.
             _ if self.level == 0 => None,
             _ => tried.windows(2).rev().find_map(jump),
-        })
+        };
+        Ok(found.map(|seen| (seen, solids.swap_remove((seen.radius - least) as usize))))
     }
 
     /// Finds the smallest radius near twice the coarser level's that gives about the volume to be expected.
@@ -193,6 +264,6 @@ impl Level<'_> {
             }
             (radius, solid) = (radius - 1, smaller);
         }
-        Ok(Some((Seen { radius, inside: self.inside(solid.volume) }, solid)))
+        Ok(Some((Seen { radius, confirmed: true, inside: self.inside(solid.volume) }, solid)))
     }
 }

@@ -10,6 +10,7 @@ use crate::slice::{Bits, Runs, SliceStore, words_for};
 use crate::stage::dilate::Ball;
 use crate::stage::exterior::{Exterior, Padded, Scratch, invert};
 use crate::stage::raster::Occupancy;
+use crate::stage::sides::Sides;
 use crate::window::Window;
 
 /// The solid cells of a cloud, slice by slice, in the box.
@@ -31,12 +32,23 @@ struct Chunk {
 }
 
 /// Which free cells are grown back.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Grown {
+#[derive(Debug, Clone, Copy)]
+enum Grown<'a> {
     /// The exterior ones: what is left is the solid.
-    Exterior,
+    Exterior(&'a Exterior),
     /// All: what is left is the shell, the closing of the occupied cells without regard to inside and outside.
-    Free,
+    Free(&'a Exterior),
+    /// Those outside, never into those inside.
+    Outside(&'a Sides),
+}
+
+impl Grown<'_> {
+    fn padded(&self) -> Padded {
+        match self {
+            Grown::Exterior(exterior) | Grown::Free(exterior) => exterior.padded,
+            Grown::Outside(sides) => sides.padded,
+        }
+    }
 }
 
 impl Solid {
@@ -46,7 +58,16 @@ impl Solid {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn close(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Solid> {
         let exterior = Exterior::find(occupancy, ball, context)?;
-        Solid::grown(occupancy, &exterior, ball, Grown::Exterior, context)
+        Solid::grown(occupancy, Grown::Exterior(&exterior), ball, context)
+    }
+
+    /// The solid between the two sides: the outside cells grown back by one cell, neither into an occupied cell nor into an inside
+    /// one; the rest is solid.
+    ///
+    /// # Errors
+    /// As [`Solid::close`].
+    pub fn between(occupancy: &Occupancy, sides: &Sides, context: &Context) -> Result<Solid> {
+        Solid::grown(occupancy, Grown::Outside(sides), &Ball::new(1), context)
     }
 
     /// Closes the occupied cells with `ball`, and tells how much of the shell encloses something: the faces that the shell
@@ -65,19 +86,13 @@ impl Solid {
     /// As [`Solid::close`].
     pub fn close_measured(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<(Solid, f64)> {
         let exterior = Exterior::find(occupancy, ball, context)?;
-        let solid = Solid::grown(occupancy, &exterior, ball, Grown::Exterior, context)?;
-        let shell = Solid::grown(occupancy, &exterior, ball, Grown::Free, context)?;
+        let solid = Solid::grown(occupancy, Grown::Exterior(&exterior), ball, context)?;
+        let shell = Solid::grown(occupancy, Grown::Free(&exterior), ball, context)?;
         let (outer, all) = (solid.face_count() as f64, shell.face_count() as f64);
         Ok((solid, (all - outer) / outer))
     }
 
-    fn grown(
-        occupancy: &Occupancy,
-        exterior: &Exterior,
-        ball: &Ball,
-        grown: Grown,
-        context: &Context,
-    ) -> Result<Solid> {
+    fn grown(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, context: &Context) -> Result<Solid> {
         let cells = occupancy.cells;
         let mut solid = Solid {
             cells,
@@ -89,7 +104,7 @@ impl Solid {
         context.workers.in_order(
             context.memory.chunks_for(&context.load, ball.radius()),
             || Ok(jobs.next()),
-            |chunk| solid_slices(occupancy, exterior, ball, grown, chunk),
+            |chunk| solid_slices(occupancy, grown, ball, chunk),
             |chunk| {
                 for slice in &chunk.slices {
                     solid.volume += slice.cell_count();
@@ -123,16 +138,16 @@ impl Solid {
 /// The cells of a chunk of slices that are left, with the number of faces of each slice.
 fn solid_slices(
     occupancy: &Occupancy,
-    exterior: &Exterior,
+    grown: Grown<'_>,
     ball: &Ball,
-    grown: Grown,
     chunk: std::ops::Range<u32>,
 ) -> Result<Chunk> {
-    let Padded { pad, cells: [width, _, rows] } = exterior.padded;
+    let Padded { pad, cells: [width, _, rows] } = grown.padded();
     let [box_width, _, box_rows] = occupancy.cells;
     let radius = i64::from(ball.radius());
     let mut window = Window::new(2 * ball.radius() as usize + 1, || Bits::new(width, rows));
-    let (mut occupied, mut occupied_runs) = (Bits::new(width, rows), Runs::default());
+    // Cells that are not grown into.
+    let (mut kept, mut runs) = (Bits::new(width, rows), Runs::default());
     let (mut acc, mut scratch) = (vec![0; words_for(width)], Scratch::default());
     let mut below = vec![0; words_for(width) * box_rows as usize];
     let mut out = Chunk { slices: Vec::with_capacity(chunk.len()), faces: Vec::with_capacity(chunk.len()) };
@@ -142,13 +157,17 @@ fn solid_slices(
         window.slide_to(padded_y - radius, |y, bits| {
             bits.clear();
             match grown {
-                Grown::Exterior => exterior.paint(y as u32, bits, &mut scratch),
-                Grown::Free => exterior.paint_free(y as u32, bits, &mut scratch),
+                Grown::Exterior(exterior) => exterior.paint(y as u32, bits, &mut scratch),
+                Grown::Free(exterior) => exterior.paint_free(y as u32, bits, &mut scratch),
+                Grown::Outside(sides) => sides.paint_outside(y as u32, bits, &mut runs),
             }
         })?;
-        occupied.clear();
-        occupancy.store.read(y, &mut occupied_runs)?;
-        occupied.paint(&occupied_runs, pad, pad);
+        kept.clear();
+        if let Grown::Outside(sides) = grown {
+            sides.paint_inside(padded_y as u32, &mut kept, &mut runs)?;
+        }
+        occupancy.store.read(y, &mut runs)?;
+        kept.paint(&runs, pad, pad);
 
         let (mut slice, mut faces) = (Runs::default(), 0);
         for z in 0..box_rows {
@@ -156,7 +175,7 @@ fn solid_slices(
                 |dy: i32, dz: i32| window.get(padded_y + i64::from(dy)).lit_row((z + pad).wrapping_add_signed(dz));
             ball.dilate_row(row, &mut acc);
             invert(&mut acc, width);
-            if let Some(words) = occupied.lit_row(z + pad) {
+            if let Some(words) = kept.lit_row(z + pad) {
                 acc.iter_mut().zip(words).for_each(|(a, w)| *a |= w);
             }
             // Nothing outside the box is solid: outside it every cell is in the ball of an exterior one.
