@@ -8,7 +8,7 @@ use asra_stream::grid::{Axis, AxisChoice, Resolution};
 use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
 use asra_stream::partition::slab_slices;
-use asra_stream::pipeline::{Fineness, Reconstruction, Settings, Surveyed, context, reconstruct, survey_cloud};
+use asra_stream::pipeline::{Fineness, Reconstruction, Sealing, Settings, Surveyed, context, reconstruct, survey_cloud};
 use asra_stream::plan::MemoryPlan;
 use asra_stream::progress::{Progress, Show};
 use asra_stream::schedule::Workers;
@@ -96,7 +96,9 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
         min: grid.bounds().min,
         w: grid.cell_size(),
         cells: grid.cells(),
-        rho: run.made.radius,
+        rho: run.made.closing.radius,
+        level: run.made.closing.level,
+        falls: run.made.falls,
         smooth: settings.surface.smooth,
         diagonals: match settings.surface.diagonals {
             Diagonals::Delaunay => twin::Diagonals::Delaunay,
@@ -123,10 +125,24 @@ fn settings() -> impl Strategy<Value = Settings> {
     let diagonals = prop_oneof![Just(Diagonals::Delaunay), Just(Diagonals::First), Just(Diagonals::Random)];
     let fit = prop_oneof![4 => Just(Fit::Nearest), 1 => Just(Fit::None)];
     let smooth = prop_oneof![4 => Just(1u32), 1 => Just(0), 1 => Just(2), 1 => Just(3)];
-    (axis, 1u32..=40, prop_oneof![Just(None), Just(Some(3u32)), Just(Some(5))], smooth, diagonals, fit).prop_map(
-        |(axis, slices, window, smooth, diagonals, fit)| Settings {
+    let seal = prop_oneof![
+        3 => Just((Sealing::Auto, None)),
+        1 => Just((Sealing::Auto, Some(3u32))),
+        1 => Just((Sealing::Auto, Some(5))),
+        1 => Just((Sealing::Off, None)),
+        // From 10 cells on the ball starts on a coarser level.
+        3 => (2u32..=4).prop_map(|cells| (Sealing::Cells(cells), None)),
+        1 => (10u32..=11).prop_map(|cells| (Sealing::Cells(cells), None)),
+    ];
+    (axis, 1u32..=40, seal, smooth, diagonals, fit).prop_map(
+        |(axis, slices, (seal, window), smooth, diagonals, fit)| Settings {
             fineness: Fineness::Given(Resolution::Slices(slices)),
             axis,
+            // A ball of more than half the longest side is refused.
+            seal: match seal {
+                Sealing::Cells(cells) => Sealing::Cells(cells.min(slices / 2).max(1)),
+                _ => seal,
+            },
             window,
             surface: SurfaceOptions { smooth, diagonals, fit },
         },

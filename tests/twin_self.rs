@@ -36,6 +36,8 @@ fn unit_params(cells: [u32; 3], slab_slices: u32) -> Params {
         w: 1.0,
         cells,
         rho: 1,
+        level: 0,
+        falls: false,
         smooth: 1,
         diagonals: Diagonals::Delaunay,
         fit: true,

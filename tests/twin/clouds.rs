@@ -58,6 +58,8 @@ impl Setting {
             w,
             cells,
             rho: self.rho,
+            level: 0,
+            falls: false,
             smooth: self.smooth,
             diagonals: self.diagonals,
             fit: true,

@@ -20,6 +20,7 @@ pub mod contract;
 pub mod corner;
 pub mod fit;
 pub mod grid;
+pub mod sides;
 pub mod solid;
 pub mod surface;
 
@@ -39,8 +40,12 @@ pub struct Params {
     pub w: f64,
     /// Number of cells along the grid's axes.
     pub cells: [u32; 3],
-    /// Closing radius, at least 1.
+    /// Closing radius, at least 1, in cells of the pyramid's level `level`.
     pub rho: u32,
+    /// Level of the pyramid whose sides the ball of radius `rho` tells apart; 0 is the grid.
+    pub level: u32,
+    /// Whether the ball falls from there; if not, `level` is 0.
+    pub falls: bool,
     /// Smoothing steps.
     pub smooth: u32,
     /// How faces are cut.

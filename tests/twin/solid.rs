@@ -71,8 +71,12 @@ impl Cells {
 
 /// The offsets of the ball of radius `rho`.
 pub fn ball(rho: u32) -> Vec<[i32; 3]> {
-    let r = rho as i32;
-    let limit = if r == 1 { 3 } else { r * r };
+    ball_squared(if rho == 1 { 3 } else { (rho * rho) as i32 })
+}
+
+/// The offsets whose squared length is at most `limit`.
+pub fn ball_squared(limit: i32) -> Vec<[i32; 3]> {
+    let r = limit.isqrt();
     let mut offsets = Vec::new();
     for dx in -r..=r {
         for dy in -r..=r {
@@ -86,7 +90,7 @@ pub fn ball(rho: u32) -> Vec<[i32; 3]> {
     offsets
 }
 
-fn plus(a: [i32; 3], b: [i32; 3]) -> [i32; 3] {
+pub fn plus(a: [i32; 3], b: [i32; 3]) -> [i32; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
@@ -155,6 +159,9 @@ pub fn closed(occupied: &Cells, exterior: &Cells, rho: u32) -> Cells {
 /// Points to solid cells, all the way.
 pub fn solid_cells(points: &[[f64; 3]], params: &Params) -> Cells {
     let occupied = occupied(points, params);
+    if params.falls {
+        return without_lone(&super::sides::solid(&occupied, params.level, params.rho));
+    }
     let exterior = exterior(&dilated(&occupied, params.rho));
     without_lone(&closed(&occupied, &exterior, params.rho))
 }
