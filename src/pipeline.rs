@@ -15,9 +15,10 @@ use crate::plan::{Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
 use crate::schedule::Workers;
-use crate::slab::{SlabMesh, SurfaceOptions};
+use crate::slab::{Fit, SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
 use crate::stage::dilate::Ball;
+use crate::stage::plane::{self, Sampled};
 use crate::stage::raster::Occupancy;
 use crate::stage::seal::{self, Sealed};
 use crate::stage::solid::Solid;
@@ -202,14 +203,20 @@ fn reconstruct_as<T: Coordinate>(
         solid.faces[slab.start as usize..slab.end as usize].iter().map(|f| u64::from(*f)).sum::<u64>()
     };
     let slabs = slab_count(smooth, solid.cells[1]);
-    let jobs = context.memory.slab_jobs(load, (0..slabs).map(faces_of_slab).max().unwrap_or(0))?;
+    let means = match settings.surface.fit {
+        Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
+        Fit::Nearest | Fit::None => 0,
+    };
+    let most_faces = (0..slabs).map(faces_of_slab).max().unwrap_or(0);
+    let jobs = context.memory.slab_jobs(load, most_faces, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
+    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid };
     let mesh = MeshSpool::new(&context.workspace, T::PRECISION, context.memory.mesh_quota);
     let mut stitcher = Stitcher::new(grid, halo(smooth), origin, mesh);
     context.workers.in_order_range(
         jobs.in_flight,
         slabs as usize,
-        |number| SlabMesh::make(number as u32, solid, &buckets, grid, settings.surface, jobs.piece_points),
+        |number| SlabMesh::make(number as u32, solid, &sampled, settings.surface, jobs.piece_points),
         |slab| {
             progress.add(slab.slices.len() as u64);
             stitcher.add(slab)

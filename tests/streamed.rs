@@ -103,7 +103,11 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
             Diagonals::Random => twin::Diagonals::Random,
             Diagonals::First => twin::Diagonals::First,
         },
-        fit: settings.surface.fit == Fit::Nearest,
+        fit: match settings.surface.fit {
+            Fit::Nearest => twin::Fit::Nearest,
+            Fit::Plane => twin::Fit::Plane,
+            Fit::None => twin::Fit::None,
+        },
         slab_slices: slab_slices(settings.surface.smooth),
         single,
     };
@@ -121,7 +125,7 @@ fn settings() -> impl Strategy<Value = Settings> {
         Just(AxisChoice::Fixed(Axis::Z))
     ];
     let diagonals = prop_oneof![Just(Diagonals::Delaunay), Just(Diagonals::First), Just(Diagonals::Random)];
-    let fit = prop_oneof![4 => Just(Fit::Nearest), 1 => Just(Fit::None)];
+    let fit = prop_oneof![4 => Just(Fit::Nearest), 2 => Just(Fit::Plane), 1 => Just(Fit::None)];
     let smooth = prop_oneof![4 => Just(1u32), 1 => Just(0), 1 => Just(2), 1 => Just(3)];
     (axis, 1u32..=40, prop_oneof![Just(None), Just(Some(3u32)), Just(Some(5))], smooth, diagonals, fit).prop_map(
         |(axis, slices, window, smooth, diagonals, fit)| Settings {
@@ -180,7 +184,7 @@ fn all_256_corners_give_the_twins_mesh_on_a_seam() {
     };
     let seam = slab_slices(settings.surface.smooth);
     assert!(seam < 24, "the block lies across a seam");
-    for fit in [Fit::Nearest, Fit::None] {
+    for fit in [Fit::Nearest, Fit::Plane, Fit::None] {
         for mask in 0..256u32 {
             // Two points far from the block hold the box at 7 x 24 x 7 cells of side 1.
             let mut points = vec![[0.0; 3], [7.0, 24.0, 7.0]];

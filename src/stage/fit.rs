@@ -21,9 +21,9 @@ use crate::error::Result;
 use crate::grid::Grid;
 use crate::partition::{BUCKET_SLICES, REACH};
 use crate::points::Coordinate;
-use crate::slice::words_for;
 use crate::stage::contract::NONE;
 use crate::stage::extract::{Kind, Surface};
+use crate::stage::ranked::Ranked;
 use crate::window::Window;
 
 /// The nearest points of a slab's vertices.
@@ -222,13 +222,9 @@ struct SliceIndex<T> {
     points: Vec<[T; 3]>,
     /// The number of the first point among the piece's.
     base: u32,
-    words: usize,
     width: u32,
     rows: u32,
-    /// Is a cell occupied? One row after the other.
-    occupied: Vec<u64>,
-    /// Of each word: the occupied cells before it.
-    before: Vec<u32>,
+    occupied: Ranked,
     /// Of each occupied cell: the points before it; one entry more than cells.
     first: Vec<u32>,
     keys: Vec<(u32, u32)>,
@@ -238,16 +234,12 @@ struct SliceIndex<T> {
 
 impl<T: Coordinate> SliceIndex<T> {
     fn new(width: u32, rows: u32) -> SliceIndex<T> {
-        // One cell more than there are, so that the end of a row has a bit, too.
-        let words = words_for(width + 1);
         SliceIndex {
             points: Vec::new(),
             base: 0,
-            words,
             width,
             rows,
-            occupied: vec![0; words * rows as usize],
-            before: vec![0; words * rows as usize],
+            occupied: Ranked::new(width, rows),
             first: Vec::new(),
             keys: Vec::new(),
             order: Vec::new(),
@@ -265,7 +257,7 @@ impl<T: Coordinate> SliceIndex<T> {
         if points.is_empty() && !had_points {
             return;
         }
-        self.occupied.fill(0);
+        self.occupied.clear();
         self.keys.clear();
         self.keys.extend(points.iter().map(|p| {
             let [x, _, z] = grid.cell_of(p.map(Into::into));
@@ -280,31 +272,19 @@ impl<T: Coordinate> SliceIndex<T> {
             let (x, z) = self.keys[i as usize];
             if last != Some((x, z)) {
                 self.first.push(number as u32);
-                self.occupied[z as usize * self.words + x as usize / 64] |= 1 << (x % 64);
+                self.occupied.set(x, z);
                 last = Some((x, z));
             }
         }
         self.first.push(points.len() as u32);
-        let mut cells = 0;
-        for (before, word) in self.before.iter_mut().zip(&self.occupied) {
-            *before = cells;
-            cells += word.count_ones();
-        }
+        self.occupied.number();
     }
 
     /// The stretch of points in cells `x` of row `z`.
     #[inline]
     fn cells(&self, z: i64, x: Range<i64>) -> Range<usize> {
-        if z < 0 || z >= i64::from(self.rows) {
-            return 0..0;
-        }
-        let rank = |x: i64| {
-            let x = x.clamp(0, i64::from(self.width)) as usize;
-            let word = z as usize * self.words + x / 64;
-            let within = self.occupied[word] & ((1 << (x % 64)) - 1);
-            (self.before[word] + within.count_ones()) as usize
-        };
-        self.first[rank(x.start)] as usize..self.first[rank(x.end)] as usize
+        let cells = self.occupied.cells(z, x);
+        self.first[cells.start] as usize..self.first[cells.end] as usize
     }
 }
 

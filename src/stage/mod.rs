@@ -1,5 +1,5 @@
 //! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone,
-//! extract, smooth, fit, contract.
+//! extract, smooth, fit or plane, contract.
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
@@ -10,6 +10,8 @@ pub mod exterior;
 pub mod extract;
 pub mod fit;
 pub mod lone;
+pub mod plane;
+pub mod ranked;
 pub mod raster;
 pub mod seal;
 pub mod smooth;

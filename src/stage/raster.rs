@@ -19,16 +19,21 @@ pub struct Occupancy {
     pub store: SliceStore,
     /// Number of occupied cells.
     pub occupied: u64,
+    /// Of each slice: its occupied cells.
+    pub in_slice: Vec<u32>,
 }
 
 impl Occupancy {
     fn new(cells: Cell, context: &Context) -> Occupancy {
-        Occupancy { cells, store: SliceStore::new(&context.workspace, context.memory.store_quota), occupied: 0 }
+        let store = SliceStore::new(&context.workspace, context.memory.store_quota);
+        Occupancy { cells, store, occupied: 0, in_slice: Vec::with_capacity(cells[1] as usize) }
     }
 
     fn append(&mut self, slices: Vec<Runs>) -> Result<()> {
         for slice in slices {
-            self.occupied += slice.cell_count();
+            let occupied = slice.cell_count();
+            self.occupied += occupied;
+            self.in_slice.push(occupied as u32);
             self.store.append(&slice)?;
         }
         Ok(())

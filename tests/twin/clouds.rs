@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::grid::{Axis, grid_for};
-use super::{Diagonals, Params};
+use super::{Diagonals, Fit, Params};
 
 /// A cloud of at least one point.
 #[derive(Debug, Clone)]
@@ -60,7 +60,7 @@ impl Setting {
             rho: self.rho,
             smooth: self.smooth,
             diagonals: self.diagonals,
-            fit: true,
+            fit: Fit::Nearest,
             slab_slices: self.slab_slices,
             single: cloud.single,
         }

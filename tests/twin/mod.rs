@@ -20,6 +20,7 @@ pub mod contract;
 pub mod corner;
 pub mod fit;
 pub mod grid;
+pub mod plane;
 pub mod solid;
 pub mod surface;
 
@@ -27,6 +28,17 @@ pub use grid::{Axis, grid_for};
 pub use surface::{Diagonals, Surface};
 
 use solid::Cells;
+
+/// What vertices are moved onto.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fit {
+    /// Their nearest points.
+    Nearest,
+    /// The planes of the points round them.
+    Plane,
+    /// Nothing.
+    None,
+}
 
 /// What a reconstruction depends on beside the points.
 #[derive(Debug, Clone)]
@@ -45,8 +57,8 @@ pub struct Params {
     pub smooth: u32,
     /// How faces are cut.
     pub diagonals: Diagonals,
-    /// Whether vertices are fitted.
-    pub fit: bool,
+    /// What vertices are moved onto.
+    pub fit: Fit,
     /// Slices of a slab, at least 1.
     pub slab_slices: u32,
     /// Whether the points are `f32`: then the final vertices are rounded to `f32`.
