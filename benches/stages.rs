@@ -43,8 +43,7 @@ use asra_stream::stage::dilate::Ball;
 use asra_stream::stage::exterior::Exterior;
 use asra_stream::stage::extract::Surface;
 use asra_stream::stage::fit::{Fitted, Task, fit};
-use asra_stream::stage::plane::Sampled;
-use asra_stream::stage::raster::Occupancy;
+use asra_stream::stage::raster::{Counted, Occupancy, Sampled};
 use asra_stream::stage::seal;
 use asra_stream::stage::smooth::smooth;
 use asra_stream::stage::solid::Solid;
@@ -78,9 +77,9 @@ fn main() {
     group.sample_size(10).sampling_mode(SamplingMode::Flat);
     group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
     let buckets = points_to_cells(&mut group, &cloud, grid, points, &context);
-    let occupancy = Occupancy::of_buckets(&buckets, grid, &context, |_| ()).expect("cells");
+    let occupancy = Occupancy::of_buckets(&buckets, grid, 1, &context, |_| ()).expect("cells");
     let solid = cells_to_solid(&mut group, &occupancy, &context);
-    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid };
+    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted: Counted::All };
     within_slabs(&mut group, &solid, &sampled, &context);
     let mesh = slabs_to_mesh(&mut group, &solid, &sampled, &context);
 
@@ -113,7 +112,7 @@ fn points_to_cells(
     let buckets = fill();
     assert_eq!(context.workspace.peak_on_disk(), 0);
     group.bench_function("raster", |b| {
-        b.iter(|| Occupancy::of_buckets(&buckets, grid, context, |_| ()).expect("cells"));
+        b.iter(|| Occupancy::of_buckets(&buckets, grid, 1, context, |_| ()).expect("cells"));
     });
     buckets
 }
@@ -166,7 +165,7 @@ impl Slab {
         let surface = find(number, solid);
         let q = smooth(&surface, SMOOTH);
         let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(SMOOTH) };
-        let fitted = fit(sampled.buckets, sampled.grid, &task, piece).expect("points");
+        let fitted = fit(sampled, &task, piece).expect("points");
         let options = SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None };
         let unfitted = SlabMesh::make(number, solid, sampled, options, piece).expect("a slab");
         let mut group = fitted.point.clone();
@@ -207,7 +206,7 @@ fn within_slabs(
         let fit = |slab: &Slab| {
             let Slab { surface, q, planes, .. } = slab;
             let task = Task { surface, q, planes: planes.clone(), halo: halo(SMOOTH) };
-            fit(sampled.buckets, sampled.grid, &task, piece).expect("points")
+            fit(sampled, &task, piece).expect("points")
         };
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(fit(slab)))));
     });

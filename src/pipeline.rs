@@ -17,9 +17,10 @@ use crate::progress::{Phase, Progress};
 use crate::schedule::Workers;
 use crate::slab::{Fit, SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
+use crate::stage::component::{self, Components, Least};
 use crate::stage::dilate::Ball;
-use crate::stage::plane::{self, Sampled};
-use crate::stage::raster::Occupancy;
+use crate::stage::plane;
+use crate::stage::raster::{Counted, Occupancy, Sampled};
 use crate::stage::seal::{self, Sealed};
 use crate::stage::solid::Solid;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
@@ -47,6 +48,10 @@ pub struct Settings {
     pub axis: AxisChoice,
     /// The window's slices, which bound the closing radius: ρ ≤ (W − 1) / 2. `None` leaves it free.
     pub window: Option<u32>,
+    /// The least number of points that make a cell occupied.
+    pub min_points: u32,
+    /// The components that are kept; `None` keeps all.
+    pub min_component: Option<Least>,
     /// What is done to the surface.
     pub surface: SurfaceOptions,
 }
@@ -57,6 +62,8 @@ impl Default for Settings {
             fineness: Fineness::Given(Resolution::default()),
             axis: AxisChoice::Longest,
             window: None,
+            min_points: 1,
+            min_component: None,
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
         }
     }
@@ -72,6 +79,9 @@ impl Settings {
             && (window < 3 || window % 2 == 0)
         {
             return Err(Error::Usage(format!("--window {window}: the window is an odd number of slices, at least 3")));
+        }
+        if self.min_points == 0 {
+            return Err(Error::Usage("--min-points 0: a cell without points is never occupied; at least 1".into()));
         }
         if self.surface.smooth > 100 {
             return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
@@ -146,6 +156,10 @@ pub struct Reconstruction {
     pub trials: Vec<seal::Trial>,
     /// Occupied cells.
     pub occupied: u64,
+    /// Cells with points, but too few to be occupied.
+    pub sparse: u64,
+    /// What was found and left out, if small components were to be.
+    pub components: Option<Components>,
     /// Solid cells.
     pub solid: u64,
     /// What became of the vertices.
@@ -191,10 +205,28 @@ fn reconstruct_as<T: Coordinate>(
 
     let slices = u64::from(grid.cells()[1]);
     progress.begin(Phase::Raster, Some(slices));
-    let occupancy = Occupancy::of_buckets(&buckets, grid, context, |slices| progress.add(u64::from(slices)))?;
+    let least = settings.min_points;
+    let occupancy = Occupancy::of_buckets(&buckets, grid, least, context, |slices| progress.add(u64::from(slices)))?;
+    if occupancy.occupied == 0 {
+        let cells = occupancy.sparse;
+        return Err(Error::Usage(format!("--min-points {least}: none of the {cells} cells holds so many points")));
+    }
     progress.begin(Phase::Seal, None);
     let (sealed, used) = close(&occupancy, settings.window, context, progress)?;
-    let solid = &sealed.solid;
+    let Sealed { solid, radius: sealing_radius, has_inside, trials } = sealed;
+    let (occupied, sparse) = (occupancy.occupied, occupancy.sparse);
+    let (solid, occupancy, components) = match settings.min_component {
+        None => (solid, occupancy, None),
+        Some(least) => {
+            let (solid, occupancy, components) = component::keep(solid, occupancy, least, context)?;
+            if components.dropped == components.found {
+                let largest = components.largest;
+                return Err(Error::Usage(format!("--min-component: the largest component has {largest} cells only")));
+            }
+            (solid, occupancy, Some(components))
+        }
+    };
+    let solid = &solid;
 
     progress.begin(Phase::Surface, Some(slices));
     let smooth = settings.surface.smooth;
@@ -210,7 +242,8 @@ fn reconstruct_as<T: Coordinate>(
     let most_faces = (0..slabs).map(faces_of_slab).max().unwrap_or(0);
     let jobs = context.memory.slab_jobs(load, most_faces, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
-    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid };
+    let counted = if sparse > 0 || components.is_some() { Counted::Occupied } else { Counted::All };
+    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let mesh = MeshSpool::new(&context.workspace, T::PRECISION, context.memory.mesh_quota);
     let mut stitcher = Stitcher::new(grid, halo(smooth), origin, mesh);
     context.workers.in_order_range(
@@ -228,10 +261,12 @@ fn reconstruct_as<T: Coordinate>(
         mesh,
         origin,
         radius: used,
-        sealing_radius: sealed.has_inside.then_some(sealed.radius),
-        trials: sealed.trials,
-        occupied: occupancy.occupied,
-        solid: sealed.solid.volume,
+        sealing_radius: has_inside.then_some(sealing_radius),
+        trials,
+        occupied,
+        sparse,
+        components,
+        solid: solid.volume,
         counts,
     })
 }

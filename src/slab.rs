@@ -10,7 +10,8 @@ use crate::points::Coordinate;
 use crate::stage::contract::{Fans, GONE, Groups, NONE, contract};
 use crate::stage::extract::{Diagonals, Surface};
 use crate::stage::fit::{Fitted, Task, fit};
-use crate::stage::plane::{Sampled, project};
+use crate::stage::plane::project;
+use crate::stage::raster::Sampled;
 use crate::stage::smooth::smooth;
 use crate::stage::solid::Solid;
 
@@ -129,7 +130,7 @@ impl SlabMesh {
             }
             Fit::Nearest => {
                 let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(options.smooth) };
-                fit(sampled.buckets, grid, &task, piece)?
+                fit(sampled, &task, piece)?
             }
         };
         drop(surface);

@@ -4,6 +4,7 @@ mod twin;
 
 use std::path::Path;
 
+use asra_stream::error::Error;
 use asra_stream::grid::{Axis, AxisChoice, Resolution};
 use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
@@ -15,6 +16,7 @@ use asra_stream::schedule::Workers;
 use asra_stream::slab::{Fit, SurfaceOptions};
 use asra_stream::slice::Runs;
 use asra_stream::spool::Workspace;
+use asra_stream::stage::component::Least;
 use asra_stream::stage::dilate::Ball;
 use asra_stream::stage::extract::Diagonals;
 use asra_stream::stage::raster::Occupancy;
@@ -96,6 +98,12 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
         min: grid.bounds().min,
         w: grid.cell_size(),
         cells: grid.cells(),
+        min_points: settings.min_points,
+        keep: settings.min_component.map(|least| match least {
+            Least::Cells(cells) => twin::Keep::Cells(cells),
+            Least::Share(share) => twin::Keep::Share(share),
+            Least::Largest => twin::Keep::Largest,
+        }),
         rho: run.made.radius,
         smooth: settings.surface.smooth,
         diagonals: match settings.surface.diagonals {
@@ -127,11 +135,21 @@ fn settings() -> impl Strategy<Value = Settings> {
     let diagonals = prop_oneof![Just(Diagonals::Delaunay), Just(Diagonals::First), Just(Diagonals::Random)];
     let fit = prop_oneof![4 => Just(Fit::Nearest), 2 => Just(Fit::Plane), 1 => Just(Fit::None)];
     let smooth = prop_oneof![4 => Just(1u32), 1 => Just(0), 1 => Just(2), 1 => Just(3)];
-    (axis, 1u32..=40, prop_oneof![Just(None), Just(Some(3u32)), Just(Some(5))], smooth, diagonals, fit).prop_map(
-        |(axis, slices, window, smooth, diagonals, fit)| Settings {
+    let min_points = prop_oneof![6 => Just(1u32), 1 => Just(2), 1 => Just(3)];
+    let min_component = prop_oneof![
+        6 => Just(None),
+        1 => Just(Some(Least::Largest)),
+        1 => (1u64..30).prop_map(|cells| Some(Least::Cells(cells))),
+        1 => (0.0f64..=1.0).prop_map(|share| Some(Least::Share(share))),
+    ];
+    let window = prop_oneof![Just(None), Just(Some(3u32)), Just(Some(5))];
+    (axis, 1u32..=40, window, smooth, diagonals, fit, min_points, min_component).prop_map(
+        |(axis, slices, window, smooth, diagonals, fit, min_points, min_component)| Settings {
             fineness: Fineness::Given(Resolution::Slices(slices)),
             axis,
             window,
+            min_points,
+            min_component,
             surface: SurfaceOptions { smooth, diagonals, fit },
         },
     )
@@ -150,7 +168,11 @@ fn too_large(points: &[[f64; 3]], settings: &Settings) -> bool {
 
 fn assert_same(points: &[[f64; 3]], single: bool, settings: &Settings) -> Result<(), TestCaseError> {
     prop_assume!(!too_large(points, settings));
-    let run = stream(points, single, settings, Means::Ample).unwrap();
+    let run = match stream(points, single, settings, Means::Ample) {
+        // Nothing is left of a cloud whose cells or components are all too small.
+        Err(Error::Usage(_)) if settings.min_points > 1 || settings.min_component.is_some() => return Ok(()),
+        run => run.unwrap(),
+    };
     twin::check::check(run.mesh.0.len(), &run.mesh.1).map_err(TestCaseError::fail)?;
     let expected = naive(points, single, settings, &run);
     prop_assert_eq!(run.mesh.0.len(), expected.0.len(), "number of vertices");

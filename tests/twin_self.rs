@@ -35,6 +35,8 @@ fn unit_params(cells: [u32; 3], slab_slices: u32) -> Params {
         min: [0.0; 3],
         w: 1.0,
         cells,
+        min_points: 1,
+        keep: None,
         rho: 1,
         smooth: 1,
         diagonals: Diagonals::Delaunay,

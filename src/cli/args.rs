@@ -11,6 +11,7 @@ use crate::input::{Endian, InputOptions, Layout};
 use crate::pipeline::{Fineness, Settings};
 use crate::run::{Check, Job, Means};
 use crate::slab::{Fit, SurfaceOptions};
+use crate::stage::component::Least;
 use crate::stage::extract::Diagonals;
 use crate::whole::Overwrite;
 
@@ -102,6 +103,12 @@ pub struct CloudArguments {
     /// Slices in the window: an odd number, at least 3. It bounds the closing radius, to (W - 1) / 2 cells [default: as wide as the radius found needs]
     #[arg(long, value_name = "W", help_heading = "Surface")]
     pub window: Option<u32>,
+    /// Points that make a cell occupied, at least: thins out strays
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Surface")]
+    pub min_points: u32,
+    /// Cells of a component, at least: a number, a share of the largest's such as 1%, or `largest` [default: all are kept]
+    #[arg(long, value_name = "N|P%|largest", allow_negative_numbers = true, help_heading = "Surface")]
+    pub min_component: Option<Least>,
     /// Steps of smoothing
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Surface")]
     pub smooth: u32,
@@ -272,7 +279,8 @@ impl CloudArguments {
             AxisWord::Z => AxisChoice::Fixed(Axis::Z),
         };
         let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
-        Settings { fineness, axis, window: self.window, surface }
+        let (min_points, min_component) = (self.min_points, self.min_component);
+        Settings { fineness, axis, window: self.window, min_points, min_component, surface }
     }
 
     fn input(&self) -> InputOptions {

@@ -14,9 +14,9 @@
 use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
-use crate::slice::{Bits, Run, Runs, SliceStore, words_for};
-use crate::spool::{Spool, Workspace};
+use crate::slice::{Bits, Runs, SliceStore, words_for};
 use crate::stage::dilate::Ball;
+use crate::stage::labels::{Lists, find, overlaps, unite};
 use crate::stage::raster::Occupancy;
 use crate::window::Window;
 
@@ -46,8 +46,8 @@ pub struct Exterior {
     /// The box.
     pub padded: Padded,
     free: SliceStore,
-    classes: Records,
-    exterior: Records,
+    classes: Lists<u32>,
+    exterior: Lists<u32>,
 }
 
 impl Exterior {
@@ -156,38 +156,13 @@ pub fn invert(words: &mut [u64], width: u32) {
     }
 }
 
-/// Lists of `u32`, written one after the other, read by number.
-#[derive(Debug)]
-struct Records {
-    spool: Spool,
-    places: Vec<(u64, u32)>,
-}
-
-impl Records {
-    fn new(workspace: &Workspace, in_memory: u64) -> Records {
-        Records { spool: workspace.spool(in_memory), places: Vec::new() }
-    }
-
-    fn append(&mut self, list: &[u32]) -> Result<()> {
-        let at = self.spool.append(bytemuck::cast_slice(list))?;
-        self.places.push((at, list.len() as u32));
-        Ok(())
-    }
-
-    fn read(&self, number: u32, out: &mut Vec<u32>) -> Result<()> {
-        let (at, len) = self.places[number as usize];
-        out.resize(len as usize, 0);
-        self.spool.read_at(at, bytemuck::cast_slice_mut(out))
-    }
-}
-
 /// The upward half: takes slices of free runs in order and gives each run its class.
 struct Labeller {
     padded: Padded,
     free: SliceStore,
-    classes: Records,
+    classes: Lists<u32>,
     /// Of slice y: what its classes became in slice y + 1.
-    became: Records,
+    became: Lists<u32>,
     below: Runs,
     below_classes: Vec<u32>,
     /// Number of classes of the slice below; class 0 always exists.
@@ -201,8 +176,8 @@ impl Labeller {
         Labeller {
             padded,
             free: SliceStore::new(&context.workspace, quota),
-            classes: Records::new(&context.workspace, quota),
-            became: Records::new(&context.workspace, quota),
+            classes: Lists::new(&context.workspace, quota),
+            became: Lists::new(&context.workspace, quota),
             below: Runs::default(),
             below_classes: Vec::new(),
             below_count: 1,
@@ -241,7 +216,7 @@ impl Labeller {
             }
         }
 
-        // The smaller root wins a union, so whatever joined class 0 has root 0.
+        // The smaller root wins a union, so whatever joined class 0, the exterior, has root 0.
         let mut names = vec![ENDED; (base + runs) as usize];
         names[0] = 0;
         let mut count = 1;
@@ -267,7 +242,7 @@ impl Labeller {
 
     /// The downward half.
     fn resolve(self, context: &Context) -> Result<Exterior> {
-        let mut exterior = Records::new(&context.workspace, context.memory.store_quota);
+        let mut exterior = Lists::new(&context.workspace, context.memory.store_quota);
         let mut above: Vec<u32> = (0..self.below_count).map(|class| u32::from(class == 0)).collect();
         exterior.append(&above)?;
         let mut became = Vec::new();
@@ -277,33 +252,6 @@ impl Labeller {
             exterior.append(&here)?;
             above = here;
         }
-        exterior.places.reverse();
-        Ok(Exterior { padded: self.padded, free: self.free, classes: self.classes, exterior })
+        Ok(Exterior { padded: self.padded, free: self.free, classes: self.classes, exterior: exterior.reversed() })
     }
-}
-
-/// Calls `found(i, j)` for every pair of runs of two rows that share a cell coordinate.
-fn overlaps(a: &[Run], b: &[Run], mut found: impl FnMut(usize, usize)) {
-    let (mut i, mut j) = (0, 0);
-    while i < a.len() && j < b.len() {
-        if a[i].start < b[j].end && b[j].start < a[i].end {
-            found(i, j);
-        }
-        if a[i].end < b[j].end { i += 1 } else { j += 1 }
-    }
-}
-
-fn find(parents: &mut [u32], mut element: u32) -> u32 {
-    while parents[element as usize] != element {
-        let grandparent = parents[parents[element as usize] as usize];
-        parents[element as usize] = grandparent;
-        element = grandparent;
-    }
-    element
-}
-
-fn unite(parents: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (find(parents, a), find(parents, b));
-    // The smaller number becomes the root: class 0, the exterior, always wins.
-    parents[a.max(b) as usize] = a.min(b);
 }

@@ -16,7 +16,6 @@
 use std::cmp::Ordering;
 use std::ops::Range;
 
-use crate::bucket::Buckets;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::partition::{BUCKET_SLICES, REACH};
@@ -24,6 +23,7 @@ use crate::points::Coordinate;
 use crate::stage::contract::NONE;
 use crate::stage::extract::{Kind, Surface};
 use crate::stage::ranked::Ranked;
+use crate::stage::raster::Sampled;
 use crate::window::Window;
 
 /// The nearest points of a slab's vertices.
@@ -67,7 +67,8 @@ pub struct Task<'a> {
 ///
 /// # Errors
 /// [`crate::Error::Io`].
-pub fn fit<T: Coordinate>(buckets: &Buckets<T>, grid: &Grid, task: &Task<'_>, piece: usize) -> Result<Fitted> {
+pub fn fit<T: Coordinate>(sampled: &Sampled<'_, T>, task: &Task<'_>, piece: usize) -> Result<Fitted> {
+    let Sampled { buckets, grid, .. } = sampled;
     let first = task.surface.on_plane(task.planes.start).start;
     let end = task.surface.on_plane(task.planes.end - 1).end;
     let mut search = Search { grid, task, first, found: Fitted::none((end - first) as usize), searched: 0 };
@@ -76,9 +77,11 @@ pub fn fit<T: Coordinate>(buckets: &Buckets<T>, grid: &Grid, task: &Task<'_>, pi
     let near: u64 = buckets_near.clone().map(|bucket| buckets.points_in(bucket as usize)).sum();
     let mut held: Vec<[T; 3]> = Vec::with_capacity(piece.min(near as usize));
     for bucket in buckets_near {
+        let counted = sampled.counted_in(bucket)?;
         buckets.read(bucket as usize, piece, |points| {
             for point in points {
-                if slices.contains(&grid.slice_of(point.map(Into::into))) {
+                let p = point.map(Into::into);
+                if slices.contains(&grid.slice_of(p)) && counted.contains(grid, p) {
                     held.push(*point);
                     if held.len() == piece {
                         search.piece(&held, slices.clone())?;

@@ -1,14 +1,16 @@
-//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone,
+//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone, component,
 //! extract, smooth, fit or plane, contract.
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
+pub mod component;
 pub mod contract;
 pub mod corner;
 pub mod dilate;
 pub mod exterior;
 pub mod extract;
 pub mod fit;
+pub mod labels;
 pub mod lone;
 pub mod plane;
 pub mod ranked;

@@ -20,14 +20,14 @@
 
 use std::ops::Range;
 
-use crate::bucket::Buckets;
 use crate::error::Result;
-use crate::grid::{Cell, Grid};
+use crate::grid::Cell;
 use crate::partition::{BUCKET_SLICES, PLANE_TRAVEL, plane_halo};
 use crate::points::Coordinate;
-use crate::slice::{Runs, SliceStore, set_range, words_for};
+use crate::slice::{Runs, words_for};
 use crate::stage::extract::Surface;
 use crate::stage::ranked::Ranked;
+use crate::stage::raster::Sampled;
 use crate::window::Window;
 
 /// How far the first steps look, in cells. With noise of a cell, a surface starts three to four cells outside.
@@ -71,17 +71,6 @@ struct Sum {
 struct SliceMeans {
     cells: Ranked,
     means: Vec<Mean>,
-}
-
-/// The points of a cloud by slice, and their cells.
-#[derive(Debug)]
-pub struct Sampled<'a, T> {
-    /// The points.
-    pub buckets: &'a Buckets<T>,
-    /// The occupied cells, slice by slice. Points of other cells do not count.
-    pub occupied: &'a SliceStore,
-    /// The grid.
-    pub grid: &'a Grid,
 }
 
 /// Where the vertices on some planes of a slab go, in cells; none for those that find no plane.
@@ -171,27 +160,22 @@ impl<T: Coordinate> MeansReader<'_, T> {
 
     /// Sums the points of a bucket by cell.
     fn sum(&mut self, bucket: u32) -> Result<()> {
-        let Sampled { buckets, occupied, grid } = self.sampled;
+        let Sampled { buckets, occupied, grid, .. } = self.sampled;
         let [width, slices, rows] = grid.cells();
         let first = bucket * BUCKET_SLICES;
         self.sums.resize_with(BUCKET_SLICES as usize, || (Ranked::new(width, rows), Vec::new()));
         for (y, (cells, sums)) in (first..slices).zip(&mut self.sums) {
-            cells.clear();
             occupied.read(y, &mut self.runs)?;
-            for z in 0..self.runs.row_count() {
-                let words = cells.row_mut(z);
-                self.runs.row(z).iter().for_each(|run| set_range(words, run.start, run.end));
-            }
             sums.clear();
-            sums.resize(cells.number() as usize, Sum::default());
+            sums.resize(cells.replace(&self.runs) as usize, Sum::default());
         }
         let sums = &mut self.sums;
         buckets.read(bucket as usize, self.piece, |points| {
             for point in points {
                 let ([x, y, z], within) = grid.place_of(point.map(Into::into));
                 let (cells, sums) = &mut sums[(y - first) as usize];
-                let number = cells.cells(i64::from(z), i64::from(x)..i64::from(x) + 1);
-                for sum in &mut sums[number] {
+                if let Some(number) = cells.at(x, z) {
+                    let sum = &mut sums[number];
                     sum.points += 1;
                     for (offsets, within) in sum.offsets.iter_mut().zip(within) {
                         *offsets += (within * QUANTA) as u64;

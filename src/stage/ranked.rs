@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use crate::slice::words_for;
+use crate::slice::{Runs, set_range, words_for};
 
 /// Occupied cells and their numbers. Memory: 12 bytes for every 64 places of the slice.
 #[derive(Debug)]
@@ -41,9 +41,13 @@ impl Ranked {
         self.occupied[z as usize * self.words + x as usize / 64] |= 1 << (x % 64);
     }
 
-    /// The words of row `z`, to write to, as [`Ranked::set`] does.
-    pub fn row_mut(&mut self, z: u32) -> &mut [u64] {
-        &mut self.occupied[z as usize * self.words..][..self.words]
+    /// Takes the cells of `runs` for its own, numbers them and gives their count.
+    pub fn replace(&mut self, runs: &Runs) -> u32 {
+        self.clear();
+        for (z, words) in (0..runs.row_count()).zip(self.occupied.chunks_exact_mut(self.words)) {
+            runs.row(z).iter().for_each(|run| set_range(words, run.start, run.end));
+        }
+        self.number()
     }
 
     /// Numbers the occupied cells and gives their count.
@@ -54,6 +58,13 @@ impl Ranked {
             cells += word.count_ones();
         }
         cells
+    }
+
+    /// The number of a cell inside the slice, if it is occupied.
+    #[inline]
+    pub fn at(&self, x: u32, z: u32) -> Option<usize> {
+        let cells = self.cells(i64::from(z), i64::from(x)..i64::from(x) + 1);
+        (!cells.is_empty()).then_some(cells.start)
     }
 
     /// The numbers of the occupied cells among cells `x` of row `z`; both may reach outside the slice.

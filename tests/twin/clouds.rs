@@ -57,6 +57,8 @@ impl Setting {
             min,
             w,
             cells,
+            min_points: 1,
+            keep: None,
             rho: self.rho,
             smooth: self.smooth,
             diagonals: self.diagonals,

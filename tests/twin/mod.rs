@@ -29,6 +29,17 @@ pub use surface::{Diagonals, Surface};
 
 use solid::Cells;
 
+/// Which components of the solid are kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Keep {
+    /// Those of so many cells.
+    Cells(u64),
+    /// Those of this share of the largest's cells.
+    Share(f64),
+    /// The largest.
+    Largest,
+}
+
 /// What vertices are moved onto.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fit {
@@ -51,6 +62,10 @@ pub struct Params {
     pub w: f64,
     /// Number of cells along the grid's axes.
     pub cells: [u32; 3],
+    /// Points that make a cell occupied, at least.
+    pub min_points: u32,
+    /// Which components are kept, if not all.
+    pub keep: Option<Keep>,
     /// Closing radius, at least 1.
     pub rho: u32,
     /// Smoothing steps.
@@ -85,7 +100,7 @@ impl TwinMesh {
 pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
     let solid = solid::solid_cells(points, params);
     let surface = surface::surface(&solid, params.smooth, params.diagonals);
-    fit::finish(&surface, points, params)
+    fit::finish(&surface, &solid::counted(points, &solid, params), params)
 }
 
 /// The solid cells: cell (x, y, z) at `x + cells_x · (z + cells_z · y)`.

@@ -117,13 +117,11 @@ fn flattest(covariance: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
         row[a] += 1.0 / 1024.0;
     }
     let mut m = [[0.0; 3]; 3];
-    for a in 0..3 {
-        for b in a..3 {
-            let (i, j) = ((a + 1) % 3, (a + 2) % 3);
-            let (k, l) = ((b + 1) % 3, (b + 2) % 3);
-            m[a][b] = c[i][k] * c[j][l] - c[i][l] * c[j][k];
-            m[b][a] = m[a][b];
-        }
+    for [a, b] in [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]] {
+        let (i, j) = ((a + 1) % 3, (a + 2) % 3);
+        let (k, l) = ((b + 1) % 3, (b + 2) % 3);
+        m[a][b] = c[i][k] * c[j][l] - c[i][l] * c[j][k];
+        m[b][a] = m[a][b];
     }
     m = over_trace(m);
     for _ in 0..3 {
