@@ -31,6 +31,12 @@ pub fn halo(smooth: u32) -> u32 {
     REACH + smooth.max(1)
 }
 
+/// Planes either side of a slab whose vertices are smoothed, too, so that the slab's become what they are in the whole surface. The first step of
+/// smoothing needs none; each further one goes in and out again and needs a plane for either.
+pub fn smooth_halo(smooth: u32) -> u32 {
+    2 * (smooth.max(1) - 1)
+}
+
 /// Slices of a slab, given the steps of smoothing: a whole number of buckets, and so many that what a vertex at one seam can be contracted with
 /// (twice the fitting's halo away, and its fan) never reaches the middle of the slab. Fixed by the parameters, never by threads or memory.
 pub fn slab_slices(smooth: u32) -> u32 {

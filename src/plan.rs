@@ -13,7 +13,7 @@ use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 use crate::grid::{Cell, Grid};
-use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices};
+use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices, smooth_halo};
 use crate::points::Precision;
 use crate::slice::Bits;
 
@@ -39,6 +39,9 @@ const FACE_BYTES: u64 = 185;
 
 /// Of those, the bytes that remain when the slab waits for its seam.
 const FACE_BYTES_WAITING: u64 = 135;
+
+/// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
+const SMOOTHED_BYTES: u64 = 69;
 
 /// Bytes for each face of a slab while it is written: positions (24, and 12 narrowed), triangles (26), numbers (8).
 const FACE_BYTES_WRITING: u64 = 75;
@@ -108,7 +111,7 @@ impl Load {
     fn slab_raster(&self) -> u64 {
         let [x, _, z] = self.cells;
         let bits = Bits::bytes(x + 2, z + 2);
-        u64::from(slab_slices(self.smooth) + 1) * bits * 3 / 2
+        u64::from(slab_slices(self.smooth) + 2 * smooth_halo(self.smooth) + 1) * bits * 3 / 2
             + 3 * bits
             + u64::from(2 * halo(self.smooth)) * bits * 3 / 2
     }
@@ -292,7 +295,9 @@ fn point_bytes(load: &Load) -> u64 {
 
 /// Bytes of a slab in the making, with `faces` faces and `points` points at once.
 fn slab_job(load: &Load, faces: u64, points: u64) -> u64 {
-    load.slab_raster() + points * point_bytes(load) + faces * FACE_BYTES
+    // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
+    let smoothed = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED_BYTES / u64::from(slab_slices(load.smooth));
+    load.slab_raster() + points * point_bytes(load) + faces * (FACE_BYTES + smoothed)
 }
 
 /// How many slabs exist at a time.

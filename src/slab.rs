@@ -5,7 +5,7 @@ use std::ops::Range;
 use rustc_hash::FxHashMap;
 
 use crate::error::Result;
-use crate::partition::{halo, slices_of};
+use crate::partition::{halo, slices_of, smooth_halo};
 use crate::points::Coordinate;
 use crate::stage::contract::{Fans, GONE, Groups, NONE, contract};
 use crate::stage::extract::{Diagonals, Surface};
@@ -18,7 +18,7 @@ use crate::stage::solid::Solid;
 /// What is done to the surface of every slab.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct SurfaceOptions {
-    /// Steps of smoothing (Eq. 4).
+    /// Steps of smoothing: the first is Eq. 4, each further one smooths without shrinking.
     pub smooth: u32,
     /// Which diagonal cuts a rectangle.
     pub diagonals: Diagonals,
@@ -98,8 +98,7 @@ impl SlabMesh {
     ) -> Result<SlabMesh> {
         let slices = slices_of(number, options.smooth, solid.cells[1]);
         let last = slices.end == solid.cells[1];
-        // Each step of smoothing beyond the first, which is a table, needs one more plane either side.
-        let more = i64::from(options.smooth.max(1)) - 1;
+        let more = i64::from(smooth_halo(options.smooth));
         let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
         let mut q = smooth(&surface, options.smooth);
         let planes = slices.start..slices.end + u32::from(last);

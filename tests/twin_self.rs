@@ -252,7 +252,7 @@ proptest! {
     #[test]
     fn without_fitting_slabs_do_not_show(cloud in cloud(), setting in setting()) {
         let mut params = setting.params(&cloud);
-        params.fit = false;
+        params.fit = Fit::None;
         let whole = reconstruct(&cloud.points, &Params { slab_slices: 100, ..params.clone() });
         let slabs = reconstruct(&cloud.points, &params);
         prop_assert_eq!(whole.bits(), slabs.bits());

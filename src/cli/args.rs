@@ -109,7 +109,7 @@ pub struct CloudArguments {
     /// Cells of a component, at least: a number, a share of the largest's such as 1%, or `largest` [default: all are kept]
     #[arg(long, value_name = "N|P%|largest", allow_negative_numbers = true, help_heading = "Surface")]
     pub min_component: Option<Least>,
-    /// Steps of smoothing
+    /// Steps of smoothing: the first is the paper's, those after it do not shrink the surface
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Surface")]
     pub smooth: u32,
     /// Which diagonal cuts a rectangle into triangles

@@ -6,7 +6,7 @@
 //!
 //! Arithmetic that shows in the bits, as the twin does it:
 //!
-//! * smoothing sums (eᵢ + dᵢ) from 0.0 in the order of the edges, then (d + sum) / (r + 1); where one sheet turns round
+//! * smoothing sums (eᵢ + dᵢ) from 0.0 in the order of the edges, then (d + sum) / (r + 1), or d + f·(sum / r − d); where one sheet turns round
 //!   an edge twice, the turn of the solid cell with d_b = 0 is summed first;
 //! * q' = corner + d, T = min + w·q', both after smoothing has ended;
 //! * points at equal distance: the first by (x, y, z), −0 before 0.
