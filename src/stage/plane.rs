@@ -16,7 +16,7 @@
 //!
 //! The flattest direction is never computed: the adjugate of the covariance has the same axes with the least the largest, and
 //! squaring it leaves that alone. Where the points have no flattest direction (a line, a lump), what is left of the others moves
-//! the vertex towards the mean, partly. A vertex without points in sight, or led farther than [`TRAVEL`], stays where it was.
+//! the vertex towards the mean, partly. A vertex without points in sight, or led farther than [`PLANE_TRAVEL`] cells, stays where it was.
 
 use std::ops::Range;
 

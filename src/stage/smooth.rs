@@ -5,7 +5,7 @@
 //! everywhere, so it depends on the eight cells round the corner alone and is read from a table.
 //!
 //! Eq. 4 repeated would shrink what it smooths. Each further step is a pair instead (G. Taubin, *A signal processing approach to fair surface
-//! design*, 1995): towards the neighbours' mean by [`INWARDS`] of the way, then away from it by the slightly larger [`OUTWARDS`]. Of a wave of the
+//! design*, 1995): towards the neighbours' mean by 5/8 of the way, then away from it by the slightly larger 7/11. Of a wave of the
 //! surface with frequency k (0 flat, 2 vertices in and out in turn) a pair leaves (1 − k·5/8)·(1 + k·7/11):
 //!
 //! ```text
