@@ -16,13 +16,17 @@ pub const BUCKET_SLICES: u32 = 4;
 /// How far from a vertex its point may be, in cells.
 pub const REACH: u32 = 3;
 
-/// How far from where it starts a vertex may go towards the plane of the points round it, in cells.
-pub const PLANE_TRAVEL: f64 = 4.0;
+/// How far from where it starts a vertex may go towards the plane of the points round it, in cells. With noise of a cell, the surface starts
+/// four cells off where a stray lies, and more.
+pub const PLANE_TRAVEL: f64 = 6.0;
+
+/// How far a vertex looks round for its plane once it is on its way, at most, in cells.
+pub const PLANE_SIGHT: f64 = 4.0;
 
 /// Slices either side of a plane in which the points lie that move its vertices into their plane, after `smooth` steps of smoothing: the
-/// way there, as much again to look round from its end, and one for each step.
+/// way there, the look round from its end, and one for each step.
 pub fn plane_halo(smooth: u32) -> u32 {
-    2 * PLANE_TRAVEL as u32 + smooth.max(1)
+    (PLANE_TRAVEL + PLANE_SIGHT) as u32 + smooth.max(1)
 }
 
 /// Slices either side of a plane in which the points of its vertices lie, after `smooth` steps of smoothing: the reach, and

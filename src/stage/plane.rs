@@ -22,7 +22,7 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::grid::Cell;
-use crate::partition::{BUCKET_SLICES, PLANE_TRAVEL, plane_halo};
+use crate::partition::{BUCKET_SLICES, PLANE_SIGHT, PLANE_TRAVEL, plane_halo};
 use crate::points::Coordinate;
 use crate::slice::{Runs, words_for};
 use crate::stage::extract::Surface;
@@ -31,7 +31,7 @@ use crate::stage::raster::Sampled;
 use crate::window::Window;
 
 /// How far the first steps look, in cells. With noise of a cell, a surface starts three to four cells outside.
-const FIRST: [f64; 2] = [5.0, 4.0];
+const FIRST: [f64; 2] = [5.0, PLANE_SIGHT];
 
 /// Steps that look as far as the noise asks for. With three, samples of a horse at 20 points a cell with noise of 1/4, 1/2 and 1 cell
 /// end within 0.31, 0.22 and 0.24 of the noise (root mean square).
@@ -39,7 +39,7 @@ const LAST: u32 = 3;
 
 /// How far those look where there is no noise, and at most, in cells. Looking 2.5 cells far flattens a horse's ears by more than noise of a
 /// quarter of a cell is worth.
-const SIGHT: (f64, f64) = (2.0, 4.0);
+const SIGHT: (f64, f64) = (2.0, PLANE_SIGHT);
 /// How much farther they look for each square cell of variance across the plane: noise of a cell shows as 0.6, after the weights.
 const SIGHT_FOR_NOISE: f64 = 3.5;
 

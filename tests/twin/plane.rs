@@ -57,7 +57,7 @@ impl Means {
                 next[a] = at[a] + dot(across[a], mean);
             }
             let way = [0, 1, 2].map(|a| next[a] - q[a]);
-            if dot(way, way) > 16.0 {
+            if dot(way, way) > 36.0 {
                 break;
             }
             (at, moved) = (next, true);
