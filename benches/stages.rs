@@ -43,8 +43,8 @@ use asra_stream::stage::dilate::Ball;
 use asra_stream::stage::exterior::Exterior;
 use asra_stream::stage::extract::Surface;
 use asra_stream::stage::fit::{Fitted, Task, fit};
-use asra_stream::stage::raster::Occupancy;
-use asra_stream::stage::seal;
+use asra_stream::stage::raster::{Counted, Occupancy, Sampled};
+use asra_stream::stage::seal::{self, Pyramid};
 use asra_stream::stage::smooth::smooth;
 use asra_stream::stage::solid::Solid;
 use asra_stream::stitch::Stitcher;
@@ -77,9 +77,11 @@ fn main() {
     group.sample_size(10).sampling_mode(SamplingMode::Flat);
     group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
     let buckets = points_to_cells(&mut group, &cloud, grid, points, &context);
-    let solid = cells_to_solid(&mut group, &buckets, grid, &context);
-    within_slabs(&mut group, &solid, &buckets, grid, &context);
-    let mesh = slabs_to_mesh(&mut group, &solid, &buckets, grid, &context);
+    let occupancy = Occupancy::of_buckets(&buckets, grid, 1, &context, |_| ()).expect("cells");
+    let solid = cells_to_solid(&mut group, &occupancy, &context);
+    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted: Counted::All };
+    within_slabs(&mut group, &solid, &sampled, &context);
+    let mesh = slabs_to_mesh(&mut group, &solid, &sampled, &context);
 
     group.throughput(Throughput::Elements(mesh.face_count()));
     group.bench_function("check", |b| {
@@ -110,41 +112,45 @@ fn points_to_cells(
     let buckets = fill();
     assert_eq!(context.workspace.peak_on_disk(), 0);
     group.bench_function("raster", |b| {
-        b.iter(|| Occupancy::of_buckets(&buckets, grid, context, |_| ()).expect("cells"));
+        b.iter(|| Occupancy::of_buckets(&buckets, grid, 1, context, |_| ()).expect("cells"));
     });
     buckets
 }
 
-fn cells_to_solid(
-    group: &mut BenchmarkGroup<'_, WallTime>,
-    buckets: &Buckets<f32>,
-    grid: &Grid,
-    context: &Context,
-) -> Solid {
-    let occupancy = Occupancy::of_buckets(buckets, grid, context, |_| ()).expect("cells");
-    group.throughput(Throughput::Elements(u64::from(grid.cells()[1])));
+fn cells_to_solid(group: &mut BenchmarkGroup<'_, WallTime>, occupancy: &Occupancy, context: &Context) -> Solid {
+    group.throughput(Throughput::Elements(u64::from(occupancy.cells[1])));
     for radius in RADII {
         group.bench_function(BenchmarkId::new("exterior", radius), |b| {
             let ball = Ball::new(radius);
-            b.iter(|| Exterior::find(&occupancy, &ball, context).expect("an exterior"));
+            b.iter(|| Exterior::find(occupancy, &ball, context).expect("an exterior"));
         });
     }
     for radius in RADII {
         group.bench_function(BenchmarkId::new("solid", radius), |b| {
             let ball = Ball::new(radius);
-            b.iter(|| Solid::close(&occupancy, &ball, context).expect("a solid"));
+            b.iter(|| Solid::close(occupancy, &ball, context).expect("a solid"));
         });
     }
-    group.bench_function("seal", |b| b.iter(|| seal::find(&occupancy, context, |_| ()).expect("a solid")));
-    let sealed = seal::find(&occupancy, context, |_| ()).expect("a solid");
-    assert!(sealed.has_inside);
+    let find = || {
+        let pyramid = Pyramid::over(occupancy, 0, context).expect("a pyramid");
+        (seal::find(&pyramid, context, |_| ()).expect("a radius"), pyramid)
+    };
+    group.bench_function("seal", |b| b.iter(find));
+    let (sealed, pyramid) = find();
+    let closing = sealed.closing.expect("an inside");
+    let fall = || pyramid.close(closing, context, |_| ()).expect("a solid");
+    if closing.rho() > 1 {
+        group.bench_function(BenchmarkId::new("sides", closing.rho()), |b| b.iter(fall));
+    }
+    let close = || match closing.rho() {
+        1 => Solid::close(occupancy, &Ball::new(1), context).expect("a solid"),
+        _ => fall(),
+    };
     group.bench_function("lone", |b| {
-        let ball = Ball::new(sealed.radius);
-        let close = || Solid::close(&occupancy, &ball, context).expect("a solid");
         let drop_lone = |solid: Solid| solid.without_lone_cells(context).expect("a solid");
         b.iter_batched(close, drop_lone, BatchSize::PerIteration);
     });
-    sealed.solid.without_lone_cells(context).expect("a solid")
+    close().without_lone_cells(context).expect("a solid")
 }
 
 /// What the stages within a slab make of it, before contraction.
@@ -163,15 +169,15 @@ struct Slab {
 
 impl Slab {
     /// As [`SlabMesh::make`] does it.
-    fn make(number: u32, solid: &Solid, buckets: &Buckets<f32>, grid: &Grid, piece: usize) -> Slab {
+    fn make(number: u32, solid: &Solid, sampled: &Sampled<'_, f32>, piece: usize) -> Slab {
         let slices = slices_of(number, SMOOTH, solid.cells[1]);
         let planes = slices.start..slices.end + u32::from(slices.end == solid.cells[1]);
         let surface = find(number, solid);
         let q = smooth(&surface, SMOOTH);
         let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(SMOOTH) };
-        let fitted = fit(buckets, grid, &task, piece).expect("points");
+        let fitted = fit(sampled, &task, piece).expect("points");
         let options = SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None };
-        let unfitted = SlabMesh::make(number, solid, buckets, grid, options, piece).expect("a slab");
+        let unfitted = SlabMesh::make(number, solid, sampled, options, piece).expect("a slab");
         let mut group = fitted.point.clone();
         if slices.start > 0 {
             group[..unfitted.seam as usize].fill(NONE);
@@ -189,13 +195,12 @@ fn find(number: u32, solid: &Solid) -> Surface {
 fn within_slabs(
     group: &mut BenchmarkGroup<'_, WallTime>,
     solid: &Solid,
-    buckets: &Buckets<f32>,
-    grid: &Grid,
+    sampled: &Sampled<'_, f32>,
     context: &Context,
 ) {
     let piece = context.memory.piece_points;
     let mut slabs: Vec<Slab> =
-        (0..slab_count(SMOOTH, solid.cells[1])).map(|n| Slab::make(n, solid, buckets, grid, piece)).collect();
+        (0..slab_count(SMOOTH, solid.cells[1])).map(|n| Slab::make(n, solid, sampled, piece)).collect();
     group.throughput(Throughput::Elements(slabs.iter().map(|slab| slab.triangles.len() as u64).sum()));
     group.bench_function("extract", |b| {
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(find(slab.number, solid)))));
@@ -210,7 +215,8 @@ fn within_slabs(
     group.bench_function("fit", |b| {
         let fit = |slab: &Slab| {
             let Slab { surface, q, planes, .. } = slab;
-            fit(buckets, grid, &Task { surface, q, planes: planes.clone(), halo: halo(SMOOTH) }, piece).expect("points")
+            let task = Task { surface, q, planes: planes.clone(), halo: halo(SMOOTH) };
+            fit(sampled, &task, piece).expect("points")
         };
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(fit(slab)))));
     });
@@ -233,8 +239,7 @@ fn within_slabs(
 fn slabs_to_mesh(
     group: &mut BenchmarkGroup<'_, WallTime>,
     solid: &Solid,
-    buckets: &Buckets<f32>,
-    grid: &Grid,
+    sampled: &Sampled<'_, f32>,
     context: &Context,
 ) -> MeshSpool {
     let piece = context.memory.piece_points;
@@ -243,7 +248,7 @@ fn slabs_to_mesh(
     let count = slab_count(SMOOTH, solid.cells[1]);
     let make = || {
         let mut slabs = Vec::new();
-        let make = |number: usize| SlabMesh::make(number as u32, solid, buckets, grid, options, piece);
+        let make = |number: usize| SlabMesh::make(number as u32, solid, sampled, options, piece);
         let keep = |slab| {
             slabs.push(slab);
             Ok(())
@@ -253,7 +258,7 @@ fn slabs_to_mesh(
     };
     let stitch = |slabs: Vec<SlabMesh>| {
         let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
-        let mut stitcher = Stitcher::new(grid, halo(SMOOTH), [0.0; 3], mesh);
+        let mut stitcher = Stitcher::new(sampled.grid, halo(SMOOTH), [0.0; 3], mesh);
         slabs.into_iter().for_each(|slab| stitcher.add(slab).expect("room"));
         stitcher.finish().expect("room").0
     };

@@ -221,6 +221,18 @@ impl Grid {
         std::array::from_fn(|g| self.along(g, point[axes[g]]))
     }
 
+    /// The cell of a point inside the box, and the point's place in it, from 0 to 1 along the grid's axes.
+    #[inline]
+    pub fn place_of(&self, point: [f64; 3]) -> (Cell, [f64; 3]) {
+        let cell = self.cell_of(point);
+        let axes = self.axis.file_axes();
+        let within = std::array::from_fn(|g| {
+            let along = (point[axes[g]] - self.bounds.min[axes[g]]) * self.inverse;
+            (along - f64::from(cell[g])).clamp(0.0, 1.0)
+        });
+        (cell, within)
+    }
+
     /// The slice of a point inside the box.
     #[inline]
     pub fn slice_of(&self, point: [f64; 3]) -> u32 {

@@ -2,6 +2,7 @@
 
 pub mod bucket;
 pub mod cli;
+pub mod closing;
 pub mod context;
 pub mod error;
 pub mod generate;

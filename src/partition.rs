@@ -16,10 +16,29 @@ pub const BUCKET_SLICES: u32 = 4;
 /// How far from a vertex its point may be, in cells.
 pub const REACH: u32 = 3;
 
+/// How far from where it starts a vertex may go towards the plane of the points round it, in cells. With noise of a cell, the surface starts
+/// four cells off where a stray lies, and more.
+pub const PLANE_TRAVEL: f64 = 6.0;
+
+/// How far a vertex looks round for its plane once it is on its way, at most, in cells.
+pub const PLANE_SIGHT: f64 = 4.0;
+
+/// Slices either side of a plane in which the points lie that move its vertices into their plane, after `smooth` steps of smoothing: the
+/// way there, the look round from its end, and one for each step.
+pub fn plane_halo(smooth: u32) -> u32 {
+    (PLANE_TRAVEL + PLANE_SIGHT) as u32 + smooth.max(1)
+}
+
 /// Slices either side of a plane in which the points of its vertices lie, after `smooth` steps of smoothing: the reach, and
 /// one for each step, as a step moves a vertex by less than a cell.
 pub fn halo(smooth: u32) -> u32 {
     REACH + smooth.max(1)
+}
+
+/// Planes either side of a slab whose vertices are smoothed, too, so that the slab's become what they are in the whole surface. The first step of
+/// smoothing needs none; each further one goes in and out again and needs a plane for either.
+pub fn smooth_halo(smooth: u32) -> u32 {
+    2 * (smooth.max(1) - 1)
 }
 
 /// Slices of a slab, given the steps of smoothing: a whole number of buckets, and so many that what a vertex at one seam can be contracted with

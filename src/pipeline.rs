@@ -5,9 +5,10 @@
 use bytesize::ByteSize;
 
 use crate::bucket::Buckets;
+use crate::closing::{self, Asked, Closed, Closing, Sealing};
 use crate::context::Context;
 use crate::error::{Error, Result};
-use crate::grid::{AxisChoice, Bounds, CELLS_LIMIT, Grid, Resolution};
+use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
 use crate::mesh::spool::MeshSpool;
 use crate::partition::{halo, slab_count, slices_of};
@@ -15,12 +16,13 @@ use crate::plan::{Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
 use crate::schedule::Workers;
-use crate::slab::{SlabMesh, SurfaceOptions};
+use crate::slab::{Fit, SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
-use crate::stage::dilate::Ball;
-use crate::stage::raster::Occupancy;
-use crate::stage::seal::{self, Closing, Pyramid, Sealed};
-use crate::stage::solid::Solid;
+use crate::stage::component::{Components, Least};
+
+use crate::stage::plane;
+use crate::stage::raster::{Counted, Occupancy, Sampled};
+use crate::stage::seal::Trial;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
 use crate::survey::{Survey, sampling_distance, survey};
 
@@ -37,33 +39,6 @@ pub enum Fineness {
     Sampling,
 }
 
-/// How holes are closed.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Sealing {
-    /// By the smallest ball that seals, found by trying.
-    #[default]
-    Auto,
-    /// By a ball of this radius, in cells.
-    Cells(u32),
-    /// By a ball of this radius, in the input's units.
-    Length(f64),
-    /// Only those that a ball of one cell closes.
-    Off,
-}
-
-impl Sealing {
-    /// The radius asked for, in cells of `cell_size`, at least 1; none if it is to be found.
-    fn radius(self, cell_size: f64) -> Option<u32> {
-        match self {
-            Sealing::Auto => None,
-            Sealing::Cells(cells) => Some(cells.max(1)),
-            Sealing::Length(length) => Some((length / cell_size).ceil().clamp(1.0, f64::from(CELLS_LIMIT)) as u32),
-            Sealing::Off => Some(1),
-        }
-    }
-}
-
 /// What is asked of the reconstruction, apart from files and means.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
@@ -75,6 +50,10 @@ pub struct Settings {
     pub seal: Sealing,
     /// The window's slices, which bound the closing radius: ρ ≤ (W − 1) / 2. `None` leaves it free.
     pub window: Option<u32>,
+    /// The least number of points that make a cell occupied.
+    pub min_points: u32,
+    /// The components that are kept; `None` keeps all.
+    pub min_component: Option<Least>,
     /// What is done to the surface.
     pub surface: SurfaceOptions,
 }
@@ -86,6 +65,8 @@ impl Default for Settings {
             axis: AxisChoice::Longest,
             seal: Sealing::Auto,
             window: None,
+            min_points: 1,
+            min_component: None,
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
         }
     }
@@ -101,6 +82,9 @@ impl Settings {
             && (window < 3 || window % 2 == 0)
         {
             return Err(Error::Usage(format!("--window {window}: the window is an odd number of slices, at least 3")));
+        }
+        if self.min_points == 0 {
+            return Err(Error::Usage("--min-points 0: a cell without points is never occupied; at least 1".into()));
         }
         if self.surface.smooth > 100 {
             return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
@@ -167,18 +151,20 @@ pub struct Reconstruction {
     pub mesh: MeshSpool,
     /// Taken off its positions: added to them, it gives the input's coordinates.
     pub origin: [f64; 3],
-    /// The closing radius ρ used, in cells.
-    pub radius: u32,
-    /// Where in the pyramid it was used.
+    /// The ball that closed the cells.
     pub closing: Closing,
     /// Whether it fell from there to smaller ones.
     pub falls: bool,
     /// The closing radius that seals the cloud, if it has an inside.
     pub sealing_radius: Option<u32>,
     /// What was tried to find it.
-    pub trials: Vec<seal::Trial>,
+    pub trials: Vec<Trial>,
     /// Occupied cells.
     pub occupied: u64,
+    /// Cells with points, but too few to be occupied.
+    pub sparse: u64,
+    /// What was found and left out, if small components were to be.
+    pub components: Option<Components>,
     /// Solid cells.
     pub solid: u64,
     /// What became of the vertices.
@@ -224,10 +210,17 @@ fn reconstruct_as<T: Coordinate>(
 
     let slices = u64::from(grid.cells()[1]);
     progress.begin(Phase::Raster, Some(slices));
-    let occupancy = Occupancy::of_buckets(&buckets, grid, context, |slices| progress.add(u64::from(slices)))?;
+    let least = settings.min_points;
+    let occupancy = Occupancy::of_buckets(&buckets, grid, least, context, |slices| progress.add(u64::from(slices)))?;
+    if occupancy.occupied == 0 {
+        let cells = occupancy.sparse;
+        return Err(Error::Usage(format!("--min-points {least}: none of the {cells} cells holds so many points")));
+    }
     progress.begin(Phase::Seal, None);
-    let closed = close(&occupancy, settings, grid, context, progress)?;
-    let solid = &closed.solid;
+    let (occupied, sparse) = (occupancy.occupied, occupancy.sparse);
+    let asked = Asked { seal: settings.seal, window: settings.window, min_component: settings.min_component };
+    let closed = closing::close(occupancy, grid.cell_size(), asked, context, |slices| progress.add(u64::from(slices)))?;
+    let Closed { solid, occupancy, .. } = &closed;
 
     progress.begin(Phase::Surface, Some(slices));
     let smooth = settings.surface.smooth;
@@ -236,14 +229,21 @@ fn reconstruct_as<T: Coordinate>(
         solid.faces[slab.start as usize..slab.end as usize].iter().map(|f| u64::from(*f)).sum::<u64>()
     };
     let slabs = slab_count(smooth, solid.cells[1]);
-    let jobs = context.memory.slab_jobs(load, (0..slabs).map(faces_of_slab).max().unwrap_or(0))?;
+    let means = match settings.surface.fit {
+        Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
+        Fit::Nearest | Fit::None => 0,
+    };
+    let most_faces = (0..slabs).map(faces_of_slab).max().unwrap_or(0);
+    let jobs = context.memory.slab_jobs(load, most_faces, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
+    let counted = if sparse > 0 || closed.components.is_some() { Counted::Occupied } else { Counted::All };
+    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let mesh = MeshSpool::new(&context.workspace, T::PRECISION, context.memory.mesh_quota);
     let mut stitcher = Stitcher::new(grid, halo(smooth), origin, mesh);
     context.workers.in_order_range(
         jobs.in_flight,
         slabs as usize,
-        |number| SlabMesh::make(number as u32, solid, &buckets, grid, settings.surface, jobs.piece_points),
+        |number| SlabMesh::make(number as u32, solid, &sampled, settings.surface, jobs.piece_points),
         |slab| {
             progress.add(slab.slices.len() as u64);
             stitcher.add(slab)
@@ -254,64 +254,15 @@ fn reconstruct_as<T: Coordinate>(
     Ok(Reconstruction {
         mesh,
         origin,
-        radius: closed.closing.rho(),
         closing: closed.closing,
         falls: closed.falls,
         sealing_radius: closed.sealing_radius,
         trials: closed.trials,
-        occupied: occupancy.occupied,
+        occupied,
+        sparse,
+        components: closed.components,
         solid: closed.solid.volume,
         counts,
-    })
-}
-
-/// The solid, and how it was closed.
-struct Closed {
-    solid: Solid,
-    closing: Closing,
-    falls: bool,
-    sealing_radius: Option<u32>,
-    trials: Vec<seal::Trial>,
-}
-
-/// Closes the occupied cells: with the radius that is asked for, or that seals, and that the window allows.
-fn close(
-    occupancy: &Occupancy,
-    settings: &Settings,
-    grid: &Grid,
-    context: &Context,
-    progress: &mut Progress,
-) -> Result<Closed> {
-    let mut told = |slices: u32| progress.add(u64::from(slices));
-    let asked = settings.seal.radius(grid.cell_size());
-    let longest = grid.cells().into_iter().max().unwrap_or(1);
-    if let Some(radius) = asked.filter(|radius| *radius > 1 && 2 * radius > longest) {
-        return Err(Error::Usage(format!(
-            "--seal: a radius of {radius} cells is more than half of the longest side, {longest} cells"
-        )));
-    }
-    let wanted = asked.map(Closing::with_radius);
-    let pyramid = Pyramid::over(occupancy, wanted.map_or(0, |closing| closing.level), context)?;
-    let mut sealed = match wanted {
-        Some(closing) => Sealed { closing: Some(closing), solid: None, trials: Vec::new() },
-        None => seal::find(&pyramid, context, &mut told)?,
-    };
-    let found = sealed.closing.unwrap_or(Closing { level: 0, radius: 1 });
-    let most = settings.window.map_or(u32::MAX, |w| (w - 1) / 2);
-    // A ball that the window bounds does not seal: there are no sides to tell apart, and nothing to fall to.
-    let falls = found.rho() > 1 && found.rho() <= most;
-    let closing = if found.rho() <= most { found } else { Closing { level: 0, radius: most } };
-    let solid = match sealed.solid.take().filter(|_| closing == found) {
-        Some(solid) => solid,
-        None if falls => pyramid.close(closing, context, &mut told)?,
-        None => Solid::close(occupancy, &Ball::new(closing.radius), context)?,
-    };
-    Ok(Closed {
-        solid: solid.without_lone_cells(context)?,
-        closing,
-        falls,
-        sealing_radius: sealed.closing.filter(|_| asked.is_none()).map(|closing| closing.rho()),
-        trials: sealed.trials,
     })
 }
 

@@ -13,7 +13,7 @@ use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 use crate::grid::{Cell, Grid};
-use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices};
+use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices, smooth_halo};
 use crate::points::Precision;
 use crate::slice::Bits;
 
@@ -39,6 +39,9 @@ const FACE_BYTES: u64 = 185;
 
 /// Of those, the bytes that remain when the slab waits for its seam.
 const FACE_BYTES_WAITING: u64 = 135;
+
+/// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
+const SMOOTHED_BYTES: u64 = 69;
 
 /// Bytes for each face of a slab while it is written: positions (24, and 12 narrowed), triangles (26), numbers (8).
 const FACE_BYTES_WRITING: u64 = 75;
@@ -108,7 +111,7 @@ impl Load {
     fn slab_raster(&self) -> u64 {
         let [x, _, z] = self.cells;
         let bits = Bits::bytes(x + 2, z + 2);
-        u64::from(slab_slices(self.smooth) + 1) * bits * 3 / 2
+        u64::from(slab_slices(self.smooth) + 2 * smooth_halo(self.smooth) + 1) * bits * 3 / 2
             + 3 * bits
             + u64::from(2 * halo(self.smooth)) * bits * 3 / 2
     }
@@ -207,7 +210,7 @@ impl MemoryPlan {
             predicted: 0,
             predicted_disk: 0,
         };
-        let slabs = plan.slab_jobs(load, load.slab_faces())?;
+        let slabs = plan.slab_jobs(load, load.slab_faces(), 0)?;
         let passes = [
             blocks_in_flight as u64 * BLOCK_JOB + (buckets * bucket_buffer / 3 * 4).min(load.bucket_bytes()),
             chunks_in_flight as u64 * Self::chunk_job(load, 1),
@@ -244,21 +247,21 @@ impl MemoryPlan {
         ((self.working / Self::chunk_job(load, radius)) as usize).clamp(1, 2 * self.threads)
     }
 
-    /// Slabs that may be in the making and waiting at a time, when the largest has `faces` faces.
+    /// Slabs that may be in the making and waiting at a time, when the largest has `faces` faces and each needs `means` bytes for means of cells.
     ///
     /// # Errors
     /// [`Error::Budget`] if one in the making and two at a seam are too much.
-    pub fn slab_jobs(&self, load: &Load, faces: u64) -> Result<SlabJobs> {
+    pub fn slab_jobs(&self, load: &Load, faces: u64, means: u64) -> Result<SlabJobs> {
         let waiting = faces * FACE_BYTES_WAITING;
         let for_jobs = self.working.saturating_sub(stitching(faces));
-        let besides_points = slab_job(load, faces, 0);
+        let besides_points = slab_job(load, faces, 0) + means;
         for running in (1..=self.threads).rev() {
             let room = (for_jobs / running as u64).saturating_sub(besides_points) / point_bytes(load);
             let piece_points = room.min(self.piece_points as u64);
             // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
             let enough = if running == 1 { PIECE.1 } else { GOOD_PIECE };
             if piece_points >= enough.min(self.piece_points as u64) {
-                let left = for_jobs - running as u64 * slab_job(load, faces, piece_points);
+                let left = for_jobs - running as u64 * (slab_job(load, faces, piece_points) + means);
                 // Beyond one for each thread, jobs in flight are finished slabs that wait for their turn.
                 let room_ahead = ((left / waiting.max(1)) as usize).min(self.threads);
                 let ahead = if running == self.threads { room_ahead } else { 0 };
@@ -266,7 +269,7 @@ impl MemoryPlan {
                 return Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead, piece_points });
             }
         }
-        let least = stitching(faces) + slab_job(load, faces, PIECE.1);
+        let least = stitching(faces) + slab_job(load, faces, PIECE.1) + means;
         Err(Error::Budget {
             given: ByteSize(self.budget),
             needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
@@ -292,7 +295,9 @@ fn point_bytes(load: &Load) -> u64 {
 
 /// Bytes of a slab in the making, with `faces` faces and `points` points at once.
 fn slab_job(load: &Load, faces: u64, points: u64) -> u64 {
-    load.slab_raster() + points * point_bytes(load) + faces * FACE_BYTES
+    // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
+    let smoothed = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED_BYTES / u64::from(slab_slices(load.smooth));
+    load.slab_raster() + points * point_bytes(load) + faces * (FACE_BYTES + smoothed)
 }
 
 /// How many slabs exist at a time.

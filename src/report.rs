@@ -6,13 +6,15 @@ use std::time::Duration;
 
 use bytesize::ByteSize;
 
+use crate::closing::Sealing;
 use crate::grid::{Bounds, Grid};
 use crate::mesh::check::CheckReport;
-use crate::pipeline::{Fineness, Reconstruction, Sealing, Settings, Surveyed};
+use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
 use crate::plan::MemoryPlan;
 use crate::points::Precision;
 use crate::progress::{Phase, thousands};
 use crate::slab::SurfaceOptions;
+use crate::stage::component::{Components, Least};
 use crate::stage::seal::Trial;
 use crate::stitch::Counts;
 
@@ -71,6 +73,10 @@ pub struct Parameters {
     pub seal: Sealing,
     /// The window's slices, if given.
     pub window: Option<u32>,
+    /// The least points of an occupied cell.
+    pub min_points: u32,
+    /// The components that were kept, if not all.
+    pub min_component: Option<Least>,
     /// What was done to the surface.
     pub surface: SurfaceOptions,
 }
@@ -116,6 +122,10 @@ pub struct Closing {
     pub trials: Vec<Trial>,
     /// Occupied cells.
     pub occupied_cells: u64,
+    /// Cells with points, but too few to be occupied.
+    pub sparse_cells: u64,
+    /// What was found and left out, if small components were to be.
+    pub components: Option<Components>,
     /// Solid cells.
     pub solid_cells: u64,
 }
@@ -157,7 +167,8 @@ impl Parameters {
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
             Fineness::Sampling => {}
         }
-        Parameters { k, slices, cell_size, seal: settings.seal, window: settings.window, surface: settings.surface }
+        let Settings { seal, window, min_points, min_component, surface, .. } = *settings;
+        Parameters { k, slices, cell_size, seal, window, min_points, min_component, surface }
     }
 }
 
@@ -198,13 +209,30 @@ impl Closing {
     /// The closing of a reconstruction.
     pub fn of(made: &Reconstruction) -> Closing {
         Closing {
-            radius: made.radius,
+            radius: made.closing.rho(),
             sealing_radius: made.sealing_radius,
-            sealed: made.sealing_radius.is_some_and(|needed| made.radius >= needed),
+            sealed: made.sealing_radius.is_some_and(|needed| made.closing.rho() >= needed),
             trials: made.trials.clone(),
             occupied_cells: made.occupied,
+            sparse_cells: made.sparse,
+            components: made.components,
             solid_cells: made.solid,
         }
+    }
+
+    /// A line about what was left out, if anything was to be.
+    pub fn left_out(&self) -> Option<String> {
+        let sparse = |cells: u64| format!("{} cells of too few points", thousands(cells));
+        let dropped = |Components { found, dropped, dropped_cells, .. }: Components| {
+            let (dropped, found, cells) = (thousands(dropped), thousands(found), thousands(dropped_cells));
+            format!("{dropped} of {found} components, {cells} cells in all")
+        };
+        let parts: Vec<String> = (self.sparse_cells > 0)
+            .then(|| sparse(self.sparse_cells))
+            .into_iter()
+            .chain(self.components.map(dropped))
+            .collect();
+        (!parts.is_empty()).then(|| parts.join("; "))
     }
 
     /// A line about the inside.
@@ -246,6 +274,9 @@ impl fmt::Display for Report {
         writeln!(f)?;
         writeln!(f, "grid     {}", self.grid)?;
         writeln!(f, "closing  {}", self.closing.verdict())?;
+        if let Some(left_out) = self.closing.left_out() {
+            writeln!(f, "left out {left_out}")?;
+        }
         let OutputReport { vertices, triangles, .. } = self.output;
         write!(f, "mesh     {} vertices, {} triangles", thousands(vertices), thousands(triangles))?;
         match &self.check {

@@ -246,7 +246,7 @@ fn header(surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction
             format!(
                 "axis {} closing_radius {} smooth {} diagonals {} fit {}",
                 grid.axis().letter(),
-                made.radius,
+                made.closing.rho(),
                 surface.smooth,
                 words(&surface.diagonals),
                 words(&surface.fit)

@@ -4,21 +4,21 @@ use std::ops::Range;
 
 use rustc_hash::FxHashMap;
 
-use crate::bucket::Buckets;
 use crate::error::Result;
-use crate::grid::Grid;
-use crate::partition::{halo, slices_of};
+use crate::partition::{halo, slices_of, smooth_halo};
 use crate::points::Coordinate;
 use crate::stage::contract::{Fans, GONE, Groups, NONE, contract};
 use crate::stage::extract::{Diagonals, Surface};
 use crate::stage::fit::{Fitted, Task, fit};
+use crate::stage::plane::project;
+use crate::stage::raster::Sampled;
 use crate::stage::smooth::smooth;
 use crate::stage::solid::Solid;
 
 /// What is done to the surface of every slab.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct SurfaceOptions {
-    /// Steps of smoothing (Eq. 4).
+    /// Steps of smoothing: the first is Eq. 4, each further one smooths without shrinking.
     pub smooth: u32,
     /// Which diagonal cuts a rectangle.
     pub diagonals: Diagonals,
@@ -33,6 +33,8 @@ pub enum Fit {
     /// Their nearest input points.
     #[default]
     Nearest,
+    /// The planes of the points round them: for noisy points.
+    Plane,
     /// Nothing: the smoothed surface stays.
     None,
 }
@@ -69,6 +71,8 @@ pub enum Fate {
     Stays,
     /// It takes its point's place.
     Fitted,
+    /// It moves into the plane of the points round it.
+    Projected,
     /// Another vertex took the point's place; it goes most of the way.
     Pulled,
     /// It was contracted into another.
@@ -88,15 +92,13 @@ impl SlabMesh {
     pub fn make<T: Coordinate>(
         number: u32,
         solid: &Solid,
-        buckets: &Buckets<T>,
-        grid: &Grid,
+        sampled: &Sampled<'_, T>,
         options: SurfaceOptions,
         piece: usize,
     ) -> Result<SlabMesh> {
         let slices = slices_of(number, options.smooth, solid.cells[1]);
         let last = slices.end == solid.cells[1];
-        // Each step of smoothing beyond the first, which is a table, needs one more plane either side.
-        let more = i64::from(options.smooth.max(1)) - 1;
+        let more = i64::from(smooth_halo(options.smooth));
         let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
         let mut q = smooth(&surface, options.smooth);
         let planes = slices.start..slices.end + u32::from(last);
@@ -111,11 +113,23 @@ impl SlabMesh {
         let seam = surface.on_plane(slices.start).len() as u32;
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
+        let grid = sampled.grid;
+        let mut fate = vec![Fate::Stays; own.len()];
         let fitted = match options.fit {
             Fit::None => Fitted::none(own.len()),
+            Fit::Plane => {
+                let mut fitted = Fitted::none(own.len());
+                let places = project(sampled, &surface, &q, planes.clone(), options.smooth, piece)?;
+                for ((fate, target), place) in fate.iter_mut().zip(&mut fitted.target).zip(places) {
+                    if let Some(place) = place {
+                        (*fate, *target) = (Fate::Projected, grid.position(place));
+                    }
+                }
+                fitted
+            }
             Fit::Nearest => {
                 let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(options.smooth) };
-                fit(buckets, grid, &task, piece)?
+                fit(sampled, &task, piece)?
             }
         };
         drop(surface);
@@ -123,7 +137,6 @@ impl SlabMesh {
         q.drain(..own.start as usize);
         let smoothed = q.into_iter().map(|q| grid.position(q)).collect();
         let fans = Fans::new(&triangles, named as usize);
-        let fate = vec![Fate::Stays; own.len()];
         let mut mesh = SlabMesh { slices, smoothed, fitted, fate, triangles, fans, seam };
         if options.fit == Fit::Nearest {
             mesh.contract_inside();
@@ -167,7 +180,7 @@ impl SlabMesh {
     pub fn position(&self, v: u32) -> [f64; 3] {
         let (smoothed, target) = (self.smoothed[v as usize], self.fitted.target[v as usize]);
         match self.fate[v as usize] {
-            Fate::Fitted => target,
+            Fate::Fitted | Fate::Projected => target,
             Fate::Pulled => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
             Fate::Stays | Fate::Gone => smoothed,
         }

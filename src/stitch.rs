@@ -47,9 +47,11 @@ pub struct Stitcher<'a> {
 pub struct Counts {
     /// Vertices that are input points, bit for bit.
     pub fitted: u64,
+    /// Vertices moved into the plane of the points round them.
+    pub projected: u64,
     /// Vertices pulled towards a point that another vertex took.
     pub pulled: u64,
-    /// Vertices with no point within reach.
+    /// Vertices that stay where smoothing put them: no point within reach, or not to be fitted.
     pub unfitted: u64,
     /// Vertices contracted into others.
     pub contracted: u64,
@@ -114,6 +116,7 @@ impl<'a> Stitcher<'a> {
                     continue;
                 }
                 Fate::Fitted => self.counts.fitted += 1,
+                Fate::Projected => self.counts.projected += 1,
                 Fate::Pulled => self.counts.pulled += 1,
                 Fate::Stays => self.counts.unfitted += 1,
             }

@@ -176,6 +176,11 @@ fn arguments_out_of_range_are_refused_before_the_input_is_read() {
         ("--threads 0", "0 is not in 1..=65535"),
         ("--max-memory much", "expected a size such as 512M or 2G"),
         ("--smooth 1000", "at most 100 steps"),
+        ("--min-points 0", "0 is not in 1.."),
+        ("--min-points 900", "--min-points 900: none of the"),
+        ("--min-component 101%", "a share of the largest such as 1%"),
+        ("--min-component -1", "expected a number of cells"),
+        ("--min-component 9999999", "--min-component: the largest component has"),
         ("--frobnicate", "--frobnicate"),
     ] {
         f.fails(&format!("k.ply {arguments}"), 2, &[says]);
@@ -184,6 +189,43 @@ fn arguments_out_of_range_are_refused_before_the_input_is_read() {
     f.fails("generate dragon 10 -o a.ply", 2, &["dragon", "sphere, torus, knot"]);
     f.fails("generate knot 10 -o a.las", 2, &["a.las: expected a name with .bin, .ply, .xyz or .txt"]);
     f.fails("k.ply --cell-size 1e-9", 1, &["cells long along", "--cell-size"]);
+}
+
+/// Crumbs and strays beside a knot, in the same box: what is left without them is what would be without their points.
+#[test]
+fn small_components_and_thin_cells_are_left_out_with_their_points() {
+    let f = Folder::new();
+    let knot = f.knot(20_000);
+    let crumb = |at: [f32; 3], points: usize| (0..points).map(move |i| [at[0] + 1e-6 * i as f32, at[1], at[2]]);
+    let corner = |a: usize, end: fn(f32, f32) -> f32| knot.iter().map(|p| p[a]).reduce(end).unwrap();
+    let low = [0, 1, 2].map(|a| corner(a, f32::min));
+    let high = [0, 1, 2].map(|a| corner(a, f32::max));
+    let with = |points: usize| -> Vec<[f32; 3]> {
+        knot.iter().copied().chain(crumb(low, points)).chain(crumb(high, points)).collect()
+    };
+    f.write("clean.ply", ply(&knot));
+    f.write("crumbs.ply", ply(&with(5)));
+    for fit in ["nearest", "plane"] {
+        f.ok(&format!("clean.ply -o a.ply --slices 60 --fit {fit} --overwrite"));
+        for least in ["largest", "50%", "9"] {
+            let line = format!("crumbs.ply -o b.ply --slices 60 --fit {fit} --min-component {least} --overwrite");
+            let answer = f.ok(&line);
+            assert!(answer.err.contains("left out 2 of 3 components, 2 cells in all"), "{}", answer.err);
+            assert_eq!(body(&f.read("b.ply")), body(&f.read("a.ply")), "{fit} {least}");
+        }
+    }
+    f.write("strays.ply", ply(&with(1)));
+    f.ok("clean.ply -o a.ply --slices 60 --min-points 2 --overwrite");
+    let answer = f.ok("strays.ply -o b.ply --slices 60 --min-points 2 --overwrite --report r.json");
+    assert!(answer.err.contains("cells of too few points"), "{}", answer.err);
+    assert!(report(&f, "r.json")["closing"]["sparse_cells"].as_u64().unwrap() >= 2);
+    assert_eq!(body(&f.read("b.ply")), body(&f.read("a.ply")));
+}
+
+/// A PLY file without its header, which counts the input's points.
+fn body(ply: &[u8]) -> &[u8] {
+    let end = b"end_header\n";
+    &ply[ply.windows(end.len()).position(|w| w == end).unwrap()..]
 }
 
 #[test]

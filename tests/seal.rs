@@ -8,7 +8,7 @@ use asra_stream::schedule::Workers;
 use asra_stream::spool::Workspace;
 use asra_stream::stage::dilate::Ball;
 use asra_stream::stage::raster::Occupancy;
-use asra_stream::stage::seal::{Sealed, find};
+use asra_stream::stage::seal::{Pyramid, find};
 use asra_stream::stage::solid::Solid;
 
 fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
@@ -38,14 +38,22 @@ fn shell(size: u32, hole: f64) -> Vec<Cell> {
     cells
 }
 
-fn assert_sealed(sealed: &Sealed, occupancy: &Occupancy, size: u32, context: &Context) {
+fn assert_sealed(occupancy: &Occupancy, size: u32, hole: f64, context: &Context) {
+    let pyramid = Pyramid::over(occupancy, 0, context).unwrap();
+    let sealed = find(&pyramid, context, |_| ()).unwrap();
+    let trials = format!("size {size}, hole {hole}: {:?}", sealed.trials);
+    let closing = sealed.closing.unwrap_or_else(|| panic!("no inside: {trials}"));
+    assert_eq!(closing.rho() == 1, hole == 0.0, "{trials}");
     let ball = 4.0 / 3.0 * std::f64::consts::PI * (f64::from(size) / 2.0 - 1.0).powi(3);
-    let volume = sealed.solid.volume as f64;
-    assert!(sealed.has_inside);
-    assert!((0.95..1.15).contains(&(volume / ball)), "{volume} of {ball}: {:?}", sealed.trials);
-    if sealed.radius > 1 {
-        let smaller = Solid::close(occupancy, &Ball::new(sealed.radius - 1), context).unwrap();
-        assert!((smaller.volume as f64) < 0.5 * ball, "a smaller radius would do: {:?}", sealed.trials);
+    let solid =
+        if closing.rho() == 1 { sealed.solid.unwrap() } else { pyramid.close(closing, context, |_| ()).unwrap() };
+    let share = solid.volume as f64 / ball;
+    assert!((0.95..1.15).contains(&share), "{share} of the ball: {trials}");
+    if closing.radius > 1 {
+        let level = pyramid.level(closing.level);
+        let smaller = Solid::close(level, &Ball::new(closing.radius - 1), context).unwrap();
+        let share = smaller.volume as f64 * 8f64.powi(closing.level as i32) / ball;
+        assert!(share < 0.6, "a smaller radius would do, {share}: {trials}");
     }
 }
 
@@ -58,9 +66,7 @@ fn shells_with_holes_get_the_smallest_radius_that_seals() {
         for hole in [0.0, 3.0, 0.06 * f64::from(size)] {
             with_context(cells, |context| {
                 let occupancy = Occupancy::of_cells(shell(size, hole), cells, context).unwrap();
-                let sealed = find(&occupancy, context, |_| ()).unwrap();
-                assert_sealed(&sealed, &occupancy, size, context);
-                assert_eq!(sealed.radius == 1, hole == 0.0, "size {size}, hole {hole}: {:?}", sealed.trials);
+                assert_sealed(&occupancy, size, hole, context);
             });
         }
     }
@@ -77,8 +83,8 @@ fn a_wavy_sheet_has_no_inside() {
     });
     with_context(cells, |context| {
         let occupancy = Occupancy::of_cells(sheet, cells, context).unwrap();
-        let sealed = find(&occupancy, context, |_| ()).unwrap();
-        assert!(!sealed.has_inside, "{:?}", sealed.trials);
-        assert_eq!(sealed.radius, 1);
+        let pyramid = Pyramid::over(&occupancy, 0, context).unwrap();
+        let sealed = find(&pyramid, context, |_| ()).unwrap();
+        assert_eq!(sealed.closing, None, "{:?}", sealed.trials);
     });
 }

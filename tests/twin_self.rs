@@ -10,7 +10,7 @@ use twin::clouds::{Cloud, cloud, setting};
 use twin::fit::{Fitting, finish, slabs};
 use twin::solid::solid_cells;
 use twin::surface::surface;
-use twin::{Axis, Diagonals, Params, Surface, TwinMesh, grid_for, mesh_of_solid, reconstruct};
+use twin::{Axis, Diagonals, Fit, Params, Surface, TwinMesh, grid_for, mesh_of_solid, reconstruct};
 
 const DIAGONALS: [Diagonals; 3] = [Diagonals::Delaunay, Diagonals::First, Diagonals::Random];
 
@@ -35,12 +35,14 @@ fn unit_params(cells: [u32; 3], slab_slices: u32) -> Params {
         min: [0.0; 3],
         w: 1.0,
         cells,
+        min_points: 1,
+        keep: None,
         rho: 1,
         level: 0,
         falls: false,
         smooth: 1,
         diagonals: Diagonals::Delaunay,
-        fit: true,
+        fit: Fit::Nearest,
         slab_slices,
         single: false,
     }
@@ -252,7 +254,7 @@ proptest! {
     #[test]
     fn without_fitting_slabs_do_not_show(cloud in cloud(), setting in setting()) {
         let mut params = setting.params(&cloud);
-        params.fit = false;
+        params.fit = Fit::None;
         let whole = reconstruct(&cloud.points, &Params { slab_slices: 100, ..params.clone() });
         let slabs = reconstruct(&cloud.points, &params);
         prop_assert_eq!(whole.bits(), slabs.bits());

@@ -5,12 +5,14 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::sizes;
+use crate::closing::Sealing;
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, CELLS_LIMIT, Resolution};
 use crate::input::{Endian, InputOptions, Layout};
-use crate::pipeline::{Fineness, Sealing, Settings};
+use crate::pipeline::{Fineness, Settings};
 use crate::run::{Check, Job, Means};
 use crate::slab::{Fit, SurfaceOptions};
+use crate::stage::component::Least;
 use crate::stage::extract::Diagonals;
 use crate::whole::Overwrite;
 
@@ -106,7 +108,13 @@ pub struct CloudArguments {
     #[arg(long, value_name = "auto|R|off", default_value = "auto", value_parser = sealing, help_heading = "Surface")]
     #[arg(allow_negative_numbers = true)]
     pub seal: Sealing,
-    /// Steps of smoothing
+    /// Points that make a cell occupied, at least: thins out strays
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Surface")]
+    pub min_points: u32,
+    /// Cells of a component, at least: a number, a share of the largest's such as 1%, or `largest` [default: all are kept]
+    #[arg(long, value_name = "N|P%|largest", allow_negative_numbers = true, help_heading = "Surface")]
+    pub min_component: Option<Least>,
+    /// Steps of smoothing: the first is the paper's, those after it do not shrink the surface
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Surface")]
     pub smooth: u32,
     /// Which diagonal cuts a rectangle into triangles
@@ -293,7 +301,8 @@ impl CloudArguments {
             AxisWord::Z => AxisChoice::Fixed(Axis::Z),
         };
         let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
-        Settings { fineness, axis, seal: self.seal, window: self.window, surface }
+        let (min_points, min_component) = (self.min_points, self.min_component);
+        Settings { fineness, axis, seal: self.seal, window: self.window, min_points, min_component, surface }
     }
 
     fn input(&self) -> InputOptions {

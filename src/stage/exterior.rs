@@ -3,6 +3,8 @@
 //! The runs of free cells are labelled slice by slice ([`crate::stage::label`]); a component that touches the border is exterior, any other
 //! is enclosed.
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
@@ -61,9 +63,10 @@ pub struct Exterior {
     labels: Labels,
 }
 
-/// Whether a run or a component touches the border of the padded box.
-#[derive(Debug, Clone, Copy, Default)]
-struct AtBorder(bool);
+/// Whether a run or a component touches the border of the padded box: 1 if so.
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(transparent)]
+struct AtBorder(u8);
 
 impl Measure for AtBorder {
     fn add(&mut self, other: &AtBorder) {
@@ -73,7 +76,7 @@ impl Measure for AtBorder {
 
 impl AtBorder {
     fn verdict(&self) -> u8 {
-        if self.0 { EXTERIOR } else { ENCLOSED }
+        if self.0 == 1 { EXTERIOR } else { ENCLOSED }
     }
 }
 
@@ -99,15 +102,15 @@ impl Exterior {
                     for z in 0..rows {
                         let at_end = at_end || z == 0 || z == rows - 1;
                         let touches = slice.row(z).iter().map(|run| at_end || run.start == 0 || run.end == width);
-                        at_border.extend(touches.map(AtBorder));
+                        at_border.extend(touches.map(|touches| AtBorder(u8::from(touches))));
                     }
-                    labeller.add(slice, &at_border, AtBorder::verdict)?;
+                    labeller.add(slice, &at_border)?;
                     y += 1;
                 }
                 Ok(())
             },
         )?;
-        Ok(Exterior { padded, labels: labeller.resolve(context, AtBorder::verdict)? })
+        Ok(Exterior { padded, labels: labeller.finish()?.judged(context, AtBorder::verdict)? })
     }
 
     /// Sets the free cells of padded slice `y`, exterior or enclosed, in `bits`, which must be empty.

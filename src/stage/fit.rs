@@ -16,14 +16,14 @@
 use std::cmp::Ordering;
 use std::ops::Range;
 
-use crate::bucket::Buckets;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::partition::{BUCKET_SLICES, REACH};
 use crate::points::Coordinate;
-use crate::slice::words_for;
 use crate::stage::contract::NONE;
 use crate::stage::extract::{Kind, Surface};
+use crate::stage::ranked::Ranked;
+use crate::stage::raster::Sampled;
 use crate::window::Window;
 
 /// The nearest points of a slab's vertices.
@@ -67,7 +67,8 @@ pub struct Task<'a> {
 ///
 /// # Errors
 /// [`crate::Error::Io`].
-pub fn fit<T: Coordinate>(buckets: &Buckets<T>, grid: &Grid, task: &Task<'_>, piece: usize) -> Result<Fitted> {
+pub fn fit<T: Coordinate>(sampled: &Sampled<'_, T>, task: &Task<'_>, piece: usize) -> Result<Fitted> {
+    let Sampled { buckets, grid, .. } = sampled;
     let first = task.surface.on_plane(task.planes.start).start;
     let end = task.surface.on_plane(task.planes.end - 1).end;
     let mut search = Search { grid, task, first, found: Fitted::none((end - first) as usize), searched: 0 };
@@ -76,9 +77,11 @@ pub fn fit<T: Coordinate>(buckets: &Buckets<T>, grid: &Grid, task: &Task<'_>, pi
     let near: u64 = buckets_near.clone().map(|bucket| buckets.points_in(bucket as usize)).sum();
     let mut held: Vec<[T; 3]> = Vec::with_capacity(piece.min(near as usize));
     for bucket in buckets_near {
+        let counted = sampled.counted_in(bucket)?;
         buckets.read(bucket as usize, piece, |points| {
             for point in points {
-                if slices.contains(&grid.slice_of(point.map(Into::into))) {
+                let p = point.map(Into::into);
+                if slices.contains(&grid.slice_of(p)) && counted.contains(grid, p) {
                     held.push(*point);
                     if held.len() == piece {
                         search.piece(&held, slices.clone())?;
@@ -222,13 +225,9 @@ struct SliceIndex<T> {
     points: Vec<[T; 3]>,
     /// The number of the first point among the piece's.
     base: u32,
-    words: usize,
     width: u32,
     rows: u32,
-    /// Is a cell occupied? One row after the other.
-    occupied: Vec<u64>,
-    /// Of each word: the occupied cells before it.
-    before: Vec<u32>,
+    occupied: Ranked,
     /// Of each occupied cell: the points before it; one entry more than cells.
     first: Vec<u32>,
     keys: Vec<(u32, u32)>,
@@ -238,16 +237,12 @@ struct SliceIndex<T> {
 
 impl<T: Coordinate> SliceIndex<T> {
     fn new(width: u32, rows: u32) -> SliceIndex<T> {
-        // One cell more than there are, so that the end of a row has a bit, too.
-        let words = words_for(width + 1);
         SliceIndex {
             points: Vec::new(),
             base: 0,
-            words,
             width,
             rows,
-            occupied: vec![0; words * rows as usize],
-            before: vec![0; words * rows as usize],
+            occupied: Ranked::new(width, rows),
             first: Vec::new(),
             keys: Vec::new(),
             order: Vec::new(),
@@ -265,7 +260,7 @@ impl<T: Coordinate> SliceIndex<T> {
         if points.is_empty() && !had_points {
             return;
         }
-        self.occupied.fill(0);
+        self.occupied.clear();
         self.keys.clear();
         self.keys.extend(points.iter().map(|p| {
             let [x, _, z] = grid.cell_of(p.map(Into::into));
@@ -280,31 +275,19 @@ impl<T: Coordinate> SliceIndex<T> {
             let (x, z) = self.keys[i as usize];
             if last != Some((x, z)) {
                 self.first.push(number as u32);
-                self.occupied[z as usize * self.words + x as usize / 64] |= 1 << (x % 64);
+                self.occupied.set(x, z);
                 last = Some((x, z));
             }
         }
         self.first.push(points.len() as u32);
-        let mut cells = 0;
-        for (before, word) in self.before.iter_mut().zip(&self.occupied) {
-            *before = cells;
-            cells += word.count_ones();
-        }
+        self.occupied.number();
     }
 
     /// The stretch of points in cells `x` of row `z`.
     #[inline]
     fn cells(&self, z: i64, x: Range<i64>) -> Range<usize> {
-        if z < 0 || z >= i64::from(self.rows) {
-            return 0..0;
-        }
-        let rank = |x: i64| {
-            let x = x.clamp(0, i64::from(self.width)) as usize;
-            let word = z as usize * self.words + x / 64;
-            let within = self.occupied[word] & ((1 << (x % 64)) - 1);
-            (self.before[word] + within.count_ones()) as usize
-        };
-        self.first[rank(x.start)] as usize..self.first[rank(x.end)] as usize
+        let cells = self.occupied.cells(z, x);
+        self.first[cells.start] as usize..self.first[cells.end] as usize
     }
 }
 

@@ -1,8 +1,9 @@
-//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone,
-//! extract, smooth, fit, contract.
+//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone, component,
+//! extract, smooth, fit or plane, contract.
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
+pub mod component;
 pub mod contract;
 pub mod corner;
 pub mod dilate;
@@ -11,6 +12,8 @@ pub mod extract;
 pub mod fit;
 pub mod label;
 pub mod lone;
+pub mod plane;
+pub mod ranked;
 pub mod raster;
 pub mod seal;
 pub mod sides;

@@ -1,4 +1,6 @@
-//! Raster: the cells that hold a point, slice by slice.
+//! Raster: the cells that hold points, slice by slice.
+//!
+//! A cell with fewer than the least number of points is not occupied, and its points do not count any more: nothing is fitted to them.
 
 use std::collections::BTreeMap;
 
@@ -9,6 +11,7 @@ use crate::grid::{Cell, Grid};
 use crate::partition::BUCKET_SLICES;
 use crate::points::Coordinate;
 use crate::slice::{Bits, Runs, SliceStore};
+use crate::stage::ranked::Ranked;
 
 /// The occupied cells of a cloud at one resolution.
 #[derive(Debug)]
@@ -19,34 +22,49 @@ pub struct Occupancy {
     pub store: SliceStore,
     /// Number of occupied cells.
     pub occupied: u64,
+    /// Of each slice: its occupied cells.
+    pub in_slice: Vec<u32>,
+    /// Cells with points, but fewer than the least number.
+    pub sparse: u64,
 }
 
 impl Occupancy {
-    fn new(cells: Cell, context: &Context) -> Occupancy {
-        Occupancy { cells, store: SliceStore::new(&context.workspace, context.memory.store_quota), occupied: 0 }
+    /// No slices yet.
+    pub fn new(cells: Cell, context: &Context) -> Occupancy {
+        let store = SliceStore::new(&context.workspace, context.memory.store_quota);
+        Occupancy { cells, store, occupied: 0, in_slice: Vec::with_capacity(cells[1] as usize), sparse: 0 }
     }
 
-    fn append(&mut self, slices: Vec<Runs>) -> Result<()> {
+    /// Appends the next slices.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn append(&mut self, slices: Vec<Runs>) -> Result<()> {
         for slice in slices {
-            self.occupied += slice.cell_count();
+            let occupied = slice.cell_count();
+            self.occupied += occupied;
+            self.in_slice.push(occupied as u32);
             self.store.append(&slice)?;
         }
         Ok(())
     }
 
-    /// Rasters all buckets; `progress` is told the slices of each. Memory: [`BUCKET_SLICES`] slices of bits and a piece of a bucket for each job in flight.
+    /// Rasters all buckets: cells of at least `least` points are occupied. `progress` is told the slices of each bucket. Memory:
+    /// [`BUCKET_SLICES`] slices of bits and a piece of a bucket for each job in flight; if `least` is more than one, which takes a second look at the points, a
+    /// number for each of the slices' cells as well.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn of_buckets<T: Coordinate>(
         buckets: &Buckets<T>,
         grid: &Grid,
+        least: u32,
         context: &Context,
         mut progress: impl FnMut(u32),
     ) -> Result<Occupancy> {
         let cells = grid.cells();
         let [width, slices, rows] = cells;
-        let mut out = Occupancy::new(cells, context);
+        let (mut out, mut sparse) = (Occupancy::new(cells, context), 0);
         let mut jobs = 0..buckets.count();
         context.workers.in_order(
             context.memory.chunks_in_flight,
@@ -61,14 +79,16 @@ impl Occupancy {
                     }
                     Ok(())
                 })?;
-                Ok(bits.iter().map(Runs::from_bits).collect())
+                let slices: Vec<Runs> = bits.iter().map(Runs::from_bits).collect();
+                if least > 1 { well_filled(slices, buckets, bucket, grid, least, context) } else { Ok((slices, 0)) }
             },
-            |slices: Vec<Runs>| {
+            |(slices, left_out)| {
                 progress(slices.len() as u32);
+                sparse += left_out;
                 out.append(slices)
             },
         )?;
-        Ok(out)
+        Ok(Occupancy { sparse, ..out })
     }
 
     /// The same cloud with cells twice as large: a cell is occupied if any of its eight is.
@@ -121,5 +141,118 @@ impl Occupancy {
         let empty = Bits::new(cells[0], cells[2]);
         out.append((0..cells[1]).map(|y| Runs::from_bits(slices.get(&y).unwrap_or(&empty))).collect())?;
         Ok(out)
+    }
+}
+
+/// The slices of a bucket without the cells of fewer than `least` points, and how many these are.
+fn well_filled<T: Coordinate>(
+    mut slices: Vec<Runs>,
+    buckets: &Buckets<T>,
+    bucket: usize,
+    grid: &Grid,
+    least: u32,
+    context: &Context,
+) -> Result<(Vec<Runs>, u64)> {
+    let [width, _, rows] = grid.cells();
+    let mut counts: Vec<(Ranked, Vec<u32>)> = slices
+        .iter()
+        .map(|slice| {
+            let mut cells = Ranked::new(width, rows);
+            let count = cells.replace(slice);
+            (cells, vec![0; count as usize])
+        })
+        .collect();
+    let first = bucket as u32 * BUCKET_SLICES;
+    buckets.read(bucket, context.memory.piece_points, |points| {
+        for point in points {
+            let [x, y, z] = grid.cell_of(point.map(Into::into));
+            let (cells, counts) = &mut counts[(y - first) as usize];
+            let number = cells.at(x, z).expect("a point's cell was set");
+            counts[number] = counts[number].saturating_add(1);
+        }
+        Ok(())
+    })?;
+    let mut sparse = 0;
+    for (slice, (_, counts)) in slices.iter_mut().zip(counts) {
+        let mut counts = counts.into_iter();
+        let mut left = Runs::default();
+        for z in 0..slice.row_count() {
+            for run in slice.row(z) {
+                for (x, count) in (run.start..run.end).zip(&mut counts) {
+                    if count >= least {
+                        left.push_run(x, x + 1);
+                    } else {
+                        sparse += 1;
+                    }
+                }
+            }
+            left.end_row();
+        }
+        *slice = left;
+    }
+    Ok((slices, sparse))
+}
+
+/// The points of a cloud by slice, and which of them count.
+#[derive(Debug)]
+pub struct Sampled<'a, T> {
+    /// The points.
+    pub buckets: &'a Buckets<T>,
+    /// The occupied cells, slice by slice.
+    pub occupied: &'a SliceStore,
+    /// The grid.
+    pub grid: &'a Grid,
+    /// Which points count.
+    pub counted: Counted,
+}
+
+/// Which points count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Counted {
+    /// All: every point's cell is occupied.
+    All,
+    /// Those in occupied cells.
+    Occupied,
+}
+
+/// The cells of a bucket whose points count.
+#[derive(Debug)]
+pub struct CountedCells {
+    first: u32,
+    /// Of each slice; none if all points count.
+    slices: Option<Vec<Ranked>>,
+}
+
+impl<T: Coordinate> Sampled<'_, T> {
+    /// The cells of a bucket whose points count. Memory: nothing if all do, else [`BUCKET_SLICES`] slices of bits and a half.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn counted_in(&self, bucket: u32) -> Result<CountedCells> {
+        let first = bucket * BUCKET_SLICES;
+        if self.counted == Counted::All {
+            return Ok(CountedCells { first, slices: None });
+        }
+        let [width, slices, rows] = self.grid.cells();
+        let mut runs = Runs::default();
+        let slice = |y| {
+            self.occupied.read(y, &mut runs)?;
+            let mut cells = Ranked::new(width, rows);
+            cells.replace(&runs);
+            Ok(cells)
+        };
+        let slices = (first..slices.min(first + BUCKET_SLICES)).map(slice).collect::<Result<_>>()?;
+        Ok(CountedCells { first, slices: Some(slices) })
+    }
+}
+
+impl CountedCells {
+    /// Whether a point of the bucket counts.
+    #[inline]
+    pub fn contains(&self, grid: &Grid, point: [f64; 3]) -> bool {
+        self.slices.as_ref().is_none_or(|slices| {
+            let [x, y, z] = grid.cell_of(point);
+            slices[(y - self.first) as usize].at(x, z).is_some()
+        })
     }
 }

@@ -179,7 +179,11 @@ pub fn find(pyramid: &Pyramid<'_>, context: &Context, mut progress: impl FnMut(u
         if let Some(Seen { radius, confirmed, .. }) = seen
             && (confirmed && radius >= FALLS_FROM || level == 0)
         {
-            return Ok(Sealed { closing: Some(Closing { level, radius }), solid: solid.filter(|_| radius == 1), trials });
+            return Ok(Sealed {
+                closing: Some(Closing { level, radius }),
+                solid: solid.filter(|_| radius == 1),
+                trials,
+            });
         }
     }
     Ok(Sealed { closing: None, solid: None, trials })

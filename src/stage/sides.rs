@@ -19,6 +19,8 @@
 //! to 2: at the end, the passage that a cell lies in is more than two cells wide. Large balls fall on a coarser level of the pyramid
 //! ([`Sides::refined`]), so that no ball on the fine grid is larger than a few cells.
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::slice::{Bits, Runs, SliceStore, words_for};
@@ -118,9 +120,7 @@ impl Sides {
             let mut out = Vec::new();
             for y in slices {
                 let reach = i64::from(free.radius());
-                window.slide_to(i64::from(y) - reach, |y, bits| {
-                    padded.paint_occupied(finer, y, bits, &mut runs)
-                })?;
+                window.slide_to(i64::from(y) - reach, |y, bits| padded.paint_occupied(finer, y, bits, &mut runs))?;
                 bits.iter_mut().for_each(Bits::clear);
                 let parent_y = (i64::from(y) - i64::from(padded.pad)).div_euclid(2) + i64::from(coarse.pad);
                 let held = (0..i64::from(coarse.cells[1])).contains(&parent_y);
@@ -324,10 +324,10 @@ impl Sides {
             || Ok(jobs.next()),
             |slices| self.evidence(occupancy, next_to, open, &ball, slices),
             |slices: Vec<(Runs, Vec<Evidence>)>| {
-                slices.into_iter().try_for_each(|(runs, found)| labeller.add(runs, &found, Evidence::verdict))
+                slices.into_iter().try_for_each(|(runs, found)| labeller.add(runs, &found))
             },
         )?;
-        labeller.resolve(context, Evidence::verdict)
+        labeller.finish()?.judged(context, Evidence::verdict)
     }
 
     /// The runs of `open` in some slices, with the evidence of each.
@@ -351,7 +351,7 @@ impl Sides {
         let padded = self.padded;
         let reach = i64::from(ball.radius());
         let mut walls = [Walls::new(padded, ball), Walls::new(padded, ball)];
-        let mut touched = [Window::new(3, || padded.bits()), Window::new(3, || padded.bits())];
+        let mut touched = Window::new(3, || padded.bits());
         let mut runs = Runs::default();
         let mut rows = [vec![0; words_for(padded.cells[0])], vec![0; words_for(padded.cells[0])]];
         let mut out = Vec::with_capacity(held.len());
@@ -359,9 +359,7 @@ impl Sides {
             for (walls, store) in walls.iter_mut().zip(next_to) {
                 walls.slide_to(y - reach, padded, occupancy, store)?;
             }
-            for (window, store) in touched.iter_mut().zip([&self.outside, &self.inside]) {
-                window.slide_to(y - 1, |y, bits| paint(store, y, bits, &mut runs))?;
-            }
+            touched.slide_to(y - 1, |y, bits| paint(&self.outside, y, bits, &mut runs))?;
             let mut found = Vec::with_capacity(open.all().len());
             for z in 0..open.row_count() {
                 if open.row(z).is_empty() {
@@ -371,10 +369,9 @@ impl Sides {
                     ball.dilate_row(near(&walls.window, y, z), row);
                 }
                 for run in open.row(z) {
-                    let touches = |side: usize| touches(&touched[side], y, z, *run);
                     let mut evidence = Evidence {
                         cells: u64::from(run.end - run.start),
-                        touches_outside: touches(0),
+                        touches_outside: u64::from(touches(&touched, y, z, *run)),
                         ..Evidence::default()
                     };
                     for x in run.start..run.end {
@@ -392,11 +389,12 @@ impl Sides {
 }
 
 /// What speaks for a component's side.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(C)]
 struct Evidence {
     cells: u64,
-    /// Whether it shares a face with an outside cell.
-    touches_outside: bool,
+    /// Its runs that share a face with an outside cell.
+    touches_outside: u64,
     /// Its cells near walls that have the outside, and not the inside, on a face.
     outside_behind: u64,
     /// The same with the inside.
@@ -406,7 +404,7 @@ struct Evidence {
 impl Measure for Evidence {
     fn add(&mut self, other: &Evidence) {
         self.cells += other.cells;
-        self.touches_outside |= other.touches_outside;
+        self.touches_outside += other.touches_outside;
         self.outside_behind += other.outside_behind;
         self.inside_behind += other.inside_behind;
     }
@@ -417,7 +415,7 @@ impl Evidence {
     /// many for one side as for the other: a rim round a hole is not enough.
     fn verdict(&self) -> u8 {
         let decisive = |most: u64, least: u64| 4 * most >= self.cells && 4 * least <= most;
-        if !self.touches_outside || decisive(self.outside_behind, self.inside_behind) {
+        if self.touches_outside == 0 || decisive(self.outside_behind, self.inside_behind) {
             INSIDE
         } else if decisive(self.inside_behind, self.outside_behind) {
             OUTSIDE

@@ -136,12 +136,7 @@ impl Solid {
 }
 
 /// The cells of a chunk of slices that are left, with the number of faces of each slice.
-fn solid_slices(
-    occupancy: &Occupancy,
-    grown: Grown<'_>,
-    ball: &Ball,
-    chunk: std::ops::Range<u32>,
-) -> Result<Chunk> {
+fn solid_slices(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, chunk: std::ops::Range<u32>) -> Result<Chunk> {
     let Padded { pad, cells: [width, _, rows] } = grown.padded();
     let [box_width, _, box_rows] = occupancy.cells;
     let radius = i64::from(ball.radius());

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::grid::{Axis, grid_for};
-use super::{Diagonals, Params};
+use super::{Diagonals, Fit, Params};
 
 /// A cloud of at least one point.
 #[derive(Debug, Clone)]
@@ -57,12 +57,14 @@ impl Setting {
             min,
             w,
             cells,
+            min_points: 1,
+            keep: None,
             rho: self.rho,
             level: 0,
             falls: false,
             smooth: self.smooth,
             diagonals: self.diagonals,
-            fit: true,
+            fit: Fit::Nearest,
             slab_slices: self.slab_slices,
             single: cloud.single,
         }

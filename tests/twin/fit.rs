@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::contract::Contraction;
 use super::grid::to_file;
+use super::plane::Means;
 use super::surface::Surface;
-use super::{Params, TwinMesh};
+use super::{Fit, Params, TwinMesh};
 
 /// How far, in cells, a vertex may be from its point.
 const REACH: f64 = 3.0;
@@ -46,13 +47,15 @@ pub struct Fitting {
     /// T of every vertex.
     targets: Vec<[f64; 3]>,
     nearest: Vec<Nearest>,
+    /// Where the planes of the points round them take the vertices.
+    projected: Vec<Option<[f64; 3]>>,
 }
 
 /// The finished mesh of a surface and the points it is fitted to.
 pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMesh {
     let fitting = Fitting::new(surface, points, params);
     let mut contraction = fitting.start();
-    if params.fit {
+    if params.fit == Fit::Nearest {
         let slabs = slabs(params);
         for &slab in &slabs {
             contraction.run(&fitting.inner_vertices(slab));
@@ -79,9 +82,21 @@ impl Fitting {
         let nearest = targets
             .iter()
             .zip(&surface.middle)
-            .map(|(&t, &middle)| if params.fit && !middle { nearest(t, &sorted, params.w) } else { None })
+            .map(
+                |(&t, &middle)| {
+                    if params.fit == Fit::Nearest && !middle { nearest(t, &sorted, params.w) } else { None }
+                },
+            )
             .collect();
-        Fitting { surface: surface.clone(), params: params.clone(), sorted, targets, nearest }
+        let projected = match params.fit {
+            Fit::Plane => {
+                let means = Means::of(points, params);
+                let place = |&q: &[f64; 3]| means.projected(q).map(|q| to_file(q, params));
+                surface.positions.iter().map(place).collect()
+            }
+            Fit::Nearest | Fit::None => vec![None; targets.len()],
+        };
+        Fitting { projected, surface: surface.clone(), params: params.clone(), sorted, targets, nearest }
     }
 
     /// Nothing contracted yet.
@@ -140,7 +155,7 @@ impl Fitting {
             number.insert(v, mesh.vertices.len() as u32);
             let t = self.targets[v as usize];
             let position = match self.nearest[v as usize] {
-                None => t,
+                None => self.projected[v as usize].unwrap_or(t),
                 Some((point, _)) if winners[&point].1 == v => self.sorted[point],
                 Some((point, _)) => [0, 1, 2].map(|a| t[a] + 0.9 * (self.sorted[point][a] - t[a])),
             };

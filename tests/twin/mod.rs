@@ -6,7 +6,7 @@
 //!
 //! Arithmetic that shows in the bits, as the twin does it:
 //!
-//! * smoothing sums (eᵢ + dᵢ) from 0.0 in the order of the edges, then (d + sum) / (r + 1); where one sheet turns round
+//! * smoothing sums (eᵢ + dᵢ) from 0.0 in the order of the edges, then (d + sum) / (r + 1), or d + f·(sum / r − d); where one sheet turns round
 //!   an edge twice, the turn of the solid cell with d_b = 0 is summed first;
 //! * q' = corner + d, T = min + w·q', both after smoothing has ended;
 //! * points at equal distance: the first by (x, y, z), −0 before 0.
@@ -20,6 +20,7 @@ pub mod contract;
 pub mod corner;
 pub mod fit;
 pub mod grid;
+pub mod plane;
 pub mod sides;
 pub mod solid;
 pub mod surface;
@@ -28,6 +29,28 @@ pub use grid::{Axis, grid_for};
 pub use surface::{Diagonals, Surface};
 
 use solid::Cells;
+
+/// Which components of the solid are kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Keep {
+    /// Those of so many cells.
+    Cells(u64),
+    /// Those of this share of the largest's cells.
+    Share(f64),
+    /// The largest.
+    Largest,
+}
+
+/// What vertices are moved onto.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fit {
+    /// Their nearest points.
+    Nearest,
+    /// The planes of the points round them.
+    Plane,
+    /// Nothing.
+    None,
+}
 
 /// What a reconstruction depends on beside the points.
 #[derive(Debug, Clone)]
@@ -40,6 +63,10 @@ pub struct Params {
     pub w: f64,
     /// Number of cells along the grid's axes.
     pub cells: [u32; 3],
+    /// Points that make a cell occupied, at least.
+    pub min_points: u32,
+    /// Which components are kept, if not all.
+    pub keep: Option<Keep>,
     /// Closing radius, at least 1, in cells of the pyramid's level `level`.
     pub rho: u32,
     /// Level of the pyramid whose sides the ball of radius `rho` tells apart; 0 is the grid.
@@ -50,8 +77,8 @@ pub struct Params {
     pub smooth: u32,
     /// How faces are cut.
     pub diagonals: Diagonals,
-    /// Whether vertices are fitted.
-    pub fit: bool,
+    /// What vertices are moved onto.
+    pub fit: Fit,
     /// Slices of a slab, at least 1.
     pub slab_slices: u32,
     /// Whether the points are `f32`: then the final vertices are rounded to `f32`.
@@ -78,7 +105,7 @@ impl TwinMesh {
 pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
     let solid = solid::solid_cells(points, params);
     let surface = surface::surface(&solid, params.smooth, params.diagonals);
-    fit::finish(&surface, points, params)
+    fit::finish(&surface, &solid::counted(points, &solid, params), params)
 }
 
 /// The solid cells: cell (x, y, z) at `x + cells_x · (z + cells_z · y)`.

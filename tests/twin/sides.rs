@@ -83,10 +83,7 @@ impl Sides {
             return [false; 2];
         }
         let before = ball_squared(self.squared);
-        [
-            before.iter().any(|&d| self.is_outside(plus(cell, d))),
-            before.iter().any(|&d| self.is_inside(plus(cell, d))),
-        ]
+        [before.iter().any(|&d| self.is_outside(plus(cell, d))), before.iter().any(|&d| self.is_inside(plus(cell, d)))]
     }
 
     fn step(&mut self, squared: i32) {

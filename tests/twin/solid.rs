@@ -1,9 +1,9 @@
 //! Occupied, dilated, exterior and solid cells as dense arrays.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
-use super::Params;
 use super::grid::cell_of;
+use super::{Keep, Params};
 
 /// A yes or no for every cell of the box, padded by `pad` cells on every side.
 ///
@@ -94,13 +94,60 @@ pub fn plus(a: [i32; 3], b: [i32; 3]) -> [i32; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// The cells that hold a point; no padding.
+/// The cells that hold enough points; no padding.
 pub fn occupied(points: &[[f64; 3]], params: &Params) -> Cells {
-    let mut occupied = Cells::none(params.cells, 0);
+    let mut counts: BTreeMap<[i32; 3], u32> = BTreeMap::new();
     for &p in points {
-        occupied.set(cell_of(p, params));
+        *counts.entry(cell_of(p, params)).or_default() += 1;
+    }
+    let mut occupied = Cells::none(params.cells, 0);
+    for (cell, _) in counts.into_iter().filter(|(_, count)| *count >= params.min_points) {
+        occupied.set(cell);
     }
     occupied
+}
+
+/// The points that count: those of occupied cells, which must be solid if components were to be left out.
+pub fn counted(points: &[[f64; 3]], solid: &Cells, params: &Params) -> Vec<[f64; 3]> {
+    let occupied = occupied(points, params);
+    let counts = |cell: [i32; 3]| occupied.get(cell) && (params.keep.is_none() || solid.get(cell));
+    points.iter().copied().filter(|&p| counts(cell_of(p, params))).collect()
+}
+
+/// Without the components that are not to be kept.
+pub fn without_small(solid: &Cells, keep: Keep) -> Cells {
+    let mut components: Vec<Vec<[i32; 3]>> = Vec::new();
+    let mut seen = Cells::none(solid.cells, 0);
+    for start in solid.all() {
+        if !solid.get(start) || seen.get(start) {
+            continue;
+        }
+        seen.set(start);
+        let mut component = vec![start];
+        let mut next = 0;
+        while next < component.len() {
+            for step in [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]] {
+                let cell = plus(component[next], step);
+                if solid.get(cell) && !seen.get(cell) {
+                    seen.set(cell);
+                    component.push(cell);
+                }
+            }
+            next += 1;
+        }
+        components.push(component);
+    }
+    let largest = components.iter().map(Vec::len).max().unwrap_or(0);
+    let kept = |cells: usize| match keep {
+        Keep::Cells(least) => cells as u64 >= least,
+        Keep::Share(share) => cells as f64 >= share * largest as f64,
+        Keep::Largest => cells == largest,
+    };
+    let mut out = Cells::none(solid.cells, 0);
+    for cell in components.into_iter().filter(|c| kept(c.len())).flatten() {
+        out.set(cell);
+    }
+    out
 }
 
 /// The cells with an occupied cell in the ball round them; padded by `rho` + 1.
@@ -163,7 +210,8 @@ pub fn solid_cells(points: &[[f64; 3]], params: &Params) -> Cells {
         return without_lone(&super::sides::solid(&occupied, params.level, params.rho));
     }
     let exterior = exterior(&dilated(&occupied, params.rho));
-    without_lone(&closed(&occupied, &exterior, params.rho))
+    let solid = without_lone(&closed(&occupied, &exterior, params.rho));
+    params.keep.map_or_else(|| solid.clone(), |keep| without_small(&solid, keep))
 }
 
 /// Without the cells that have no solid face neighbour but touch a solid cell that has one.

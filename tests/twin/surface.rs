@@ -114,7 +114,7 @@ impl Vertices {
     /// q' of every vertex.
     fn positions(&self, smooth: u32) -> Vec<[f64; 3]> {
         let mut displacement = vec![[0.0; 3]; self.count as usize];
-        for _ in 0..smooth {
+        for way in ways(smooth) {
             let before = displacement.clone();
             for (corner, sheets) in &self.corners {
                 for sheet in sheets {
@@ -129,9 +129,15 @@ impl Vertices {
                         }
                     }
                     let r = sheet.turns.len() as f64;
-                    displacement[own] = [0, 1, 2].map(|a| (before[own][a] + sum[a]) / (r + 1.0));
+                    displacement[own] = [0, 1, 2].map(|a| match way {
+                        None => (before[own][a] + sum[a]) / (r + 1.0),
+                        Some(part) => before[own][a] + part * (sum[a] / r - before[own][a]),
+                    });
                 }
             }
+        }
+        for d in displacement.iter_mut().flatten() {
+            *d = d.clamp(-1.0, 1.0);
         }
         let mut positions = displacement.clone();
         for ((corner, _), &number) in &self.number {
@@ -146,7 +152,13 @@ impl Vertices {
     }
 }
 
-/// The surface of a solid, smoothed `smooth` times.
+/// What smoothing does, one after the other: Eq. 4 (`None`), then a part of the way to the neighbours' mean, in and out.
+fn ways(smooth: u32) -> Vec<Option<f64>> {
+    let pairs = (1..smooth).flat_map(|_| [Some(5.0 / 8.0), Some(-(7.0 / 11.0))]);
+    std::iter::repeat_n(None, smooth.min(1) as usize).chain(pairs).collect()
+}
+
+/// The surface of a solid, smoothed in `smooth` steps.
 pub fn surface(solid: &Cells, smooth: u32, diagonals: Diagonals) -> Surface {
     let vertices = Vertices::of(solid);
     let count = vertices.count as usize;

@@ -1,0 +1,169 @@
+//! Components: parts of the solid that hang together by faces; small ones are left out.
+//!
+//! The solid's runs are labelled slice by slice ([`crate::stage::label`]), with their cells counted along the way.
+
+use std::str::FromStr;
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::context::Context;
+use crate::error::Result;
+use crate::slice::{Run, Runs, SliceStore};
+use crate::stage::label::{Labeller, Measure, Scratch, overlaps};
+use crate::stage::raster::Occupancy;
+use crate::stage::solid::Solid;
+
+/// Which components are kept.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Least {
+    /// Those of at least so many cells.
+    Cells(u64),
+    /// Those of at least this share of the largest's cells, from 0 to 1.
+    Share(f64),
+    /// The largest; several if they have equally many cells.
+    Largest,
+}
+
+impl Least {
+    /// The least number of cells, where the largest component has `largest`.
+    fn cells(self, largest: u64) -> u64 {
+        match self {
+            Least::Cells(cells) => cells,
+            Least::Share(share) => (share * largest as f64).ceil() as u64,
+            Least::Largest => largest,
+        }
+    }
+}
+
+impl FromStr for Least {
+    type Err = String;
+
+    /// `largest`, a share such as `1%`, or a number of cells.
+    fn from_str(text: &str) -> std::result::Result<Least, String> {
+        let wrong =
+            || format!("expected a number of cells, a share of the largest such as 1%, or `largest`, found {text:?}");
+        if text == "largest" {
+            return Ok(Least::Largest);
+        }
+        match text.strip_suffix('%') {
+            Some(percent) => {
+                let percent: f64 = percent.trim().parse().map_err(|_| wrong())?;
+                if (0.0..=100.0).contains(&percent) { Ok(Least::Share(percent / 100.0)) } else { Err(wrong()) }
+            }
+            None => text.parse().map(Least::Cells).map_err(|_| wrong()),
+        }
+    }
+}
+
+/// What was found and left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct Components {
+    /// Components before.
+    pub found: u64,
+    /// Components left out.
+    pub dropped: u64,
+    /// Their cells.
+    pub dropped_cells: u64,
+    /// Cells of the largest.
+    pub largest: u64,
+}
+
+/// Cells of a run, or of a component.
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(transparent)]
+struct Cells(u64);
+
+impl Measure for Cells {
+    fn add(&mut self, other: &Cells) {
+        self.0 += other.0;
+    }
+}
+
+/// The verdicts.
+const DROPPED: u8 = 0;
+const KEPT: u8 = 1;
+
+/// The solid without its small components, and the occupied cells that lie in those that are kept: points of others do not
+/// count any more. The solid's counts of faces stay those before: an upper bound.
+///
+/// # Errors
+/// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+pub fn keep(
+    solid: Solid,
+    occupancy: Occupancy,
+    least: Least,
+    context: &Context,
+) -> Result<(Solid, Occupancy, Components)> {
+    let (slices, mut runs) = (solid.cells[1], Runs::default());
+    let mut labeller = Labeller::new(context);
+    for y in 0..slices {
+        context.workers.check_cancelled()?;
+        solid.store.read(y, &mut runs)?;
+        let cells: Vec<Cells> = runs.all().iter().map(|run| Cells(u64::from(run.end - run.start))).collect();
+        labeller.add(std::mem::take(&mut runs), &cells)?;
+    }
+    let labelled = labeller.finish()?;
+    let mut components = Components::default();
+    labelled.for_each(|cells| {
+        components.found += 1;
+        components.largest = components.largest.max(cells.0);
+    })?;
+    let least = least.cells(components.largest);
+    let labels = labelled.judged(context, |cells| {
+        if cells.0 >= least {
+            return KEPT;
+        }
+        components.dropped += 1;
+        components.dropped_cells += cells.0;
+        DROPPED
+    })?;
+
+    let mut store = SliceStore::new(&context.workspace, context.memory.store_quota);
+    let mut left = Occupancy::new(occupancy.cells, context);
+    let (mut occupied, mut scratch) = (Runs::default(), Scratch::default());
+    let mut rows: Vec<Vec<Run>> = vec![Vec::new(); solid.cells[2] as usize];
+    let mut volume = 0;
+    for y in 0..slices {
+        context.workers.check_cancelled()?;
+        rows.iter_mut().for_each(Vec::clear);
+        labels.for_each(y, &mut scratch, |z, run, verdict| {
+            if verdict == KEPT {
+                rows[z as usize].push(run);
+            }
+        })?;
+        occupancy.store.read(y, &mut occupied)?;
+        let (mut solid_left, mut occupied_left) = (Runs::default(), Runs::default());
+        for (row, z) in rows.iter().zip(0..) {
+            row.iter().for_each(|run| solid_left.push_run(run.start, run.end));
+            // A run of occupied cells is solid as a whole, unless it is a lone cell that was left out.
+            overlaps(occupied.row(z), row, |i, _| {
+                let run = occupied.row(z)[i];
+                occupied_left.push_run(run.start, run.end);
+            });
+            solid_left.end_row();
+            occupied_left.end_row();
+        }
+        volume += solid_left.cell_count();
+        store.append(&solid_left)?;
+        left.append(vec![occupied_left])?;
+    }
+    Ok((Solid { store, volume, ..solid }, left, components))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_kept_is_said_in_three_ways() {
+        assert_eq!("largest".parse(), Ok(Least::Largest));
+        assert_eq!("2.5%".parse(), Ok(Least::Share(0.025)));
+        assert_eq!("100".parse(), Ok(Least::Cells(100)));
+        for wrong in ["", "%", "101%", "-1%", "-3", "1.5", "Largest", "nan%"] {
+            assert!(wrong.parse::<Least>().is_err(), "{wrong}");
+        }
+        let cells = [Least::Cells(7), Least::Share(0.025), Least::Share(0.0), Least::Largest].map(|l| l.cells(100));
+        assert_eq!(cells, [7, 3, 0, 100]);
+    }
+}
