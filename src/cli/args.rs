@@ -21,7 +21,8 @@ use crate::whole::Overwrite;
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, arg_required_else_help = true)]
 #[command(after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 the mesh failed its own check, \
-                        4 `check` found a mesh that is no closed oriented 2-manifold, 130 interrupted.")]
+                        4 `check` found a mesh that is no closed oriented 2-manifold or intersects itself, \
+                        130 interrupted.")]
 pub struct Arguments {
     /// What to do instead of reconstructing.
     #[command(subcommand)]
@@ -38,7 +39,8 @@ pub enum Command {
     Plan(PlanArguments),
     /// Show what is in the input: layout, number of points, box, grid, sampling distance
     Info(InfoArguments),
-    /// Check a mesh: closed, oriented, manifold, Euler number, components, volume, area (exit code 4 if it is no closed oriented 2-manifold)
+    /// Check a mesh: closed, oriented, manifold, free of self-intersections, Euler number, components, volume, area (exit
+    /// code 4 if it is no closed oriented 2-manifold or intersects itself)
     Check(CheckArguments),
     /// Write a test cloud of any size
     Generate(GenerateArguments),
@@ -154,6 +156,9 @@ pub struct InfoArguments {
 pub struct CheckArguments {
     /// The mesh: .ply, .stl, .obj or .glb
     pub mesh: PathBuf,
+    /// Do not look for triangles that intersect
+    #[arg(long)]
+    pub no_intersections: bool,
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
