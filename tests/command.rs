@@ -248,7 +248,7 @@ fn each_output_format_is_the_same_whatever_the_means() {
         f.ok(&format!("k.ply -o a.{format} --threads 1"));
         f.ok(&format!("k.ply -o b.{format} --threads 7 --max-memory {least}"));
         assert!(f.read(&format!("a.{format}")) == f.read(&format!("b.{format}")), "{format}");
-        let answer = f.ok(&format!("check a.{format}"));
+        let answer = f.ok(&format!("check a.{format} --no-intersections"));
         assert!(answer.out.contains("closed, consistently oriented, manifold"), "{}", answer.out);
         topologies.push(answer.out.lines().find(|line| line.contains("Euler number")).unwrap().to_owned());
     }
@@ -288,8 +288,10 @@ fn check_tells_a_good_mesh_from_a_broken_one() {
     let f = Folder::new();
     f.write("good.obj", TETRAHEDRON);
     let answer = f.ok("check good.obj --report good.json");
-    assert!(answer.out.contains("closed, consistently oriented, manifold"), "{}", answer.out);
+    let sound = "closed, consistently oriented, manifold, free of self-intersections\n";
+    assert!(answer.out.ends_with(sound), "{}", answer.out);
     assert_eq!(report(&f, "good.json")["closed"], true);
+    assert_eq!(report(&f, "good.json")["intersections"]["pairs"], 0);
     let open = TETRAHEDRON.strip_suffix("f 2 3 4\n").unwrap();
     let turned = TETRAHEDRON.replace("f 2 3 4", "f 2 4 3");
     for (name, content, says) in
@@ -300,6 +302,19 @@ fn check_tells_a_good_mesh_from_a_broken_one() {
         assert!(answer.out.contains(says), "{}", answer.out);
         assert_eq!(f.fails(&format!("check {name} --quiet"), 4, &[]).out, "");
     }
+    // A second tetrahedron, 0.2 further along every axis: its corner lies in the first, and three of its sides pass through.
+    let moved = "v 0.2 0.2 0.2\nv 1.2 0.2 0.2\nv 0.2 1.2 0.2\nv 0.2 0.2 1.2\nf 5 7 6\nf 5 6 8\nf 5 8 7\nf 6 7 8\n";
+    f.write("two.obj", format!("{TETRAHEDRON}{moved}"));
+    let answer = f.ok("check two.obj --no-intersections --report two.json");
+    assert!(answer.out.ends_with("manifold\n"), "{}", answer.out);
+    assert!(report(&f, "two.json")["intersections"].is_null());
+    let answer = f.fails("check two.obj --report two.json", 4, &[]);
+    assert!(answer.out.contains("\nintersecting 4 triangles in 3 pairs, such as 3 and 4 near "), "{}", answer.out);
+    assert!(answer.out.ends_with("manifold, intersects itself\n"), "{}", answer.out);
+    let found = &report(&f, "two.json")["intersections"];
+    assert_eq!((&found["pairs"], &found["complete"]), (&3.into(), &true.into()), "{found}");
+    assert_eq!(found["first"]["triangles"], serde_json::json!([3, 4]));
+
     f.fails("check gone.ply", 1, &["gone.ply: cannot open"]);
     f.fails("check good.obj --temp-dir no", 1, &["no: cannot create a temporary file"]);
     f.write("cloud.txt", "1 2 3\n");
@@ -336,7 +351,7 @@ fn every_generated_shape_becomes_a_closed_mesh() {
         f.ok(&format!("generate {shape} 3000 -o {shape}.bin --noise 0.001"));
         for window in ["", "--window 3"] {
             f.ok(&format!("{shape}.bin -o m.ply --overwrite {window}"));
-            f.ok("check m.ply -q");
+            f.ok("check m.ply -q --no-intersections");
         }
     }
 }
@@ -350,7 +365,7 @@ fn large_coordinates_keep_their_place() {
         let report = report(&f, "r.json");
         let least = report["check"]["bounds"][0][1].as_f64().unwrap() + report["output"]["origin"][1].as_f64().unwrap();
         assert!((least - 5_399_995.0).abs() < 0.1, "{least}");
-        f.ok(&format!("check m.{format} -q"));
+        f.ok(&format!("check m.{format} -q --no-intersections"));
     }
 }
 
@@ -373,7 +388,7 @@ fn quiet_says_nothing() {
     let f = Folder::new();
     let generated = f.ok("generate box 2000 -o b.ply -q");
     let made = f.ok("b.ply -o m.ply --quiet");
-    let checked = f.ok("check m.ply --quiet");
+    let checked = f.ok("check m.ply --quiet --no-intersections");
     for answer in [generated, made, checked] {
         assert_eq!((answer.out.as_str(), answer.err.as_str()), ("", ""));
     }

@@ -87,7 +87,7 @@ fn sphere(rings: u32, centre: [f64; 3], radius: f64) -> (Points, Faces) {
         }
     }
     // A pole is the first vertex of its row.
-    let at = |i: u32, j: u32| i * columns + if i % rings == 0 { 0 } else { j % columns };
+    let at = |i: u32, j: u32| i * columns + if i.is_multiple_of(rings) { 0 } else { j % columns };
     let squares = (0..rings).flat_map(|i| (0..columns).map(move |j| (i, j)));
     let cut = |(i, j)| [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]];
     let faces = squares.flat_map(cut).filter(|face| !is_degenerate(*face)).collect();
