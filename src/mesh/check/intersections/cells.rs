@@ -186,6 +186,21 @@ impl Tree {
         &self.cells
     }
 
+    /// The cell that the box touches, if it is only one.
+    pub fn only(&self, cuboid: &Cuboid) -> Option<u32> {
+        let mut node = 0;
+        loop {
+            match self.nodes[node] {
+                Node::Cell(number) => return Some(number),
+                Node::Cut(cut, [below, above]) => match [0, 1].map(|side| cut.has(side, cuboid)) {
+                    [true, true] => return None,
+                    [true, false] => node = below as usize,
+                    _ => node = above as usize,
+                },
+            }
+        }
+    }
+
     /// Visits the numbers of all cells that the box touches.
     pub fn visit(&self, cuboid: &Cuboid, visit: &mut impl FnMut(u32)) {
         self.descend(0, cuboid, visit);

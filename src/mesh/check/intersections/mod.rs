@@ -46,8 +46,8 @@ const MOST_PAIRS: u64 = 1_000_000;
 /// Work after which the search ends, in comparisons of boxes: so much, and so much for each triangle. A usual mesh takes
 /// a tenth of the latter; the former is some seconds.
 const MOST_WORK: (u64, u64) = (1 << 32, 1 << 12);
-/// Bytes for a triangle of a far batch: see [`Corners::fill`], the triangle, and its records on their way to the piles.
-const FAR_BYTES: u64 = 122 + 12 + 200;
+/// Bytes for a triangle of a far batch: see [`Corners::fill`], the triangle, and its record on its way to the piles.
+const FAR_BYTES: u64 = 122 + 12 + 100;
 
 /// The triangles that intersect, as [`crate::mesh::intersect`] defines it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -247,10 +247,13 @@ impl Search<'_> {
             mesh.read_faces(first, &mut faces[held..])
         };
         let mut done = 0;
-        let mut put = |numbers: usize, records: Vec<(u32, Record)>| {
+        let mut put = |numbers: usize, records: Vec<(Option<u32>, Record)>| {
             done += numbers as u64 * block;
             progress(done.min(mesh.face_count()));
-            records.iter().try_for_each(|(cell, record)| piles.push(*cell as usize, record))
+            records.iter().try_for_each(|(cell, record)| match cell {
+                Some(cell) => piles.push(*cell as usize, record),
+                None => piles.push_to_all(tree, record),
+            })
         };
 
         // Blocks whose vertices lie far apart wait, since each batch of them may read all vertices.
@@ -283,25 +286,25 @@ impl Search<'_> {
         workers.in_order_range(plan.in_flight, batches.len(), look, |(numbers, records)| put(numbers, records))
     }
 
-    /// The records of the triangles of some blocks, each with a cell it goes to.
+    /// The records of the triangles of some blocks, each with its cell if that is only one. Others are copied to their cells
+    /// as they are put there: a huge triangle may be in all of them.
     fn records(
         &self,
         tree: &Tree,
         blocks: &[u64],
         mut faces: Vec<[u32; 3]>,
-        records: &mut Vec<(u32, Record)>,
+        records: &mut Vec<(Option<u32>, Record)>,
     ) -> Result<()> {
         let vertices = faces.clone();
         let mut corners = Corners::default();
         corners.fill(self.check.mesh, &mut faces, self.check.plan.window)?;
-        records.reserve(faces.len() + faces.len() / 8);
+        records.reserve_exact(faces.len());
         let block = self.check.plan.block as u64;
         let numbers = blocks.iter().flat_map(|number| number * block..(number + 1) * block);
         for ((face, vertices), number) in faces.iter().zip(vertices).zip(numbers) {
             let corners = face.map(|v| corners.table[v as usize]);
             if is_sound(vertices, &corners) {
-                let record = Record { corners, vertices, number };
-                tree.visit(&Cuboid::around(corners), &mut |cell| records.push((cell, record)));
+                records.push((tree.only(&Cuboid::around(corners)), Record { corners, vertices, number }));
             }
         }
         Ok(())
@@ -353,6 +356,7 @@ impl Search<'_> {
                 found.complete = false;
                 continue;
             }
+            workers.check_cancelled()?;
             let sample = self.sample_pile(&piles, pile)?;
             let parts = Tree::new(tree.cells()[pile], sample, self.limits.cells_for(piles.records(pile)));
             if parts.cells().len() == 1 {
@@ -361,15 +365,7 @@ impl Search<'_> {
                 continue;
             }
             let mut within = self.piles(parts.cells().len(), depth + 1);
-            piles.read(pile, |record| {
-                let mut result = Ok(());
-                parts.visit(&Cuboid::around(record.corners), &mut |cell| {
-                    if result.is_ok() {
-                        result = within.push(cell as usize, record);
-                    }
-                });
-                result
-            })?;
+            piles.read(pile, |record| within.push_to_all(&parts, record))?;
             self.search(&parts, within, depth + 1, found, &mut |_| ())?;
         }
         Ok(())

@@ -5,6 +5,7 @@
 //!  memory  a: aa   b: bbb   c: c                                       at most a page of each pile
 //! ```
 
+use super::cells::{Cuboid, Tree};
 use crate::error::Result;
 use crate::spool::{Spool, Workspace};
 
@@ -63,6 +64,20 @@ impl Piles {
         buffer.extend_from_slice(bytemuck::bytes_of(record));
         *records += 1;
         Ok(())
+    }
+
+    /// Puts a record on the piles of all cells that its triangle's box touches.
+    ///
+    /// # Errors
+    /// As [`Piles::push`].
+    pub fn push_to_all(&mut self, tree: &Tree, record: &Record) -> Result<()> {
+        let mut result = Ok(());
+        tree.visit(&Cuboid::around(record.corners), &mut |cell| {
+            if result.is_ok() {
+                result = self.push(cell as usize, record);
+            }
+        });
+        result
     }
 
     /// Visits a pile's records, the last first.
