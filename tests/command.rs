@@ -357,6 +357,42 @@ fn every_generated_shape_becomes_a_closed_mesh() {
 }
 
 #[test]
+fn cells_of_automatic_size_seal_and_keep_the_genus() {
+    let f = Folder::new();
+    let area = |shape| match shape {
+        "sphere" => std::f64::consts::PI,
+        "box" => 6.0,
+        _ => 0.0,
+    };
+    for (shape, genus) in [("sphere", 0), ("box", 0), ("torus", 1), ("knot", 1)] {
+        for points in [12_000, 60_000] {
+            f.ok(&format!("generate {shape} {points} -o s.xyz --overwrite --seed {points}"));
+            // Half of the shape has a tenth of its points.
+            let text = f.read("s.xyz");
+            let lines = std::str::from_utf8(&text).unwrap().lines().enumerate();
+            let kept = lines.filter(|(i, line)| line.starts_with('-') || i % 10 == 0).map(|(_, line)| line);
+            f.write("thin.xyz", kept.collect::<Vec<_>>().join("\n"));
+            // A tenth of few points, or of those of flat faces, leaves holes as wide as what they are to enclose is thick.
+            let thin = if points > 20_000 && shape != "box" { Some(("thin", 6)) } else { None };
+            for (cloud, widest) in [Some(("s", 2)), thin].into_iter().flatten() {
+                f.ok(&format!("{cloud}.xyz -o s.ply --overwrite --cell-size auto --report r.json -q"));
+                let report = report(&f, "r.json");
+                let (check, closing) = (&report["check"], &report["closing"]);
+                let what = format!("{points} points of {shape}, {cloud}: {closing}");
+                assert_eq!((&check["components"], &check["genus"]), (&1.into(), &genus.into()), "{what}");
+                assert_eq!(closing["sealed"], true, "{what}");
+                assert!(closing["radius"].as_u64().unwrap() <= widest, "{what}");
+                if area(shape) > 0.0 {
+                    let distance = report["points"]["sampling_distance"].as_f64().unwrap();
+                    let expected = (area(shape) / report["points"]["count"].as_f64().unwrap()).sqrt();
+                    assert!((0.88..1.12).contains(&(distance / expected)), "{what}: {distance}, not {expected}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn large_coordinates_keep_their_place() {
     let f = Folder::new();
     f.ok("generate torus 5000 -o t.ply --size 10 --offset 500000,5400000,200");
