@@ -216,8 +216,8 @@ impl Search<'_> {
         Ok(sample)
     }
 
-    /// The boxes of some triangles of a pile, chosen by their numbers: the order in which they lie there depends on means.
-    fn sample_pile(&self, piles: &Piles, pile: usize) -> Result<Vec<Cuboid>> {
+    /// Some triangles of a pile, chosen by their numbers: the order in which they lie there depends on means.
+    fn sample_pile(&self, piles: &Piles, pile: usize) -> Result<Vec<Record>> {
         // Multiples of the golden ratio's fraction of 2^64 are spread evenly; folded and multiplied once more, they are even
         // for rows of numbers, too.
         const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -228,7 +228,7 @@ impl Search<'_> {
         piles.read(pile, |record| {
             let first = spread(record.number);
             if spread(first ^ first >> 32) <= below {
-                sample.push(Cuboid::around(record.corners));
+                sample.push(*record);
             }
             Ok(())
         })?;
@@ -358,9 +358,13 @@ impl Search<'_> {
             }
             workers.check_cancelled()?;
             let sample = self.sample_pile(&piles, pile)?;
-            let parts = Tree::new(tree.cells()[pile], sample, self.limits.cells_for(piles.records(pile)));
+            let boxes = sample.iter().map(|record| Cuboid::around(record.corners)).collect();
+            let parts = Tree::new(tree.cells()[pile], boxes, self.limits.cells_for(piles.records(pile)));
             if parts.cells().len() == 1 {
-                // So many boxes on one another that their pairs are beyond every limit.
+                // So many boxes on one another that their pairs are beyond every limit: a look at some has to do.
+                let mut pairs = Pairs::default();
+                pairs.records = sample;
+                found.add(pairs.find(tree.cells()[pile], &self.limits));
                 found.complete = false;
                 continue;
             }

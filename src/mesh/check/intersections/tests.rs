@@ -160,9 +160,9 @@ fn triangles_in_one_place_are_counted_up_to_the_limit() {
     assert_eq!((found.pairs, found.complete), (1000, false));
     assert_eq!(found.first.unwrap().triangles, [0, 1]);
 
-    // Nothing parts them, so a cell that does not fit is given up.
-    let found = with_any_means(&points, &faces, &Limits { held: 100, ..few });
-    assert!(!found.complete && !found.none());
+    // Nothing parts them, so of a cell that does not fit only a sample is looked at.
+    let found = with_any_means(&points, &faces, &Limits { held: 100, sample: 50, ..few });
+    assert!(!found.complete && (100..=1000).contains(&found.pairs), "{found:?}");
 }
 
 #[test]
@@ -183,7 +183,7 @@ fn what_is_not_sound_is_left_out() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig::with_cases(32))]
 
     /// Triangles of all sizes, from few places and from anywhere.
     #[test]
