@@ -103,7 +103,7 @@ impl fmt::Display for CheckReport {
             let least = if *complete { "" } else { "at least " };
             writeln!(
                 f,
-                "intersecting {least}{triangles} triangles in {pairs} pairs, such as {a} and {b} near {x} {y} {z}"
+                "intersecting {least}{triangles} triangles in {least}{pairs} pairs, such as {a} and {b} near {x} {y} {z}"
             )?;
         }
         let verdict = |holds, yes, no| if holds { yes } else { no };
