@@ -1,12 +1,12 @@
-//! Time and memory of the mesh check: a torus of about 11 million triangles, row by row as a reconstruction writes them,
-//! and with vertices and triangles in random order.
+//! Time and memory of the mesh check and of the search for intersections: a torus of about 11 million triangles, row by
+//! row as a reconstruction writes them, and with vertices and triangles in random order.
 //!
 //! `cargo bench --bench mesh_check [-- ROWS COLUMNS]`; 2000 x 2750 quadrilaterals by default. Memory is the rise of the
 //! process's peak during the check; the mesh itself lies on disk.
 
 use std::time::Instant;
 
-use asra_stream::mesh::check::check;
+use asra_stream::mesh::check::{check, intersections};
 use asra_stream::mesh::spool::{FaceRecord, MeshSpool};
 use asra_stream::points::Precision;
 use asra_stream::schedule::Workers;
@@ -33,6 +33,20 @@ fn main() {
                     "{name:<13} {:>9} triangles, {threads} threads, budget {megabytes:>4} MiB: {seconds:6.2} s, {:5.1} M triangles/s, peak {:4} MiB",
                     report.triangles,
                     report.triangles as f64 / seconds / 1e6,
+                    (peak() - before) >> 10
+                );
+
+                let before = reset_peak();
+                let start = Instant::now();
+                let found =
+                    intersections(&mesh, megabytes << 20, &workers, &workspace, &mut |_| ()).expect("a sound mesh");
+                let seconds = start.elapsed().as_secs_f64();
+                assert!(found.none(), "{found:?}");
+                println!(
+                    "{:<13} {:>9} triangles, {threads} threads, budget {megabytes:>4} MiB: {seconds:6.2} s, {:5.2} us a triangle, peak {:4} MiB",
+                    "intersections",
+                    report.triangles,
+                    seconds * 1e6 / report.triangles as f64,
                     (peak() - before) >> 10
                 );
             }

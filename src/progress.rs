@@ -21,6 +21,8 @@ pub enum Phase {
     Surface,
     /// Checking the mesh.
     Check,
+    /// Looking for triangles of the mesh that intersect.
+    Intersect,
     /// Writing the mesh file.
     Write,
     /// Making a test cloud.
@@ -37,6 +39,7 @@ impl Phase {
             Phase::Seal => ("seal", "slices"),
             Phase::Surface => ("surface", "slices"),
             Phase::Check => ("check", "triangles"),
+            Phase::Intersect => ("intersect", "triangles"),
             Phase::Write => ("write", "elements"),
             Phase::Generate => ("generate", "points"),
         }

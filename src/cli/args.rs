@@ -23,7 +23,8 @@ use crate::whole::Overwrite;
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, arg_required_else_help = true)]
 #[command(after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 the mesh failed its own check, \
-                        4 `check` found a mesh that is no closed oriented 2-manifold, 130 interrupted.")]
+                        4 `check` found a mesh that is no closed oriented 2-manifold or intersects itself, \
+                        130 interrupted.")]
 pub struct Arguments {
     /// What to do instead of reconstructing.
     #[command(subcommand)]
@@ -40,7 +41,8 @@ pub enum Command {
     Plan(PlanArguments),
     /// Show what is in the input: layout, number of points, box, grid, sampling distance
     Info(InfoArguments),
-    /// Check a mesh: closed, oriented, manifold, Euler number, components, volume, area (exit code 4 if it is no closed oriented 2-manifold)
+    /// Check a mesh: closed, oriented, manifold, free of self-intersections, Euler number, components, volume, area (exit
+    /// code 4 if it is no closed oriented 2-manifold or intersects itself)
     Check(CheckArguments),
     /// Write a test cloud of any size
     Generate(GenerateArguments),
@@ -95,7 +97,7 @@ pub struct CloudArguments {
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u32).range(1..=i64::from(CELLS_LIMIT)))]
     #[arg(allow_negative_numbers = true, help_heading = "Grid", conflicts_with = "cell_size")]
     pub slices: Option<u32>,
-    /// Side of a cell, in the input's units, or `auto`: twice the sampling distance; instead of --k
+    /// Side of a cell, in the input's units, or `auto`: 1.25 sampling distances; instead of --k
     #[arg(long, value_name = "W|auto", value_parser = cell_size, allow_negative_numbers = true, help_heading = "Grid")]
     pub cell_size: Option<Fineness>,
     /// The axis to slice along
@@ -166,6 +168,9 @@ pub struct InfoArguments {
 pub struct CheckArguments {
     /// The mesh: .ply, .stl, .obj or .glb
     pub mesh: PathBuf,
+    /// Do not look for triangles that intersect
+    #[arg(long)]
+    pub no_intersections: bool,
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

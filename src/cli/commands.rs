@@ -124,7 +124,12 @@ fn check(arguments: &CheckArguments) -> Result<Exit> {
     let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 2)?;
     let mut progress = Progress::new(show(arguments.quiet));
     progress.begin(Phase::Check, Some(mesh.face_count()));
-    let report = mesh::check::check(&*mesh, budget / 2, &workers, &workspace, &mut |done| progress.set(done))?;
+    let mut report = mesh::check::check(&*mesh, budget / 2, &workers, &workspace, &mut |done| progress.set(done))?;
+    if !arguments.no_intersections {
+        progress.begin(Phase::Intersect, Some(mesh.face_count()));
+        let mut told = |done| progress.set(done);
+        report.intersections = Some(mesh::check::intersections(&*mesh, budget / 2, &workers, &workspace, &mut told)?);
+    }
     progress.end();
     if !arguments.quiet {
         print_text(&report.to_string())?;
@@ -132,7 +137,7 @@ fn check(arguments: &CheckArguments) -> Result<Exit> {
     if let Some(file) = report_file {
         write_json(file, &report)?;
     }
-    Ok(if report.is_closed_oriented_manifold() { Exit::Done } else { Exit::NotManifold })
+    Ok(if report.is_sound() { Exit::Done } else { Exit::NotSound })
 }
 
 fn generate_cloud(arguments: &GenerateArguments) -> Result<Exit> {

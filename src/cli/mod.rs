@@ -25,8 +25,8 @@ pub enum Exit {
     Usage = 2,
     /// The reconstruction's mesh failed its own check.
     OwnCheckFailed = 3,
-    /// `check` found that a mesh is not a closed, oriented 2-manifold.
-    NotManifold = 4,
+    /// `check` found that a mesh is not a closed, oriented 2-manifold, or that it intersects itself.
+    NotSound = 4,
     /// Ctrl-C, or a termination signal.
     Interrupted = 130,
 }

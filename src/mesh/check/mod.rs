@@ -8,12 +8,15 @@
 //!  edges      only if some vertex has several fans: components once more, by triangles that share an edge
 //! ```
 //!
+//! Whether triangles intersect is a question of its own, which takes longer: [`intersections`].
+//!
 //! A mesh whose triangles name vertices near each other is read about three times. One in random order is read as often as
 //! there are ranges, and the budget decides how large they are. The findings are the same for every budget and any number
 //! of threads, to the last bit of area and volume.
 
 mod blocks;
 mod components;
+mod intersections;
 mod link;
 mod report;
 mod survey;
@@ -26,6 +29,7 @@ use std::sync::Mutex;
 use glam::DVec3;
 
 use self::blocks::Stars;
+pub use self::intersections::{Intersection, Intersections, intersections};
 use self::link::Examiner;
 pub use self::report::CheckReport;
 use self::vertices::Bounds;
@@ -43,7 +47,7 @@ const VERTEX_BYTES: u64 = 64 + 8 + 6 + 48;
 /// Bytes for each triangle of a far group: see [`Corners::fill`], and the triangle itself.
 const FAR_BYTES: u64 = 122;
 
-/// Checks a mesh: topology, area, volume, box.
+/// Checks a mesh: topology, area, volume, box. Does not look for self-intersections: that is [`intersections`].
 ///
 /// Memory: about `budget` bytes, but no less than some 8 MB for each worker; beyond that 2 KB for every million triangles,
 /// and 32 bytes for each triangle of the vertex that has the most. `progress` is told the number of triangles done, up
@@ -162,6 +166,7 @@ impl Check<'_> {
             closed,
             oriented,
             manifold,
+            intersections: None,
         })
     }
 }

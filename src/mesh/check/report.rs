@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::Intersections;
+
 /// The findings of [`super::check`].
 ///
 /// Topology is that of vertex numbers alone: equal positions do not make vertices one. Triangles that repeat a vertex number
@@ -49,6 +51,8 @@ pub struct CheckReport {
     pub oriented: bool,
     /// No edge has more than two triangles, no vertex more than one fan; a manifold may have a boundary.
     pub manifold: bool,
+    /// The triangles that intersect, if they were looked for.
+    pub intersections: Option<Intersections>,
 }
 
 impl CheckReport {
@@ -56,6 +60,12 @@ impl CheckReport {
     pub fn is_closed_oriented_manifold(&self) -> bool {
         let sound = self.degenerate_triangles == 0 && self.duplicate_triangles == 0 && self.nonfinite_vertices == 0;
         self.closed && self.oriented && self.manifold && sound
+    }
+
+    /// Whether, as far as it was looked for, nothing is wrong with the mesh: it is a closed, oriented manifold and, if
+    /// intersections were looked for, known to be free of them.
+    pub fn is_sound(&self) -> bool {
+        self.is_closed_oriented_manifold() && self.intersections.as_ref().is_none_or(Intersections::none)
     }
 }
 
@@ -88,10 +98,24 @@ impl fmt::Display for CheckReport {
             let [x, y, z] = high;
             writeln!(f, "box {a} {b} {c} to {x} {y} {z}")?;
         }
+        if let Some(Intersections { pairs, triangles, complete, first: Some(first) }) = &self.intersections {
+            let ([a, b], [x, y, z]) = (first.triangles, first.at);
+            let least = if *complete { "" } else { "at least " };
+            writeln!(
+                f,
+                "intersecting {least}{triangles} triangles in {least}{pairs} pairs, such as {a} and {b} near {x} {y} {z}"
+            )?;
+        }
         let verdict = |holds, yes, no| if holds { yes } else { no };
         let closed = verdict(self.closed, "closed", "not closed");
         let oriented = verdict(self.oriented, "consistently oriented", "not consistently oriented");
         let manifold = verdict(self.manifold, "manifold", "not manifold");
-        write!(f, "{closed}, {oriented}, {manifold}")
+        write!(f, "{closed}, {oriented}, {manifold}")?;
+        match &self.intersections {
+            None => Ok(()),
+            Some(found) if found.pairs > 0 => write!(f, ", intersects itself"),
+            Some(found) if found.complete => write!(f, ", free of self-intersections"),
+            Some(_) => write!(f, ", self-intersections neither found nor ruled out"),
+        }
     }
 }
