@@ -4,21 +4,26 @@
 //!   slab k+1   (being made)
 //!   slab k     [ arrived ]     1. phase 2 of contraction at the seam between k - 1 and k
 //!     ~ seam ~                 2. of vertices of k - 1 and k with the same point, one takes its place
-//!   slab k-1   [ waiting ]     3. nothing can change in k - 1 any more: it is numbered and written
+//!   slab k-1   [ waiting ]     3. vertices of both retreat until no triangles intersect
+//!                              4. nothing can change in k - 1 any more: it is numbered and written
 //! ```
 //!
 //! A vertex's number is the count of surviving vertices before it. What the seam above slab k takes away lies in the
-//! upper half of slab k, so the numbers in its lower half, which slab k - 1's triangles name, are final in time.
+//! upper half of slab k, so the numbers in its lower half, which slab k - 1's triangles name, are final in time. A retreat mostly reaches a few cells;
+//! those vertices of slab k up to the last that is named are *settled*, and a round that would move one of them is not done.
 
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 use rustc_hash::FxHashMap;
 
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::mesh::spool::{FaceRecord, MeshSpool};
+use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
 use crate::slab::{BEFORE, Fate, SlabMesh};
-use crate::stage::contract::{Fans, GONE, Groups, NONE, contract};
+use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
+use crate::stage::near::{BLOCK, Extent, Near, Places};
+use crate::stage::retreat::{Piece, retreat};
 
 /// The largest number of vertices: what a PLY file's `int` can index.
 pub const VERTEX_LIMIT: u64 = i32::MAX as u64;
@@ -29,14 +34,16 @@ pub struct Stitcher<'a> {
     grid: &'a Grid,
     /// Slices either side of a seam within which vertices of both slabs can have the same point.
     halo: u32,
-    /// Taken off every position.
-    origin: [f64; 3],
+    frame: Frame,
+    near: Near,
     mesh: MeshSpool,
     waiting: Option<SlabMesh>,
     /// The number of the waiting slab's first vertex.
     base: u64,
     /// Numbers of the vertices of the slab before the waiting one.
     before: Vec<u32>,
+    /// The waiting slab's vertices `0..settled` must stay as they are: the slab before names them.
+    settled: u32,
     vertices: Vec<[f64; 3]>,
     faces: Vec<FaceRecord>,
     counts: Counts,
@@ -53,26 +60,26 @@ pub struct Counts {
     pub unfitted: u64,
     /// Vertices contracted into others.
     pub contracted: u64,
-}
-
-/// A vertex of the two slabs at a seam; ordered as the whole mesh's vertices are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-enum Side {
-    Lower(u32),
-    Upper(u32),
+    /// Vertices that went back to rest because triangles there would intersect.
+    pub retreated: u64,
+    /// Pairs of triangles that intersect still: none, unless cells are too small for the precision of coordinates, or a chain of
+    /// retreats would have to reach through a whole slab.
+    pub tangled: u64,
 }
 
 impl<'a> Stitcher<'a> {
-    /// A stitcher that appends to `mesh`; `halo` as in [`crate::partition::halo`].
-    pub fn new(grid: &'a Grid, halo: u32, origin: [f64; 3], mesh: MeshSpool) -> Stitcher<'a> {
+    /// A stitcher that appends to `mesh`, whose positions are to be written in `frame`; `halo` as in [`crate::partition::halo`].
+    pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool) -> Stitcher<'a> {
         Stitcher {
             grid,
             halo,
-            origin,
+            frame,
+            near: Near::new(grid, frame.origin),
             mesh,
             waiting: None,
             base: 0,
             before: Vec::new(),
+            settled: 0,
             vertices: Vec::new(),
             faces: Vec::new(),
             counts: Counts::default(),
@@ -85,8 +92,12 @@ impl<'a> Stitcher<'a> {
     /// [`Error::Io`]; [`Error::TooManyElements`] past [`VERTEX_LIMIT`].
     pub fn add(&mut self, mut slab: SlabMesh) -> Result<()> {
         if let Some(mut lower) = self.waiting.take() {
-            close_seam(&mut lower, &mut slab);
-            choose_fitted(&mut lower, &mut slab, self.grid, self.halo);
+            let mut seam = Seam::of(&mut lower, &mut slab, self.settled, self.frame);
+            let mut changed = seam.close();
+            changed.extend(seam.choose_fitted(self.grid, self.halo));
+            let suspects = seam.triangles_around(changed);
+            self.counts.tangled += retreat(&mut seam, &mut self.near, Some(suspects));
+            seam.give_back_blocks();
             self.write(&lower, Some(&slab))?;
         }
         self.waiting = Some(slab);
@@ -116,10 +127,11 @@ impl<'a> Stitcher<'a> {
                 Fate::Fitted => self.counts.fitted += 1,
                 Fate::Pulled => self.counts.pulled += 1,
                 Fate::Stays => self.counts.unfitted += 1,
+                Fate::Rest => self.counts.retreated += 1,
             }
-            let position = slab.position(v);
-            self.vertices.push(std::array::from_fn(|a| position[a] - self.origin[a]));
+            self.vertices.push(self.frame.place(slab.position(v)));
         }
+        self.counts.tangled += slab.tangled;
         let after = self.base + self.vertices.len() as u64;
         if after > VERTEX_LIMIT {
             return Err(Error::TooManyElements {
@@ -142,6 +154,8 @@ impl<'a> Stitcher<'a> {
                 }
             }))
         }));
+        let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
+        self.settled = named.map_or(0, |v| v - slab.own() + 1);
         self.mesh.append_vertices(&self.vertices)?;
         self.mesh.append_faces(&self.faces)?;
         self.base = after;
@@ -164,159 +178,282 @@ fn number(slab: &SlabMesh, base: u64) -> Vec<u32> {
 }
 
 /// The two slabs at a seam, seen as one mesh.
+///
+/// Vertices of the lower slab keep their numbers, those of the upper one follow them, as they do in the lower one's triangles; of those of the slabs
+/// beyond, nothing is known. The upper slab's triangles follow the lower one's, from a whole block on.
 struct Seam<'a> {
     lower: &'a mut SlabMesh,
     upper: &'a mut SlabMesh,
+    /// Vertices `0..settled` must stay as they are.
+    settled: u32,
+    frame: Frame,
+    /// Both slabs' blocks.
+    blocks: Vec<Extent>,
 }
 
-impl Seam<'_> {
-    /// The triangles at a vertex, as (is it the upper slab's, its number there).
-    fn triangles_at(&self, v: Side) -> Vec<(bool, usize)> {
-        let at = |fans: &Fans, mesh: &SlabMesh, v: u32, upper: bool| -> Vec<(bool, usize)> {
-            if (v as usize) < fans.len() {
-                fans.at(v, &mesh.triangles).map(|(t, _)| (upper, t)).collect()
-            } else {
-                Vec::new()
-            }
-        };
-        match v {
-            Side::Lower(v) => at(&self.lower.fans, self.lower, v, false),
-            Side::Upper(v) => {
-                let mut all = at(&self.lower.fans, self.lower, self.lower.own() + v, false);
-                all.extend(at(&self.upper.fans, self.upper, v, true));
-                all
-            }
-        }
+impl<'a> Seam<'a> {
+    fn of(lower: &'a mut SlabMesh, upper: &'a mut SlabMesh, settled: u32, frame: Frame) -> Seam<'a> {
+        let mut blocks = std::mem::take(&mut lower.blocks);
+        blocks.append(&mut upper.blocks);
+        Seam { lower, upper, settled, frame, blocks }
     }
 
-    fn corners(&self, (upper, triangle): (bool, usize)) -> [Side; 3] {
+    fn give_back_blocks(&mut self) {
+        self.upper.blocks = self.blocks.split_off(self.lower.triangles.len().div_ceil(BLOCK));
+    }
+
+    /// The number of the upper slab's first triangle.
+    fn upper_triangles(&self) -> u32 {
+        self.lower.triangles.len().next_multiple_of(BLOCK) as u32
+    }
+
+    /// The slab that a vertex is of, and its number there.
+    fn slab_of(&self, v: u32) -> (&SlabMesh, u32) {
+        if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
+    }
+
+    /// The number here of what the upper slab calls `v`, and the reverse.
+    fn from_upper(&self, v: u32) -> u32 {
+        if v < BEFORE { self.lower.own() + v } else { v - BEFORE }
+    }
+
+    fn to_upper(&self, v: u32) -> u32 {
+        if v < self.lower.own() { BEFORE + v } else { v - self.lower.own() }
+    }
+
+    /// The triangles that are left at a cluster.
+    fn triangles_at(&self, v: u32) -> Vec<u32> {
+        let mut out = Vec::new();
+        let mut member = v;
+        while member != NONE {
+            out.extend(self.corners(member).map(|corner| corner / 3).filter(|&t| !is_gone(self.triangle(t))));
+            member = self.also(member);
+        }
+        out
+    }
+
+    /// The triangles at vertices, whose places are known.
+    fn triangles_around(&self, vertices: Vec<u32>) -> Vec<u32> {
+        let mut out: Vec<u32> = vertices.into_iter().flat_map(|v| self.triangles_at(v)).collect();
+        out.sort_unstable();
+        out.dedup();
+        out.retain(|&t| self.is_known(self.triangle(t)));
+        out
+    }
+
+    /// The vertex's point as something to compare: its coordinates' bits. None if it has none, has retreated, or is of a slab beyond.
+    fn point(&self, v: u32) -> Option<[u64; 3]> {
+        if !self.is_known([v; 3]) {
+            return None;
+        }
+        let (slab, v) = self.slab_of(v);
+        let v = v as usize;
+        (slab.fitted.point[v] != NONE && slab.fate[v] != Fate::Rest).then(|| slab.fitted.target[v].map(f64::to_bits))
+    }
+
+    fn distance(&self, v: u32) -> f64 {
+        let (slab, v) = self.slab_of(v);
+        slab.fitted.distance[v as usize]
+    }
+
+    /// Phase 2: contracts the vertices that edges between vertices of the same point join to the seam's plane. Gives the vertices whose triangles it
+    /// changed, and those on the plane.
+    fn close(&mut self) -> Vec<u32> {
         let own = self.lower.own();
-        if upper {
-            self.upper.triangles[triangle].map(Side::Upper)
-        } else {
-            self.lower.triangles[triangle].map(|v| if v < own { Side::Lower(v) } else { Side::Upper(v - own) })
-        }
-    }
-
-    /// The vertex's point as something to compare: its coordinates' bits. None if it has none or is the slab's after the upper one.
-    fn point(&self, v: Side) -> Option<[u64; 3]> {
-        let (mesh, v) = match v {
-            Side::Lower(v) => (&*self.lower, v),
-            Side::Upper(v) => (&*self.upper, v),
-        };
-        // A lower slab's triangle may name vertices of the slab before it (from BEFORE on): not of this seam.
-        let point = mesh.fitted.point.get(v as usize)?;
-        (*point != NONE).then(|| mesh.fitted.target[v as usize].map(f64::to_bits))
-    }
-
-    fn distance(&self, v: Side) -> f64 {
-        match v {
-            Side::Lower(v) => self.lower.fitted.distance[v as usize],
-            Side::Upper(v) => self.upper.fitted.distance[v as usize],
-        }
-    }
-}
-
-/// Phase 2: contracts the vertices that edges between vertices of the same point join to the seam's plane.
-fn close_seam(lower: &mut SlabMesh, upper: &mut SlabMesh) {
-    let seam = Seam { lower, upper };
-    let mut joined: BTreeSet<Side> = BTreeSet::new();
-    for start in (0..seam.upper.seam).map(Side::Upper) {
-        let Some(point) = seam.point(start) else { continue };
-        let mut open = vec![start];
-        while let Some(v) = open.pop() {
-            // A vertex alone on its point is not worth carrying along: it is added once a second one is found.
-            for triangle in seam.triangles_at(v) {
-                for u in seam.corners(triangle) {
-                    if u != v && seam.point(u) == Some(point) {
-                        joined.insert(v);
-                        if joined.insert(u) {
-                            open.push(u);
+        let mut joined: BTreeSet<u32> = BTreeSet::new();
+        for start in own..own + self.upper.seam {
+            let Some(point) = self.point(start) else { continue };
+            let mut open = vec![start];
+            while let Some(v) = open.pop() {
+                // A vertex alone on its point is not worth carrying along: it is added once a second one is found.
+                for triangle in self.triangles_at(v) {
+                    for u in self.triangle(triangle) {
+                        if u != v && self.point(u) == Some(point) {
+                            joined.insert(v);
+                            if joined.insert(u) {
+                                open.push(u);
+                            }
                         }
                     }
                 }
             }
         }
-    }
-    if joined.is_empty() {
-        return;
+        let mut changed: Vec<u32> = (own..own + self.upper.seam).collect();
+        for (dead, survivor) in self.contractions(&joined) {
+            let mut last = dead;
+            let mut member = dead;
+            while member != NONE {
+                last = member;
+                let also = self.also(member);
+                self.put(member, survivor, also, Fate::Gone);
+                member = also;
+            }
+            self.put(last, survivor, self.also(survivor), Fate::Gone);
+            self.put(survivor, survivor, dead, self.fate(survivor));
+            changed.push(survivor);
+        }
+        changed.retain(|&v| self.fate(v) != Fate::Gone);
+        changed
     }
 
-    // The fans of the joined vertices, as a mesh of their own; its vertices are numbered in the order of the whole mesh's.
-    let mut patch: Vec<(bool, usize)> = joined.iter().flat_map(|&v| seam.triangles_at(v)).collect();
-    patch.sort_unstable();
-    patch.dedup();
-    let vertices: BTreeSet<Side> = patch.iter().flat_map(|&t| seam.corners(t)).collect();
-    let vertices: Vec<Side> = vertices.into_iter().collect();
-    let local: FxHashMap<Side, u32> = vertices.iter().enumerate().map(|(i, v)| (*v, i as u32)).collect();
-    let mut points: FxHashMap<[u64; 3], u32> = FxHashMap::default();
-    let mut group = Vec::with_capacity(vertices.len());
-    let mut distance = Vec::with_capacity(vertices.len());
-    for v in &vertices {
-        match seam.point(*v).filter(|_| joined.contains(v)) {
-            Some(point) => {
-                let number = points.len() as u32;
-                group.push(*points.entry(point).or_insert(number));
-                distance.push(seam.distance(*v));
-            }
-            None => {
-                group.push(NONE);
-                distance.push(f64::INFINITY);
+    /// The contractions (dead, survivor) among the joined vertices, in order.
+    fn contractions(&self, joined: &BTreeSet<u32>) -> Vec<(u32, u32)> {
+        if joined.is_empty() {
+            return Vec::new();
+        }
+        // The fans of the joined vertices, as a mesh of their own; its vertices are numbered in the order of the whole mesh's.
+        let mut patch: Vec<u32> = joined.iter().flat_map(|&v| self.triangles_at(v)).collect();
+        patch.sort_unstable();
+        patch.dedup();
+        // Vertices of the slab before come first.
+        let rank = |v: u32| if v >= BEFORE { (0, v) } else { (1, v) };
+        let mut vertices: Vec<u32> = patch.iter().flat_map(|&t| self.triangle(t)).collect();
+        vertices.sort_unstable_by_key(|&v| rank(v));
+        vertices.dedup();
+        let local: FxHashMap<u32, u32> = vertices.iter().enumerate().map(|(i, v)| (*v, i as u32)).collect();
+        let mut points: FxHashMap<[u64; 3], u32> = FxHashMap::default();
+        let mut group = Vec::with_capacity(vertices.len());
+        let mut distance = Vec::with_capacity(vertices.len());
+        for &v in &vertices {
+            match self.point(v).filter(|_| joined.contains(&v)) {
+                Some(point) => {
+                    let number = points.len() as u32;
+                    group.push(*points.entry(point).or_insert(number));
+                    distance.push(self.distance(v));
+                }
+                None => {
+                    group.push(NONE);
+                    distance.push(f64::INFINITY);
+                }
             }
         }
+        let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| self.triangle(t).map(|v| local[&v])).collect();
+        let mut fans = Fans::new(&triangles, vertices.len(), vertices.len());
+        let groups = Groups { group: &group, distance: &distance };
+        let mut out = Vec::new();
+        contract(&mut triangles, &mut fans, groups, |dead, survivor| {
+            out.push((vertices[dead as usize], vertices[survivor as usize]));
+        });
+        out
     }
-    let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| seam.corners(t).map(|v| local[&v])).collect();
-    let mut fans = Fans::new(&triangles, vertices.len());
-    let groups = Groups { group: &group, distance: &distance };
-    let mut gone = Vec::new();
-    contract(&mut triangles, &mut fans, groups, |dead, _| gone.push(dead));
 
-    let Seam { lower, upper } = seam;
-    let own = lower.own();
-    for dead in gone {
-        match vertices[dead as usize] {
-            Side::Lower(v) => lower.fate[v as usize] = Fate::Gone,
-            Side::Upper(v) => upper.fate[v as usize] = Fate::Gone,
-        }
-    }
-    for (&(in_upper, number), triangle) in patch.iter().zip(&triangles) {
-        let new = if *triangle == GONE {
-            GONE
-        } else {
-            triangle.map(|v| match (vertices[v as usize], in_upper) {
-                (Side::Lower(v), false) | (Side::Upper(v), true) => v,
-                (Side::Upper(v), false) => own + v,
-                (Side::Lower(v), true) => BEFORE + v,
-            })
+    /// Where vertices of both slabs took the same point's place, only the nearer keeps it. Gives the others.
+    fn choose_fitted(&mut self, grid: &Grid, halo: u32) -> Vec<u32> {
+        let seam = self.upper.slices.start;
+        // A vertex of the other slab can have the same point only if the point lies this near to the seam.
+        let near = seam.saturating_sub(halo)..seam + halo;
+        let fitted_near = |mesh: &SlabMesh| -> Vec<u32> {
+            (0..mesh.own())
+                .filter(|&v| mesh.fate[v as usize] == Fate::Fitted)
+                .filter(|&v| near.contains(&grid.slice_of(mesh.fitted.target[v as usize])))
+                .collect()
         };
-        if in_upper {
-            upper.triangles[number] = new;
-        } else {
-            lower.triangles[number] = new;
+        let key = |mesh: &SlabMesh, v: u32| mesh.fitted.target[v as usize].map(f64::to_bits);
+        let below = fitted_near(self.lower);
+        let below: FxHashMap<[u64; 3], u32> = below.into_iter().map(|v| (key(self.lower, v), v)).collect();
+        let mut changed = Vec::new();
+        for v in fitted_near(self.upper) {
+            if let Some(&u) = below.get(&key(self.upper, v)) {
+                if self.upper.fitted.distance[v as usize] < self.lower.fitted.distance[u as usize] {
+                    self.lower.fate[u as usize] = Fate::Pulled;
+                    changed.push(u);
+                } else {
+                    self.upper.fate[v as usize] = Fate::Pulled;
+                    changed.push(self.lower.own() + v);
+                }
+            }
         }
+        changed
     }
 }
 
-/// Where vertices of both slabs took the same point's place, only the nearer keeps it.
-fn choose_fitted(lower: &mut SlabMesh, upper: &mut SlabMesh, grid: &Grid, halo: u32) {
-    let seam = upper.slices.start;
-    // A vertex of the other slab can have the same point only if the point lies this near to the seam.
-    let near = seam.saturating_sub(halo)..seam + halo;
-    let fitted_near = |mesh: &SlabMesh| -> Vec<u32> {
-        (0..mesh.own())
-            .filter(|&v| mesh.fate[v as usize] == Fate::Fitted)
-            .filter(|&v| near.contains(&grid.slice_of(mesh.fitted.target[v as usize])))
-            .collect()
-    };
-    let key = |mesh: &SlabMesh, v: u32| mesh.fitted.target[v as usize].map(f64::to_bits);
-    let below: FxHashMap<[u64; 3], u32> = fitted_near(lower).into_iter().map(|v| (key(lower, v), v)).collect();
-    for v in fitted_near(upper) {
-        if let Some(&u) = below.get(&key(upper, v)) {
-            if upper.fitted.distance[v as usize] < lower.fitted.distance[u as usize] {
-                lower.fate[u as usize] = Fate::Pulled;
+impl Places for Seam<'_> {
+    fn stretches(&self) -> [Range<u32>; 2] {
+        let first = self.upper_triangles();
+        [0..self.lower.triangles.len() as u32, first..first + self.upper.triangles.len() as u32]
+    }
+
+    #[inline]
+    fn triangle(&self, t: u32) -> [u32; 3] {
+        let first = self.upper_triangles();
+        if t < first {
+            self.lower.triangles[t as usize]
+        } else {
+            self.upper.triangles[(t - first) as usize].map(|v| self.from_upper(v))
+        }
+    }
+
+    #[inline]
+    fn is_known(&self, triangle: [u32; 3]) -> bool {
+        triangle.iter().all(|&v| v < self.lower.own() + self.upper.own())
+    }
+
+    #[inline]
+    fn place(&self, v: u32) -> [f64; 3] {
+        let (slab, v) = self.slab_of(v);
+        self.frame.place(slab.position(v))
+    }
+
+    fn blocks(&mut self) -> &mut [Extent] {
+        &mut self.blocks
+    }
+}
+
+impl Piece for Seam<'_> {
+    fn vertices(&self) -> u32 {
+        self.lower.own() + self.upper.own()
+    }
+
+    fn corners(&self, v: u32) -> impl Iterator<Item = u32> {
+        // The lower slab's triangles name the upper one's vertices by the numbers they have here.
+        let first = 3 * self.upper_triangles();
+        let own = self.lower.own();
+        let of_upper = if (own..BEFORE).contains(&v) { v - own } else { NONE };
+        self.lower.fans.corners(v).chain(self.upper.fans.corners(of_upper).map(move |corner| first + corner))
+    }
+
+    fn also(&self, v: u32) -> u32 {
+        if !self.is_known([v; 3]) {
+            return NONE;
+        }
+        let (slab, at) = self.slab_of(v);
+        match slab.fans.also[at as usize] {
+            NONE => NONE,
+            also if v < self.lower.own() => also,
+            also => self.from_upper(also),
+        }
+    }
+
+    fn is_whole(&self, v: u32) -> bool {
+        self.is_known([v; 3]) && (v >= self.lower.seam || self.lower.slices.start == 0)
+    }
+
+    fn is_settled(&self, v: u32) -> bool {
+        v < self.settled || v >= BEFORE
+    }
+
+    fn fate(&self, v: u32) -> Fate {
+        let (slab, v) = self.slab_of(v);
+        slab.fate[v as usize]
+    }
+
+    fn put(&mut self, v: u32, survivor: u32, also: u32, fate: Fate) {
+        let first = 3 * self.upper_triangles();
+        let corners: Vec<u32> = self.corners(v).collect();
+        for corner in corners {
+            if corner < first {
+                self.lower.triangles.as_flattened_mut()[corner as usize] = survivor;
             } else {
-                upper.fate[v as usize] = Fate::Pulled;
+                self.upper.triangles.as_flattened_mut()[(corner - first) as usize] = self.to_upper(survivor);
             }
+        }
+        let own = self.lower.own();
+        if v < own {
+            self.lower.fans.also[v as usize] = also;
+            self.lower.fate[v as usize] = fate;
+        } else {
+            self.upper.fans.also[(v - own) as usize] = if also == NONE { NONE } else { self.to_upper(also) };
+            self.upper.fate[(v - own) as usize] = fate;
         }
     }
 }

@@ -1,5 +1,5 @@
 //! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone,
-//! extract, smooth, fit, contract.
+//! extract, smooth, fit, contract, retreat (with near, which finds what may intersect).
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
@@ -10,7 +10,9 @@ pub mod exterior;
 pub mod extract;
 pub mod fit;
 pub mod lone;
+pub mod near;
 pub mod raster;
+pub mod retreat;
 pub mod seal;
 pub mod smooth;
 pub mod solid;

@@ -138,9 +138,15 @@ impl Vertices {
             let d = displacement[number as usize];
             positions[number as usize] = [0, 1, 2].map(|a| f64::from(corner[a]) + d[a]);
         }
-        for &(middle, _, ends) in self.middles.values() {
+        for (&(axis, corner), &(middle, cell, ends)) in &self.middles {
             let [p, q] = ends.map(|end| positions[end as usize]);
-            positions[middle as usize] = [0, 1, 2].map(|a| (p[a] + q[a]) * 0.5);
+            // Towards its solid cell: the edge's other copy stays where the edge is.
+            let towards = [0, 1, 2].map(|a| match a == axis {
+                true => 0.0,
+                false if cell[a] < corner[a] => -0.25,
+                false => 0.25,
+            });
+            positions[middle as usize] = [0, 1, 2].map(|a| (p[a] + q[a]) * 0.5 + towards[a]);
         }
         positions
     }
