@@ -82,8 +82,30 @@ pub enum Fate {
     Pulled,
     /// It was contracted into another.
     Gone,
-    /// It went back to rest, where no triangles intersect.
+    /// It has gone back from its point so many steps of the way to rest ([`SHARES`]).
+    Back(u8),
+    /// It went all the way back to rest, where no triangles intersect.
     Rest,
+}
+
+/// The share of the way from rest to its point that a vertex keeps after a step of retreat; after the last it is at rest.
+pub const SHARES: [f64; 3] = [0.75, 0.5, 0.25];
+
+impl Fate {
+    /// What becomes of a vertex whose triangles intersect others.
+    pub fn after_retreat(self) -> Fate {
+        match self {
+            Fate::Fitted | Fate::Pulled => Fate::Back(0),
+            Fate::Back(step) if usize::from(step) + 1 < SHARES.len() => Fate::Back(step + 1),
+            Fate::Back(_) | Fate::Stays | Fate::Rest => Fate::Rest,
+            Fate::Gone => Fate::Gone,
+        }
+    }
+
+    /// Whether the vertex may be contracted with others on its point.
+    pub fn is_on_point(self) -> bool {
+        matches!(self, Fate::Fitted | Fate::Pulled)
+    }
 }
 
 impl SlabMesh {
@@ -197,8 +219,16 @@ impl SlabMesh {
             Fate::Fitted => target,
             Fate::Pulled => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
             Fate::Stays | Fate::Gone => smoothed,
-            Fate::Rest => self.rest.get(v as usize).copied().unwrap_or(smoothed),
+            Fate::Rest => self.rest_of(v),
+            Fate::Back(step) => {
+                let (rest, share) = (self.rest_of(v), SHARES[usize::from(step)]);
+                std::array::from_fn(|a| rest[a] + share * (target[a] - rest[a]))
+            }
         }
+    }
+
+    fn rest_of(&self, v: u32) -> [f64; 3] {
+        *self.rest.get(v as usize).unwrap_or(&self.smoothed[v as usize])
     }
 
     /// The triangles that are left.

@@ -60,7 +60,7 @@ pub struct Counts {
     pub unfitted: u64,
     /// Vertices contracted into others.
     pub contracted: u64,
-    /// Vertices that went back to rest because triangles there would intersect.
+    /// Vertices that went back towards rest because triangles there would intersect.
     pub retreated: u64,
     /// Pairs of triangles that intersect still: none, unless cells are too small for the precision of coordinates, or a chain of
     /// retreats would have to reach through a whole slab.
@@ -127,7 +127,7 @@ impl<'a> Stitcher<'a> {
                 Fate::Fitted => self.counts.fitted += 1,
                 Fate::Pulled => self.counts.pulled += 1,
                 Fate::Stays => self.counts.unfitted += 1,
-                Fate::Rest => self.counts.retreated += 1,
+                Fate::Back(_) | Fate::Rest => self.counts.retreated += 1,
             }
             self.vertices.push(self.frame.place(slab.position(v)));
         }
@@ -241,14 +241,14 @@ impl<'a> Seam<'a> {
         out
     }
 
-    /// The vertex's point as something to compare: its coordinates' bits. None if it has none, has retreated, or is of a slab beyond.
+    /// The vertex's point as something to compare: its coordinates' bits. None if it has none, has gone back, or is of a slab beyond.
     fn point(&self, v: u32) -> Option<[u64; 3]> {
         if !self.is_known([v; 3]) {
             return None;
         }
         let (slab, v) = self.slab_of(v);
         let v = v as usize;
-        (slab.fitted.point[v] != NONE && slab.fate[v] != Fate::Rest).then(|| slab.fitted.target[v].map(f64::to_bits))
+        slab.fate[v].is_on_point().then(|| slab.fitted.target[v].map(f64::to_bits))
     }
 
     fn distance(&self, v: u32) -> f64 {
@@ -305,10 +305,8 @@ impl<'a> Seam<'a> {
         let mut patch: Vec<u32> = joined.iter().flat_map(|&v| self.triangles_at(v)).collect();
         patch.sort_unstable();
         patch.dedup();
-        // Vertices of the slab before come first.
-        let rank = |v: u32| if v >= BEFORE { (0, v) } else { (1, v) };
         let mut vertices: Vec<u32> = patch.iter().flat_map(|&t| self.triangle(t)).collect();
-        vertices.sort_unstable_by_key(|&v| rank(v));
+        vertices.sort_unstable();
         vertices.dedup();
         let local: FxHashMap<u32, u32> = vertices.iter().enumerate().map(|(i, v)| (*v, i as u32)).collect();
         let mut points: FxHashMap<[u64; 3], u32> = FxHashMap::default();

@@ -63,8 +63,9 @@ pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Ve
         if tangled.is_empty() {
             return left;
         }
-        let Some(moved) = take_apart(piece, tangled) else { return left + pairs };
-        let mut changed: Vec<u32> = moved.iter().flat_map(|&v| piece.corners(v)).map(|corner| corner / 3).collect();
+        let Some(moved) = step_back(piece, &tangled) else { return left + pairs };
+        let members = moved.iter().flat_map(|&v| cluster(piece, v));
+        let mut changed: Vec<u32> = members.flat_map(|v| piece.corners(v)).map(|corner| corner / 3).collect();
         changed.retain(|&t| !is_gone(piece.triangle(t)) && piece.is_known(piece.triangle(t)));
         changed.sort_unstable();
         changed.dedup();
@@ -165,29 +166,41 @@ fn goes_round_once(centre: [f64; 3], link: &[([f64; 3], [f64; 3])], axis: usize)
     crossings.count() == 1
 }
 
-/// Puts the vertices to rest, their clusters taken apart, and whatever other clusters this makes unsound. Gives the vertices put to rest.
+/// Moves the vertices one step back. Where that is to rest, takes their clusters apart, and whatever other clusters this makes unsound: all
+/// vertices of these are put to rest. Gives the vertices moved.
 ///
 /// If one of them is settled, nothing is done, and there is no result.
-fn take_apart<P: Piece>(piece: &mut P, mut vertices: Vec<u32>) -> Option<Vec<u32>> {
+fn step_back<P: Piece>(piece: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
     let mut moved = Vec::new();
+    let mut apart = Vec::new();
     // What was: vertex, survivor, next of its cluster, fate.
     let mut before = Vec::new();
-    while !vertices.is_empty() {
-        let first = moved.len();
-        for &survivor in &vertices {
-            let mut v = survivor;
-            while v != NONE {
-                if piece.is_settled(v) {
-                    for &(v, survivor, also, fate) in before.iter().rev() {
-                        piece.put(v, survivor, also, fate);
-                    }
-                    return None;
-                }
-                let also = piece.also(v);
-                before.push((v, survivor, also, piece.fate(v)));
-                piece.put(v, v, NONE, Fate::Rest);
+    for &v in vertices {
+        if cluster(piece, v).any(|member| piece.is_settled(member)) {
+            take_back(piece, &before);
+            return None;
+        }
+        match piece.fate(v).after_retreat() {
+            Fate::Rest => apart.push(v),
+            fate => {
+                before.push((v, v, piece.also(v), piece.fate(v)));
+                piece.put(v, v, piece.also(v), fate);
                 moved.push(v);
-                v = also;
+            }
+        }
+    }
+    while !apart.is_empty() {
+        let first = moved.len();
+        for &survivor in &apart {
+            let members: Vec<u32> = cluster(piece, survivor).collect();
+            if members.iter().any(|&member| piece.is_settled(member)) {
+                take_back(piece, &before);
+                return None;
+            }
+            for member in members {
+                before.push((member, survivor, piece.also(member), piece.fate(member)));
+                piece.put(member, member, NONE, Fate::Rest);
+                moved.push(member);
             }
         }
         let mut near: Vec<u32> = moved[first..]
@@ -197,14 +210,25 @@ fn take_apart<P: Piece>(piece: &mut P, mut vertices: Vec<u32>) -> Option<Vec<u32
             .collect();
         near.sort_unstable();
         near.dedup();
-        vertices.clear();
+        apart.clear();
         for v in near {
-            find_unsound(piece, v, &mut vertices);
+            find_unsound(piece, v, &mut apart);
         }
-        vertices.sort_unstable();
-        vertices.dedup();
+        apart.sort_unstable();
+        apart.dedup();
     }
     Some(moved)
+}
+
+fn take_back<P: Piece>(piece: &mut P, before: &[(u32, u32, u32, Fate)]) {
+    for &(v, survivor, also, fate) in before.iter().rev() {
+        piece.put(v, survivor, also, fate);
+    }
+}
+
+/// The vertices that have become `v`, with it as the first.
+fn cluster<P: Piece>(piece: &P, v: u32) -> impl Iterator<Item = u32> {
+    std::iter::successors(Some(v), |v| Some(piece.also(*v)).filter(|v| *v != NONE))
 }
 
 /// If the link of `v` is not one simple cycle of at least three vertices, appends the clusters to blame: its own, and those that occur in the link
