@@ -40,6 +40,7 @@ fn unit_params(cells: [u32; 3], slab_slices: u32) -> Params {
         diagonals: Diagonals::Delaunay,
         fit: true,
         slab_slices,
+        origin: [0.0; 3],
         single: false,
     }
 }

@@ -62,6 +62,7 @@ impl Setting {
             diagonals: self.diagonals,
             fit: true,
             slab_slices: self.slab_slices,
+            origin: [0.0; 3],
             single: cloud.single,
         }
     }

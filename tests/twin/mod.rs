@@ -20,6 +20,8 @@ pub mod contract;
 pub mod corner;
 pub mod fit;
 pub mod grid;
+pub mod intersect;
+pub mod retreat;
 pub mod solid;
 pub mod surface;
 
@@ -49,11 +51,13 @@ pub struct Params {
     pub fit: bool,
     /// Slices of a slab, at least 1.
     pub slab_slices: u32,
+    /// Taken off every position when it is written.
+    pub origin: [f64; 3],
     /// Whether the points are `f32`: then the final vertices are rounded to `f32`.
     pub single: bool,
 }
 
-/// The finished mesh, in the file's axes.
+/// The finished mesh as it is written: in the file's axes, less the origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TwinMesh {
     /// Positions.

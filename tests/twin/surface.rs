@@ -21,6 +21,8 @@ pub enum Diagonals {
 pub struct Surface {
     /// q' of every vertex, in cells along the grid's axes.
     pub positions: Vec<[f64; 3]>,
+    /// The same after one step of smoothing, whatever steps there are.
+    pub rest: Vec<[f64; 3]>,
     /// The plane of a vertex; of a doubled edge's middle, that of the edge's lower end.
     pub planes: Vec<u32>,
     /// Whether a vertex is the middle of a doubled edge.
@@ -158,6 +160,7 @@ pub fn surface(solid: &Cells, smooth: u32, diagonals: Diagonals) -> Surface {
     let count = vertices.count as usize;
     let mut surface = Surface {
         positions: vertices.positions(smooth),
+        rest: vertices.positions(1),
         planes: vec![0; count],
         middle: vec![false; count],
         ..Surface::default()
