@@ -1,11 +1,11 @@
-//! Triangles that are near each other: a grid of coarse cells over the boxes of triangles.
+//! Triangles that are near each other: a sweep along rows of coarse cells over the boxes of triangles.
 //!
 //! ```text
-//!   layer 2  |   .   |   .   |      a layer is as thick as a coarse cell (2 cells); layers are done one after the other,
-//!            +-------+--___--+      so that only one layer's lists exist at a time
-//!   layer 1  |   .  _|-~   | |
-//!            +----/--+-----|-+      a triangle is listed in every coarse cell its box touches; two whose boxes meet are a
-//!   layer 0  |   /   |   . | |      pair in one of them only: that of the greater of their lower ends
+//!   row 2  |      .              a layer is as thick as a coarse cell (2 cells), as is a row in it; layers are done one
+//!          +---_____-----        after the other, so that only one layer's lists exist at a time
+//!   row 1  | _|-~   |  ___
+//!          +/--+----+-|---|      a triangle is listed in every row its box touches; two whose boxes meet are a
+//!   row 0  |   |      |   |      pair in one of them only: that of the greater of their lower ends
 //! ```
 //!
 //! Boxes are in coarse cells and in `f32`: the way from a coordinate there is monotone, so boxes that meet do so still.
@@ -16,7 +16,7 @@ use crate::stage::contract::is_gone;
 /// Triangles with consecutive numbers that share a box of their own.
 pub const BLOCK: usize = 64;
 
-/// The side of a coarse cell, in cells: a triangle is about one cell large, so it is listed in two or three coarse cells.
+/// The side of a coarse cell, in cells: a triangle is about one cell large, so it is listed in two or three rows.
 const COARSE: f64 = 2.0;
 
 /// An axis-parallel box, in coarse cells: lower and upper end.
@@ -31,9 +31,10 @@ impl Extent {
         Extent(std::array::from_fn(|a| self.0[a].min(other.0[a])), std::array::from_fn(|a| self.1[a].max(other.1[a])))
     }
 
+    /// All six comparisons are made: which one fails cannot be foreseen, and a wrong guess costs more than all of them.
     #[inline]
     fn meets(&self, other: &Extent) -> bool {
-        (0..3).all(|a| self.0[a] <= other.1[a] && other.0[a] <= self.1[a])
+        (0..3).fold(true, |meet, a| meet & (self.0[a] <= other.1[a]) & (other.0[a] <= self.1[a]))
     }
 }
 
@@ -64,44 +65,55 @@ pub enum Suspects<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     extent: Extent,
-    triangle: u32,
+    corners: [u32; 3],
     suspect: bool,
 }
 
 /// Finds pairs of triangles whose boxes meet. Keeps its buffers.
 ///
-/// Memory: 4 bytes for each coarse cell of a layer, that is one for each place of a slice; some 5 for each triangle, and some 60 for each of one layer's.
+/// Memory: some 5 bytes for each triangle, and some 100 for each of one layer's.
 #[derive(Debug)]
 pub struct Near {
     low: [f64; 3],
     inverse: f64,
     /// The file's axes: that of layers, then of rows, then along rows.
     axes: [usize; 3],
-    /// Coarse cells along those.
-    size: [usize; 3],
-    counts: Vec<u32>,
+    /// Layers and rows.
+    size: [usize; 2],
     entries: Vec<Entry>,
+    /// Where each row's list ends, and the lists.
+    ends: Vec<u32>,
     listed: Vec<u32>,
+    /// One row's, by where they begin.
+    order: Vec<u64>,
+    row: Vec<Entry>,
 }
 
 impl Near {
     /// For triangles on `grid` whose places are less `origin`.
     pub fn new(grid: &Grid, origin: [f64; 3]) -> Near {
         let [along, layer, row] = grid.axis().file_axes();
-        let [x, y, z] = grid.cells().map(|c| (f64::from(c) / COARSE) as usize + 1);
+        let [_, y, z] = grid.cells().map(|c| (f64::from(c) / COARSE) as usize + 1);
         Near {
             low: std::array::from_fn(|a| grid.bounds().min[a] - origin[a]),
             inverse: 1.0 / (COARSE * grid.cell_size()),
             axes: [layer, row, along],
-            size: [y, z, x],
-            counts: Vec::new(),
+            size: [y, z],
             entries: Vec::new(),
+            ends: Vec::new(),
             listed: Vec::new(),
+            order: Vec::new(),
+            row: Vec::new(),
         }
     }
 
     /// Tells `found` of every pair of known triangles whose boxes meet, each once, in no particular order.
-    pub fn pairs<P: Places>(&mut self, of: &mut P, suspects: Suspects<'_>, mut found: impl FnMut(&P, u32, u32)) {
+    pub fn pairs<P: Places>(
+        &mut self,
+        of: &mut P,
+        suspects: Suspects<'_>,
+        mut found: impl FnMut(&P, [u32; 3], [u32; 3]),
+    ) {
         let layers = match suspects {
             Suspects::All => self.layers_of_all(of),
             Suspects::Some(suspects) => self.layers_near(of, suspects),
@@ -113,11 +125,12 @@ impl Near {
         for (layer, triangles) in layers {
             self.entries.clear();
             for t in triangles {
-                let extent = self.extent(of, of.triangle(t));
-                self.entries.push(Entry { extent, triangle: t, suspect: is_suspect(t) });
+                let corners = of.triangle(t);
+                let extent = self.extent(of, corners);
+                self.entries.push(Entry { extent, corners, suspect: is_suspect(t) });
             }
             self.list();
-            self.meet(layer, |a, b| found(of, a, b));
+            self.sweep(layer, |a, b| found(of, a, b));
         }
     }
 
@@ -195,7 +208,7 @@ impl Near {
         Extent(std::array::from_fn(|a| p[a].min(q[a]).min(r[a])), std::array::from_fn(|a| p[a].max(q[a]).max(r[a])))
     }
 
-    /// The coarse cells that a box touches along one of the axes; what lies outside the grid counts as its border.
+    /// The layers (0) or rows (1) that a box touches; what lies outside the grid counts as its border.
     #[inline]
     fn range(&self, extent: &Extent, a: usize) -> [usize; 2] {
         [self.cell(extent.0[a], a), self.cell(extent.1[a], a)]
@@ -206,51 +219,55 @@ impl Near {
         (x as usize).min(self.size[a] - 1)
     }
 
-    /// Lists the layer's entries by coarse cell: afterwards cell c's are `listed[counts[c]..counts[c + 1]]`.
+    /// Lists the layer's entries by row: afterwards row z's are those from `ends[z]` to `ends[z + 1]`.
     fn list(&mut self) {
-        let [_, rows, width] = self.size;
-        let mut counts = std::mem::take(&mut self.counts);
-        let mut listed = std::mem::take(&mut self.listed);
-        counts.clear();
-        counts.resize(rows * width + 2, 0);
-        let cells = |e: &Entry, count: &mut dyn FnMut(usize)| {
-            let ([z0, z1], [x0, x1]) = (self.range(&e.extent, 1), self.range(&e.extent, 2));
-            for z in z0..=z1 {
-                for x in x0..=x1 {
-                    count(z * width + x);
-                }
-            }
-        };
+        let mut ends = std::mem::take(&mut self.ends);
+        ends.clear();
+        ends.resize(self.size[1] + 2, 0);
         for entry in &self.entries {
-            cells(entry, &mut |c| counts[c + 2] += 1);
+            let [first, last] = self.range(&entry.extent, 1);
+            for end in &mut ends[first + 2..=last + 2] {
+                *end += 1;
+            }
         }
-        for c in 2..counts.len() {
-            counts[c] += counts[c - 1];
+        for z in 1..ends.len() {
+            ends[z] += ends[z - 1];
         }
-        listed.clear();
-        listed.resize(counts[rows * width + 1] as usize, 0);
+        self.listed.clear();
+        self.listed.resize(ends[self.size[1] + 1] as usize, 0);
         for (number, entry) in self.entries.iter().enumerate() {
-            cells(entry, &mut |c| {
-                listed[counts[c + 1] as usize] = number as u32;
-                counts[c + 1] += 1;
-            });
+            let [first, last] = self.range(&entry.extent, 1);
+            for end in &mut ends[first + 1..=last + 1] {
+                self.listed[*end as usize] = number as u32;
+                *end += 1;
+            }
         }
-        (self.counts, self.listed) = (counts, listed);
+        self.ends = ends;
     }
 
-    /// The pairs of the layer that is listed.
-    fn meet(&self, layer: usize, mut found: impl FnMut(u32, u32)) {
-        let width = self.size[2];
-        for (c, ends) in self.counts.windows(2).take(self.size[1] * width).enumerate() {
-            let here = &self.listed[ends[0] as usize..ends[1] as usize];
-            for (i, &one) in here.iter().enumerate() {
-                let one = &self.entries[one as usize];
-                for &other in &here[i + 1..] {
-                    let other = &self.entries[other as usize];
+    /// The pairs of the layer that is listed: along each row, from where one box begins to where it ends, others begin.
+    fn sweep(&mut self, layer: usize, mut found: impl FnMut([u32; 3], [u32; 3])) {
+        // Positive floats are ordered as their bits are.
+        let begins = |entry: &Entry| entry.extent.0[2].max(0.0);
+        for z in 0..self.size[1] {
+            self.order.clear();
+            for &number in &self.listed[self.ends[z] as usize..self.ends[z + 1] as usize] {
+                let key = u64::from(begins(&self.entries[number as usize]).to_bits());
+                self.order.push(key << 32 | u64::from(number));
+            }
+            self.order.sort_unstable();
+            self.row.clear();
+            self.row.extend(self.order.iter().map(|key| self.entries[*key as u32 as usize]));
+            for (i, one) in self.row.iter().enumerate() {
+                let end = one.extent.1[2].max(0.0);
+                for other in &self.row[i + 1..] {
+                    if begins(other) > end {
+                        break;
+                    }
                     if one.extent.meets(&other.extent) && (one.suspect || other.suspect) {
                         let at = |a: usize| self.cell(one.extent.0[a].max(other.extent.0[a]), a);
-                        if at(2) == c % width && at(1) == c / width && at(0) == layer {
-                            found(one.triangle, other.triangle);
+                        if at(1) == z && at(0) == layer {
+                            found(one.corners, other.corners);
                         }
                     }
                 }

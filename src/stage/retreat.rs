@@ -14,7 +14,7 @@
 //! Where clusters are taken apart, others may lose what made their contraction sound: a vertex that meets one cluster twice.
 //! These are taken apart, too, so that the mesh stays a closed 2-manifold.
 
-use robust::{Coord, Coord3D, orient2d, orient3d};
+use robust::{Coord, orient2d};
 
 use crate::mesh::intersect::intersect;
 use crate::slab::Fate;
@@ -43,13 +43,15 @@ pub trait Piece: Places {
 /// not zero only if cells are too small for the precision of coordinates, or if a settled vertex would have to move.
 pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Vec<u32>>) -> u64 {
     let mut left = 0;
-    let mut fans = vec![Fan::Unknown; piece.vertices() as usize];
+    let mut fans = match suspects {
+        None => all_fans(piece),
+        Some(_) => vec![Fan::Unknown; piece.vertices() as usize],
+    };
     loop {
         let mut tangled: Vec<u32> = Vec::new();
         let mut pairs = 0;
         let looked_at = suspects.as_deref().map_or(Suspects::All, Suspects::Some);
         near.pairs(piece, looked_at, |piece, a, b| {
-            let (a, b) = (piece.triangle(a), piece.triangle(b));
             if !are_apart(piece, &mut fans, a, b) {
                 pairs += 1;
                 let moves = |v: &u32| piece.fate(*v) != Fate::Rest;
@@ -88,17 +90,19 @@ enum Fan {
 
 /// Whether two triangles whose boxes meet do not intersect: by the fan of a vertex they share, by a plane between them, or else in full.
 fn are_apart<P: Piece>(piece: &P, fans: &mut [Fan], a: [u32; 3], b: [u32; 3]) -> bool {
-    let mut shared = a.iter().filter(|v| b.contains(v)).peekable();
-    let share = shared.peek().is_some();
-    let free = shared.any(|&v| {
+    let mut share = false;
+    for v in a {
+        if v != b[0] && v != b[1] && v != b[2] {
+            continue;
+        }
+        share = true;
         let fan = &mut fans[v as usize];
         if *fan == Fan::Unknown {
             *fan = if fan_is_free(piece, v) { Fan::Free } else { Fan::Doubtful };
         }
-        *fan == Fan::Free
-    });
-    if free {
-        return true;
+        if *fan == Fan::Free {
+            return true;
+        }
     }
     let (pa, pb) = (a.map(|v| piece.place(v)), b.map(|v| piece.place(v)));
     if !share && (lies_beside(pa, pb) || lies_beside(pb, pa)) {
@@ -107,16 +111,75 @@ fn are_apart<P: Piece>(piece: &P, fans: &mut [Fan], a: [u32; 3], b: [u32; 3]) ->
     !intersect(a, pa, b, pb)
 }
 
-/// Whether the first triangle lies strictly on one side of the second's plane.
+/// Whether the first triangle certainly lies on one side of the second's plane. May say no where it does.
 fn lies_beside(one: [[f64; 3]; 3], [a, b, c]: [[f64; 3]; 3]) -> bool {
-    let coord = |[x, y, z]: [f64; 3]| Coord3D { x, y, z };
-    let side = |p: [f64; 3]| orient3d(coord(a), coord(b), coord(c), coord(p));
-    let first = side(one[0]);
-    first != 0.0
-        && first * side(one[1]).signum() > 0.0
-        && first * side(one[2]).signum() > 0.0
-        && side(one[1]) != 0.0
-        && side(one[2]) != 0.0
+    let (ab, ac) = (minus(b, a), minus(c, a));
+    let normal = cross(ab, ac);
+    let from_plane = one.map(|p| minus(p, a));
+    let largest = ab.iter().chain(&ac).chain(from_plane.as_flattened()).fold(0.0f64, |m, d| m.max(d.abs()));
+    // Each difference is off by half a unit in its last place at most, and so is every product and sum of them.
+    let doubt = 1e-13 * largest * largest * largest;
+    let heights = from_plane.map(|d| d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]);
+    heights.iter().all(|h| *h > doubt) || heights.iter().all(|h| *h < -doubt)
+}
+
+fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|a| p[a] - q[a])
+}
+
+fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|a| {
+        let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+        p[b] * q[c] - p[c] * q[b]
+    })
+}
+
+/// What [`fan_is_free`] says of all vertices, in one pass over the triangles. May be in doubt where that is not.
+///
+/// ```text
+///   bits 0-5    seen along axis a, some triangle may not turn left (bit 2 a), or not right (bit 2 a + 1)
+///   bits 16-63  sixteen for each axis: crossings of the ray
+/// ```
+fn all_fans<P: Piece>(piece: &P) -> Vec<Fan> {
+    let mut seen = vec![0u64; piece.vertices() as usize];
+    for triangle in piece.stretches().into_iter().flatten().map(|t| piece.triangle(t)) {
+        if is_gone(triangle) {
+            continue;
+        }
+        if !piece.is_known(triangle) {
+            for v in triangle {
+                if let Some(seen) = seen.get_mut(v as usize) {
+                    *seen |= 0b11_1111;
+                }
+            }
+            continue;
+        }
+        let places = triangle.map(|v| piece.place(v));
+        let (ab, ac) = (minus(places[1], places[0]), minus(places[2], places[0]));
+        let largest = ab.iter().chain(&ac).fold(0.0f64, |m, d| m.max(d.abs()));
+        let doubt = 1e-14 * largest * largest;
+        let normal = cross(ab, ac);
+        let mut not = 0;
+        for (a, n) in normal.into_iter().enumerate() {
+            not |= u64::from(n <= doubt) << (2 * a) | u64::from(n >= -doubt) << (2 * a + 1);
+        }
+        for i in 0..3 {
+            let (centre, from, to) = (places[i], places[(i + 1) % 3], places[(i + 2) % 3]);
+            let mut crossings = 0;
+            for a in 0..3 {
+                let y = (a + 2) % 3;
+                let upwards = (from[y] < centre[y]) & (centre[y] <= to[y]);
+                let downwards = (to[y] < centre[y]) & (centre[y] <= from[y]);
+                let left = normal[a] > 0.0;
+                crossings += u64::from((left & upwards) | (!left & downwards)) << (16 * (a + 1));
+            }
+            // A vertex has far fewer triangles than sixteen bits can count.
+            let seen = &mut seen[triangle[i] as usize];
+            *seen = (*seen | not) + crossings;
+        }
+    }
+    let is_free = |seen: u64| (0..3).any(|a| seen >> (2 * a) & 3 != 3 && seen >> (16 * (a + 1)) & 0xffff == 1);
+    seen.into_iter().map(|seen| if is_free(seen) { Fan::Free } else { Fan::Doubtful }).collect()
 }
 
 /// Whether, seen along some axis, all triangles at `v` turn the same way and go round it once: then no two of them intersect.
