@@ -253,6 +253,18 @@ impl fmt::Display for Report {
                 writeln!(f, "         area {}, volume {}", short(check.area), short(check.volume))?;
             }
         }
+        let Counts { retreated, tangled, .. } = self.vertices;
+        if retreated > 0 {
+            write!(
+                f,
+                "         {} vertices kept off their points, so that no triangles intersect",
+                thousands(retreated)
+            )?;
+            writeln!(f)?;
+        }
+        if tangled > 0 {
+            writeln!(f, "         {} pairs of triangles still intersect", thousands(tangled))?;
+        }
         writeln!(f, "output   {}, {}", self.output.path.display(), ByteSize(self.output.bytes))?;
         write!(f, "time     {}:", seconds(self.seconds_total))?;
         for (i, (phase, time)) in self.seconds.iter().enumerate() {
