@@ -213,11 +213,11 @@ impl<'a> Seam<'a> {
     }
 
     /// The number here of what the upper slab calls `v`, and the reverse.
-    fn from_upper(&self, v: u32) -> u32 {
+    fn named_by_upper(&self, v: u32) -> u32 {
         if v < BEFORE { self.lower.own() + v } else { v - BEFORE }
     }
 
-    fn to_upper(&self, v: u32) -> u32 {
+    fn name_to_upper(&self, v: u32) -> u32 {
         if v < self.lower.own() { BEFORE + v } else { v - self.lower.own() }
     }
 
@@ -377,7 +377,7 @@ impl Places for Seam<'_> {
         if t < first {
             self.lower.triangles[t as usize]
         } else {
-            self.upper.triangles[(t - first) as usize].map(|v| self.from_upper(v))
+            self.upper.triangles[(t - first) as usize].map(|v| self.named_by_upper(v))
         }
     }
 
@@ -418,7 +418,7 @@ impl Piece for Seam<'_> {
         match slab.fans.also[at as usize] {
             NONE => NONE,
             also if v < self.lower.own() => also,
-            also => self.from_upper(also),
+            also => self.named_by_upper(also),
         }
     }
 
@@ -442,7 +442,7 @@ impl Piece for Seam<'_> {
             if corner < first {
                 self.lower.triangles.as_flattened_mut()[corner as usize] = survivor;
             } else {
-                self.upper.triangles.as_flattened_mut()[(corner - first) as usize] = self.to_upper(survivor);
+                self.upper.triangles.as_flattened_mut()[(corner - first) as usize] = self.name_to_upper(survivor);
             }
         }
         let own = self.lower.own();
@@ -450,7 +450,7 @@ impl Piece for Seam<'_> {
             self.lower.fans.also[v as usize] = also;
             self.lower.fate[v as usize] = fate;
         } else {
-            self.upper.fans.also[(v - own) as usize] = if also == NONE { NONE } else { self.to_upper(also) };
+            self.upper.fans.also[(v - own) as usize] = if also == NONE { NONE } else { self.name_to_upper(also) };
             self.upper.fate[(v - own) as usize] = fate;
         }
     }

@@ -3,6 +3,7 @@
 mod twin;
 
 use asra_stream::mesh::intersect::intersect;
+use twin::intersect::pairs;
 use twin::{Diagonals, mesh_of_solid};
 
 /// Numbers that look random and are the same in every run.
@@ -15,26 +16,37 @@ impl Numbers {
     }
 }
 
-/// The pairs that intersect, by the library's predicate; with positions off by up to `error` cells along each axis.
+/// The pairs that intersect with any of the diagonals, with positions off by up to `error` cells along each axis.
 fn intersections(solid: &[bool], cells: [u32; 3], error: f64, numbers: &mut Numbers) -> usize {
     let mut count = 0;
     for diagonals in [Diagonals::Delaunay, Diagonals::First, Diagonals::Random] {
         let surface = mesh_of_solid(solid, cells, 1, diagonals);
         let mut off = |x: f64| x + error * (numbers.below(2001) as f64 / 1000.0 - 1.0);
         let places: Vec<[f64; 3]> = surface.rest.iter().map(|p| p.map(&mut off)).collect();
-        for (i, &a) in surface.triangles.iter().enumerate() {
-            for &b in &surface.triangles[..i] {
-                let (pa, pb) = (a.map(|v| places[v as usize]), b.map(|v| places[v as usize]));
-                let ends = |p: [[f64; 3]; 3], m: usize| {
-                    (p.map(|q| q[m]).into_iter().fold(9e9, f64::min), p.map(|q| q[m]).into_iter().fold(-9e9, f64::max))
-                };
-                let apart = |m: usize| ends(pa, m).1 < ends(pb, m).0 || ends(pb, m).1 < ends(pa, m).0;
-                let meet = !(0..3).any(apart) && intersect(a, pa, b, pb);
-                count += usize::from(meet);
-            }
-        }
+        count += pairs(&surface.triangles, &|v| places[v as usize]).len();
     }
     count
+}
+
+/// The library's predicate and the twin's agree on pairs of triangles that touch and overlap in every way: corners on a small lattice.
+#[test]
+fn both_predicates_agree_on_lattice_triangles() {
+    let mut numbers = Numbers(3);
+    let mut met = 0;
+    for round in 0..20_000 {
+        let size = 2 + round % 3;
+        let places: Vec<[f64; 3]> = (0..6).map(|_| [0; 3].map(|_: i32| numbers.below(size) as f64)).collect();
+        let (a, b) = match round % 4 {
+            0 => ([0, 1, 2], [2, 1, 3]),
+            1 => ([0, 1, 2], [3, 0, 4]),
+            _ => ([0, 1, 2], [3, 4, 5]),
+        };
+        let at = |v: u32| places[v as usize];
+        let ours = intersect(a, a.map(at), b, b.map(at));
+        assert_eq!(ours, !pairs(&[a, b], &at).is_empty(), "{a:?} {b:?} {places:?}");
+        met += usize::from(ours);
+    }
+    assert!((2_000..18_000).contains(&met), "{met} of them intersect: one side is hardly tested");
 }
 
 #[test]

@@ -166,11 +166,11 @@ fn all_fans<P: Piece>(piece: &P) -> Vec<Fan> {
         for i in 0..3 {
             let (centre, from, to) = (places[i], places[(i + 1) % 3], places[(i + 2) % 3]);
             let mut crossings = 0;
-            for a in 0..3 {
+            for (a, n) in normal.into_iter().enumerate() {
                 let y = (a + 2) % 3;
                 let upwards = (from[y] < centre[y]) & (centre[y] <= to[y]);
                 let downwards = (to[y] < centre[y]) & (centre[y] <= from[y]);
-                let left = normal[a] > 0.0;
+                let left = n > 0.0;
                 crossings += u64::from((left & upwards) | (!left & downwards)) << (16 * (a + 1));
             }
             // A vertex has far fewer triangles than sixteen bits can count.

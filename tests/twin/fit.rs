@@ -87,7 +87,7 @@ pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMe
     for pair in slabs.windows(2) {
         let [lower, upper] = [pair[0], pair[1]];
         contraction.run(&fitting.seam_vertices(&contraction, &states, upper.0));
-        let fitted = |v: &u32| states[*v as usize] == State::Fitted && plane(*v) >= lower.0;
+        let fitted = |v: &u32| states[*v as usize] == State::Fitted;
         let fitted: Vec<u32> = contraction.living().into_iter().filter(fitted).collect();
         let near = |v: &u32| fitting.planes(lower).contains(&plane(*v)) || fitting.planes(upper).contains(&plane(*v));
         fitting.choose(&fitted.into_iter().filter(near).collect::<Vec<_>>(), &mut states);

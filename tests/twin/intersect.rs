@@ -100,16 +100,9 @@ fn segment_meets_triangle(p: Point, q: Point, t: [Point; 3]) -> bool {
     side(a, b, c, p) * side(a, b, c, q) < 0 && (turns == [1; 3] || turns == [-1; 3])
 }
 
-/// Whether the two have a point in common that is not of a vertex or an edge they share by number.
+/// Whether the two, whose boxes meet, have a point in common that is not of a vertex or an edge they share by number.
 pub fn intersect(a: [u32; 3], b: [u32; 3], at: &dyn Fn(u32) -> Point) -> bool {
     let (pa, pb) = (a.map(at), b.map(at));
-    let apart = |i: usize| {
-        let ends = |t: [Point; 3]| (t[0][i].min(t[1][i]).min(t[2][i]), t[0][i].max(t[1][i]).max(t[2][i]));
-        ends(pa).1 < ends(pb).0 || ends(pb).1 < ends(pa).0
-    };
-    if (0..3).any(apart) {
-        return false;
-    }
     let shared: Vec<u32> = a.into_iter().filter(|v| b.contains(v)).collect();
     let sides = |t: [u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
     // A side meets the other triangle where it should not; sides at a shared vertex do at that, and nothing is learnt from them: what lies
@@ -137,11 +130,17 @@ pub fn intersect(a: [u32; 3], b: [u32; 3], at: &dyn Fn(u32) -> Point) -> bool {
 
 /// The pairs of triangles that intersect.
 pub fn pairs(triangles: &[[u32; 3]], at: &dyn Fn(u32) -> Point) -> Vec<([u32; 3], [u32; 3])> {
+    let ends = |t: &[u32; 3]| {
+        let [p, q, r] = t.map(at);
+        [0, 1, 2].map(|i| [p[i].min(q[i]).min(r[i]), p[i].max(q[i]).max(r[i])])
+    };
+    let boxes: Vec<[[f64; 2]; 3]> = triangles.iter().map(ends).collect();
     let mut pairs = Vec::new();
-    for (i, &a) in triangles.iter().enumerate() {
-        for &b in &triangles[..i] {
-            if intersect(a, b, at) {
-                pairs.push((a, b));
+    for (i, one) in boxes.iter().enumerate() {
+        for (j, other) in boxes[..i].iter().enumerate() {
+            let meet = (0..3).all(|a| one[a][0] <= other[a][1] && other[a][0] <= one[a][1]);
+            if meet && intersect(triangles[i], triangles[j], at) {
+                pairs.push((triangles[i], triangles[j]));
             }
         }
     }
