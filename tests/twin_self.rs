@@ -10,7 +10,7 @@ use twin::clouds::{Cloud, cloud, setting};
 use twin::fit::{Fitting, finish, slabs};
 use twin::solid::solid_cells;
 use twin::surface::surface;
-use twin::{Axis, Diagonals, Params, Surface, TwinMesh, grid_for, mesh_of_solid, reconstruct};
+use twin::{Axis, Diagonals, Params, Surface, grid_for, mesh_of_solid, reconstruct};
 
 const DIAGONALS: [Diagonals; 3] = [Diagonals::Delaunay, Diagonals::First, Diagonals::Random];
 
