@@ -23,7 +23,16 @@ fn intersections(solid: &[bool], cells: [u32; 3], error: f64, numbers: &mut Numb
         let surface = mesh_of_solid(solid, cells, 1, diagonals);
         let mut off = |x: f64| x + error * (numbers.below(2001) as f64 / 1000.0 - 1.0);
         let places: Vec<[f64; 3]> = surface.rest.iter().map(|p| p.map(&mut off)).collect();
-        count += pairs(&surface.triangles, &|v| places[v as usize]).len();
+        let corners: Vec<[[f64; 3]; 3]> = surface.triangles.iter().map(|t| t.map(|v| places[v as usize])).collect();
+        for (i, (&a, &pa)) in surface.triangles.iter().zip(&corners).enumerate() {
+            for (&b, &pb) in surface.triangles[..i].iter().zip(&corners) {
+                let apart = |m: usize| {
+                    pa.iter().all(|p| pb.iter().all(|q| p[m] < q[m]))
+                        || pa.iter().all(|p| pb.iter().all(|q| p[m] > q[m]))
+                };
+                count += usize::from(!(0..3).any(apart) && intersect(a, pa, b, pb));
+            }
+        }
     }
     count
 }
