@@ -28,7 +28,7 @@ use asra_stream::grid::Grid;
 use asra_stream::input::{Cloud, InputOptions};
 use asra_stream::machine;
 use asra_stream::mesh::check::check;
-use asra_stream::mesh::spool::MeshSpool;
+use asra_stream::mesh::spool::{Frame, MeshSpool};
 use asra_stream::mesh::{MeshHeader, MeshSource};
 use asra_stream::output;
 use asra_stream::partition::{halo, slab_count, slices_of};
@@ -55,6 +55,9 @@ use criterion::{BatchSize, BenchmarkGroup, BenchmarkId, Criterion, SamplingMode,
 
 /// The closing radii that exterior and solid are measured with: what a dense cloud takes, and a sparse one.
 const RADII: [u32; 3] = [1, 2, 4];
+
+/// How the meshes are written: as the points are.
+const FRAME: Frame = Frame { origin: [0.0; 3], precision: Precision::Single };
 
 const SMOOTH: u32 = 1;
 
@@ -177,12 +180,13 @@ impl Slab {
         let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(SMOOTH) };
         let fitted = fit(sampled, &task, piece).expect("points");
         let options = SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None };
-        let unfitted = SlabMesh::make(number, solid, sampled, options, piece).expect("a slab");
+        let unfitted = SlabMesh::make(number, solid, sampled, options, FRAME, piece).expect("a slab");
         let mut group = fitted.point.clone();
         if slices.start > 0 {
             group[..unfitted.seam as usize].fill(NONE);
         }
-        let (named, triangles) = (unfitted.fans.len(), unfitted.triangles);
+        let triangles = unfitted.triangles;
+        let named = triangles.as_flattened().iter().max().map_or(0, |v| *v as usize + 1).max(group.len());
         Slab { number, planes, surface, q, triangles, fitted, named, group }
     }
 }
@@ -224,7 +228,7 @@ fn within_slabs(
     let triangles: Vec<_> = slabs.iter_mut().map(|slab| std::mem::take(&mut slab.triangles)).collect();
     group.bench_function("contract", |b| {
         let contract = |(slab, triangles): (&Slab, &mut Vec<[u32; 3]>)| {
-            let mut fans = Fans::new(triangles, slab.named);
+            let mut fans = Fans::new(triangles, slab.named, slab.group.len());
             let groups = Groups { group: &slab.group, distance: &slab.fitted.distance };
             contract(triangles, &mut fans, groups, |_, _| ());
         };
@@ -248,7 +252,7 @@ fn slabs_to_mesh(
     let count = slab_count(SMOOTH, solid.cells[1]);
     let make = || {
         let mut slabs = Vec::new();
-        let make = |number: usize| SlabMesh::make(number as u32, solid, sampled, options, piece);
+        let make = |number: usize| SlabMesh::make(number as u32, solid, sampled, options, FRAME, piece);
         let keep = |slab| {
             slabs.push(slab);
             Ok(())
@@ -258,7 +262,7 @@ fn slabs_to_mesh(
     };
     let stitch = |slabs: Vec<SlabMesh>| {
         let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
-        let mut stitcher = Stitcher::new(sampled.grid, halo(SMOOTH), [0.0; 3], mesh);
+        let mut stitcher = Stitcher::new(sampled.grid, halo(SMOOTH), FRAME, mesh);
         slabs.into_iter().for_each(|slab| stitcher.add(slab).expect("room"));
         stitcher.finish().expect("room").0
     };

@@ -19,6 +19,7 @@ pub mod progress;
 pub mod report;
 pub mod run;
 pub mod schedule;
+pub mod seam;
 pub mod slab;
 pub mod slice;
 pub mod spool;

@@ -10,7 +10,7 @@ use crate::context::Context;
 use crate::error::{Error, Result};
 use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
-use crate::mesh::spool::MeshSpool;
+use crate::mesh::spool::{Frame, MeshSpool};
 use crate::partition::{halo, slab_count, slices_of};
 use crate::plan::{Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
@@ -256,11 +256,12 @@ fn reconstruct_as<T: Coordinate>(
     let counted = if sparse > 0 || closed.components.is_some() { Counted::Occupied } else { Counted::All };
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let mesh = MeshSpool::new(&context.workspace, T::PRECISION, context.memory.mesh_quota);
-    let mut stitcher = Stitcher::new(grid, halo(smooth), origin, mesh);
+    let frame = Frame { origin, precision: T::PRECISION };
+    let mut stitcher = Stitcher::new(grid, halo(smooth), frame, mesh);
     context.workers.in_order_range(
         jobs.in_flight,
         slabs as usize,
-        |number| SlabMesh::make(number as u32, solid, &sampled, settings.surface, jobs.piece_points),
+        |number| SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs.piece_points),
         |slab| {
             progress.add(slab.slices.len() as u64);
             stitcher.add(slab)

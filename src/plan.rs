@@ -34,11 +34,12 @@ const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 const GOOD_PIECE: u64 = 256 << 10;
 
 /// Bytes of a slab's mesh for each face while it is made. While fitting: a vertex as found (21), smoothed (24) and fitted (36),
-/// two triangles (24); while contracting, without the first but with fans (28), groups and winners (25). The rest is what vectors and the allocator leave unused.
-const FACE_BYTES: u64 = 185;
+/// two triangles (24); while contracting, without the first but with fans (32), groups and winners (25); while retreating, without these but with
+/// places (24), what is seen of fans (9), and triangles by layer (12). The rest is what vectors and the allocator leave unused.
+const FACE_BYTES: u64 = 195;
 
 /// Of those, the bytes that remain when the slab waits for its seam.
-const FACE_BYTES_WAITING: u64 = 135;
+const FACE_BYTES_WAITING: u64 = 140;
 
 /// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
 const SMOOTHED_BYTES: u64 = 69;

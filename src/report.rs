@@ -9,11 +9,12 @@ use bytesize::ByteSize;
 use crate::closing::Sealing;
 use crate::grid::{Bounds, Grid};
 use crate::mesh::check::CheckReport;
+use crate::partition::REACH;
 use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
 use crate::plan::MemoryPlan;
 use crate::points::Precision;
 use crate::progress::{Phase, thousands};
-use crate::slab::SurfaceOptions;
+use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::component::{Components, Least};
 use crate::stage::seal::Trial;
 use crate::stitch::Counts;
@@ -287,6 +288,25 @@ impl fmt::Display for Report {
                 writeln!(f, "; closed, oriented, manifold; {} {parts}{genus}", thousands(check.components))?;
                 writeln!(f, "         area {}, volume {}", short(check.area), short(check.volume))?;
             }
+        }
+        let Counts { retreated, tangled, bridged_area, .. } = self.vertices;
+        if bridged_area > 0.0 && self.parameters.surface.fit != Fit::None {
+            let share = self.check.as_ref().map_or_else(String::new, |check| {
+                format!(" ({:.2} % of the surface)", 100.0 * bridged_area / check.area)
+            });
+            let area = short(bridged_area);
+            writeln!(f, "         area {area}{share} bridges holes: farther than {REACH} cells from any point")?;
+        }
+        if retreated > 0 {
+            write!(
+                f,
+                "         {} vertices kept off their points, so that no triangles intersect",
+                thousands(retreated)
+            )?;
+            writeln!(f)?;
+        }
+        if tangled > 0 {
+            writeln!(f, "         {} pairs of triangles still intersect", thousands(tangled))?;
         }
         writeln!(f, "output   {}, {}", self.output.path.display(), ByteSize(self.output.bytes))?;
         write!(f, "time     {}:", seconds(self.seconds_total))?;

@@ -5,13 +5,16 @@ use std::ops::Range;
 use rustc_hash::FxHashMap;
 
 use crate::error::Result;
+use crate::mesh::spool::Frame;
 use crate::partition::{halo, slices_of, smooth_halo};
 use crate::points::Coordinate;
-use crate::stage::contract::{Fans, GONE, Groups, NONE, contract};
+use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::extract::{Diagonals, Surface};
 use crate::stage::fit::{Fitted, Task, fit};
+use crate::stage::near::{BLOCK, Extent, Near, Places};
 use crate::stage::plane::project;
 use crate::stage::raster::Sampled;
+use crate::stage::retreat::{Piece, retreat};
 use crate::stage::smooth::smooth;
 use crate::stage::solid::Solid;
 
@@ -49,16 +52,22 @@ pub struct SlabMesh {
     pub slices: Range<u32>,
     /// Of each vertex: its smoothed position, in file axes.
     pub smoothed: Vec<[f64; 3]>,
+    /// Of each vertex: its position after one step of smoothing, to which it may retreat. Empty if that is the smoothed one.
+    pub rest: Vec<[f64; 3]>,
     /// Of each vertex: its point.
     pub fitted: Fitted,
     /// Of each vertex: what became of it.
     pub fate: Vec<Fate>,
-    /// Triangles, in order; [`GONE`] where contraction took one away.
+    /// Triangles, in order; where contraction took one away, two of its corners are the same.
     pub triangles: Vec<[u32; 3]>,
     /// The triangles at each of the slab's vertices and of the next slab's that it names.
     pub fans: Fans,
     /// The slab's vertices on its lowest plane: `0..seam`.
     pub seam: u32,
+    /// The boxes of [`BLOCK`] triangles each.
+    pub blocks: Vec<Extent>,
+    /// Pairs of its own triangles that still intersect.
+    pub tangled: u64,
 }
 
 /// Where [`SlabMesh`]'s numbers of the slab before begin.
@@ -77,6 +86,30 @@ pub enum Fate {
     Pulled,
     /// It was contracted into another.
     Gone,
+    /// It has gone back from its point so many steps of the way to rest ([`SHARES`]).
+    Back(u8),
+    /// It went all the way back to rest, where no triangles intersect.
+    Rest,
+}
+
+/// The share of the way from rest to its point that a vertex keeps after a step of retreat; after the last it is at rest.
+pub const SHARES: [f64; 3] = [0.75, 0.5, 0.25];
+
+impl Fate {
+    /// What becomes of a vertex whose triangles intersect others.
+    pub fn after_retreat(self) -> Fate {
+        match self {
+            Fate::Fitted | Fate::Projected | Fate::Pulled => Fate::Back(0),
+            Fate::Back(step) if usize::from(step) + 1 < SHARES.len() => Fate::Back(step + 1),
+            Fate::Back(_) | Fate::Stays | Fate::Rest => Fate::Rest,
+            Fate::Gone => Fate::Gone,
+        }
+    }
+
+    /// Whether the vertex may be contracted with others on its point.
+    pub fn is_on_point(self) -> bool {
+        matches!(self, Fate::Fitted | Fate::Pulled)
+    }
 }
 
 impl SlabMesh {
@@ -94,13 +127,14 @@ impl SlabMesh {
         solid: &Solid,
         sampled: &Sampled<'_, T>,
         options: SurfaceOptions,
+        frame: Frame,
         piece: usize,
     ) -> Result<SlabMesh> {
         let slices = slices_of(number, options.smooth, solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
         let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
-        let mut q = smooth(&surface, options.smooth);
+        let q = smooth(&surface, options.smooth);
         let planes = slices.start..slices.end + u32::from(last);
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
 
@@ -111,9 +145,15 @@ impl SlabMesh {
         }
         let named = triangles.as_flattened().iter().copied().max().map_or(0, |v| v + 1).max(own.len() as u32);
         let seam = surface.on_plane(slices.start).len() as u32;
+        let grid = sampled.grid;
+        let to_world = |mut q: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
+            q.truncate(own.end as usize);
+            q.drain(..own.start as usize);
+            q.into_iter().map(|q| grid.position(q)).collect()
+        };
+        let rest = if options.smooth == 1 { Vec::new() } else { to_world(smooth(&surface, 1)) };
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
-        let grid = sampled.grid;
         let mut fate = vec![Fate::Stays; own.len()];
         let fitted = match options.fit {
             Fit::None => Fitted::none(own.len()),
@@ -133,15 +173,15 @@ impl SlabMesh {
             }
         };
         drop(surface);
-        q.truncate(own.end as usize);
-        q.drain(..own.start as usize);
-        let smoothed = q.into_iter().map(|q| grid.position(q)).collect();
-        let fans = Fans::new(&triangles, named as usize);
-        let mut mesh = SlabMesh { slices, smoothed, fitted, fate, triangles, fans, seam };
+        let smoothed = to_world(q);
+        let fans = Fans::new(&triangles, named as usize, own.len());
+        let blocks = vec![Extent::EMPTY; triangles.len().div_ceil(BLOCK)];
+        let mut mesh = SlabMesh { slices, smoothed, rest, fitted, fate, triangles, fans, seam, blocks, tangled: 0 };
         if options.fit == Fit::Nearest {
             mesh.contract_inside();
             mesh.choose_fitted();
         }
+        mesh.retreat_inside(frame, &mut Near::new(grid, frame.origin));
         Ok(mesh)
     }
 
@@ -176,6 +216,15 @@ impl SlabMesh {
         }
     }
 
+    /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above.
+    fn retreat_inside(&mut self, frame: Frame, near: &mut Near) {
+        let first = if self.slices.start > 0 { self.seam } else { 0 };
+        let places = (0..self.own()).map(|v| frame.place(self.position(v))).collect();
+        let mut inside = Inside { first, places, frame, slab: self };
+        let tangled = retreat(&mut inside, near, None);
+        self.tangled = tangled;
+    }
+
     /// The final position of vertex `v`, in file axes.
     pub fn position(&self, v: u32) -> [f64; 3] {
         let (smoothed, target) = (self.smoothed[v as usize], self.fitted.target[v as usize]);
@@ -183,11 +232,92 @@ impl SlabMesh {
             Fate::Fitted | Fate::Projected => target,
             Fate::Pulled => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
             Fate::Stays | Fate::Gone => smoothed,
+            Fate::Rest => self.rest_of(v),
+            Fate::Back(step) => {
+                let (rest, share) = (self.rest_of(v), SHARES[usize::from(step)]);
+                std::array::from_fn(|a| rest[a] + share * (target[a] - rest[a]))
+            }
         }
+    }
+
+    fn rest_of(&self, v: u32) -> [f64; 3] {
+        *self.rest.get(v as usize).unwrap_or(&self.smoothed[v as usize])
     }
 
     /// The triangles that are left.
     pub fn triangles_left(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
-        self.triangles.iter().copied().filter(|t| *t != GONE)
+        self.triangles.iter().copied().filter(|t| !is_gone(*t))
+    }
+}
+
+/// A slab by itself: its vertices from `first` on are free to retreat.
+struct Inside<'a> {
+    slab: &'a mut SlabMesh,
+    first: u32,
+    frame: Frame,
+    /// Of each vertex: where it is now.
+    places: Vec<[f64; 3]>,
+}
+
+impl Places for Inside<'_> {
+    fn stretches(&self) -> [Range<u32>; 2] {
+        let end = self.slab.triangles.len().next_multiple_of(BLOCK) as u32;
+        [0..self.slab.triangles.len() as u32, end..end]
+    }
+
+    #[inline]
+    fn triangle(&self, t: u32) -> [u32; 3] {
+        self.slab.triangles[t as usize]
+    }
+
+    #[inline]
+    fn is_known(&self, triangle: [u32; 3]) -> bool {
+        triangle.iter().all(|v| (self.first..self.slab.own()).contains(v))
+    }
+
+    #[inline]
+    fn place(&self, v: u32) -> [f64; 3] {
+        self.places[v as usize]
+    }
+
+    fn blocks(&mut self) -> &mut [Extent] {
+        &mut self.slab.blocks
+    }
+}
+
+impl Piece for Inside<'_> {
+    fn vertices(&self) -> u32 {
+        self.slab.own()
+    }
+
+    fn corners(&self, v: u32) -> impl Iterator<Item = u32> {
+        self.slab.fans.corners(v)
+    }
+
+    #[inline]
+    fn also(&self, v: u32) -> u32 {
+        self.slab.fans.also.get(v as usize).copied().unwrap_or(NONE)
+    }
+
+    fn is_whole(&self, v: u32) -> bool {
+        (self.first..self.slab.own()).contains(&v)
+    }
+
+    fn is_settled(&self, _: u32) -> bool {
+        false
+    }
+
+    fn fate(&self, v: u32) -> Fate {
+        self.slab.fate[v as usize]
+    }
+
+    fn put(&mut self, v: u32, survivor: u32, also: u32, fate: Fate) {
+        let SlabMesh { fans, triangles, .. } = &mut *self.slab;
+        for corner in fans.corners(v) {
+            triangles.as_flattened_mut()[corner as usize] = survivor;
+        }
+        fans.also[v as usize] = also;
+        self.slab.fate[v as usize] = fate;
+        self.places[v as usize] = self.frame.place(self.slab.position(v));
     }
 }

@@ -25,6 +25,27 @@ impl FaceRecord {
     }
 }
 
+/// How positions are written: with the origin taken off, in the mesh's precision.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// Taken off every position.
+    pub origin: [f64; 3],
+    /// What is left is rounded to this.
+    pub precision: Precision,
+}
+
+impl Frame {
+    /// The position as it is read back from the mesh.
+    #[inline]
+    pub fn place(&self, position: [f64; 3]) -> [f64; 3] {
+        let moved = std::array::from_fn(|a| position[a] - self.origin[a]);
+        match self.precision {
+            Precision::Single => moved.map(|c| f64::from(c as f32)),
+            Precision::Double => moved,
+        }
+    }
+}
+
 /// A mesh in temporary storage: appended in order, then read back as a [`MeshSource`].
 #[derive(Debug)]
 pub struct MeshSpool {

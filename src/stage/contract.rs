@@ -11,20 +11,30 @@
 /// "No point", "no vertex", "no corner".
 pub const NONE: u32 = u32::MAX;
 
-/// A triangle that a contraction took away.
-pub const GONE: [u32; 3] = [NONE; 3];
+/// Whether a contraction took the triangle away: two of its corners have become one.
+#[inline]
+pub fn is_gone([a, b, c]: [u32; 3]) -> bool {
+    a == b || b == c || c == a
+}
 
-/// For each vertex, the corners (3 × triangle + position) at which triangles touch it, as linked lists.
+/// For each vertex, the corners (3 × triangle + position) at which triangles touched it before any contraction, as linked lists; and
+/// the vertices that were contracted into it, likewise.
+///
+/// A contraction writes the survivor into the dead vertex's corners and joins the two lists of vertices, so that the survivor's fan is those of all
+/// vertices of its list, and the contraction can be taken back.
 #[derive(Debug)]
 pub struct Fans {
     head: Vec<u32>,
     next: Vec<u32>,
+    /// Of each vertex, the next one of its cluster.
+    pub also: Vec<u32>,
 }
 
 impl Fans {
-    /// The fans of `vertices` vertices of a mesh of `triangles`.
-    pub fn new(triangles: &[[u32; 3]], vertices: usize) -> Fans {
-        let mut fans = Fans { head: vec![NONE; vertices], next: vec![NONE; 3 * triangles.len()] };
+    /// The fans of `vertices` vertices of a mesh of `triangles`; of those, the first `own` may be contracted.
+    pub fn new(triangles: &[[u32; 3]], vertices: usize, own: usize) -> Fans {
+        let (head, next) = (vec![NONE; vertices], vec![NONE; 3 * triangles.len()]);
+        let mut fans = Fans { head, next, also: vec![NONE; own] };
         for (corner, &v) in triangles.as_flattened().iter().enumerate() {
             fans.next[corner] = fans.head[v as usize];
             fans.head[v as usize] = corner as u32;
@@ -32,44 +42,35 @@ impl Fans {
         fans
     }
 
-    /// Number of vertices that have a fan.
-    pub fn len(&self) -> usize {
-        self.head.len()
+    /// The corners that were vertex `v`'s before any contraction; none for vertices beyond those that have a fan.
+    pub fn corners(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
+        let first = self.head.get(v as usize).copied();
+        std::iter::successors(first.filter(|c| *c != NONE), |c| Some(self.next[*c as usize]).filter(|c| *c != NONE))
     }
 
-    /// Whether no vertex has one.
-    pub fn is_empty(&self) -> bool {
-        self.head.is_empty()
+    /// The vertices that have become `v`, with it as the first.
+    pub fn cluster(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
+        std::iter::successors(Some(v), |v| self.also.get(*v as usize).copied().filter(|v| *v != NONE))
     }
 
     /// The triangles at vertex `v`, each with the position of `v` in it. Triangles that are gone are left out.
+    #[inline]
     pub fn at<'a>(&'a self, v: u32, triangles: &'a [[u32; 3]]) -> impl Iterator<Item = (usize, usize)> + 'a {
+        let mut member = v;
         let mut corner = self.head[v as usize];
         std::iter::from_fn(move || {
-            while corner != NONE {
-                let (triangle, position) = (corner as usize / 3, corner as usize % 3);
-                corner = self.next[corner as usize];
-                if triangles[triangle] != GONE {
-                    return Some((triangle, position));
+            loop {
+                while corner != NONE {
+                    let (triangle, position) = (corner as usize / 3, corner as usize % 3);
+                    corner = self.next[corner as usize];
+                    if !is_gone(triangles[triangle]) {
+                        return Some((triangle, position));
+                    }
                 }
+                member = *self.also.get(member as usize).filter(|v| **v != NONE)?;
+                corner = self.head[member as usize];
             }
-            None
         })
-    }
-
-    /// Gives `from`'s corners to `to`.
-    fn hand_over(&mut self, from: u32, to: u32) {
-        let first = self.head[from as usize];
-        if first == NONE {
-            return;
-        }
-        let mut last = first;
-        while self.next[last as usize] != NONE {
-            last = self.next[last as usize];
-        }
-        self.next[last as usize] = self.head[to as usize];
-        self.head[to as usize] = first;
-        self.head[from as usize] = NONE;
     }
 }
 
@@ -159,18 +160,12 @@ fn collect_neighbours(triangles: &[[u32; 3]], fans: &Fans, v: u32, out: &mut Vec
 }
 
 fn contract_edge(triangles: &mut [[u32; 3]], fans: &mut Fans, survivor: u32, dead: u32) {
-    let mut corner = fans.head[dead as usize];
-    while corner != NONE {
-        let (t, p) = (corner as usize / 3, corner as usize % 3);
-        corner = fans.next[corner as usize];
-        if triangles[t] == GONE {
-            continue;
+    let mut last = dead;
+    for member in fans.cluster(dead) {
+        for corner in fans.corners(member) {
+            triangles[corner as usize / 3][corner as usize % 3] = survivor;
         }
-        if triangles[t].contains(&survivor) {
-            triangles[t] = GONE;
-        } else {
-            triangles[t][p] = survivor;
-        }
+        last = member;
     }
-    fans.hand_over(dead, survivor);
+    fans.also[last as usize] = std::mem::replace(&mut fans.also[survivor as usize], dead);
 }

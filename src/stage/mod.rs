@@ -1,5 +1,5 @@
-//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone, component,
-//! extract, smooth, fit or plane, contract.
+//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), sides, lone, component,
+//! extract, smooth, fit or plane, contract, retreat (with near, which finds what may intersect).
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
@@ -12,9 +12,11 @@ pub mod extract;
 pub mod fit;
 pub mod label;
 pub mod lone;
+pub mod near;
 pub mod plane;
 pub mod ranked;
 pub mod raster;
+pub mod retreat;
 pub mod seal;
 pub mod sides;
 pub mod smooth;

@@ -55,10 +55,20 @@ pub fn smooth(surface: &Surface, steps: u32) -> Vec<[f64; 3]> {
             && ends_are_held(surface, vertex, axis)
         {
             let [a, b] = surface.ends(vertex, axis).map(|end| q[end as usize]);
-            q[i] = std::array::from_fn(|c| (a[c] + b[c]) * 0.5);
+            let towards = into_solid(vertex.mask, usize::from(axis));
+            q[i] = std::array::from_fn(|c| (a[c] + b[c]) * 0.5 + towards[c]);
         }
     }
     q
+}
+
+/// A quarter of a cell, from the doubled edge upwards along axis `m` of a corner, towards the solid cell with d_b = 0, whose copy the middle belongs to.
+fn into_solid(mask: u8, m: usize) -> [f64; 3] {
+    let (b, c) = ((m + 1) % 3, (m + 2) % 3);
+    let mut out = [0.0; 3];
+    out[b] = -0.25;
+    out[c] = if mask >> (1 << m) & 1 == 1 { -0.25 } else { 0.25 };
+    out
 }
 
 /// The upper end of a middle along y may lie on the plane above the highest: then the middle belongs to the halo.

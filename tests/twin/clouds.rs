@@ -66,6 +66,7 @@ impl Setting {
             diagonals: self.diagonals,
             fit: Fit::Nearest,
             slab_slices: self.slab_slices,
+            origin: [0.0; 3],
             single: cloud.single,
         }
     }

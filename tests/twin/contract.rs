@@ -5,6 +5,9 @@ use std::collections::BTreeSet;
 /// Triangles that are being contracted; a vertex number is its place in the order.
 #[derive(Debug, Clone)]
 pub struct Contraction {
+    original: Vec<[u32; 3]>,
+    /// What each vertex has become.
+    into: Vec<u32>,
     /// `None` where a triangle is gone.
     triangles: Vec<Option<[u32; 3]>>,
     /// The living triangles at each vertex; empty if the vertex is gone.
@@ -22,8 +25,51 @@ impl Contraction {
                 around[v as usize].insert(index);
             }
         }
+        let original = triangles.to_vec();
+        let into = (0..nearest.len() as u32).collect();
         let triangles = triangles.iter().copied().map(Some).collect();
-        Contraction { triangles, around, nearest: nearest.to_vec() }
+        Contraction { original, into, triangles, around, nearest: nearest.to_vec() }
+    }
+
+    /// The vertices that have become `v`.
+    pub fn cluster(&self, v: u32) -> Vec<u32> {
+        (0..self.into.len() as u32).filter(|&u| self.into[u as usize] == v).collect()
+    }
+
+    /// Makes the vertices of a cluster vertices of their own again.
+    pub fn take_apart(&mut self, v: u32) {
+        for u in self.cluster(v) {
+            self.into[u as usize] = u;
+        }
+        self.around.iter_mut().for_each(BTreeSet::clear);
+        for (index, triangle) in self.original.iter().enumerate() {
+            let [a, b, c] = triangle.map(|u| self.into[u as usize]);
+            let gone = a == b || b == c || c == a;
+            self.triangles[index] = if gone { None } else { Some([a, b, c]) };
+            for w in if gone { vec![] } else { vec![a, b, c] } {
+                self.around[w as usize].insert(index);
+            }
+        }
+    }
+
+    /// The directed edges opposite to `v` in its triangles.
+    pub fn link(&self, v: u32) -> Vec<[u32; 2]> {
+        let opposite = |&t: &usize| {
+            let [a, b, c] = self.triangles[t].expect("a triangle at a vertex lives");
+            if a == v {
+                [b, c]
+            } else if b == v {
+                [c, a]
+            } else {
+                [a, b]
+            }
+        };
+        self.around[v as usize].iter().map(opposite).collect()
+    }
+
+    /// The living triangles of the first triangles that were.
+    pub fn triangles_of_first(&self, count: usize) -> Vec<[u32; 3]> {
+        self.triangles[..count].iter().flatten().copied().collect()
     }
 
     /// Contracts what can be contracted between vertices of `allowed`.
@@ -95,6 +141,11 @@ impl Contraction {
         let d2 = |v: u32| self.nearest[v as usize].expect("only fitted vertices are contracted").1;
         let v_survives = d2(v) < d2(u) || (d2(v) == d2(u) && v < u);
         let (survivor, victim) = if v_survives { (v, u) } else { (u, v) };
+        for into in &mut self.into {
+            if *into == victim {
+                *into = survivor;
+            }
+        }
         for t in std::mem::take(&mut self.around[victim as usize]) {
             let triangle = self.triangles[t].expect("a triangle at a vertex lives");
             if triangle.contains(&survivor) {

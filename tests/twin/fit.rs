@@ -1,10 +1,12 @@
 //! Vertices onto their nearest points: contraction slab by slab, then seam by seam, and the final positions.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
 
 use super::contract::Contraction;
 use super::grid::to_file;
 use super::plane::Means;
+use super::retreat::retreat;
 use super::surface::Surface;
 use super::{Fit, Params, TwinMesh};
 
@@ -38,6 +40,23 @@ fn nearest(t: [f64; 3], sorted: &[[f64; 3]], w: f64) -> Nearest {
     best.filter(|&(_, d2)| d2 <= (REACH * w) * (REACH * w))
 }
 
+/// Where a vertex is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum State {
+    /// At T: it has no point.
+    Smoothed,
+    /// On its point.
+    Fitted,
+    /// In the plane of the points round it.
+    Projected,
+    /// Most of the way to its point, which another has.
+    Pulled,
+    /// So much of the way from rest to its point.
+    Back(f64),
+    /// At rest.
+    Rest,
+}
+
 /// A surface whose vertices know their points.
 pub struct Fitting {
     surface: Surface,
@@ -46,6 +65,8 @@ pub struct Fitting {
     sorted: Vec<[f64; 3]>,
     /// T of every vertex.
     targets: Vec<[f64; 3]>,
+    /// R of every vertex.
+    rest: Vec<[f64; 3]>,
     nearest: Vec<Nearest>,
     /// Where the planes of the points round them take the vertices.
     projected: Vec<Option<[f64; 3]>>,
@@ -55,16 +76,34 @@ pub struct Fitting {
 pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMesh {
     let fitting = Fitting::new(surface, points, params);
     let mut contraction = fitting.start();
-    if params.fit == Fit::Nearest {
-        let slabs = slabs(params);
-        for &slab in &slabs {
-            contraction.run(&fitting.inner_vertices(slab));
-        }
-        for &(seam, _) in &slabs[1..] {
-            contraction.run(&fitting.seam_vertices(&contraction, seam));
-        }
+    let is_projected = |place: &Option<[f64; 3]>| if place.is_some() { State::Projected } else { State::Smoothed };
+    let mut states: Vec<State> = fitting.projected.iter().map(is_projected).collect();
+    let slabs = slabs(params);
+    let plane = |v: u32| surface.planes[v as usize];
+    for &slab in &slabs {
+        contraction.run(&fitting.inner_vertices(slab));
+        let living = contraction.living().into_iter().filter(|&v| fitting.planes(slab).contains(&plane(v)));
+        fitting.choose(&living.collect::<Vec<_>>(), &mut states);
     }
-    fitting.place(&contraction)
+    for &slab in &slabs {
+        let inner = fitting.inner_planes(slab);
+        let among = |t: [u32; 3]| t.iter().all(|&v| inner.contains(&plane(v)));
+        retreat(&fitting, &mut contraction, &mut states, &among, 0);
+    }
+    for pair in slabs.windows(2) {
+        let [lower, upper] = [pair[0], pair[1]];
+        contraction.run(&fitting.seam_vertices(&contraction, &states, upper.0));
+        let fitted = |v: &u32| states[*v as usize] == State::Fitted;
+        let fitted: Vec<u32> = contraction.living().into_iter().filter(fitted).collect();
+        let near = |v: &u32| fitting.planes(lower).contains(&plane(*v)) || fitting.planes(upper).contains(&plane(*v));
+        fitting.choose(&fitted.into_iter().filter(near).collect::<Vec<_>>(), &mut states);
+        let last = *fitting.planes(upper).end();
+        let among = |t: [u32; 3]| t.iter().all(|&v| plane(v) <= last);
+        let written = surface.slices.iter().filter(|&&slice| slice < lower.0).count();
+        let settled = contraction.triangles_of_first(written).into_iter().flatten().max().map_or(0, |v| v + 1);
+        retreat(&fitting, &mut contraction, &mut states, &among, settled);
+    }
+    fitting.place(&contraction, &states)
 }
 
 /// First slice and first slice beyond of every slab.
@@ -78,6 +117,7 @@ impl Fitting {
     /// Finds every vertex's point, if vertices are to be fitted.
     pub fn new(surface: &Surface, points: &[[f64; 3]], params: &Params) -> Fitting {
         let targets: Vec<[f64; 3]> = surface.positions.iter().map(|&q| to_file(q, params)).collect();
+        let rest = surface.rest.iter().map(|&q| to_file(q, params)).collect();
         let sorted = sorted(points);
         let nearest = targets
             .iter()
@@ -88,7 +128,7 @@ impl Fitting {
                 },
             )
             .collect();
-        let projected = match params.fit {
+        let projected: Vec<Option<[f64; 3]>> = match params.fit {
             Fit::Plane => {
                 let means = Means::of(points, params);
                 let place = |&q: &[f64; 3]| means.projected(q).map(|q| to_file(q, params));
@@ -96,7 +136,7 @@ impl Fitting {
             }
             Fit::Nearest | Fit::None => vec![None; targets.len()],
         };
-        Fitting { projected, surface: surface.clone(), params: params.clone(), sorted, targets, nearest }
+        Fitting { projected, surface: surface.clone(), params: params.clone(), sorted, targets, rest, nearest }
     }
 
     /// Nothing contracted yet.
@@ -115,21 +155,31 @@ impl Fitting {
 
     /// Phase 1: the fitted vertices of a slab but those on its first plane, unless it is the first slab.
     pub fn inner_vertices(&self, (start, end): (u32, u32)) -> BTreeSet<u32> {
-        let first = if start == 0 { 0 } else { start + 1 };
-        let last = if end == self.params.cells[1] { end } else { end - 1 };
+        let within = self.inner_planes((start, end));
         let planes = self.surface.planes.iter().zip(&self.nearest).zip(0u32..);
-        let inner = planes.filter(|((plane, point), _)| (first..=last).contains(*plane) && point.is_some());
+        let inner = planes.filter(|((plane, point), _)| within.contains(plane) && point.is_some());
         inner.map(|(_, v)| v).collect()
     }
 
+    /// The planes of a slab.
+    fn planes(&self, (start, end): (u32, u32)) -> RangeInclusive<u32> {
+        start..=if end == self.params.cells[1] { end } else { end - 1 }
+    }
+
+    /// The planes of a slab but its first, unless it is the first slab.
+    fn inner_planes(&self, (start, end): (u32, u32)) -> RangeInclusive<u32> {
+        (if start == 0 { 0 } else { start + 1 })..=*self.planes((start, end)).end()
+    }
+
     /// Phase 2: what the fitted vertices of a plane reach along edges between vertices with the same point.
-    pub fn seam_vertices(&self, contraction: &Contraction, seam: u32) -> BTreeSet<u32> {
-        let on_seam = |v: &u32| self.surface.planes[*v as usize] == seam && self.nearest[*v as usize].is_some();
+    pub fn seam_vertices(&self, contraction: &Contraction, states: &[State], seam: u32) -> BTreeSet<u32> {
+        let on_point = |v: u32| matches!(states[v as usize], State::Fitted | State::Pulled);
+        let on_seam = |v: &u32| self.surface.planes[*v as usize] == seam && on_point(*v);
         let mut reached: BTreeSet<u32> = contraction.living().into_iter().filter(on_seam).collect();
         let mut frontier: Vec<u32> = reached.iter().copied().collect();
         while let Some(v) = frontier.pop() {
             for u in contraction.neighbours(v) {
-                if contraction.same_point(u, v) && reached.insert(u) {
+                if on_point(u) && contraction.same_point(u, v) && reached.insert(u) {
                     frontier.push(u);
                 }
             }
@@ -137,29 +187,54 @@ impl Fitting {
         reached
     }
 
-    /// The final positions and numbers of the vertices that are left.
-    pub fn place(&self, contraction: &Contraction) -> TwinMesh {
-        let living = contraction.living();
+    /// Of the vertices that have the same point, the nearest is fitted, the others are pulled.
+    fn choose(&self, vertices: &[u32], states: &mut [State]) {
         let mut winners: BTreeMap<usize, (f64, u32)> = BTreeMap::new();
-        for &v in &living {
+        for &v in vertices {
             if let Some((point, d2)) = self.nearest[v as usize] {
+                states[v as usize] = State::Pulled;
                 let winner = winners.entry(point).or_insert((d2, v));
                 if d2 < winner.0 {
                     *winner = (d2, v);
                 }
             }
         }
+        for (_, v) in winners.into_values() {
+            states[v as usize] = State::Fitted;
+        }
+    }
+
+    /// The position of a vertex in file coordinates.
+    fn position(&self, v: u32, state: State) -> [f64; 3] {
+        let (t, rest) = (self.targets[v as usize], self.rest[v as usize]);
+        let point = || match self.projected[v as usize] {
+            Some(place) => place,
+            None => self.sorted[self.nearest[v as usize].expect("it has a point").0],
+        };
+        match state {
+            State::Smoothed => t,
+            State::Fitted | State::Projected => point(),
+            State::Pulled => [0, 1, 2].map(|a| t[a] + 0.9 * (point()[a] - t[a])),
+            State::Back(share) => [0, 1, 2].map(|a| rest[a] + share * (point()[a] - rest[a])),
+            State::Rest => rest,
+        }
+    }
+
+    /// The position of a vertex as it is written.
+    pub fn written(&self, v: u32, state: State) -> [f64; 3] {
+        let position = self.position(v, state);
+        let origin = self.params.origin;
+        let moved = [0, 1, 2].map(|a| position[a] - origin[a]);
+        if self.params.single { moved.map(|x| f64::from(x as f32)) } else { moved }
+    }
+
+    /// The final positions and numbers of the vertices that are left.
+    fn place(&self, contraction: &Contraction, states: &[State]) -> TwinMesh {
         let mut mesh = TwinMesh { vertices: Vec::new(), faces: Vec::new() };
         let mut number = BTreeMap::new();
-        for v in living {
+        for v in contraction.living() {
             number.insert(v, mesh.vertices.len() as u32);
-            let t = self.targets[v as usize];
-            let position = match self.nearest[v as usize] {
-                None => self.projected[v as usize].unwrap_or(t),
-                Some((point, _)) if winners[&point].1 == v => self.sorted[point],
-                Some((point, _)) => [0, 1, 2].map(|a| t[a] + 0.9 * (self.sorted[point][a] - t[a])),
-            };
-            mesh.vertices.push(if self.params.single { position.map(|x| f64::from(x as f32)) } else { position });
+            mesh.vertices.push(self.written(v, states[v as usize]));
         }
         mesh.faces = contraction.triangles().into_iter().map(|t| t.map(|v| number[&v])).collect();
         mesh

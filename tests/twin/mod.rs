@@ -12,7 +12,7 @@
 //! * points at equal distance: the first by (x, y, z), −0 before 0.
 
 // Every test file that includes the twin uses a part of it.
-#![allow(dead_code)]
+#![allow(dead_code, unused_imports)]
 
 pub mod check;
 pub mod clouds;
@@ -20,7 +20,9 @@ pub mod contract;
 pub mod corner;
 pub mod fit;
 pub mod grid;
+pub mod intersect;
 pub mod plane;
+pub mod retreat;
 pub mod sides;
 pub mod solid;
 pub mod surface;
@@ -81,11 +83,13 @@ pub struct Params {
     pub fit: Fit,
     /// Slices of a slab, at least 1.
     pub slab_slices: u32,
+    /// Taken off every position when it is written.
+    pub origin: [f64; 3],
     /// Whether the points are `f32`: then the final vertices are rounded to `f32`.
     pub single: bool,
 }
 
-/// The finished mesh, in the file's axes.
+/// The finished mesh as it is written: in the file's axes, less the origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TwinMesh {
     /// Positions.

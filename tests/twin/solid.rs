@@ -206,11 +206,13 @@ pub fn closed(occupied: &Cells, exterior: &Cells, rho: u32) -> Cells {
 /// Points to solid cells, all the way.
 pub fn solid_cells(points: &[[f64; 3]], params: &Params) -> Cells {
     let occupied = occupied(points, params);
-    if params.falls {
-        return without_lone(&super::sides::solid(&occupied, params.level, params.rho));
-    }
-    let exterior = exterior(&dilated(&occupied, params.rho));
-    let solid = without_lone(&closed(&occupied, &exterior, params.rho));
+    let closed = if params.falls {
+        super::sides::solid(&occupied, params.level, params.rho)
+    } else {
+        let exterior = exterior(&dilated(&occupied, params.rho));
+        closed(&occupied, &exterior, params.rho)
+    };
+    let solid = without_lone(&closed);
     params.keep.map_or_else(|| solid.clone(), |keep| without_small(&solid, keep))
 }
 

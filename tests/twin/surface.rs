@@ -21,6 +21,8 @@ pub enum Diagonals {
 pub struct Surface {
     /// q' of every vertex, in cells along the grid's axes.
     pub positions: Vec<[f64; 3]>,
+    /// The same after one step of smoothing, whatever steps there are.
+    pub rest: Vec<[f64; 3]>,
     /// The plane of a vertex; of a doubled edge's middle, that of the edge's lower end.
     pub planes: Vec<u32>,
     /// Whether a vertex is the middle of a doubled edge.
@@ -144,9 +146,15 @@ impl Vertices {
             let d = displacement[number as usize];
             positions[number as usize] = [0, 1, 2].map(|a| f64::from(corner[a]) + d[a]);
         }
-        for &(middle, _, ends) in self.middles.values() {
+        for (&(axis, corner), &(middle, cell, ends)) in &self.middles {
             let [p, q] = ends.map(|end| positions[end as usize]);
-            positions[middle as usize] = [0, 1, 2].map(|a| (p[a] + q[a]) * 0.5);
+            // Towards its solid cell: the edge's other copy stays where the edge is.
+            let towards = [0, 1, 2].map(|a| match a == axis {
+                true => 0.0,
+                false if cell[a] < corner[a] => -0.25,
+                false => 0.25,
+            });
+            positions[middle as usize] = [0, 1, 2].map(|a| (p[a] + q[a]) * 0.5 + towards[a]);
         }
         positions
     }
@@ -164,6 +172,7 @@ pub fn surface(solid: &Cells, smooth: u32, diagonals: Diagonals) -> Surface {
     let count = vertices.count as usize;
     let mut surface = Surface {
         positions: vertices.positions(smooth),
+        rest: vertices.positions(1),
         planes: vec![0; count],
         middle: vec![false; count],
         ..Surface::default()

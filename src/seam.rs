@@ -1,0 +1,295 @@
+//! The seam between two slabs: phase 2 of contraction, the choice between vertices of both on one point, and what retreat needs to see of the two.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use rustc_hash::FxHashMap;
+
+use crate::grid::Grid;
+use crate::mesh::spool::Frame;
+use crate::slab::{BEFORE, Fate, SlabMesh};
+use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
+use crate::stage::near::{BLOCK, Extent, Places};
+use crate::stage::retreat::Piece;
+
+/// The two slabs at a seam, seen as one mesh.
+///
+/// Vertices of the lower slab keep their numbers, those of the upper one follow them, as they do in the lower one's triangles; of those of the slabs
+/// beyond, nothing is known. The upper slab's triangles follow the lower one's, from a whole block on.
+#[derive(Debug)]
+pub struct Seam<'a> {
+    lower: &'a mut SlabMesh,
+    upper: &'a mut SlabMesh,
+    /// Vertices `0..settled` must stay as they are.
+    settled: u32,
+    frame: Frame,
+    /// Both slabs' blocks.
+    blocks: Vec<Extent>,
+}
+
+impl<'a> Seam<'a> {
+    /// The seam of two slabs, with the first `settled` vertices of the lower one to stay as they are.
+    pub fn of(lower: &'a mut SlabMesh, upper: &'a mut SlabMesh, settled: u32, frame: Frame) -> Seam<'a> {
+        let mut blocks = std::mem::take(&mut lower.blocks);
+        blocks.append(&mut upper.blocks);
+        Seam { lower, upper, settled, frame, blocks }
+    }
+
+    /// Gives the upper slab its blocks' boxes: it is the next seam's lower one. Those of the lower one are no longer needed.
+    pub fn give_back_blocks(&mut self) {
+        self.upper.blocks = self.blocks.split_off(self.lower.triangles.len().div_ceil(BLOCK));
+    }
+
+    /// The number of the upper slab's first triangle.
+    fn upper_triangles(&self) -> u32 {
+        self.lower.triangles.len().next_multiple_of(BLOCK) as u32
+    }
+
+    /// The slab that a vertex is of, and its number there.
+    fn slab_of(&self, v: u32) -> (&SlabMesh, u32) {
+        if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
+    }
+
+    /// The number here of what the upper slab calls `v`, and the reverse.
+    fn named_by_upper(&self, v: u32) -> u32 {
+        if v < BEFORE { self.lower.own() + v } else { v - BEFORE }
+    }
+
+    fn name_to_upper(&self, v: u32) -> u32 {
+        if v < self.lower.own() { BEFORE + v } else { v - self.lower.own() }
+    }
+
+    /// The triangles that are left at a cluster.
+    fn triangles_at(&self, v: u32) -> Vec<u32> {
+        let mut out = Vec::new();
+        let mut member = v;
+        while member != NONE {
+            out.extend(self.corners(member).map(|corner| corner / 3).filter(|&t| !is_gone(self.triangle(t))));
+            member = self.also(member);
+        }
+        out
+    }
+
+    /// The triangles at vertices, whose places are known.
+    pub fn triangles_around(&self, vertices: Vec<u32>) -> Vec<u32> {
+        let mut out: Vec<u32> = vertices.into_iter().flat_map(|v| self.triangles_at(v)).collect();
+        out.sort_unstable();
+        out.dedup();
+        out.retain(|&t| self.is_known(self.triangle(t)));
+        out
+    }
+
+    /// The vertex's point as something to compare: its coordinates' bits. None if it has none, has gone back, or is of a slab beyond.
+    fn point(&self, v: u32) -> Option<[u64; 3]> {
+        if !self.is_known([v; 3]) {
+            return None;
+        }
+        let (slab, v) = self.slab_of(v);
+        let v = v as usize;
+        slab.fate[v].is_on_point().then(|| slab.fitted.target[v].map(f64::to_bits))
+    }
+
+    fn distance(&self, v: u32) -> f64 {
+        let (slab, v) = self.slab_of(v);
+        slab.fitted.distance[v as usize]
+    }
+
+    /// Phase 2: contracts the vertices that edges between vertices of the same point join to the seam's plane. Gives the vertices whose triangles it
+    /// changed, and those on the plane.
+    pub fn close(&mut self) -> Vec<u32> {
+        let own = self.lower.own();
+        let mut joined: BTreeSet<u32> = BTreeSet::new();
+        for start in own..own + self.upper.seam {
+            let Some(point) = self.point(start) else { continue };
+            let mut open = vec![start];
+            while let Some(v) = open.pop() {
+                // A vertex alone on its point is not worth carrying along: it is added once a second one is found.
+                for triangle in self.triangles_at(v) {
+                    for u in self.triangle(triangle) {
+                        if u != v && self.point(u) == Some(point) {
+                            joined.insert(v);
+                            if joined.insert(u) {
+                                open.push(u);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        let mut changed: Vec<u32> = (own..own + self.upper.seam).collect();
+        for (dead, survivor) in self.contractions(&joined) {
+            let mut last = dead;
+            let mut member = dead;
+            while member != NONE {
+                last = member;
+                let also = self.also(member);
+                self.put(member, survivor, also, Fate::Gone);
+                member = also;
+            }
+            self.put(last, survivor, self.also(survivor), Fate::Gone);
+            self.put(survivor, survivor, dead, self.fate(survivor));
+            changed.push(survivor);
+        }
+        changed.retain(|&v| self.fate(v) != Fate::Gone);
+        changed
+    }
+
+    /// The contractions (dead, survivor) among the joined vertices, in order.
+    fn contractions(&self, joined: &BTreeSet<u32>) -> Vec<(u32, u32)> {
+        if joined.is_empty() {
+            return Vec::new();
+        }
+        // The fans of the joined vertices, as a mesh of their own; its vertices are numbered in the order of the whole mesh's.
+        let mut patch: Vec<u32> = joined.iter().flat_map(|&v| self.triangles_at(v)).collect();
+        patch.sort_unstable();
+        patch.dedup();
+        let mut vertices: Vec<u32> = patch.iter().flat_map(|&t| self.triangle(t)).collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        let local: FxHashMap<u32, u32> = vertices.iter().enumerate().map(|(i, v)| (*v, i as u32)).collect();
+        let mut points: FxHashMap<[u64; 3], u32> = FxHashMap::default();
+        let mut group = Vec::with_capacity(vertices.len());
+        let mut distance = Vec::with_capacity(vertices.len());
+        for &v in &vertices {
+            match self.point(v).filter(|_| joined.contains(&v)) {
+                Some(point) => {
+                    let number = points.len() as u32;
+                    group.push(*points.entry(point).or_insert(number));
+                    distance.push(self.distance(v));
+                }
+                None => {
+                    group.push(NONE);
+                    distance.push(f64::INFINITY);
+                }
+            }
+        }
+        let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| self.triangle(t).map(|v| local[&v])).collect();
+        let mut fans = Fans::new(&triangles, vertices.len(), vertices.len());
+        let groups = Groups { group: &group, distance: &distance };
+        let mut out = Vec::new();
+        contract(&mut triangles, &mut fans, groups, |dead, survivor| {
+            out.push((vertices[dead as usize], vertices[survivor as usize]));
+        });
+        out
+    }
+
+    /// Where vertices of both slabs took the same point's place, only the nearer keeps it. Gives the others.
+    pub fn choose_fitted(&mut self, grid: &Grid, halo: u32) -> Vec<u32> {
+        let seam = self.upper.slices.start;
+        // A vertex of the other slab can have the same point only if the point lies this near to the seam.
+        let near = seam.saturating_sub(halo)..seam + halo;
+        let fitted_near = |mesh: &SlabMesh| -> Vec<u32> {
+            (0..mesh.own())
+                .filter(|&v| mesh.fate[v as usize] == Fate::Fitted)
+                .filter(|&v| near.contains(&grid.slice_of(mesh.fitted.target[v as usize])))
+                .collect()
+        };
+        let key = |mesh: &SlabMesh, v: u32| mesh.fitted.target[v as usize].map(f64::to_bits);
+        let below = fitted_near(self.lower);
+        let below: FxHashMap<[u64; 3], u32> = below.into_iter().map(|v| (key(self.lower, v), v)).collect();
+        let mut changed = Vec::new();
+        for v in fitted_near(self.upper) {
+            if let Some(&u) = below.get(&key(self.upper, v)) {
+                if self.upper.fitted.distance[v as usize] < self.lower.fitted.distance[u as usize] {
+                    self.lower.fate[u as usize] = Fate::Pulled;
+                    changed.push(u);
+                } else {
+                    self.upper.fate[v as usize] = Fate::Pulled;
+                    changed.push(self.lower.own() + v);
+                }
+            }
+        }
+        changed
+    }
+}
+
+impl Places for Seam<'_> {
+    fn stretches(&self) -> [Range<u32>; 2] {
+        let first = self.upper_triangles();
+        [0..self.lower.triangles.len() as u32, first..first + self.upper.triangles.len() as u32]
+    }
+
+    #[inline]
+    fn triangle(&self, t: u32) -> [u32; 3] {
+        let first = self.upper_triangles();
+        if t < first {
+            self.lower.triangles[t as usize]
+        } else {
+            self.upper.triangles[(t - first) as usize].map(|v| self.named_by_upper(v))
+        }
+    }
+
+    #[inline]
+    fn is_known(&self, triangle: [u32; 3]) -> bool {
+        triangle.iter().all(|&v| v < self.lower.own() + self.upper.own())
+    }
+
+    #[inline]
+    fn place(&self, v: u32) -> [f64; 3] {
+        let (slab, v) = self.slab_of(v);
+        self.frame.place(slab.position(v))
+    }
+
+    fn blocks(&mut self) -> &mut [Extent] {
+        &mut self.blocks
+    }
+}
+
+impl Piece for Seam<'_> {
+    fn vertices(&self) -> u32 {
+        self.lower.own() + self.upper.own()
+    }
+
+    fn corners(&self, v: u32) -> impl Iterator<Item = u32> {
+        // The lower slab's triangles name the upper one's vertices by the numbers they have here.
+        let first = 3 * self.upper_triangles();
+        let own = self.lower.own();
+        let of_upper = if (own..BEFORE).contains(&v) { v - own } else { NONE };
+        self.lower.fans.corners(v).chain(self.upper.fans.corners(of_upper).map(move |corner| first + corner))
+    }
+
+    fn also(&self, v: u32) -> u32 {
+        if !self.is_known([v; 3]) {
+            return NONE;
+        }
+        let (slab, at) = self.slab_of(v);
+        match slab.fans.also[at as usize] {
+            NONE => NONE,
+            also if v < self.lower.own() => also,
+            also => self.named_by_upper(also),
+        }
+    }
+
+    fn is_whole(&self, v: u32) -> bool {
+        self.is_known([v; 3]) && (v >= self.lower.seam || self.lower.slices.start == 0)
+    }
+
+    fn is_settled(&self, v: u32) -> bool {
+        v < self.settled || v >= BEFORE
+    }
+
+    fn fate(&self, v: u32) -> Fate {
+        let (slab, v) = self.slab_of(v);
+        slab.fate[v as usize]
+    }
+
+    fn put(&mut self, v: u32, survivor: u32, also: u32, fate: Fate) {
+        let first = 3 * self.upper_triangles();
+        let corners: Vec<u32> = self.corners(v).collect();
+        for corner in corners {
+            if corner < first {
+                self.lower.triangles.as_flattened_mut()[corner as usize] = survivor;
+            } else {
+                self.upper.triangles.as_flattened_mut()[(corner - first) as usize] = self.name_to_upper(survivor);
+            }
+        }
+        let own = self.lower.own();
+        if v < own {
+            self.lower.fans.also[v as usize] = also;
+            self.lower.fate[v as usize] = fate;
+        } else {
+            self.upper.fans.also[(v - own) as usize] = if also == NONE { NONE } else { self.name_to_upper(also) };
+            self.upper.fate[(v - own) as usize] = fate;
+        }
+    }
+}

@@ -1,0 +1,339 @@
+//! Retreat: vertices of triangles that intersect go back to rest, until no two triangles intersect.
+//!
+//! *At rest* a vertex is where one step of smoothing puts it. The surface with all vertices at rest, nothing contracted, is free of
+//! intersections (`tests/rest.rs`), so a retreat comes to an end; mostly after two or three rounds, each of which looks only at what the
+//! one before has changed.
+//!
+//! ```text
+//!      x                  x     a and b are one vertex, on point x, and the triangles there meet others: the cluster is taken
+//!     /|\                       apart, a and b are vertices of their own again, at rest
+//!    / | \              a---b
+//!   c  d  e            c  d  e
+//! ```
+//!
+//! Where clusters are taken apart, others may lose what made their contraction sound: a vertex that meets one cluster twice.
+//! These are taken apart, too, so that the mesh stays a closed 2-manifold.
+
+use robust::{Coord, orient2d};
+
+use crate::mesh::intersect::intersect;
+use crate::slab::Fate;
+use crate::stage::contract::{NONE, is_gone};
+use crate::stage::near::{Near, Places, Suspects};
+
+/// A part of the mesh in which vertices may retreat.
+pub trait Piece: Places {
+    /// One more than the highest vertex of a known triangle.
+    fn vertices(&self) -> u32;
+    /// The corners (3 × triangle + position) that were `v`'s before any contraction.
+    fn corners(&self, v: u32) -> impl Iterator<Item = u32>;
+    /// The next vertex of `v`'s cluster, or [`NONE`].
+    fn also(&self, v: u32) -> u32;
+    /// Whether all triangles at `v` are in the piece.
+    fn is_whole(&self, v: u32) -> bool;
+    /// Whether `v` must stay as it is.
+    fn is_settled(&self, v: u32) -> bool;
+    /// What became of `v`.
+    fn fate(&self, v: u32) -> Fate;
+    /// Gives the corners that were `v`'s to `survivor`, and sets the rest of its state.
+    fn put(&mut self, v: u32, survivor: u32, also: u32, fate: Fate);
+}
+
+/// Lets vertices retreat until no two known triangles intersect, given that only pairs with a suspect can. The number of pairs that still do:
+/// not zero only if cells are too small for the precision of coordinates, or if a settled vertex would have to move.
+pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Vec<u32>>) -> u64 {
+    let mut left = 0;
+    let mut fans = match suspects {
+        None => all_fans(piece),
+        Some(_) => vec![Fan::Unknown; piece.vertices() as usize],
+    };
+    loop {
+        let mut tangled: Vec<u32> = Vec::new();
+        let mut pairs = 0;
+        let looked_at = suspects.as_deref().map_or(Suspects::All, Suspects::Some);
+        near.pairs(piece, looked_at, |piece, a, b| {
+            if !are_apart(piece, &mut fans, a, b) {
+                pairs += 1;
+                let moves = |v: &u32| piece.fate(*v) != Fate::Rest;
+                let before = tangled.len();
+                tangled.extend(a.iter().chain(&b).copied().filter(moves));
+                left += u64::from(tangled.len() == before);
+            }
+        });
+        tangled.sort_unstable();
+        tangled.dedup();
+        if tangled.is_empty() {
+            return left;
+        }
+        let Some(moved) = step_back(piece, &tangled) else { return left + pairs };
+        let members = moved.iter().flat_map(|&v| cluster(piece, v));
+        let mut changed: Vec<u32> = members.flat_map(|v| piece.corners(v)).map(|corner| corner / 3).collect();
+        changed.retain(|&t| !is_gone(piece.triangle(t)) && piece.is_known(piece.triangle(t)));
+        changed.sort_unstable();
+        changed.dedup();
+        for v in changed.iter().flat_map(|&t| piece.triangle(t)) {
+            fans[v as usize] = Fan::Unknown;
+        }
+        suspects = Some(changed);
+    }
+}
+
+/// What is known of the triangles at a vertex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fan {
+    Unknown,
+    /// No two of them intersect.
+    Free,
+    /// Each pair has to be looked at.
+    Doubtful,
+}
+
+/// Whether two triangles whose boxes meet do not intersect: by the fan of a vertex they share, by a plane between them, or else in full.
+fn are_apart<P: Piece>(piece: &P, fans: &mut [Fan], a: [u32; 3], b: [u32; 3]) -> bool {
+    let mut share = false;
+    for v in a {
+        if v != b[0] && v != b[1] && v != b[2] {
+            continue;
+        }
+        share = true;
+        let fan = &mut fans[v as usize];
+        if *fan == Fan::Unknown {
+            *fan = if fan_is_free(piece, v) { Fan::Free } else { Fan::Doubtful };
+        }
+        if *fan == Fan::Free {
+            return true;
+        }
+    }
+    let (pa, pb) = (a.map(|v| piece.place(v)), b.map(|v| piece.place(v)));
+    if !share && (lies_beside(pa, pb) || lies_beside(pb, pa)) {
+        return true;
+    }
+    !intersect(a, pa, b, pb)
+}
+
+/// Whether the first triangle certainly lies on one side of the second's plane. May say no where it does.
+fn lies_beside(one: [[f64; 3]; 3], [a, b, c]: [[f64; 3]; 3]) -> bool {
+    let (ab, ac) = (minus(b, a), minus(c, a));
+    let normal = cross(ab, ac);
+    let from_plane = one.map(|p| minus(p, a));
+    let largest = ab.iter().chain(&ac).chain(from_plane.as_flattened()).fold(0.0f64, |m, d| m.max(d.abs()));
+    // Each difference is off by half a unit in its last place at most, and so is every product and sum of them.
+    let doubt = 1e-13 * largest * largest * largest;
+    let heights = from_plane.map(|d| d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]);
+    heights.iter().all(|h| *h > doubt) || heights.iter().all(|h| *h < -doubt)
+}
+
+fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|a| p[a] - q[a])
+}
+
+fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|a| {
+        let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+        p[b] * q[c] - p[c] * q[b]
+    })
+}
+
+/// What [`fan_is_free`] says of all vertices, in one pass over the triangles. May be in doubt where that is not.
+///
+/// ```text
+///   bits 0-5    seen along axis a, some triangle may not turn left (bit 2 a), or not right (bit 2 a + 1)
+///   bits 16-63  sixteen for each axis: crossings of the ray
+/// ```
+fn all_fans<P: Piece>(piece: &P) -> Vec<Fan> {
+    let mut seen = vec![0u64; piece.vertices() as usize];
+    for triangle in piece.stretches().into_iter().flatten().map(|t| piece.triangle(t)) {
+        if is_gone(triangle) {
+            continue;
+        }
+        if !piece.is_known(triangle) {
+            for v in triangle {
+                if let Some(seen) = seen.get_mut(v as usize) {
+                    *seen |= 0b11_1111;
+                }
+            }
+            continue;
+        }
+        let places = triangle.map(|v| piece.place(v));
+        let (ab, ac) = (minus(places[1], places[0]), minus(places[2], places[0]));
+        let largest = ab.iter().chain(&ac).fold(0.0f64, |m, d| m.max(d.abs()));
+        let doubt = 1e-14 * largest * largest;
+        let normal = cross(ab, ac);
+        let mut not = 0;
+        for (a, n) in normal.into_iter().enumerate() {
+            not |= u64::from(n <= doubt) << (2 * a) | u64::from(n >= -doubt) << (2 * a + 1);
+        }
+        for i in 0..3 {
+            let (centre, from, to) = (places[i], places[(i + 1) % 3], places[(i + 2) % 3]);
+            let mut crossings = 0;
+            for (a, n) in normal.into_iter().enumerate() {
+                let y = (a + 2) % 3;
+                let upwards = (from[y] < centre[y]) & (centre[y] <= to[y]);
+                let downwards = (to[y] < centre[y]) & (centre[y] <= from[y]);
+                let left = n > 0.0;
+                crossings += u64::from((left & upwards) | (!left & downwards)) << (16 * (a + 1));
+            }
+            // A vertex has far fewer triangles than sixteen bits can count.
+            let seen = &mut seen[triangle[i] as usize];
+            *seen = (*seen | not) + crossings;
+        }
+    }
+    let is_free = |seen: u64| (0..3).any(|a| seen >> (2 * a) & 3 != 3 && seen >> (16 * (a + 1)) & 0xffff == 1);
+    seen.into_iter().map(|seen| if is_free(seen) { Fan::Free } else { Fan::Doubtful }).collect()
+}
+
+/// Whether, seen along some axis, all triangles at `v` turn the same way and go round it once: then no two of them intersect.
+///
+/// Exact, as the turns are. Of a fan with a triangle that is not known nothing is said.
+fn fan_is_free<P: Piece>(piece: &P, v: u32) -> bool {
+    let centre = piece.place(v);
+    let mut link: [([f64; 3], [f64; 3]); MOST_IN_FAN] = [([0.0; 3], [0.0; 3]); MOST_IN_FAN];
+    let mut count = 0;
+    let mut member = v;
+    while member != NONE {
+        for corner in piece.corners(member) {
+            let triangle = piece.triangle(corner / 3);
+            if is_gone(triangle) {
+                continue;
+            }
+            if count == MOST_IN_FAN || !piece.is_known(triangle) {
+                return false;
+            }
+            let at = corner as usize % 3;
+            link[count] = (piece.place(triangle[(at + 1) % 3]), piece.place(triangle[(at + 2) % 3]));
+            count += 1;
+        }
+        member = piece.also(member);
+    }
+    let link = &link[..count];
+    (0..3).any(|axis| goes_round_once(centre, link, axis))
+}
+
+/// Fans with more triangles are rare, and looked at pair by pair.
+const MOST_IN_FAN: usize = 24;
+
+fn goes_round_once(centre: [f64; 3], link: &[([f64; 3], [f64; 3])], axis: usize) -> bool {
+    let flat = |p: [f64; 3]| Coord { x: p[(axis + 1) % 3], y: p[(axis + 2) % 3] };
+    let centre = flat(centre);
+    let mut sides = link.iter().map(|&(a, b)| orient2d(centre, flat(a), flat(b)));
+    let Some(first) = sides.next() else { return false };
+    if first == 0.0 || !sides.all(|side| if first > 0.0 { side > 0.0 } else { side < 0.0 }) {
+        return false;
+    }
+    // Every turn crosses the ray from the centre along +x once, upwards if turns are to the left.
+    let crosses = |a: f64, b: f64| a < centre.y && centre.y <= b;
+    let crossings = link.iter().filter(|&&(a, b)| {
+        let (a, b) = (flat(a).y, flat(b).y);
+        if first > 0.0 { crosses(a, b) } else { crosses(b, a) }
+    });
+    crossings.count() == 1
+}
+
+/// Moves the vertices one step back. Where that is to rest, takes their clusters apart, and whatever other clusters this makes unsound: all
+/// vertices of these are put to rest. Gives the vertices moved.
+///
+/// If one of them is settled, nothing is done, and there is no result.
+fn step_back<P: Piece>(piece: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
+    let mut moved = Vec::new();
+    let mut apart = Vec::new();
+    // What was: vertex, survivor, next of its cluster, fate.
+    let mut before = Vec::new();
+    for &v in vertices {
+        if cluster(piece, v).any(|member| piece.is_settled(member)) {
+            take_back(piece, &before);
+            return None;
+        }
+        match piece.fate(v).after_retreat() {
+            Fate::Rest => apart.push(v),
+            fate => {
+                before.push((v, v, piece.also(v), piece.fate(v)));
+                piece.put(v, v, piece.also(v), fate);
+                moved.push(v);
+            }
+        }
+    }
+    while !apart.is_empty() {
+        let first = moved.len();
+        for &survivor in &apart {
+            let members: Vec<u32> = cluster(piece, survivor).collect();
+            if members.iter().any(|&member| piece.is_settled(member)) {
+                take_back(piece, &before);
+                return None;
+            }
+            for member in members {
+                before.push((member, survivor, piece.also(member), piece.fate(member)));
+                piece.put(member, member, NONE, Fate::Rest);
+                moved.push(member);
+            }
+        }
+        let mut near: Vec<u32> = moved[first..]
+            .iter()
+            .flat_map(|&v| piece.corners(v))
+            .flat_map(|corner| piece.triangle(corner / 3))
+            .collect();
+        near.sort_unstable();
+        near.dedup();
+        apart.clear();
+        for v in near {
+            find_unsound(piece, v, &mut apart);
+        }
+        apart.sort_unstable();
+        apart.dedup();
+    }
+    Some(moved)
+}
+
+fn take_back<P: Piece>(piece: &mut P, before: &[(u32, u32, u32, Fate)]) {
+    for &(v, survivor, also, fate) in before.iter().rev() {
+        piece.put(v, survivor, also, fate);
+    }
+}
+
+/// The vertices that have become `v`, with it as the first.
+fn cluster<P: Piece>(piece: &P, v: u32) -> impl Iterator<Item = u32> {
+    std::iter::successors(Some(v), |v| Some(piece.also(*v)).filter(|v| *v != NONE))
+}
+
+/// If the link of `v` is not one simple cycle of at least three vertices, appends the clusters to blame: its own, and those that occur in the link
+/// more than once, or all if it is too short.
+fn find_unsound<P: Piece>(piece: &P, v: u32, out: &mut Vec<u32>) {
+    let mut link: Vec<(u32, u32)> = Vec::new();
+    let mut member = v;
+    while member != NONE {
+        for corner in piece.corners(member) {
+            let triangle = piece.triangle(corner / 3);
+            if !is_gone(triangle) {
+                let at = corner as usize % 3;
+                link.push((triangle[(at + 1) % 3], triangle[(at + 2) % 3]));
+            }
+        }
+        member = piece.also(member);
+    }
+    link.sort_unstable();
+    let is_cluster = |v: &u32| piece.also(*v) != NONE;
+    let before = out.len();
+    let twice = link.windows(2).filter(|pair| pair[0].0 == pair[1].0).map(|pair| pair[0].0);
+    out.extend(twice.filter(is_cluster));
+    let mut sound = out.len() == before;
+    if sound && piece.is_whole(v) && !link.is_empty() {
+        if link.len() < 3 {
+            out.extend(link.iter().map(|(u, _)| *u).filter(is_cluster));
+            sound = false;
+        } else {
+            let mut at = link[0].0;
+            let mut steps = 0;
+            while steps < link.len() {
+                let Ok(next) = link.binary_search_by_key(&at, |(u, _)| *u) else { break };
+                at = link[next].1;
+                steps += 1;
+                if at == link[0].0 {
+                    break;
+                }
+            }
+            sound = steps == link.len();
+        }
+    }
+    if !sound && is_cluster(&v) {
+        out.push(v);
+    }
+}

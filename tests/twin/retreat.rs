@@ -1,0 +1,100 @@
+//! Retreat: vertices of intersecting triangles go back, until no two triangles intersect.
+
+use std::collections::BTreeSet;
+
+use super::contract::Contraction;
+use super::fit::{Fitting, State};
+use super::intersect::pairs;
+
+/// Lets vertices retreat until no two of the triangles `among` accepts intersect. Vertices below `settled` must stay: a round that would
+/// move one is not done, and is the last.
+pub fn retreat(
+    fitting: &Fitting,
+    contraction: &mut Contraction,
+    states: &mut Vec<State>,
+    among: &dyn Fn([u32; 3]) -> bool,
+    settled: u32,
+) {
+    loop {
+        let triangles: Vec<[u32; 3]> = contraction.triangles().into_iter().filter(|t| among(*t)).collect();
+        let places: Vec<[f64; 3]> = (0..states.len() as u32).map(|v| fitting.written(v, states[v as usize])).collect();
+        let tangled: BTreeSet<u32> = pairs(&triangles, &|v| places[v as usize])
+            .into_iter()
+            .flat_map(|(a, b)| a.into_iter().chain(b))
+            .filter(|&v| states[v as usize] != State::Rest)
+            .collect();
+        if tangled.is_empty() {
+            return;
+        }
+        let (mut next, mut next_states) = (contraction.clone(), states.clone());
+        if !step_back(&mut next, &mut next_states, &tangled, settled) {
+            return;
+        }
+        (*contraction, *states) = (next, next_states);
+    }
+}
+
+/// One step back for all these vertices; false if it concerns a settled one.
+fn step_back(contraction: &mut Contraction, states: &mut [State], tangled: &BTreeSet<u32>, settled: u32) -> bool {
+    let mut apart = BTreeSet::new();
+    for &v in tangled {
+        if contraction.cluster(v).iter().any(|&u| u < settled) {
+            return false;
+        }
+        match states[v as usize] {
+            State::Fitted | State::Projected | State::Pulled => states[v as usize] = State::Back(0.75),
+            State::Back(0.75) => states[v as usize] = State::Back(0.5),
+            State::Back(0.5) => states[v as usize] = State::Back(0.25),
+            _ => {
+                apart.insert(v);
+            }
+        }
+    }
+    while !apart.is_empty() {
+        for &v in &apart {
+            for u in contraction.cluster(v) {
+                if u < settled {
+                    return false;
+                }
+                states[u as usize] = State::Rest;
+            }
+            contraction.take_apart(v);
+        }
+        apart = unsound(contraction);
+    }
+    true
+}
+
+/// The clusters to blame for links that are not one simple cycle of three or more.
+fn unsound(contraction: &Contraction) -> BTreeSet<u32> {
+    let is_cluster = |v: &u32| contraction.cluster(*v).len() > 1;
+    let mut blamed = BTreeSet::new();
+    for v in contraction.living() {
+        let link = contraction.link(v);
+        let mut twice: Vec<u32> = link.iter().map(|edge| edge[0]).collect();
+        twice.sort_unstable();
+        let all: BTreeSet<u32> = twice.iter().copied().collect();
+        let twice: Vec<u32> = all.iter().copied().filter(|u| twice.iter().filter(|w| *w == u).count() > 1).collect();
+        let clusters = if link.len() < 3 { all.into_iter().filter(is_cluster).collect() } else { twice.clone() };
+        let clusters: Vec<u32> = clusters.into_iter().filter(is_cluster).collect();
+        let walk = || {
+            let mut at = link[0][0];
+            let mut steps = 0;
+            while let Some(edge) = link.iter().find(|edge| edge[0] == at) {
+                at = edge[1];
+                steps += 1;
+                if at == link[0][0] {
+                    break;
+                }
+            }
+            steps
+        };
+        if link.len() < 3 || !twice.is_empty() || walk() < link.len() {
+            blamed.extend(clusters);
+            if is_cluster(&v) {
+                blamed.insert(v);
+            }
+        }
+    }
+    blamed
+}
