@@ -93,7 +93,7 @@ pub enum Fate {
 }
 
 /// The share of the way from rest to its point that a vertex keeps after a step of retreat; after the last it is at rest.
-pub const SHARES: [f64; 3] = [0.75, 0.5, 0.25];
+pub const SHARES: [f64; 9] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1];
 
 impl Fate {
     /// What becomes of a vertex whose triangles intersect others.

@@ -51,8 +51,8 @@ pub enum State {
     Projected,
     /// Most of the way to its point, which another has.
     Pulled,
-    /// So much of the way from rest to its point.
-    Back(f64),
+    /// So many tenths of the way from rest to its point.
+    Back(u8),
     /// At rest.
     Rest,
 }
@@ -215,7 +215,10 @@ impl Fitting {
             State::Smoothed => t,
             State::Fitted | State::Projected => point(),
             State::Pulled => [0, 1, 2].map(|a| t[a] + 0.9 * (point()[a] - t[a])),
-            State::Back(share) => [0, 1, 2].map(|a| rest[a] + share * (point()[a] - rest[a])),
+            State::Back(tenths) => {
+                let share = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9][usize::from(tenths)];
+                [0, 1, 2].map(|a| rest[a] + share * (point()[a] - rest[a]))
+            }
             State::Rest => rest,
         }
     }

@@ -42,9 +42,8 @@ fn step_back(contraction: &mut Contraction, states: &mut [State], tangled: &BTre
             return false;
         }
         match states[v as usize] {
-            State::Fitted | State::Projected | State::Pulled => states[v as usize] = State::Back(0.75),
-            State::Back(0.75) => states[v as usize] = State::Back(0.5),
-            State::Back(0.5) => states[v as usize] = State::Back(0.25),
+            State::Fitted | State::Projected | State::Pulled => states[v as usize] = State::Back(9),
+            State::Back(tenths) if tenths > 1 => states[v as usize] = State::Back(tenths - 1),
             _ => {
                 apart.insert(v);
             }
