@@ -290,7 +290,7 @@ fn each_output_format_is_the_same_whatever_the_means() {
         f.ok(&format!("k.ply -o a.{format} --threads 1"));
         f.ok(&format!("k.ply -o b.{format} --threads 7 --max-memory {least}"));
         assert!(f.read(&format!("a.{format}")) == f.read(&format!("b.{format}")), "{format}");
-        let answer = f.ok(&format!("check a.{format} --no-intersections"));
+        let answer = f.ok(&format!("check a.{format}"));
         assert!(answer.out.contains("closed, consistently oriented, manifold"), "{}", answer.out);
         topologies.push(answer.out.lines().find(|line| line.contains("Euler number")).unwrap().to_owned());
     }
@@ -393,7 +393,7 @@ fn every_generated_shape_becomes_a_closed_mesh() {
         f.ok(&format!("generate {shape} 3000 -o {shape}.bin --noise 0.001"));
         for window in ["", "--window 3"] {
             f.ok(&format!("{shape}.bin -o m.ply --overwrite {window}"));
-            f.ok("check m.ply -q --no-intersections");
+            f.ok("check m.ply -q");
         }
     }
 }
@@ -443,7 +443,7 @@ fn large_coordinates_keep_their_place() {
         let report = report(&f, "r.json");
         let least = report["check"]["bounds"][0][1].as_f64().unwrap() + report["output"]["origin"][1].as_f64().unwrap();
         assert!((least - 5_399_995.0).abs() < 0.1, "{least}");
-        f.ok(&format!("check m.{format} -q --no-intersections"));
+        f.ok(&format!("check m.{format} -q"));
     }
 }
 
@@ -466,7 +466,7 @@ fn quiet_says_nothing() {
     let f = Folder::new();
     let generated = f.ok("generate box 2000 -o b.ply -q");
     let made = f.ok("b.ply -o m.ply --quiet");
-    let checked = f.ok("check m.ply --quiet --no-intersections");
+    let checked = f.ok("check m.ply --quiet");
     for answer in [generated, made, checked] {
         assert_eq!((answer.out.as_str(), answer.err.as_str()), ("", ""));
     }
