@@ -1,5 +1,5 @@
 //! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), lone,
-//! extract, smooth, fit, contract, retreat (with near, which finds what may intersect).
+//! extract, smooth, fit, contract, retreat (with near and spot, which find what may intersect).
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
@@ -16,3 +16,4 @@ pub mod retreat;
 pub mod seal;
 pub mod smooth;
 pub mod solid;
+pub mod spot;

@@ -25,6 +25,8 @@ use crate::stage::near::{Near, Places, Suspects};
 pub trait Piece: Places {
     /// One more than the highest vertex of a known triangle.
     fn vertices(&self) -> u32;
+    /// The place of a vertex, as it is going to be written.
+    fn place(&self, v: u32) -> [f64; 3];
     /// The corners (3 × triangle + position) that were `v`'s before any contraction.
     fn corners(&self, v: u32) -> impl Iterator<Item = u32>;
     /// The next vertex of `v`'s cluster, or [`NONE`].
