@@ -35,7 +35,7 @@ const GOOD_PIECE: u64 = 256 << 10;
 
 /// Bytes of a slab's mesh for each face while it is made. While fitting: a vertex as found (21), smoothed (24) and fitted (36),
 /// two triangles (24); while contracting, without the first but with fans (32), groups and winners (25); while retreating, without these but with
-/// places (24), what is seen of fans (9), and triangles by layer (12). The rest is what vectors and the allocator leave unused.
+/// places (24), spots (8), what is seen of fans (9), and triangles by layer (12). The rest is what vectors and the allocator leave unused.
 const FACE_BYTES: u64 = 195;
 
 /// Of those, the bytes that remain when the slab waits for its seam.

@@ -9,8 +9,9 @@ use crate::grid::Grid;
 use crate::mesh::spool::Frame;
 use crate::slab::{BEFORE, Fate, SlabMesh};
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
-use crate::stage::near::{BLOCK, Extent, Places};
+use crate::stage::near::{BLOCK, Places};
 use crate::stage::retreat::Piece;
+use crate::stage::spot::{Extent, Scale, Spot};
 
 /// The two slabs at a seam, seen as one mesh.
 ///
@@ -23,16 +24,17 @@ pub struct Seam<'a> {
     /// Vertices `0..settled` must stay as they are.
     settled: u32,
     frame: Frame,
+    scale: Scale,
     /// Both slabs' blocks.
     blocks: Vec<Extent>,
 }
 
 impl<'a> Seam<'a> {
     /// The seam of two slabs, with the first `settled` vertices of the lower one to stay as they are.
-    pub fn of(lower: &'a mut SlabMesh, upper: &'a mut SlabMesh, settled: u32, frame: Frame) -> Seam<'a> {
+    pub fn of(lower: &'a mut SlabMesh, upper: &'a mut SlabMesh, settled: u32, frame: Frame, scale: Scale) -> Seam<'a> {
         let mut blocks = std::mem::take(&mut lower.blocks);
         blocks.append(&mut upper.blocks);
-        Seam { lower, upper, settled, frame, blocks }
+        Seam { lower, upper, settled, frame, scale, blocks }
     }
 
     /// Gives the upper slab its blocks' boxes: it is the next seam's lower one. Those of the lower one are no longer needed.
@@ -47,6 +49,10 @@ impl<'a> Seam<'a> {
 
     /// The slab that a vertex is of, and its number there.
     fn slab_of(&self, v: u32) -> (&SlabMesh, u32) {
+        if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
+    }
+
+    fn slab_of_mut(&mut self, v: u32) -> (&mut SlabMesh, u32) {
         if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
     }
 
@@ -191,13 +197,17 @@ impl<'a> Seam<'a> {
         for v in fitted_near(self.upper) {
             if let Some(&u) = below.get(&key(self.upper, v)) {
                 if self.upper.fitted.distance[v as usize] < self.lower.fitted.distance[u as usize] {
-                    self.lower.fate[u as usize] = Fate::Pulled;
                     changed.push(u);
                 } else {
-                    self.upper.fate[v as usize] = Fate::Pulled;
                     changed.push(self.lower.own() + v);
                 }
             }
+        }
+        for &v in &changed {
+            let (frame, scale) = (self.frame, self.scale);
+            let (slab, v) = self.slab_of_mut(v);
+            slab.fate[v as usize] = Fate::Pulled;
+            slab.spots[v as usize] = scale.spot(frame.place(slab.position(v)));
         }
         changed
     }
@@ -225,9 +235,9 @@ impl Places for Seam<'_> {
     }
 
     #[inline]
-    fn place(&self, v: u32) -> [f64; 3] {
+    fn spot(&self, v: u32) -> Spot {
         let (slab, v) = self.slab_of(v);
-        self.frame.place(slab.position(v))
+        slab.spots[v as usize]
     }
 
     fn blocks(&mut self) -> &mut [Extent] {
@@ -238,6 +248,12 @@ impl Places for Seam<'_> {
 impl Piece for Seam<'_> {
     fn vertices(&self) -> u32 {
         self.lower.own() + self.upper.own()
+    }
+
+    #[inline]
+    fn place(&self, v: u32) -> [f64; 3] {
+        let (slab, v) = self.slab_of(v);
+        self.frame.place(slab.position(v))
     }
 
     fn corners(&self, v: u32) -> impl Iterator<Item = u32> {
@@ -283,13 +299,11 @@ impl Piece for Seam<'_> {
                 self.upper.triangles.as_flattened_mut()[(corner - first) as usize] = self.name_to_upper(survivor);
             }
         }
-        let own = self.lower.own();
-        if v < own {
-            self.lower.fans.also[v as usize] = also;
-            self.lower.fate[v as usize] = fate;
-        } else {
-            self.upper.fans.also[(v - own) as usize] = if also == NONE { NONE } else { self.name_to_upper(also) };
-            self.upper.fate[(v - own) as usize] = fate;
-        }
+        let also = if v < self.lower.own() || also == NONE { also } else { self.name_to_upper(also) };
+        let (frame, scale) = (self.frame, self.scale);
+        let (slab, v) = self.slab_of_mut(v);
+        slab.fans.also[v as usize] = also;
+        slab.fate[v as usize] = fate;
+        slab.spots[v as usize] = scale.spot(frame.place(slab.position(v)));
     }
 }

@@ -11,12 +11,13 @@ use crate::points::Coordinate;
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::extract::{Diagonals, Surface};
 use crate::stage::fit::{Fitted, Task, fit};
-use crate::stage::near::{BLOCK, Extent, Near, Places};
+use crate::stage::near::{BLOCK, Near, Places};
 use crate::stage::plane::project;
 use crate::stage::raster::Sampled;
 use crate::stage::retreat::{Piece, retreat};
 use crate::stage::smooth::smooth;
 use crate::stage::solid::Solid;
+use crate::stage::spot::{Extent, Scale, Spot};
 
 /// What is done to the surface of every slab.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -64,6 +65,8 @@ pub struct SlabMesh {
     pub fans: Fans,
     /// The slab's vertices on its lowest plane: `0..seam`.
     pub seam: u32,
+    /// Of each vertex: its spot, where it is now.
+    pub spots: Vec<Spot>,
     /// The boxes of [`BLOCK`] triangles each.
     pub blocks: Vec<Extent>,
     /// Pairs of its own triangles that still intersect.
@@ -177,7 +180,8 @@ impl SlabMesh {
         let smoothed = to_world(q);
         let fans = Fans::new(&triangles, named as usize, own.len());
         let blocks = vec![Extent::EMPTY; triangles.len().div_ceil(BLOCK)];
-        let mut mesh = SlabMesh { slices, smoothed, rest, fitted, fate, triangles, fans, seam, blocks, tangled: 0 };
+        let (spots, tangled) = (Vec::new(), 0);
+        let mut mesh = SlabMesh { slices, smoothed, rest, fitted, fate, triangles, fans, seam, spots, blocks, tangled };
         if options.fit == Fit::Nearest {
             mesh.contract_inside();
             mesh.choose_fitted();
@@ -220,8 +224,10 @@ impl SlabMesh {
     /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above.
     fn retreat_inside(&mut self, frame: Frame, near: &mut Near) {
         let first = if self.slices.start > 0 { self.seam } else { 0 };
-        let places = (0..self.own()).map(|v| frame.place(self.position(v))).collect();
-        let mut inside = Inside { first, places, frame, slab: self };
+        let scale = near.scale();
+        let places: Vec<[f64; 3]> = (0..self.own()).map(|v| frame.place(self.position(v))).collect();
+        self.spots = places.iter().map(|&place| scale.spot(place)).collect();
+        let mut inside = Inside { first, places, frame, scale, slab: self };
         let tangled = retreat(&mut inside, near, None);
         self.tangled = tangled;
     }
@@ -256,6 +262,7 @@ struct Inside<'a> {
     slab: &'a mut SlabMesh,
     first: u32,
     frame: Frame,
+    scale: Scale,
     /// Of each vertex: where it is now.
     places: Vec<[f64; 3]>,
 }
@@ -277,8 +284,8 @@ impl Places for Inside<'_> {
     }
 
     #[inline]
-    fn place(&self, v: u32) -> [f64; 3] {
-        self.places[v as usize]
+    fn spot(&self, v: u32) -> Spot {
+        self.slab.spots[v as usize]
     }
 
     fn blocks(&mut self) -> &mut [Extent] {
@@ -289,6 +296,11 @@ impl Places for Inside<'_> {
 impl Piece for Inside<'_> {
     fn vertices(&self) -> u32 {
         self.slab.own()
+    }
+
+    #[inline]
+    fn place(&self, v: u32) -> [f64; 3] {
+        self.places[v as usize]
     }
 
     fn corners(&self, v: u32) -> impl Iterator<Item = u32> {
@@ -319,6 +331,8 @@ impl Piece for Inside<'_> {
         }
         fans.also[v as usize] = also;
         self.slab.fate[v as usize] = fate;
-        self.places[v as usize] = self.frame.place(self.slab.position(v));
+        let place = self.frame.place(self.slab.position(v));
+        self.places[v as usize] = place;
+        self.slab.spots[v as usize] = self.scale.spot(place);
     }
 }

@@ -93,7 +93,7 @@ impl<'a> Stitcher<'a> {
     /// [`Error::Io`]; [`Error::TooManyElements`] past [`VERTEX_LIMIT`].
     pub fn add(&mut self, mut slab: SlabMesh) -> Result<()> {
         if let Some(mut lower) = self.waiting.take() {
-            let mut seam = Seam::of(&mut lower, &mut slab, self.settled, self.frame);
+            let mut seam = Seam::of(&mut lower, &mut slab, self.settled, self.frame, self.near.scale());
             let mut changed = seam.close();
             changed.extend(seam.choose_fitted(self.grid, self.halo));
             let suspects = seam.triangles_around(changed);

@@ -1,5 +1,5 @@
 //! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), sides, lone, component,
-//! extract, smooth, fit or plane, contract, retreat (with near, which finds what may intersect).
+//! extract, smooth, fit or plane, contract, retreat (with near and spot, which find what may intersect).
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
@@ -21,3 +21,4 @@ pub mod seal;
 pub mod sides;
 pub mod smooth;
 pub mod solid;
+pub mod spot;

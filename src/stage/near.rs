@@ -10,35 +10,14 @@
 //!
 //! The two triangles of a rectangle are listed as one.
 //!
-//! Boxes are in coarse cells and in `f32`: the way from a coordinate there is monotone, so boxes that meet do so still.
+//! Boxes are those of `stage/spot.rs`; what counts is which of them meet, not how far they reach.
 
 use crate::grid::Grid;
 use crate::stage::contract::is_gone;
+use crate::stage::spot::{Extent, Scale, Spot};
 
 /// Triangles with consecutive numbers that share a box of their own.
 pub const BLOCK: usize = 64;
-
-/// The side of a coarse cell, in cells: a triangle is about one cell large, so it is listed in two or three rows.
-const COARSE: f64 = 2.0;
-
-/// An axis-parallel box, in coarse cells: lower and upper end.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Extent([f32; 3], [f32; 3]);
-
-impl Extent {
-    /// The box of nothing.
-    pub const EMPTY: Extent = Extent([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-
-    fn union(self, other: Extent) -> Extent {
-        Extent(std::array::from_fn(|a| self.0[a].min(other.0[a])), std::array::from_fn(|a| self.1[a].max(other.1[a])))
-    }
-
-    /// All six comparisons are made: which one fails cannot be foreseen, and a wrong guess costs more than all of them.
-    #[inline]
-    fn meets(&self, other: &Extent) -> bool {
-        (0..3).fold(true, |meet, a| meet & (self.0[a] <= other.1[a]) & (other.0[a] <= self.1[a]))
-    }
-}
 
 /// Triangles by number, and where their corners are.
 pub trait Places {
@@ -48,8 +27,8 @@ pub trait Places {
     fn triangle(&self, t: u32) -> [u32; 3];
     /// Whether the places of all corners of a triangle are known.
     fn is_known(&self, triangle: [u32; 3]) -> bool;
-    /// The place of a vertex, as it is going to be written.
-    fn place(&self, v: u32) -> [f64; 3];
+    /// The spot of a vertex, at the place that is going to be written.
+    fn spot(&self, v: u32) -> Spot;
     /// The boxes of blocks of triangles, from the first stretch's first block on.
     fn blocks(&mut self) -> &mut [Extent];
 }
@@ -76,40 +55,29 @@ struct Entry {
 
 /// Finds pairs of triangles whose boxes meet. Keeps its buffers.
 ///
-/// Memory: some 3 bytes for each triangle, and some 110 for each of one layer's.
+/// Memory: some 3 bytes for each triangle, and some 70 for each of one layer's.
 #[derive(Debug)]
 pub struct Near {
-    low: [f64; 3],
-    inverse: f64,
-    /// The file's axes: that of layers, then of rows, then along rows.
-    axes: [usize; 3],
-    /// Layers and rows.
-    size: [usize; 2],
+    scale: Scale,
     entries: Vec<Entry>,
     /// Where each row's list ends, and the lists.
     ends: Vec<u32>,
     listed: Vec<u32>,
     /// One row's, by where they begin.
     order: Vec<u64>,
-    row: Vec<Entry>,
+    row: Vec<(Extent, u32)>,
 }
 
 impl Near {
     /// For triangles on `grid` whose places are less `origin`.
     pub fn new(grid: &Grid, origin: [f64; 3]) -> Near {
-        let [along, layer, row] = grid.axis().file_axes();
-        let [_, y, z] = grid.cells().map(|c| (f64::from(c) / COARSE) as usize + 1);
-        Near {
-            low: std::array::from_fn(|a| grid.bounds().min[a] - origin[a]),
-            inverse: 1.0 / (COARSE * grid.cell_size()),
-            axes: [layer, row, along],
-            size: [y, z],
-            entries: Vec::new(),
-            ends: Vec::new(),
-            listed: Vec::new(),
-            order: Vec::new(),
-            row: Vec::new(),
-        }
+        let (entries, ends, listed, order, row) = Default::default();
+        Near { scale: Scale::new(grid, origin), entries, ends, listed, order, row }
+    }
+
+    /// How places become spots.
+    pub fn scale(&self) -> Scale {
+        self.scale
     }
 
     /// Tells `found` of every pair of known triangles whose boxes meet, each once, in no particular order.
@@ -123,20 +91,24 @@ impl Near {
             Suspects::All => self.layers_of_all(of),
             Suspects::Some(suspects) => self.layers_near(of, suspects),
         };
-        let is_suspect = |t: u32| match suspects {
-            Suspects::All => true,
-            Suspects::Some(suspects) => suspects.binary_search(&t).is_ok(),
-        };
         for (layer, triangles) in layers {
             self.entries.clear();
+            // Both are sorted.
+            let mut to_come = match suspects {
+                Suspects::All => [].as_slice(),
+                Suspects::Some(suspects) => suspects,
+            };
             for first in triangles {
-                let each = self.extents(of, first);
+                let each = extents(of, first);
                 let whole = each[0].union(each[1]);
                 // The two themselves are a pair, where they first appear.
-                if each[0].meets(&each[1]) && self.range(&whole, 0)[0] == layer {
+                if each[0].meets(&each[1]) && self.scale.layers(&whole)[0] == layer {
                     found(of, of.triangle(first), of.triangle(first + 1));
                 }
-                let suspect = is_suspect(first) || is_suspect(first + 1);
+                while to_come.first().is_some_and(|t| *t < first) {
+                    to_come = &to_come[1..];
+                }
+                let suspect = matches!(suspects, Suspects::All) || to_come.first().is_some_and(|t| *t <= first + 1);
                 self.entries.push(Entry { whole, each, first, suspect });
             }
             self.list();
@@ -154,11 +126,11 @@ impl Near {
                 let mut whole = Extent::EMPTY;
                 let end = (first + BLOCK as u32).min(stretch.end);
                 for t in (first..end).step_by(2) {
-                    let each = self.extents(of, t);
+                    let each = extents(of, t);
                     let both = each[0].union(each[1]);
                     if both != Extent::EMPTY {
                         whole = whole.union(both);
-                        layers.add(t, self.range(&both, 0));
+                        layers.add(t, self.scale.layers(&both));
                     }
                 }
                 of.blocks()[block] = whole;
@@ -176,8 +148,8 @@ impl Near {
         let mut marks = Marks::default();
         for &t in suspects {
             let triangle = of.triangle(t);
-            let extent = self.extent(of, triangle);
-            marks.add(self.range(&extent, 0), self.range(&extent, 1));
+            let extent = extent(of, triangle);
+            marks.add(self.scale.layers(&extent), self.scale.rows_of(&extent));
             let block = if t < second.start {
                 t as usize / BLOCK
             } else {
@@ -192,14 +164,14 @@ impl Near {
             for start in stretch.clone().step_by(BLOCK) {
                 let whole = of.blocks()[block];
                 block += 1;
-                if whole == Extent::EMPTY || !marks.meet(self.range(&whole, 0), self.range(&whole, 1)) {
+                if whole == Extent::EMPTY || !marks.meet(self.scale.layers(&whole), self.scale.rows_of(&whole)) {
                     continue;
                 }
                 for t in (start..(start + BLOCK as u32).min(stretch.end)).step_by(2) {
-                    let each = self.extents(of, t);
+                    let each = extents(of, t);
                     let both = each[0].union(each[1]);
-                    if both != Extent::EMPTY && marks.meet(self.range(&both, 0), self.range(&both, 1)) {
-                        layers.add(t, self.range(&both, 0));
+                    if both != Extent::EMPTY && marks.meet(self.scale.layers(&both), self.scale.rows_of(&both)) {
+                        layers.add(t, self.scale.layers(&both));
                     }
                 }
             }
@@ -207,48 +179,13 @@ impl Near {
         layers.0
     }
 
-    /// The boxes of triangles `first` and the next.
-    #[inline]
-    fn extents<P: Places>(&self, of: &P, first: u32) -> [Extent; 2] {
-        let stretches = of.stretches();
-        [first, first + 1].map(|t| {
-            if stretches.iter().any(|stretch| stretch.contains(&t)) {
-                let triangle = of.triangle(t);
-                if !is_gone(triangle) && of.is_known(triangle) {
-                    return self.extent(of, triangle);
-                }
-            }
-            Extent::EMPTY
-        })
-    }
-
-    #[inline]
-    fn extent<P: Places>(&self, of: &P, triangle: [u32; 3]) -> Extent {
-        let [p, q, r] = triangle.map(|v| {
-            let place = of.place(v);
-            self.axes.map(|a| ((place[a] - self.low[a]) * self.inverse) as f32)
-        });
-        Extent(std::array::from_fn(|a| p[a].min(q[a]).min(r[a])), std::array::from_fn(|a| p[a].max(q[a]).max(r[a])))
-    }
-
-    /// The layers (0) or rows (1) that a box touches; what lies outside the grid counts as its border.
-    #[inline]
-    fn range(&self, extent: &Extent, a: usize) -> [usize; 2] {
-        [self.cell(extent.0[a], a), self.cell(extent.1[a], a)]
-    }
-
-    #[inline]
-    fn cell(&self, x: f32, a: usize) -> usize {
-        (x as usize).min(self.size[a] - 1)
-    }
-
     /// Lists the layer's entries by row: afterwards row z's are those from `ends[z]` to `ends[z + 1]`.
     fn list(&mut self) {
         let mut ends = std::mem::take(&mut self.ends);
         ends.clear();
-        ends.resize(self.size[1] + 2, 0);
+        ends.resize(self.scale.rows() + 2, 0);
         for entry in &self.entries {
-            let [first, last] = self.range(&entry.whole, 1);
+            let [first, last] = self.scale.rows_of(&entry.whole);
             for end in &mut ends[first + 2..=last + 2] {
                 *end += 1;
             }
@@ -257,9 +194,9 @@ impl Near {
             ends[z] += ends[z - 1];
         }
         self.listed.clear();
-        self.listed.resize(ends[self.size[1] + 1] as usize, 0);
+        self.listed.resize(ends[self.scale.rows() + 1] as usize, 0);
         for (number, entry) in self.entries.iter().enumerate() {
-            let [first, last] = self.range(&entry.whole, 1);
+            let [first, last] = self.scale.rows_of(&entry.whole);
             for end in &mut ends[first + 1..=last + 1] {
                 self.listed[*end as usize] = number as u32;
                 *end += 1;
@@ -270,30 +207,26 @@ impl Near {
 
     /// The pairs of the layer that is listed: along each row, from where one box begins to where it ends, others begin.
     fn sweep(&mut self, layer: usize, mut found: impl FnMut(u32, u32)) {
-        // Positive floats are ordered as their bits are.
-        let begins = |entry: &Entry| entry.whole.0[2].max(0.0);
-        for z in 0..self.size[1] {
+        for z in 0..self.scale.rows() {
+            let listed = &self.listed[self.ends[z] as usize..self.ends[z + 1] as usize];
+            let begins = |number: u32| self.entries[number as usize].whole.begin();
             self.order.clear();
-            for &number in &self.listed[self.ends[z] as usize..self.ends[z + 1] as usize] {
-                let key = u64::from(begins(&self.entries[number as usize]).to_bits());
-                self.order.push(key << 32 | u64::from(number));
-            }
+            self.order.extend(listed.iter().map(|&number| u64::from(begins(number)) << 32 | u64::from(number)));
             self.order.sort_unstable();
             self.row.clear();
-            self.row.extend(self.order.iter().map(|key| self.entries[*key as u32 as usize]));
-            for (i, one) in self.row.iter().enumerate() {
-                let end = one.whole.1[2].max(0.0);
-                for other in &self.row[i + 1..] {
-                    if begins(other) > end {
-                        break;
-                    }
-                    if one.whole.meets(&other.whole) && (one.suspect || other.suspect) {
-                        let at = |a: usize| self.cell(one.whole.0[a].max(other.whole.0[a]), a);
-                        if at(1) == z && at(0) == layer {
-                            for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-                                if one.each[i].meets(&other.each[j]) {
-                                    found(one.first + i as u32, other.first + j as u32);
-                                }
+            self.row.extend(self.order.iter().map(|key| (self.entries[*key as u32 as usize].whole, *key as u32)));
+            let cell = self.scale.cell(layer, z);
+            for (i, (one, number)) in self.row.iter().enumerate() {
+                let end = one.end();
+                for (other, other_number) in self.row[i + 1..].iter().take_while(|(other, _)| other.begin() <= end) {
+                    if one.meets(other) && self.scale.first_common(one, other) == cell {
+                        let (one, other) = (&self.entries[*number as usize], &self.entries[*other_number as usize]);
+                        if !one.suspect && !other.suspect {
+                            continue;
+                        }
+                        for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                            if one.each[i].meets(&other.each[j]) {
+                                found(one.first + i as u32, other.first + j as u32);
                             }
                         }
                     }
@@ -301,6 +234,26 @@ impl Near {
             }
         }
     }
+}
+
+/// The boxes of triangles `first` and the next.
+#[inline]
+fn extents<P: Places>(of: &P, first: u32) -> [Extent; 2] {
+    let stretches = of.stretches();
+    [first, first + 1].map(|t| {
+        if stretches.iter().any(|stretch| stretch.contains(&t)) {
+            let triangle = of.triangle(t);
+            if !is_gone(triangle) && of.is_known(triangle) {
+                return extent(of, triangle);
+            }
+        }
+        Extent::EMPTY
+    })
+}
+
+#[inline]
+fn extent<P: Places>(of: &P, triangle: [u32; 3]) -> Extent {
+    Extent::of(triangle.map(|v| of.spot(v)))
 }
 
 /// Triangles by layer; a triangle that touches several is in each.

@@ -25,6 +25,8 @@ use crate::stage::near::{Near, Places, Suspects};
 pub trait Piece: Places {
     /// One more than the highest vertex of a known triangle.
     fn vertices(&self) -> u32;
+    /// The place of a vertex, as it is going to be written.
+    fn place(&self, v: u32) -> [f64; 3];
     /// The corners (3 × triangle + position) that were `v`'s before any contraction.
     fn corners(&self, v: u32) -> impl Iterator<Item = u32>;
     /// The next vertex of `v`'s cluster, or [`NONE`].
@@ -90,12 +92,10 @@ enum Fan {
 
 /// Whether two triangles whose boxes meet do not intersect: by the fan of a vertex they share, by a plane between them, or else in full.
 fn are_apart<P: Piece>(piece: &P, fans: &mut [Fan], a: [u32; 3], b: [u32; 3]) -> bool {
-    let mut share = false;
     for v in a {
         if v != b[0] && v != b[1] && v != b[2] {
             continue;
         }
-        share = true;
         let fan = &mut fans[v as usize];
         if *fan == Fan::Unknown {
             *fan = if fan_is_free(piece, v) { Fan::Free } else { Fan::Doubtful };
@@ -105,22 +105,26 @@ fn are_apart<P: Piece>(piece: &P, fans: &mut [Fan], a: [u32; 3], b: [u32; 3]) ->
         }
     }
     let (pa, pb) = (a.map(|v| piece.place(v)), b.map(|v| piece.place(v)));
-    if !share && (lies_beside(pa, pb) || lies_beside(pb, pa)) {
-        return true;
-    }
-    !intersect(a, pa, b, pb)
+    let beside = lies_beside(pa, a.map(|v| b.contains(&v)), pb) || lies_beside(pb, b.map(|v| a.contains(&v)), pa);
+    beside || !intersect(a, pa, b, pb)
 }
 
-/// Whether the first triangle certainly lies on one side of the second's plane. May say no where it does.
-fn lies_beside(one: [[f64; 3]; 3], [a, b, c]: [[f64; 3]; 3]) -> bool {
+/// Whether the first triangle, but for the corners it shares, certainly lies on one side of the second's plane: then it meets that plane, and
+/// the second triangle, in these corners or the edge between them alone. May say no where it does.
+fn lies_beside(one: [[f64; 3]; 3], shared: [bool; 3], [a, b, c]: [[f64; 3]; 3]) -> bool {
     let (ab, ac) = (minus(b, a), minus(c, a));
     let normal = cross(ab, ac);
     let from_plane = one.map(|p| minus(p, a));
     let largest = ab.iter().chain(&ac).chain(from_plane.as_flattened()).fold(0.0f64, |m, d| m.max(d.abs()));
     // Each difference is off by half a unit in its last place at most, and so is every product and sum of them.
     let doubt = 1e-13 * largest * largest * largest;
-    let heights = from_plane.map(|d| d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]);
-    heights.iter().all(|h| *h > doubt) || heights.iter().all(|h| *h < -doubt)
+    let (mut above, mut below) = (shared != [true; 3], shared != [true; 3]);
+    for (d, shared) in from_plane.into_iter().zip(shared) {
+        let height = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2];
+        above &= shared | (height > doubt);
+        below &= shared | (height < -doubt);
+    }
+    above | below
 }
 
 fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
