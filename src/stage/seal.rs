@@ -81,7 +81,7 @@ impl Closing {
         self.radius << self.level
     }
 
-    /// A closing with a given radius, in cells of the grid, on the level that has the smallest ball of [`FALLS_FROM`] cells or more.
+    /// A closing with a given radius, in cells of the grid, on the level that has the smallest ball of 5 cells or more.
     pub fn with_radius(rho: u32) -> Closing {
         let level = (rho / FALLS_FROM).max(1).ilog2();
         Closing { level, radius: rho.div_ceil(1 << level) }
@@ -107,7 +107,7 @@ pub struct Pyramid<'a> {
 }
 
 impl<'a> Pyramid<'a> {
-    /// The pyramid over `finest`, up to the first level with no more than [`COARSEST`] cells along any axis, or to `level`, if that is coarser.
+    /// The pyramid over `finest`, up to the first level with no more than 128 cells along any axis, or to `level`, if that is coarser.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
@@ -159,7 +159,7 @@ struct Seen {
 
 /// Finds the ball that seals. `progress` is told the slices of each trial. The outcome depends on the occupied cells alone.
 ///
-/// The search goes down the pyramid until a ball of [`FALLS_FROM`] cells or more seals a level, or to the grid itself.
+/// The search goes down the pyramid until a ball of 5 cells or more seals a level, or to the grid itself.
 ///
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
