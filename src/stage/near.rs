@@ -13,6 +13,7 @@
 //! Boxes are those of `stage/spot.rs`; what counts is which of them meet, not how far they reach.
 
 use crate::grid::Grid;
+use crate::slice::set_range;
 use crate::stage::contract::is_gone;
 use crate::stage::spot::{Extent, Scale, Spot};
 
@@ -141,15 +142,15 @@ impl Near {
         layers.0
     }
 
-    /// By layer, the triangles that lie in the same layer and row as a suspect.
+    /// By layer, the triangles that touch a coarse cell that a suspect touches.
     fn layers_near<P: Places>(&self, of: &mut P, suspects: &[u32]) -> Vec<(usize, Vec<u32>)> {
         let [first, second] = of.stretches();
         let blocks_of_first = first.len().div_ceil(BLOCK);
-        let mut marks = Marks::default();
+        let mut marks = Marks::new(self.scale);
         for &t in suspects {
             let triangle = of.triangle(t);
             let extent = extent(of, triangle);
-            marks.add(self.scale.layers(&extent), self.scale.rows_of(&extent));
+            marks.add(&extent);
             let block = if t < second.start {
                 t as usize / BLOCK
             } else {
@@ -164,13 +165,13 @@ impl Near {
             for start in stretch.clone().step_by(BLOCK) {
                 let whole = of.blocks()[block];
                 block += 1;
-                if whole == Extent::EMPTY || !marks.meet(self.scale.layers(&whole), self.scale.rows_of(&whole)) {
+                if whole == Extent::EMPTY || !marks.meet(&whole) {
                     continue;
                 }
                 for t in (start..(start + BLOCK as u32).min(stretch.end)).step_by(2) {
                     let each = extents(of, t);
                     let both = each[0].union(each[1]);
-                    if both != Extent::EMPTY && marks.meet(self.scale.layers(&both), self.scale.rows_of(&both)) {
+                    if both != Extent::EMPTY && marks.meet(&both) {
                         layers.add(t, self.scale.layers(&both));
                     }
                 }
@@ -272,30 +273,46 @@ impl Layers {
     }
 }
 
-/// The rows that suspects touch: of each layer, bits.
-#[derive(Debug, Default)]
-struct Marks(Vec<(usize, Vec<u64>)>);
+/// The coarse cells that suspects touch: of each layer, bits, row after row.
+#[derive(Debug)]
+struct Marks {
+    scale: Scale,
+    /// Words of a row.
+    words: usize,
+    layers: Vec<(usize, Vec<u64>)>,
+}
 
 impl Marks {
-    fn add(&mut self, [first, last]: [usize; 2], [low, high]: [usize; 2]) {
+    fn new(scale: Scale) -> Marks {
+        Marks { scale, words: scale.columns().div_ceil(64), layers: Vec::new() }
+    }
+
+    fn add(&mut self, extent: &Extent) {
+        let [first, last] = self.scale.layers(extent);
+        let ([low, high], [left, right]) = (self.scale.rows_of(extent), self.scale.columns_of(extent));
         for layer in first..=last {
-            let at = self.0.iter().position(|(number, _)| *number == layer).unwrap_or_else(|| {
-                self.0.push((layer, Vec::new()));
-                self.0.len() - 1
+            let at = self.layers.iter().position(|(number, _)| *number == layer).unwrap_or_else(|| {
+                self.layers.push((layer, vec![0; self.words * self.scale.rows()]));
+                self.layers.len() - 1
             });
-            let rows = &mut self.0[at].1;
-            if rows.len() <= high / 64 {
-                rows.resize(high / 64 + 1, 0);
-            }
             for row in low..=high {
-                rows[row / 64] |= 1 << (row % 64);
+                let words = &mut self.layers[at].1[row * self.words..][..self.words];
+                set_range(words, left as u32, right as u32 + 1);
             }
         }
     }
 
-    fn meet(&self, [first, last]: [usize; 2], [low, high]: [usize; 2]) -> bool {
-        self.0.iter().filter(|(layer, _)| (first..=last).contains(layer)).any(|(_, rows)| {
-            (low..=high.min((rows.len() * 64).saturating_sub(1))).any(|row| rows[row / 64] >> (row % 64) & 1 == 1)
+    fn meet(&self, extent: &Extent) -> bool {
+        let [first, last] = self.scale.layers(extent);
+        let ([low, high], [left, right]) = (self.scale.rows_of(extent), self.scale.columns_of(extent));
+        self.layers.iter().filter(|(layer, _)| (first..=last).contains(layer)).any(|(_, bits)| {
+            (low..=high).any(|row| {
+                (left / 64..=right / 64).any(|word| {
+                    let from = u64::MAX << (if word == left / 64 { left % 64 } else { 0 });
+                    let to = u64::MAX >> (if word == right / 64 { 63 - right % 64 } else { 0 });
+                    bits[row * self.words + word] & from & to != 0
+                })
+            })
         })
     }
 }

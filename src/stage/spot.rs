@@ -149,6 +149,17 @@ impl Scale {
         [extent.low, extent.high].map(|spot| (spot.number(1) >> self.units) as usize)
     }
 
+    /// Number of coarse cells of a row.
+    pub fn columns(&self) -> usize {
+        (self.top[2] >> self.units) as usize + 1
+    }
+
+    /// The first and the last coarse cell along a row that a box touches.
+    #[inline]
+    pub fn columns_of(&self, extent: &Extent) -> [usize; 2] {
+        [extent.low, extent.high].map(|spot| (spot.number(2) >> self.units) as usize)
+    }
+
     /// A layer and a row as [`Scale::first_common`] gives them.
     pub fn cell(&self, layer: usize, row: usize) -> u64 {
         ((layer as u64) << SHIFTS[0] | (row as u64) << SHIFTS[1]) << self.units
