@@ -7,8 +7,9 @@ use rustc_hash::FxHashMap;
 
 use crate::grid::Grid;
 use crate::mesh::spool::Frame;
-use crate::slab::{BEFORE, Fate, SlabMesh};
+use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
+use crate::stage::fate::Fate;
 use crate::stage::near::{BLOCK, Places};
 use crate::stage::retreat::Piece;
 use crate::stage::spot::{Extent, Scale, Spot};

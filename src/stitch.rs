@@ -18,7 +18,8 @@ use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
 use crate::seam::Seam;
-use crate::slab::{BEFORE, Fate, SlabMesh};
+use crate::slab::{BEFORE, SlabMesh};
+use crate::stage::fate::Fate;
 use crate::stage::near::Near;
 use crate::stage::retreat::retreat;
 

@@ -9,6 +9,7 @@ pub mod corner;
 pub mod dilate;
 pub mod exterior;
 pub mod extract;
+pub mod fate;
 pub mod fit;
 pub mod label;
 pub mod lone;

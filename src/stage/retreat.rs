@@ -17,8 +17,8 @@
 use robust::{Coord, orient2d};
 
 use crate::mesh::intersect::intersect;
-use crate::slab::Fate;
 use crate::stage::contract::{NONE, is_gone};
+use crate::stage::fate::Fate;
 use crate::stage::near::{Near, Places, Suspects};
 
 /// A part of the mesh in which vertices may retreat.
