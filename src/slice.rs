@@ -123,6 +123,16 @@ pub fn set_range(words: &mut [u64], start: u32, end: u32) {
     }
 }
 
+/// Clears what lies past the end of a row of `width` cells in its last word.
+#[inline]
+pub fn clip(words: &mut [u64], width: u32) {
+    if !width.is_multiple_of(64)
+        && let Some(last) = words.last_mut()
+    {
+        *last &= u64::MAX >> (64 - width % 64);
+    }
+}
+
 /// A range of set cells in a row: `start..end`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Zeroable, Pod)]
 #[repr(C)]
@@ -262,6 +272,19 @@ impl SliceStore {
     /// Number of slices.
     pub fn slice_count(&self) -> u32 {
         self.places.len() as u32
+    }
+
+    /// Sets the cells of slice `y` in `bits`, which is cleared first; none where there is no such slice. `runs` is overwritten.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn paint(&self, y: i64, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
+        bits.clear();
+        if (0..i64::from(self.slice_count())).contains(&y) {
+            self.read(y as u32, runs)?;
+            bits.paint(runs, 0, 0);
+        }
+        Ok(())
     }
 
     /// Reads slice `y` into `out`.

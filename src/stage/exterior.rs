@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
-use crate::slice::{Bits, Runs, words_for};
+use crate::slice::{Bits, Runs, clip, words_for};
 use crate::stage::dilate::Ball;
 pub use crate::stage::label::Scratch;
 use crate::stage::label::{Labeller, Labels, Measure};
@@ -176,9 +176,5 @@ pub fn invert(words: &mut [u64], width: u32) {
     for word in words.iter_mut() {
         *word = !*word;
     }
-    if !width.is_multiple_of(64)
-        && let Some(last) = words.last_mut()
-    {
-        *last &= u64::MAX >> (64 - width % 64);
-    }
+    clip(words, width);
 }

@@ -1,4 +1,4 @@
-//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), sides, lone, component,
+//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), sides (with walls), lone, component,
 //! extract, smooth, fit or plane, contract, retreat (with near and spot, which find what may intersect).
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
@@ -23,3 +23,4 @@ pub mod sides;
 pub mod smooth;
 pub mod solid;
 pub mod spot;
+pub mod walls;

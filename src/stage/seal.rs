@@ -16,7 +16,7 @@
 //! confirms it.
 //!
 //! The search runs on a pyramid of the occupied cells, coarse to fine: each level halves the resolution, so that all radii are tried where
-//! they are cheap. Finer levels only look for the solid's volume: half the occupied cells are the shell's outer half; the rest, the
+//! they are cheap, and ends as soon as a ball of some cells seals a level. Finer levels only look for the solid's volume: half the occupied cells are the shell's outer half; the rest, the
 //! inside, is the same on every level but for the factor of eight (measured: within 8 %).
 
 use crate::context::Context;
@@ -50,7 +50,8 @@ const CONFIRMED: f64 = 0.8;
 const LARGEST: f64 = 0.08;
 
 /// A ball of this many cells is large enough to tell the sides apart on a level: it falls from there, and no level below needs a larger
-/// one than twice the cells it ends with.
+/// one than twice the cells it ends with. From 3 cells on, the bunny's ball falls from 4 cells of the first coarse level, where its walls are too thick
+/// to judge by, and a web stays at its base: 0.047 % of its longest side off the scan, root mean square, instead of 0.022.
 const FALLS_FROM: u32 = 5;
 
 /// What was tried: a radius at a level, and what it gave.
@@ -81,7 +82,8 @@ impl Closing {
         self.radius << self.level
     }
 
-    /// A closing with a given radius, in cells of the grid, on the level that has the smallest ball of 5 cells or more.
+    /// A closing with a given radius, in cells of the grid, on the level that has the smallest ball of 5 cells or more; rounded up to whole cells of
+    /// that level.
     pub fn with_radius(rho: u32) -> Closing {
         let level = (rho / FALLS_FROM).max(1).ilog2();
         Closing { level, radius: rho.div_ceil(1 << level) }

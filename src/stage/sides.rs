@@ -9,7 +9,7 @@
 //!   o o o . # # # . o o o
 //!   o o . # # . # # . o o     ? becomes free for a smaller ball. Next to one side, it is that side's:
 //!   o . # # ? ? ? # # . o       the mouth of the concavity on top, the edges of the inside.
-//!   o . # . . i . . # . o     A component that lies next to neither, or next to both, is judged by its walls:
+//!   o . # . . i . . # . o     A component that lies next to neither, or next to both, is judged by its walls (`walls.rs`):
 //!   o . # . i i i . # . o       walls with the inside behind them say outside, and the reverse.
 //!   o . # # # ? # # # . o     A hole (the ? below) has walls with neither or both behind: it stays bridged.
 //!   o o . . . ? . . . o o
@@ -17,17 +17,15 @@
 //!
 //! *Next to a side*: in the ball (the larger one, of the step before) round one of its cells. The steps halve the ball's squared radius, down
 //! to 2: at the end, the passage that a cell lies in is more than two cells wide. Large balls fall on a coarser level of the pyramid
-//! ([`Sides::refined`]), so that no ball on the fine grid is larger than a few cells.
-
-use bytemuck::{Pod, Zeroable};
+//! ([`Sides::refined`]), so that no ball on any level is much larger than ten cells.
 
 use crate::context::{Context, chunks};
 use crate::error::Result;
-use crate::slice::{Bits, Runs, SliceStore, words_for};
+use crate::slice::{Bits, Runs, SliceStore, clip, set_range, words_for};
 use crate::stage::dilate::Ball;
 use crate::stage::exterior::{Exterior, Padded, Scratch, invert, near};
-use crate::stage::label::{Labeller, Labels, Measure};
 use crate::stage::raster::Occupancy;
+use crate::stage::walls::{INSIDE, OUTSIDE, Open};
 use crate::window::Window;
 
 /// The last step's squared radius.
@@ -51,11 +49,6 @@ pub struct Sides {
     /// Squared radius of the ball for which all free cells were considered.
     squared: u32,
 }
-
-/// The verdicts on components.
-const UNDECIDED: u8 = 0;
-const OUTSIDE: u8 = 1;
-const INSIDE: u8 = 2;
 
 /// The slices of two stores.
 type Pair = Vec<[Runs; 2]>;
@@ -131,7 +124,7 @@ impl Sides {
                     }
                 }
                 if !held {
-                    (0..padded.cells[2]).for_each(|z| fill(bits[0].row_mut(z), padded.cells[0]));
+                    (0..padded.cells[2]).for_each(|z| set_range(bits[0].row_mut(z), 0, padded.cells[0]));
                 }
                 for z in 0..padded.cells[2] {
                     if free.dilate_row(near(&window, i64::from(y), z), &mut taken) {
@@ -147,24 +140,14 @@ impl Sides {
         Ok(Sides { padded, outside, inside, squared })
     }
 
-    /// Sets the outside cells of padded slice `y` in `bits`, which must be empty.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn paint_outside(&self, y: u32, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
-        self.outside.read(y, runs)?;
-        bits.paint(runs, 0, 0);
-        Ok(())
+    /// The outside cells, slice by slice of the padded box.
+    pub fn outside(&self) -> &SliceStore {
+        &self.outside
     }
 
-    /// Sets the inside cells of padded slice `y` in `bits`, which must be empty.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn paint_inside(&self, y: u32, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
-        self.inside.read(y, runs)?;
-        bits.paint(runs, 0, 0);
-        Ok(())
+    /// The inside cells, slice by slice of the padded box.
+    pub fn inside(&self) -> &SliceStore {
+        &self.inside
     }
 
     /// One step: gives the cells that are free for the ball of `squared` a side.
@@ -197,17 +180,16 @@ impl Sides {
         if !found {
             return Ok(grown);
         }
-        let labels = grown.judged(occupancy, &near, &open, context)?;
+        let (outside, next_to) = (&grown.outside, &near);
+        let labels = Open { padded, occupancy, cells: &open, outside, next_to, squared }.judged(context)?;
         let [outside, inside] = pairs(padded, 1, context, |slices| {
             let (mut bits, mut runs, mut scratch) = (padded.bits(), Runs::default(), Scratch::default());
             slices
                 .map(|y| {
-                    bits.clear();
-                    grown.paint_outside(y, &mut bits, &mut runs)?;
+                    grown.outside.paint(i64::from(y), &mut bits, &mut runs)?;
                     labels.paint(y, OUTSIDE, &mut bits, &mut scratch)?;
                     let outside = Runs::from_bits(&bits);
-                    bits.clear();
-                    grown.paint_inside(y, &mut bits, &mut runs)?;
+                    grown.inside.paint(i64::from(y), &mut bits, &mut runs)?;
                     labels.paint(y, INSIDE, &mut bits, &mut scratch)?;
                     Ok([outside, Runs::from_bits(&bits)])
                 })
@@ -228,7 +210,7 @@ impl Sides {
             let mut out = Vec::new();
             for y in slices {
                 for (window, store) in windows.iter_mut().zip([&self.outside, &self.inside]) {
-                    window.slide_to(i64::from(y) - reach, |y, bits| paint(store, y, bits, &mut runs))?;
+                    window.slide_to(i64::from(y) - reach, |y, bits| store.paint(y, bits, &mut runs))?;
                 }
                 padded.paint_occupied(occupancy, i64::from(y), &mut occupied, &mut runs)?;
                 out.push(windows.each_ref().map(|window| {
@@ -270,10 +252,10 @@ impl Sides {
         for y in slices {
             window.slide_to(i64::from(y) - reach, |y, bits| padded.paint_occupied(occupancy, y, bits, &mut runs))?;
             for (bits, store) in sides.iter_mut().zip([&self.outside, &self.inside]) {
-                paint(store, i64::from(y), bits, &mut runs)?;
+                store.paint(i64::from(y), bits, &mut runs)?;
             }
             for (bits, store) in next_bits.iter_mut().zip(next_to) {
-                paint(store, i64::from(y), bits, &mut runs)?;
+                store.paint(i64::from(y), bits, &mut runs)?;
             }
             let mut rest = Runs::default();
             for z in 0..padded.cells[2] {
@@ -306,177 +288,6 @@ impl Sides {
         }
         Ok(out)
     }
-
-    /// The components of the cells of `open`, judged by what they touch and by what lies behind their walls.
-    fn judged(
-        &self,
-        occupancy: &Occupancy,
-        next_to: &[SliceStore; 2],
-        open: &SliceStore,
-        context: &Context,
-    ) -> Result<Labels> {
-        // One cell more than the ball that the cells are free for: it reaches the nearest walls, and not those behind a thin part.
-        let ball = Ball::squared((self.squared.isqrt() + 1).pow(2));
-        let mut labeller = Labeller::new(context);
-        let mut jobs = chunks(self.padded.cells[1]);
-        context.workers.in_order(
-            context.memory.chunks_for(&context.load, 2 * ball.radius() + 3),
-            || Ok(jobs.next()),
-            |slices| self.evidence(occupancy, next_to, open, &ball, slices),
-            |slices: Vec<(Runs, Vec<Evidence>)>| {
-                slices.into_iter().try_for_each(|(runs, found)| labeller.add(runs, &found))
-            },
-        )?;
-        labeller.finish()?.judged(context, Evidence::verdict)
-    }
-
-    /// The runs of `open` in some slices, with the evidence of each.
-    fn evidence(
-        &self,
-        occupancy: &Occupancy,
-        next_to: &[SliceStore; 2],
-        open: &SliceStore,
-        ball: &Ball,
-        slices: std::ops::Range<u32>,
-    ) -> Result<Vec<(Runs, Vec<Evidence>)>> {
-        let mut held = Vec::with_capacity(slices.len());
-        for y in slices.clone() {
-            let mut runs = Runs::default();
-            open.read(y, &mut runs)?;
-            held.push(runs);
-        }
-        if held.iter().all(|runs| runs.all().is_empty()) {
-            return Ok(held.into_iter().map(|runs| (runs, Vec::new())).collect());
-        }
-        let padded = self.padded;
-        let reach = i64::from(ball.radius());
-        let mut walls = [Walls::new(padded, ball), Walls::new(padded, ball)];
-        let mut touched = Window::new(3, || padded.bits());
-        let mut runs = Runs::default();
-        let mut rows = [vec![0; words_for(padded.cells[0])], vec![0; words_for(padded.cells[0])]];
-        let mut out = Vec::with_capacity(held.len());
-        for (y, open) in slices.map(i64::from).zip(held) {
-            for (walls, store) in walls.iter_mut().zip(next_to) {
-                walls.slide_to(y - reach, padded, occupancy, store)?;
-            }
-            touched.slide_to(y - 1, |y, bits| paint(&self.outside, y, bits, &mut runs))?;
-            let mut found = Vec::with_capacity(open.all().len());
-            for z in 0..open.row_count() {
-                if open.row(z).is_empty() {
-                    continue;
-                }
-                for (row, walls) in rows.iter_mut().zip(&walls) {
-                    ball.dilate_row(near(&walls.window, y, z), row);
-                }
-                for run in open.row(z) {
-                    let mut evidence = Evidence {
-                        cells: u64::from(run.end - run.start),
-                        touches_outside: u64::from(touches(&touched, y, z, *run)),
-                        ..Evidence::default()
-                    };
-                    for x in run.start..run.end {
-                        let behind = [0, 1].map(|side| rows[side][x as usize / 64] >> (x % 64) & 1 == 1);
-                        evidence.outside_behind += u64::from(behind == [true, false]);
-                        evidence.inside_behind += u64::from(behind == [false, true]);
-                    }
-                    found.push(evidence);
-                }
-            }
-            out.push((open, found));
-        }
-        Ok(out)
-    }
-}
-
-/// What speaks for a component's side.
-#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
-#[repr(C)]
-struct Evidence {
-    cells: u64,
-    /// Its runs that share a face with an outside cell.
-    touches_outside: u64,
-    /// Its cells near walls that have the outside, and not the inside, on a face.
-    outside_behind: u64,
-    /// The same with the inside.
-    inside_behind: u64,
-}
-
-impl Measure for Evidence {
-    fn add(&mut self, other: &Evidence) {
-        self.cells += other.cells;
-        self.touches_outside += other.touches_outside;
-        self.outside_behind += other.outside_behind;
-        self.inside_behind += other.inside_behind;
-    }
-}
-
-impl Evidence {
-    /// What is cut off from the outside is inside. Else the walls decide, if those of a quarter of the cells speak, and four times as
-    /// many for one side as for the other: a rim round a hole is not enough.
-    fn verdict(&self) -> u8 {
-        let decisive = |most: u64, least: u64| 4 * most >= self.cells && 4 * least <= most;
-        if self.touches_outside == 0 || decisive(self.outside_behind, self.inside_behind) {
-            INSIDE
-        } else if decisive(self.inside_behind, self.outside_behind) {
-            OUTSIDE
-        } else {
-            UNDECIDED
-        }
-    }
-}
-
-/// A window of walls: occupied cells that touch a cell next to one side.
-struct Walls {
-    window: Window<Bits>,
-    next_to: Window<Bits>,
-}
-
-impl Walls {
-    fn new(padded: Padded, ball: &Ball) -> Walls {
-        Walls {
-            window: Window::new(2 * ball.radius() as usize + 1, || padded.bits()),
-            next_to: Window::new(3, || padded.bits()),
-        }
-    }
-
-    fn slide_to(&mut self, first: i64, padded: Padded, occupancy: &Occupancy, store: &SliceStore) -> Result<()> {
-        let block = Ball::new(1);
-        let (mut runs, mut row) = (Runs::default(), vec![0; words_for(padded.cells[0])]);
-        let next_to = &mut self.next_to;
-        self.window.slide_to(first, |y, walls| {
-            next_to.slide_to(y - 1, |y, bits| paint(store, y, bits, &mut runs))?;
-            padded.paint_occupied(occupancy, y, walls, &mut runs)?;
-            for z in 0..padded.cells[2] {
-                if walls.lit_row(z).is_some() {
-                    block.dilate_row(near(next_to, y, z), &mut row);
-                    walls.row_mut(z).iter_mut().zip(&row).for_each(|(wall, near)| *wall &= near);
-                }
-            }
-            Ok(())
-        })
-    }
-}
-
-/// Whether a run of row `z` shares a face with a cell of the window's slices.
-fn touches(window: &Window<Bits>, y: i64, z: u32, run: crate::slice::Run) -> bool {
-    let z = i64::from(z);
-    let (first, last) = (i64::from(run.start), i64::from(run.end) - 1);
-    let here = window.get(y);
-    here.get(first - 1, z)
-        || here.get(last + 1, z)
-        || (first..=last).any(|x| {
-            here.get(x, z - 1) || here.get(x, z + 1) || window.get(y - 1).get(x, z) || window.get(y + 1).get(x, z)
-        })
-}
-
-/// Sets the cells of slice `y` of a store in `bits`, which is cleared first; none where there is no such slice.
-fn paint(store: &SliceStore, y: i64, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
-    bits.clear();
-    if (0..i64::from(store.slice_count())).contains(&y) {
-        store.read(y as u32, runs)?;
-        bits.paint(runs, 0, 0);
-    }
-    Ok(())
 }
 
 /// Sets the children of the cells of a coarse slice that lie in a fine slice; beyond the coarse box all is set, if the row's end is.
@@ -491,7 +302,7 @@ fn paint_children(runs: &Runs, coarse: Padded, fine: Padded, bits: &mut Bits) {
             let start = if run.start == 0 { 0 } else { child(run.start).clamp(0, width) };
             let end = if run.end == coarse.cells[0] { width } else { child(run.end).clamp(0, width) };
             if start < end {
-                crate::slice::set_range(bits.row_mut(z), start as u32, end as u32);
+                set_range(bits.row_mut(z), start as u32, end as u32);
             }
         }
     }
@@ -525,20 +336,6 @@ fn pairs(
 fn stores(context: &Context) -> [SliceStore; 2] {
     let store = || SliceStore::new(&context.workspace, context.memory.store_quota);
     [store(), store()]
-}
-
-/// Clears what dilation set past the end of a row.
-fn clip(row: &mut [u64], width: u32) {
-    if !width.is_multiple_of(64)
-        && let Some(last) = row.last_mut()
-    {
-        *last &= u64::MAX >> (64 - width % 64);
-    }
-}
-
-fn fill(row: &mut [u64], width: u32) {
-    row.fill(u64::MAX);
-    clip(row, width);
 }
 
 fn and_not(row: &mut [u64], other: &[u64]) {

@@ -1,7 +1,8 @@
 //! Solid: the exterior grown back by the ball, never into an occupied cell; the rest, enclosed voids included, is solid.
 //!
 //! Dilation, connected exterior and growing back together are a morphological closing decided by connectivity: a ball of
-//! radius ρ rolls outside, holes narrower than 2ρ are bridged, and the surface lies against the points again.
+//! radius ρ rolls outside, holes narrower than 2ρ are bridged, and the surface lies against the points again. Where the ball has fallen
+//! ([`crate::stage::sides`]), what is outside is grown back by one cell instead, and what is inside stays.
 
 use crate::context::{Context, chunks};
 use crate::error::Result;
@@ -154,12 +155,12 @@ fn solid_slices(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, chunk: std
             match grown {
                 Grown::Exterior(exterior) => exterior.paint(y as u32, bits, &mut scratch),
                 Grown::Free(exterior) => exterior.paint_free(y as u32, bits, &mut scratch),
-                Grown::Outside(sides) => sides.paint_outside(y as u32, bits, &mut runs),
+                Grown::Outside(sides) => sides.outside().paint(y, bits, &mut runs),
             }
         })?;
         kept.clear();
         if let Grown::Outside(sides) = grown {
-            sides.paint_inside(padded_y as u32, &mut kept, &mut runs)?;
+            sides.inside().paint(padded_y, &mut kept, &mut runs)?;
         }
         occupancy.store.read(y, &mut runs)?;
         kept.paint(&runs, pad, pad);
