@@ -86,6 +86,19 @@ impl<'a> Seam<'a> {
         out
     }
 
+    /// The vertices of either slab that have come to the other's side of the plane: only their triangles, and those on the plane, can meet the other
+    /// slab's.
+    pub fn strayed(&self, grid: &Grid) -> Vec<u32> {
+        let plane = f64::from(self.upper.slices.start);
+        let (axis, inverse) = (grid.axis().index(), 1.0 / grid.cell_size());
+        // In cells; what is just about on the plane counts as beyond it, whichever way it was rounded.
+        let height = |slab: &SlabMesh, v: u32| (slab.position(v)[axis] - grid.bounds().min[axis]) * inverse - plane;
+        let lives = |slab: &SlabMesh, v: &u32| slab.fate[*v as usize] != Fate::Gone;
+        let of_lower = (0..self.lower.own()).filter(|v| lives(self.lower, v) && height(self.lower, *v) > -0.01);
+        let of_upper = (0..self.upper.own()).filter(|v| lives(self.upper, v) && height(self.upper, *v) < 0.01);
+        of_lower.chain(of_upper.map(|v| self.lower.own() + v)).collect()
+    }
+
     /// The vertex's point as something to compare: its coordinates' bits. None if it has none, has gone back, or is of a slab beyond.
     fn point(&self, v: u32) -> Option<[u64; 3]> {
         if !self.is_known([v; 3]) {

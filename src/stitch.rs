@@ -97,6 +97,7 @@ impl<'a> Stitcher<'a> {
             let mut seam = Seam::of(&mut lower, &mut slab, self.settled, self.frame, self.near.scale());
             let mut changed = seam.close();
             changed.extend(seam.choose_fitted(self.grid, self.halo));
+            changed.extend(seam.strayed(self.grid));
             let suspects = seam.triangles_around(changed);
             self.counts.tangled += retreat(&mut seam, &mut self.near, Some(suspects));
             seam.give_back_blocks();
