@@ -249,6 +249,13 @@ impl Places for Seam<'_> {
     }
 
     #[inline]
+    fn known(&self, t: u32) -> Option<[u32; 3]> {
+        let exists = self.stretches().iter().any(|stretch| stretch.contains(&t));
+        let triangle = exists.then(|| self.triangle(t))?;
+        (!is_gone(triangle) && self.is_known(triangle)).then_some(triangle)
+    }
+
+    #[inline]
     fn spot(&self, v: u32) -> Spot {
         let (slab, v) = self.slab_of(v);
         slab.spots[v as usize]

@@ -245,6 +245,12 @@ impl Places for Inside<'_> {
     }
 
     #[inline]
+    fn known(&self, t: u32) -> Option<[u32; 3]> {
+        let triangle = *self.slab.triangles.get(t as usize)?;
+        (!is_gone(triangle) && self.is_known(triangle)).then_some(triangle)
+    }
+
+    #[inline]
     fn spot(&self, v: u32) -> Spot {
         self.slab.spots[v as usize]
     }

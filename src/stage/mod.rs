@@ -9,6 +9,7 @@ pub mod corner;
 pub mod dilate;
 pub mod exterior;
 pub mod extract;
+pub mod fan;
 pub mod fate;
 pub mod fit;
 pub mod label;

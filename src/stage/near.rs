@@ -14,7 +14,6 @@
 
 use crate::grid::Grid;
 use crate::slice::set_range;
-use crate::stage::contract::is_gone;
 use crate::stage::spot::{Extent, Scale, Spot};
 
 /// Triangles with consecutive numbers that share a box of their own.
@@ -28,6 +27,8 @@ pub trait Places {
     fn triangle(&self, t: u32) -> [u32; 3];
     /// Whether the places of all corners of a triangle are known.
     fn is_known(&self, triangle: [u32; 3]) -> bool;
+    /// The corners of triangle `t`, if there is one of that number, it is left, and its places are known.
+    fn known(&self, t: u32) -> Option<[u32; 3]>;
     /// The spot of a vertex, at the place that is going to be written.
     fn spot(&self, v: u32) -> Spot;
     /// The boxes of blocks of triangles, from the first stretch's first block on.
@@ -50,8 +51,20 @@ struct Entry {
     whole: Extent,
     /// Of each; that of nothing where it is not known or gone.
     each: [Extent; 2],
+    /// Of a rectangle or a lone triangle: the corners at which it certainly does not meet another; elsewhere, a number that no vertex and no other
+    /// entry has.
+    sure: [u32; 4],
     first: u32,
     suspect: bool,
+}
+
+impl Entry {
+    /// Whether the two entries have a corner in common at which they certainly do not meet.
+    #[inline]
+    fn are_sure(&self, other: &Entry) -> bool {
+        // All of them, without a branch: this is asked once for every two rectangles side by side.
+        self.sure.iter().fold(false, |any, v| any | other.sure.iter().fold(false, |any, w| any | (v == w)))
+    }
 }
 
 /// Finds pairs of triangles whose boxes meet. Keeps its buffers.
@@ -81,11 +94,13 @@ impl Near {
         self.scale
     }
 
-    /// Tells `found` of every pair of known triangles whose boxes meet, each once, in no particular order.
+    /// Tells `found` of every pair of known triangles whose boxes meet, each once, in no particular order. Left out are pairs in rectangles with a
+    /// common corner of which `is_ring` is true ([`crate::stage::fan`]).
     pub fn pairs<P: Places>(
         &mut self,
         of: &mut P,
         suspects: Suspects<'_>,
+        is_ring: impl Fn(u32) -> bool,
         mut found: impl FnMut(&P, [u32; 3], [u32; 3]),
     ) {
         let layers = match suspects {
@@ -100,17 +115,27 @@ impl Near {
                 Suspects::Some(suspects) => suspects,
             };
             for first in triangles {
-                let each = extents(of, first);
+                let both = [of.known(first), of.known(first + 1)];
+                let each = both.map(|triangle| triangle.map_or(Extent::EMPTY, |triangle| extent(of, triangle)));
                 let whole = each[0].union(each[1]);
+                let number = self.entries.len() as u32;
+                let sure = match corners(both) {
+                    Some(corners) => corners.map(|v| if is_ring(v) { v } else { !number }),
+                    None => [!number; 4],
+                };
                 // The two themselves are a pair, where they first appear.
-                if each[0].meets(&each[1]) && self.scale.layers(&whole)[0] == layer {
-                    found(of, of.triangle(first), of.triangle(first + 1));
+                if let [Some(one), Some(other)] = both
+                    && sure == [!number; 4]
+                    && each[0].meets(&each[1])
+                    && self.scale.layers(&whole)[0] == layer
+                {
+                    found(of, one, other);
                 }
                 while to_come.first().is_some_and(|t| *t < first) {
                     to_come = &to_come[1..];
                 }
                 let suspect = matches!(suspects, Suspects::All) || to_come.first().is_some_and(|t| *t <= first + 1);
-                self.entries.push(Entry { whole, each, first, suspect });
+                self.entries.push(Entry { whole, each, sure, first, suspect });
             }
             self.list();
             self.sweep(layer, |a, b| found(of, of.triangle(a), of.triangle(b)));
@@ -127,8 +152,7 @@ impl Near {
                 let mut whole = Extent::EMPTY;
                 let end = (first + BLOCK as u32).min(stretch.end);
                 for t in (first..end).step_by(2) {
-                    let each = extents(of, t);
-                    let both = each[0].union(each[1]);
+                    let both = extent_of_both(of, t);
                     if both != Extent::EMPTY {
                         whole = whole.union(both);
                         layers.add(t, self.scale.layers(&both));
@@ -169,8 +193,7 @@ impl Near {
                     continue;
                 }
                 for t in (start..(start + BLOCK as u32).min(stretch.end)).step_by(2) {
-                    let each = extents(of, t);
-                    let both = each[0].union(each[1]);
+                    let both = extent_of_both(of, t);
                     if both != Extent::EMPTY && marks.meet(&both) {
                         layers.add(t, self.scale.layers(&both));
                     }
@@ -222,7 +245,7 @@ impl Near {
                 for (other, other_number) in self.row[i + 1..].iter().take_while(|(other, _)| other.begin() <= end) {
                     if one.meets(other) && self.scale.first_common(one, other) == cell {
                         let (one, other) = (&self.entries[*number as usize], &self.entries[*other_number as usize]);
-                        if !one.suspect && !other.suspect {
+                        if !(one.suspect || other.suspect) || one.are_sure(other) {
                             continue;
                         }
                         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
@@ -237,19 +260,35 @@ impl Near {
     }
 }
 
-/// The boxes of triangles `first` and the next.
+/// The box of triangles `first` and the next.
 #[inline]
-fn extents<P: Places>(of: &P, first: u32) -> [Extent; 2] {
-    let stretches = of.stretches();
-    [first, first + 1].map(|t| {
-        if stretches.iter().any(|stretch| stretch.contains(&t)) {
-            let triangle = of.triangle(t);
-            if !is_gone(triangle) && of.is_known(triangle) {
-                return extent(of, triangle);
-            }
+fn extent_of_both<P: Places>(of: &P, first: u32) -> Extent {
+    let both = [of.known(first), of.known(first + 1)];
+    match (corners(both), both) {
+        (Some([a, b, c, d]), _) => {
+            let [a, b, c, d] = [a, b, c, d].map(|v| of.spot(v));
+            Extent::of([a, b, c]).union(Extent::of([d, d, d]))
         }
-        Extent::EMPTY
-    })
+        (None, [Some(one), Some(other)]) => extent(of, one).union(extent(of, other)),
+        _ => Extent::EMPTY,
+    }
+}
+
+/// The corners of the rectangle that two triangles make, in order round it, or of a lone triangle, the last one twice. None if they make none.
+///
+/// ```text
+///   3---2    diagonal 0: (0 1 2) (0 2 3)
+///   |   |    diagonal 1: (0 1 3) (1 2 3)
+///   0---1
+/// ```
+#[inline]
+pub fn corners(both: [Option<[u32; 3]>; 2]) -> Option<[u32; 4]> {
+    match both {
+        [Some([a, b, c]), Some([d, e, f])] if d == a && e == c => Some([a, b, c, f]),
+        [Some([a, b, c]), Some([d, e, f])] if d == b && f == c => Some([a, b, e, c]),
+        [Some([a, b, c]), None] | [None, Some([a, b, c])] => Some([a, b, c, c]),
+        _ => None,
+    }
 }
 
 #[inline]

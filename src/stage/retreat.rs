@@ -13,10 +13,11 @@
 //! Where clusters are taken apart, others may lose what made their contraction sound: a vertex that meets one cluster twice.
 //! These are taken apart, too, so that the mesh stays a closed 2-manifold.
 
-use robust::{Coord, orient2d};
+use std::cell::Cell;
 
 use crate::mesh::intersect::intersect;
 use crate::stage::contract::{NONE, is_gone};
+use crate::stage::fan::{Fan, all_fans, cross, fan_is_free, minus};
 use crate::stage::fate::Fate;
 use crate::stage::near::{Near, Places, Suspects};
 
@@ -44,16 +45,17 @@ pub trait Piece: Places {
 /// not zero only if cells are too small for the precision of coordinates, or if a settled vertex would have to move.
 pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Vec<u32>>) -> u64 {
     let mut left = 0;
-    let mut fans = match suspects {
+    let fans = match suspects {
         None => all_fans(piece),
-        Some(_) => vec![Fan::Unknown; piece.vertices() as usize],
+        Some(_) => vec![Cell::new(Fan::Unknown); piece.vertices() as usize],
     };
+    let is_ring = |v: u32| fans[v as usize].get() == Fan::Ring;
     loop {
         let mut tangled: Vec<u32> = Vec::new();
         let mut pairs = 0;
         let looked_at = suspects.as_deref().map_or(Suspects::All, Suspects::Some);
-        near.pairs(piece, looked_at, |piece, a, b| {
-            if !are_apart(piece, &mut fans, a, b) {
+        near.pairs(piece, looked_at, is_ring, |piece, a, b| {
+            if !are_apart(piece, &fans, a, b) {
                 pairs += 1;
                 let moves = |v: &u32| piece.fate(*v) != Fate::Rest;
                 let before = tangled.len();
@@ -72,34 +74,25 @@ pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Ve
         changed.retain(|&t| !is_gone(piece.triangle(t)) && piece.is_known(piece.triangle(t)));
         changed.sort_unstable();
         changed.dedup();
-        for v in changed.iter().flat_map(|&t| piece.triangle(t)) {
-            fans[v as usize] = Fan::Unknown;
+        // A vertex's ring has triangles that do not touch it: the other halves of rectangles.
+        for v in changed.iter().flat_map(|&t| [piece.known(t), piece.known(t ^ 1)]).flatten().flatten() {
+            fans[v as usize].set(Fan::Unknown);
         }
         suspects = Some(changed);
     }
 }
 
-/// What is known of the triangles at a vertex.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Fan {
-    Unknown,
-    /// No two of them intersect.
-    Free,
-    /// Each pair has to be looked at.
-    Doubtful,
-}
-
 /// Whether two triangles whose boxes meet do not intersect: by the fan of a vertex they share, by a plane between them, or else in full.
-fn are_apart<P: Piece>(piece: &P, fans: &mut [Fan], a: [u32; 3], b: [u32; 3]) -> bool {
+fn are_apart<P: Piece>(piece: &P, fans: &[Cell<Fan>], a: [u32; 3], b: [u32; 3]) -> bool {
     for v in a {
         if v != b[0] && v != b[1] && v != b[2] {
             continue;
         }
-        let fan = &mut fans[v as usize];
-        if *fan == Fan::Unknown {
-            *fan = if fan_is_free(piece, v) { Fan::Free } else { Fan::Doubtful };
+        let fan = &fans[v as usize];
+        if fan.get() == Fan::Unknown {
+            fan.set(if fan_is_free(piece, v) { Fan::Free } else { Fan::Doubtful });
         }
-        if *fan == Fan::Free {
+        if fan.get() >= Fan::Free {
             return true;
         }
     }
@@ -124,112 +117,6 @@ fn lies_beside(one: [[f64; 3]; 3], shared: [bool; 3], [a, b, c]: [[f64; 3]; 3]) 
         below &= shared | (height < -doubt);
     }
     above | below
-}
-
-fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|a| p[a] - q[a])
-}
-
-fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|a| {
-        let (b, c) = ((a + 1) % 3, (a + 2) % 3);
-        p[b] * q[c] - p[c] * q[b]
-    })
-}
-
-/// What [`fan_is_free`] says of all vertices, in one pass over the triangles. May be in doubt where that is not.
-///
-/// ```text
-///   bits 0-5    seen along axis a, some triangle may not turn left (bit 2 a), or not right (bit 2 a + 1)
-///   bits 16-63  sixteen for each axis: crossings of the ray
-/// ```
-fn all_fans<P: Piece>(piece: &P) -> Vec<Fan> {
-    let mut seen = vec![0u64; piece.vertices() as usize];
-    for triangle in piece.stretches().into_iter().flatten().map(|t| piece.triangle(t)) {
-        if is_gone(triangle) {
-            continue;
-        }
-        if !piece.is_known(triangle) {
-            for v in triangle {
-                if let Some(seen) = seen.get_mut(v as usize) {
-                    *seen |= 0b11_1111;
-                }
-            }
-            continue;
-        }
-        let places = triangle.map(|v| piece.place(v));
-        let (ab, ac) = (minus(places[1], places[0]), minus(places[2], places[0]));
-        let largest = ab.iter().chain(&ac).fold(0.0f64, |m, d| m.max(d.abs()));
-        let doubt = 1e-14 * largest * largest;
-        let normal = cross(ab, ac);
-        let mut not = 0;
-        for (a, n) in normal.into_iter().enumerate() {
-            not |= u64::from(n <= doubt) << (2 * a) | u64::from(n >= -doubt) << (2 * a + 1);
-        }
-        for i in 0..3 {
-            let (centre, from, to) = (places[i], places[(i + 1) % 3], places[(i + 2) % 3]);
-            let mut crossings = 0;
-            for (a, n) in normal.into_iter().enumerate() {
-                let y = (a + 2) % 3;
-                let upwards = (from[y] < centre[y]) & (centre[y] <= to[y]);
-                let downwards = (to[y] < centre[y]) & (centre[y] <= from[y]);
-                let left = n > 0.0;
-                crossings += u64::from((left & upwards) | (!left & downwards)) << (16 * (a + 1));
-            }
-            // A vertex has far fewer triangles than sixteen bits can count.
-            let seen = &mut seen[triangle[i] as usize];
-            *seen = (*seen | not) + crossings;
-        }
-    }
-    let is_free = |seen: u64| (0..3).any(|a| seen >> (2 * a) & 3 != 3 && seen >> (16 * (a + 1)) & 0xffff == 1);
-    seen.into_iter().map(|seen| if is_free(seen) { Fan::Free } else { Fan::Doubtful }).collect()
-}
-
-/// Whether, seen along some axis, all triangles at `v` turn the same way and go round it once: then no two of them intersect.
-///
-/// Exact, as the turns are. Of a fan with a triangle that is not known nothing is said.
-fn fan_is_free<P: Piece>(piece: &P, v: u32) -> bool {
-    let centre = piece.place(v);
-    let mut link: [([f64; 3], [f64; 3]); MOST_IN_FAN] = [([0.0; 3], [0.0; 3]); MOST_IN_FAN];
-    let mut count = 0;
-    let mut member = v;
-    while member != NONE {
-        for corner in piece.corners(member) {
-            let triangle = piece.triangle(corner / 3);
-            if is_gone(triangle) {
-                continue;
-            }
-            if count == MOST_IN_FAN || !piece.is_known(triangle) {
-                return false;
-            }
-            let at = corner as usize % 3;
-            link[count] = (piece.place(triangle[(at + 1) % 3]), piece.place(triangle[(at + 2) % 3]));
-            count += 1;
-        }
-        member = piece.also(member);
-    }
-    let link = &link[..count];
-    (0..3).any(|axis| goes_round_once(centre, link, axis))
-}
-
-/// Fans with more triangles are rare, and looked at pair by pair.
-const MOST_IN_FAN: usize = 24;
-
-fn goes_round_once(centre: [f64; 3], link: &[([f64; 3], [f64; 3])], axis: usize) -> bool {
-    let flat = |p: [f64; 3]| Coord { x: p[(axis + 1) % 3], y: p[(axis + 2) % 3] };
-    let centre = flat(centre);
-    let mut sides = link.iter().map(|&(a, b)| orient2d(centre, flat(a), flat(b)));
-    let Some(first) = sides.next() else { return false };
-    if first == 0.0 || !sides.all(|side| if first > 0.0 { side > 0.0 } else { side < 0.0 }) {
-        return false;
-    }
-    // Every turn crosses the ray from the centre along +x once, upwards if turns are to the left.
-    let crosses = |a: f64, b: f64| a < centre.y && centre.y <= b;
-    let crossings = link.iter().filter(|&&(a, b)| {
-        let (a, b) = (flat(a).y, flat(b).y);
-        if first > 0.0 { crosses(a, b) } else { crosses(b, a) }
-    });
-    crossings.count() == 1
 }
 
 /// Moves the vertices one step back. Where that is to rest, takes their clusters apart, and whatever other clusters this makes unsound: all
