@@ -55,7 +55,9 @@ pub fn all_fans<P: Piece>(piece: &P) -> Vec<Cell<Fan>> {
                 let [a, b, c, d] = [[p0, p1, p2], [p0, p2, p3], [p0, p1, p3], [p1, p2, p3]].map(|t| turns(t).1);
                 around.into_iter().for_each(|v| seen[v as usize] |= (a | b | c | d) << RING);
             }
-            (Some([a, b, c, _]), _) => [a, b, c].into_iter().for_each(|v| seen[v as usize] |= (not[0] | not[1]) << RING),
+            (Some([a, b, c, _]), _) => {
+                [a, b, c].into_iter().for_each(|v| seen[v as usize] |= (not[0] | not[1]) << RING)
+            }
             (None, _) => both.into_iter().flatten().flatten().for_each(|v| seen[v as usize] |= NEITHER << RING),
         }
     }
