@@ -108,6 +108,20 @@ impl Bits {
         self.lit[rows].fill(true);
     }
 
+    /// Number of set cells.
+    pub fn cell_count(&self) -> u64 {
+        let in_word = |word: u64| {
+            if word == u64::MAX {
+                64
+            } else if word == 0 {
+                0
+            } else {
+                word.count_ones()
+            }
+        };
+        self.rows.iter().map(|word| u64::from(in_word(*word))).sum()
+    }
+
     /// Words of a row.
     pub fn row_words(&self) -> usize {
         self.words
@@ -155,15 +169,17 @@ impl Bits {
         for z in (0..rows).rev() {
             let (from, to) = (z * words, (z + by as usize) * self.words);
             let mut any = 0;
-            for i in (0..self.words).rev() {
-                let word = |i: usize| if i < words { self.rows[from + i] } else { 0 };
-                let (high, low) = (i.checked_sub(whole), i.checked_sub(whole + 1));
-                let moved = match bits {
-                    0 => high.map_or(0, word),
-                    bits => high.map_or(0, word) << bits | low.map_or(0, word) >> (64 - bits),
-                };
-                self.rows[to + i] = moved;
-                any |= moved;
+            if bits == 0 && from == to && words == self.words {
+                self.rows[from..from + words].iter().for_each(|word| any |= word);
+            } else {
+                let word = |rows: &[u64], i: usize| if i < words { rows[from + i] } else { 0 };
+                let mut high = if self.words > whole { word(&self.rows, self.words - 1 - whole) } else { 0 };
+                for i in (0..self.words).rev() {
+                    let low = if i > whole { word(&self.rows, i - whole - 1) } else { 0 };
+                    let moved = if i >= whole { high << bits | low >> 1 >> (63 - bits) } else { 0 };
+                    (high, any) = (low, any | moved);
+                    self.rows[to + i] = moved;
+                }
             }
             self.lit[z + by as usize] = any != 0;
         }

@@ -8,9 +8,9 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::context::{Context, chunks};
 use crate::error::Result;
-use crate::slice::{Run, Runs, SliceStore};
+use crate::slice::{Run, Runs, SliceStore, Slices};
 use crate::stage::label::{Labeller, Measure, Parts, Scratch, overlaps};
-use crate::stage::raster::Occupancy;
+use crate::stage::raster::{Occupancy, Raster};
 use crate::stage::solid::Solid;
 
 /// Which components are kept.
@@ -137,7 +137,7 @@ pub fn keep(
         |chunk| {
             let (mut occupied, mut scratch) = (Runs::default(), Scratch::default());
             let mut rows: Vec<Vec<Run>> = vec![Vec::new(); solid.cells[2] as usize];
-            let mut out = Vec::with_capacity(chunk.len());
+            let (mut volume, mut out) = (0, (Slices::default(), Raster::default()));
             for y in chunk {
                 rows.iter_mut().for_each(Vec::clear);
                 labels.for_each(y, &mut scratch, |z, run, verdict| {
@@ -157,17 +157,16 @@ pub fn keep(
                     solid_left.end_row();
                     occupied_left.end_row();
                 }
-                out.push((solid_left, occupied_left));
-            }
-            Ok(out)
-        },
-        |slices| {
-            for (solid_left, occupied_left) in slices {
                 volume += solid_left.cell_count();
-                store.append(&solid_left)?;
-                left.append(vec![occupied_left])?;
+                out.0.push_runs(&solid_left);
+                out.1.push_runs(&occupied_left);
             }
-            Ok(())
+            Ok((volume, out))
+        },
+        |(cells, (solid_left, occupied_left))| {
+            volume += cells;
+            store.extend(&solid_left)?;
+            left.append(&occupied_left)
         },
     )?;
     Ok((Solid { store, volume, ..solid }, left, components))

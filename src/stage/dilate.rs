@@ -56,10 +56,10 @@ pub fn squared(radius: u32) -> u32 {
 }
 
 /// Words that are taken through all rows of the ball at once: they stay in registers.
-const BLOCK: usize = 8;
+const BLOCK: usize = 16;
 
 /// Words of a slice that are widened before they are used, for all widths together: they stay in the nearest cache.
-const TILE: usize = 3 << 10;
+const TILE: usize = 6 << 10;
 
 /// Slices, dilated one after the other, from the lowest to the highest. Memory: [`Dilation::bytes`].
 #[derive(Debug)]
@@ -67,6 +67,8 @@ pub struct Dilation {
     ball: Ball,
     width: u32,
     rows: usize,
+    /// The first slice that is not asked for any more.
+    end: i64,
     /// The slice that comes in.
     painted: Bits,
     /// The slices under way, as many as the ball is high; slice y in `y mod` their number.
@@ -85,8 +87,8 @@ pub struct Dilation {
 }
 
 impl Dilation {
-    /// A dilation of slices of `rows` rows of `width` cells.
-    pub fn new(ball: Ball, width: u32, rows: u32) -> Dilation {
+    /// A dilation of slices of `rows` rows of `width` cells, below slice `end`.
+    pub fn new(ball: Ball, width: u32, rows: u32, end: i64) -> Dilation {
         let painted = Bits::new(width, rows);
         let (reach, words) = (ball.radius as usize, painted.row_words());
         let tile = (TILE / (words * (reach + 1))).saturating_sub(2 * reach).max(4 * reach + 1).min(rows as usize);
@@ -103,6 +105,7 @@ impl Dilation {
             ball,
             width,
             rows: rows as usize,
+            end,
             under_way: vec![painted.clone(); 2 * reach + 1],
             painted,
             next: None,
@@ -126,9 +129,16 @@ impl Dilation {
     /// The first error of `paint`; the dilation must not be used after it.
     ///
     /// # Panics
-    /// If slice `y` or one above it was asked for before.
+    /// If slice `y` or one above it was asked for before, or does not lie below the end.
     pub fn slide_to(&mut self, y: i64, mut paint: impl FnMut(i64, &mut Bits) -> Result<()>) -> Result<&mut Bits> {
         let (reach, len) = (i64::from(self.ball.radius), self.under_way.len() as i64);
+        assert!(y < self.end, "a dilation stops at its end");
+        if reach == 0 {
+            assert!(self.next.is_none_or(|next| next <= y), "a dilation moves up only");
+            self.next = Some(y + 1);
+            paint(y, &mut self.under_way[0])?;
+            return Ok(&mut self.under_way[0]);
+        }
         let first = match self.next {
             Some(next) if next + reach > y => {
                 assert!(next <= y + reach, "a dilation moves up only");
@@ -142,17 +152,19 @@ impl Dilation {
         for entering in first..=y + reach {
             self.under_way[(entering + reach).rem_euclid(len) as usize].clear();
             paint(entering, &mut self.painted)?;
-            let slot = |at: i64| (at >= y).then(|| at.rem_euclid(len) as usize);
+            let slot = |at: i64| (y..self.end).contains(&at).then(|| at.rem_euclid(len) as usize);
             self.into.clear();
             self.into.extend((0..=reach).map(|dy| [slot(entering + dy), slot(entering - dy)]));
-            self.put();
+            // Larger discs than the nearest slice needs are not made.
+            let nearest = (y - entering).max(entering - (self.end - 1)).max(0);
+            self.put(nearest as u32);
         }
         self.next = Some(y + reach + 1);
         Ok(&mut self.under_way[y.rem_euclid(len) as usize])
     }
 
-    /// Puts the discs of the painted slice into the slices that they reach.
-    fn put(&mut self) {
+    /// Puts the discs of the painted slice, from distance `nearest` on, into the slices that they reach.
+    fn put(&mut self, nearest: u32) {
         let reach = self.ball.radius as usize;
         let mut z = 0;
         while z < self.rows {
@@ -169,13 +181,13 @@ impl Dilation {
             while from < to {
                 let tile = from..(from + self.tile).min(to);
                 from = tile.end;
-                self.put_tile(tile);
+                self.put_tile(nearest, tile);
             }
             z = ahead;
         }
     }
 
-    fn put_tile(&mut self, tile: std::ops::Range<usize>) {
+    fn put_tile(&mut self, nearest: u32, tile: std::ops::Range<usize>) {
         let (reach, words) = (self.ball.radius as usize, self.painted.row_words());
         let stride = self.widened.len() / (reach + 1);
         let held = (tile.len() + 2 * reach) * words;
@@ -189,19 +201,27 @@ impl Dilation {
             rows[below * words..held - above * words].copy_from_slice(&self.painted.words()[painted]);
             self.widened[held + 1] = 0;
         }
-        for h in 0..reach {
+        let widest = self.ball.half_width(nearest, 0).expect("the ball reaches that far");
+        for h in 0..widest as usize {
             let (narrow, wide) = self.widened[h * stride..].split_at_mut(stride);
             widen(&narrow[..held + 2], &mut wide[..held + 2], words, behind(self.width));
         }
         for slot in self.into.iter().flatten().flatten() {
             self.under_way[*slot].light(tile.clone());
         }
-        let mut discs =
-            Discs { widened: &self.widened, discs: &self.discs, into: &self.into, under_way: &mut self.under_way };
+        let mut discs = Discs {
+            widened: &self.widened,
+            discs: &self.discs[nearest as usize..],
+            into: &self.into[nearest as usize..],
+            under_way: &mut self.under_way,
+        };
         let (first, all) = (tile.start * words, tile.len() * words);
-        let blocks = all / BLOCK * BLOCK;
-        (0..blocks).step_by(BLOCK).for_each(|i| discs.put::<BLOCK>(i, first));
-        (blocks..all).for_each(|i| discs.put::<1>(i, first));
+        if all < BLOCK {
+            (0..all).for_each(|i| discs.put::<1>(i, first));
+        } else {
+            // The last block may overlap the one before: to put a word twice does no harm.
+            (0..all).step_by(BLOCK).for_each(|i| discs.put::<BLOCK>(i.min(all - BLOCK), first));
+        }
     }
 }
 
@@ -290,10 +310,12 @@ mod tests {
             radius in 0u32..6,
             squared in prop::option::of(0u32..40),
             asked in prop::collection::btree_set(-2i64..12, 1..8),
+            beyond in 0i64..3,
         ) {
             let squared = squared.unwrap_or(super::squared(radius));
             let set: Vec<_> = set.into_iter().filter(|c| c.0 < size && c.2 < rows).collect();
-            let mut dilation = Dilation::new(Ball::squared(squared), size, rows);
+            let end = asked.last().map_or(0, |y| y + 1 + beyond);
+            let mut dilation = Dilation::new(Ball::squared(squared), size, rows, end);
             dilation.tile = dilation.tile.min(5);
             for y in asked {
                 let painted = dilation.slide_to(y, |y, bits| {

@@ -39,9 +39,9 @@ impl Padded {
         Bits::new(self.cells[0], self.cells[2])
     }
 
-    /// A dilation by `ball` of its slices.
-    pub fn dilation(&self, ball: Ball) -> Dilation {
-        Dilation::new(ball, self.cells[0], self.cells[2])
+    /// A dilation by `ball` of its slices below slice `end`.
+    pub fn dilation(&self, ball: Ball, end: u32) -> Dilation {
+        Dilation::new(ball, self.cells[0], self.cells[2], i64::from(end))
     }
 
     /// Sets the occupied cells of padded slice `y` in `bits`, which is cleared first; slices outside the box have none.
@@ -138,7 +138,7 @@ fn free_parts(
     chunk: std::ops::Range<u32>,
 ) -> Result<Parts<AtBorder>> {
     let [width, slices, rows] = padded.cells;
-    let (mut dilation, mut runs) = (padded.dilation(*ball), Runs::default());
+    let (mut dilation, mut runs) = (padded.dilation(*ball, chunk.end), Runs::default());
     let mut free = Vec::with_capacity(chunk.len());
     for y in chunk.clone().map(i64::from) {
         let taken = dilation.slide_to(y, |y, bits| padded.paint_occupied(occupancy, y, bits, &mut runs))?;

@@ -102,7 +102,7 @@ impl Sides {
         let coarse = self.padded;
         let free = Ball::squared(LAST);
         let [outside, inside] = stores(padded, free.radius(), context, |slices| {
-            let (mut dilation, mut runs) = (padded.dilation(free), Runs::default());
+            let (mut dilation, mut runs) = (padded.dilation(free, slices.end), Runs::default());
             let mut bits = [padded.bits(), padded.bits()];
             let mut out: [Slices; 2] = Default::default();
             for y in slices {
@@ -178,8 +178,8 @@ impl Sides {
         slices: std::ops::Range<u32>,
     ) -> Result<[Slices; 5]> {
         let padded = self.padded;
-        let mut next_to = [padded.dilation(balls[0]), padded.dilation(balls[0])];
-        let mut dilation = padded.dilation(balls[1]);
+        let mut next_to = [(); 2].map(|()| padded.dilation(balls[0], slices.end));
+        let mut dilation = padded.dilation(balls[1], slices.end);
         let (mut occupied, mut rest, mut runs) = (padded.bits(), padded.bits(), Runs::default());
         let mut sides = [padded.bits(), padded.bits()];
         let mut out: [Slices; 5] = Default::default();

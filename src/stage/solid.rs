@@ -7,7 +7,7 @@
 use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
-use crate::slice::{Bits, Runs, SliceStore, Slices, clip};
+use crate::slice::{Bits, Runs, SliceStore, Slices, clip, words_for};
 use crate::stage::dilate::Ball;
 use crate::stage::exterior::{Exterior, Padded, Scratch};
 use crate::stage::raster::Occupancy;
@@ -171,10 +171,11 @@ fn solid_slices(
     let padded = grown.padded();
     let Padded { pad, .. } = padded;
     let [width, _, rows] = occupancy.cells;
-    let mut dilation = padded.dilation(*ball);
+    let mut dilation = padded.dilation(*ball, chunk.end + pad);
     let (mut runs, mut scratch) = (Runs::default(), Scratch::default());
     let (mut occupied, mut inside) = (Bits::new(width, rows), padded.bits());
     let (mut slice, mut below) = (Bits::new(width, rows), Bits::new(width, rows));
+    let mut moved = vec![0; words_for(width)];
     let mut out = Chunk { slices: Slices::default(), volume: 0, faces: Vec::new() };
     // The slice before the chunk is computed for its faces with the chunk's first slice. Slice 0 has none before it: its lower plane has
     // every solid cell's face.
@@ -194,11 +195,11 @@ fn solid_slices(
         for z in 0..rows {
             // Nothing outside the box is solid: outside it every cell is in the ball of an exterior one.
             let row = slice.row_mut(z);
-            for (i, word) in row.iter_mut().enumerate() {
-                *word = !moved_back(taken.row(z + pad), i, pad);
-            }
+            move_back(taken.row(z + pad), pad, row);
+            row.iter_mut().for_each(|word| *word = !*word);
             if let Some(inside) = inside.lit_row(z + pad) {
-                row.iter_mut().enumerate().for_each(|(i, word)| *word |= moved_back(inside, i, pad));
+                move_back(inside, pad, &mut moved);
+                row.iter_mut().zip(&moved).for_each(|(a, w)| *a |= w);
             }
             clip(row, width);
             if let Some(occupied) = occupied.lit_row(z) {
@@ -206,7 +207,7 @@ fn solid_slices(
             }
         }
         if y >= chunk.start {
-            out.volume += count(slice.words());
+            out.volume += slice.cell_count();
             if wanted >= Wanted::Faces {
                 out.faces.push(faces(&slice, &below));
             }
@@ -219,25 +220,18 @@ fn solid_slices(
     Ok(out)
 }
 
-/// Word `i` of a row whose cells are moved down by `by`.
-fn moved_back(row: &[u64], i: usize, by: u32) -> u64 {
-    let (first, bits) = (i + by as usize / 64, by % 64);
-    let word = |i: usize| row.get(i).copied().unwrap_or(0);
-    if bits == 0 { word(first) } else { word(first) >> bits | word(first + 1) << (64 - bits) }
-}
-
-/// Number of set bits.
-fn count(words: &[u64]) -> u64 {
-    let of = |word: u64| {
-        if word == u64::MAX {
-            64
-        } else if word == 0 {
-            0
-        } else {
-            word.count_ones()
-        }
-    };
-    words.iter().map(|word| u64::from(of(*word))).sum()
+/// Writes to `out` what a row holds from cell `by` on; the row has `2 * by` cells more.
+fn move_back(row: &[u64], by: u32, out: &mut [u64]) {
+    let (row, bits) = (&row[by as usize / 64..], by % 64);
+    // The last words have none after them, or one that the row may lack.
+    let pairs = out.len().min(row.len() - 1);
+    let (low, high) = (&row[..pairs], &row[1..=pairs]);
+    for i in 0..pairs {
+        out[i] = low[i] >> bits | high[i] << 1 << (63 - bits);
+    }
+    if pairs < out.len() {
+        out[pairs] = row[pairs] >> bits;
+    }
 }
 
 /// Faces of a slice on its lower plane and within it.

@@ -53,7 +53,7 @@ impl Open<'_> {
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.padded.cells[1]);
         context.workers.in_order(
-            context.memory.chunks_for(&context.load, 2 * ball.radius() + 3),
+            context.memory.chunks_for(&context.load, 2 * ball.radius() + 5),
             || Ok(jobs.next()),
             |slices| self.parts(ball, slices),
             |parts: Parts<Evidence>| labeller.add(parts),
@@ -77,7 +77,7 @@ impl Open<'_> {
         if rows.is_empty() {
             return Ok(Parts::of(held, |_, _, _| Evidence::default()));
         }
-        let mut walls = [0, 1].map(|_| Walls::new(padded, ball, &rows));
+        let mut walls = [(); 2].map(|()| Walls::new(padded, ball, &rows, slices.end));
         let mut touched = Window::new(3, || padded.bits());
         let mut runs = Runs::default();
         let mut found = Vec::new();
@@ -156,10 +156,11 @@ struct Walls {
 }
 
 impl Walls {
-    /// For a ball of `ball` round cells in `rows`.
-    fn new(padded: Padded, ball: Ball, rows: &std::ops::Range<u32>) -> Walls {
+    /// For the ball round cells in `rows`, in slices below slice `end`.
+    fn new(padded: Padded, ball: Ball, rows: &std::ops::Range<u32>, end: u32) -> Walls {
         let rows = rows.start.saturating_sub(ball.radius() + 1)..rows.end + ball.radius() + 1;
-        Walls { near: padded.dilation(ball), touching: padded.dilation(Ball::new(1)), rows }
+        let touching = padded.dilation(Ball::new(1), end + ball.radius());
+        Walls { near: padded.dilation(ball, end), touching, rows }
     }
 
     /// Of slice `y`; `y` must grow.
