@@ -141,7 +141,7 @@ fn cells_to_solid(group: &mut BenchmarkGroup<'_, WallTime>, occupancy: &Occupanc
     group.bench_function("seal", |b| b.iter(find));
     let (sealed, pyramid) = find();
     let closing = sealed.closing.expect("an inside");
-    let fall = || pyramid.close(closing, context, |_| ()).expect("a solid");
+    let fall = || pyramid.close(closing, None, context, |_| ()).expect("a solid");
     if closing.rho() > 1 {
         group.bench_function(BenchmarkId::new("sides", closing.rho()), |b| b.iter(fall));
     }

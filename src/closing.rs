@@ -93,7 +93,7 @@ pub fn close(
     let wanted = given.map(Closing::with_radius);
     let pyramid = Pyramid::over(&occupancy, wanted.map_or(0, |closing| closing.level), context)?;
     let mut sealed = match wanted {
-        Some(closing) => Sealed { closing: Some(closing), solid: None, trials: Vec::new() },
+        Some(closing) => Sealed { closing: Some(closing), exterior: None, trials: Vec::new() },
         None => seal::find(&pyramid, context, &mut progress)?,
     };
     let found = sealed.closing.unwrap_or(Closing { level: 0, radius: 1 });
@@ -101,10 +101,11 @@ pub fn close(
     // A ball that the window bounds does not seal: there are no sides to tell apart, and nothing to fall to.
     let falls = found.rho() > 1 && found.rho() <= most;
     let closing = if found.rho() <= most { found } else { Closing { level: 0, radius: most } };
-    let solid = match sealed.solid.take().filter(|_| closing == found) {
-        Some(solid) => solid,
-        None if falls => pyramid.close(closing, context, &mut progress)?,
-        None => Solid::close(&occupancy, &Ball::new(closing.radius), context)?,
+    let exterior = sealed.exterior.take().filter(|_| closing == found);
+    let solid = if closing == found {
+        pyramid.close(closing, exterior, context, &mut progress)?
+    } else {
+        Solid::close(&occupancy, &Ball::new(closing.radius), context)?
     };
     drop(pyramid);
     let solid = solid.without_lone_cells(context)?;

@@ -4,6 +4,7 @@
 //! box's corner and the cell size in the world's own units. Eq. 2: s = ⌊k·∛n⌋ slices. Eq. 3: w = extent / s.
 
 use crate::error::{Error, Result};
+use crate::points::Coordinate;
 
 /// The most cells along an axis.
 pub const CELLS_LIMIT: u32 = (1 << 20) - 1;
@@ -221,6 +222,29 @@ impl Grid {
         std::array::from_fn(|g| self.along(g, point[axes[g]]))
     }
 
+    /// Calls `each` with the cells of points inside the box, in order.
+    #[inline]
+    pub fn cells_of<T: Coordinate>(&self, points: &[[T; 3]], each: impl FnMut(Cell)) {
+        // What is the same for all points is settled here, for the loop to be short.
+        match self.axis {
+            Axis::X => self.cells_along::<T, 2, 0, 1>(points, each),
+            Axis::Y => self.cells_along::<T, 0, 1, 2>(points, each),
+            Axis::Z => self.cells_along::<T, 1, 2, 0>(points, each),
+        }
+    }
+
+    #[inline]
+    fn cells_along<T: Coordinate, const X: usize, const Y: usize, const Z: usize>(
+        &self,
+        points: &[[T; 3]],
+        mut each: impl FnMut(Cell),
+    ) {
+        let (min, inverse) = ([X, Y, Z].map(|a| self.bounds.min[a]), self.inverse);
+        let last = self.cells.map(|cells| cells - 1);
+        let along = |g: usize, c: T| (((c.into() - min[g]) * inverse) as u32).min(last[g]);
+        points.iter().for_each(|p| each([along(0, p[X]), along(1, p[Y]), along(2, p[Z])]));
+    }
+
     /// The cell of a point inside the box, and the point's place in it, from 0 to 1 along the grid's axes.
     #[inline]
     pub fn place_of(&self, point: [f64; 3]) -> (Cell, [f64; 3]) {
@@ -298,6 +322,19 @@ mod tests {
         for (n, slices) in table {
             let grid = Grid::new(n, &bounds([1.0; 3]), Resolution::default(), AxisChoice::Longest).unwrap();
             assert_eq!(grid.cells(), [slices; 3], "n = {n}");
+        }
+    }
+
+    #[test]
+    fn many_points_get_the_cells_that_each_gets() {
+        let points: Vec<[f32; 3]> = (0..40).map(|i| [i as f32 * 0.1, i as f32 * 0.2, 7.9 - i as f32 * 0.15]).collect();
+        for axis in Axis::ALL {
+            let bounds = bounds([3.9, 7.8, 7.9]);
+            let grid = Grid::new(9, &bounds, Resolution::Slices(17), AxisChoice::Fixed(axis)).unwrap();
+            let mut cells = Vec::new();
+            grid.cells_of(&points, |cell| cells.push(cell));
+            let each: Vec<Cell> = points.iter().map(|p| grid.cell_of(p.map(f64::from))).collect();
+            assert_eq!(cells, each);
         }
     }
 

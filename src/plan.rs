@@ -11,11 +11,13 @@
 
 use bytesize::ByteSize;
 
+use crate::context::CHUNK_SLICES;
 use crate::error::{Error, Result};
 use crate::grid::{Cell, Grid};
 use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices, smooth_halo};
 use crate::points::Precision;
 use crate::slice::Bits;
+use crate::stage::dilate::Dilation;
 
 /// The process itself: code, directories of spools, what the allocator keeps; and for each thread its stack and its part of that.
 const PROCESS: u64 = 12 << 20;
@@ -236,11 +238,14 @@ impl MemoryPlan {
         process(threads) + (2 << 20) + bucketing.max(slices).max(slab)
     }
 
-    /// Bytes of a job over a chunk of slices with a ball of radius `radius`: its window, and the runs it gives.
+    /// Bytes of a job over a chunk of slices with a ball of radius `radius`: its dilation, some slices more, and the runs it gives, three a row, as
+    /// they are, labelled (16 bytes each) and as they are stored.
     fn chunk_job(load: &Load, radius: u32) -> u64 {
         let [x, _, z] = load.cells;
         let pad = 2 * (radius + 1);
-        u64::from(2 * radius + 4) * Bits::bytes(x + pad, z + pad) + 17 * u64::from(z + pad) * 28
+        Dilation::bytes(radius, x + pad, z + pad)
+            + 4 * Bits::bytes(x + pad, z + pad)
+            + u64::from(CHUNK_SLICES + 2) * u64::from(z + pad) * (2 * (4 + 3 * 8) + 3 * 16)
     }
 
     /// Chunks in flight for a ball of radius `radius`, at least one.

@@ -45,8 +45,7 @@ fn assert_sealed(occupancy: &Occupancy, size: u32, hole: f64, context: &Context)
     let closing = sealed.closing.unwrap_or_else(|| panic!("no inside: {trials}"));
     assert_eq!(closing.rho() == 1, hole == 0.0, "{trials}");
     let ball = 4.0 / 3.0 * std::f64::consts::PI * (f64::from(size) / 2.0 - 1.0).powi(3);
-    let solid =
-        if closing.rho() == 1 { sealed.solid.unwrap() } else { pyramid.close(closing, context, |_| ()).unwrap() };
+    let solid = pyramid.close(closing, sealed.exterior, context, |_| ()).unwrap();
     let share = solid.volume as f64 / ball;
     assert!((0.95..1.15).contains(&share), "{share} of the ball: {trials}");
     if closing.radius > 1 {

@@ -6,11 +6,11 @@ use std::str::FromStr;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::context::Context;
+use crate::context::{Context, chunks};
 use crate::error::Result;
-use crate::slice::{Run, Runs, SliceStore};
-use crate::stage::label::{Labeller, Measure, Scratch, overlaps};
-use crate::stage::raster::Occupancy;
+use crate::slice::{Run, Runs, SliceStore, Slices};
+use crate::stage::label::{Labeller, Measure, Parts, Scratch, overlaps};
+use crate::stage::raster::{Occupancy, Raster};
 use crate::stage::solid::Solid;
 
 /// Which components are kept.
@@ -95,14 +95,23 @@ pub fn keep(
     least: Least,
     context: &Context,
 ) -> Result<(Solid, Occupancy, Components)> {
-    let (slices, mut runs) = (solid.cells[1], Runs::default());
+    let slices = solid.cells[1];
     let mut labeller = Labeller::new(context);
-    for y in 0..slices {
-        context.workers.check_cancelled()?;
-        solid.store.read(y, &mut runs)?;
-        let cells: Vec<Cells> = runs.all().iter().map(|run| Cells(u64::from(run.end - run.start))).collect();
-        labeller.add(std::mem::take(&mut runs), &cells)?;
-    }
+    let mut jobs = chunks(slices);
+    context.workers.in_order(
+        context.memory.chunks_in_flight,
+        || Ok(jobs.next()),
+        |chunk| {
+            let read = |y| {
+                let mut runs = Runs::default();
+                solid.store.read(y, &mut runs)?;
+                Ok(runs)
+            };
+            let slices = chunk.map(read).collect::<Result<Vec<Runs>>>()?;
+            Ok(Parts::of(slices, |_, _, run| Cells(u64::from(run.end - run.start))))
+        },
+        |parts| labeller.add(parts),
+    )?;
     let labelled = labeller.finish()?;
     let mut components = Components::default();
     labelled.for_each(|cells| {
@@ -121,33 +130,45 @@ pub fn keep(
 
     let mut store = SliceStore::new(&context.workspace, context.memory.store_quota);
     let mut left = Occupancy::new(occupancy.cells, context);
-    let (mut occupied, mut scratch) = (Runs::default(), Scratch::default());
-    let mut rows: Vec<Vec<Run>> = vec![Vec::new(); solid.cells[2] as usize];
-    let mut volume = 0;
-    for y in 0..slices {
-        context.workers.check_cancelled()?;
-        rows.iter_mut().for_each(Vec::clear);
-        labels.for_each(y, &mut scratch, |z, run, verdict| {
-            if verdict == KEPT {
-                rows[z as usize].push(run);
+    let (mut volume, mut jobs) = (0, chunks(slices));
+    context.workers.in_order(
+        context.memory.chunks_in_flight,
+        || Ok(jobs.next()),
+        |chunk| {
+            let (mut occupied, mut scratch) = (Runs::default(), Scratch::default());
+            let mut rows: Vec<Vec<Run>> = vec![Vec::new(); solid.cells[2] as usize];
+            let (mut volume, mut out) = (0, (Slices::default(), Raster::default()));
+            for y in chunk {
+                rows.iter_mut().for_each(Vec::clear);
+                labels.for_each(y, &mut scratch, |z, run, verdict| {
+                    if verdict == KEPT {
+                        rows[z as usize].push(run);
+                    }
+                })?;
+                occupancy.store.read(y, &mut occupied)?;
+                let (mut solid_left, mut occupied_left) = (Runs::default(), Runs::default());
+                for (row, z) in rows.iter().zip(0..) {
+                    row.iter().for_each(|run| solid_left.push_run(run.start, run.end));
+                    // A run of occupied cells is solid as a whole, unless it is a lone cell that was left out.
+                    overlaps(occupied.row(z), row, |i, _| {
+                        let run = occupied.row(z)[i];
+                        occupied_left.push_run(run.start, run.end);
+                    });
+                    solid_left.end_row();
+                    occupied_left.end_row();
+                }
+                volume += solid_left.cell_count();
+                out.0.push_runs(&solid_left);
+                out.1.push_runs(&occupied_left);
             }
-        })?;
-        occupancy.store.read(y, &mut occupied)?;
-        let (mut solid_left, mut occupied_left) = (Runs::default(), Runs::default());
-        for (row, z) in rows.iter().zip(0..) {
-            row.iter().for_each(|run| solid_left.push_run(run.start, run.end));
-            // A run of occupied cells is solid as a whole, unless it is a lone cell that was left out.
-            overlaps(occupied.row(z), row, |i, _| {
-                let run = occupied.row(z)[i];
-                occupied_left.push_run(run.start, run.end);
-            });
-            solid_left.end_row();
-            occupied_left.end_row();
-        }
-        volume += solid_left.cell_count();
-        store.append(&solid_left)?;
-        left.append(vec![occupied_left])?;
-    }
+            Ok((volume, out))
+        },
+        |(cells, (solid_left, occupied_left))| {
+            volume += cells;
+            store.extend(&solid_left)?;
+            left.append(&occupied_left)
+        },
+    )?;
     Ok((Solid { store, volume, ..solid }, left, components))
 }
 

@@ -8,12 +8,11 @@ use bytemuck::{Pod, Zeroable};
 use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
-use crate::slice::{Bits, Runs, clip, words_for};
-use crate::stage::dilate::Ball;
+use crate::slice::{Bits, Runs, clip};
+use crate::stage::dilate::{Ball, Dilation};
 pub use crate::stage::label::Scratch;
-use crate::stage::label::{Labeller, Labels, Measure};
+use crate::stage::label::{Labeller, Labels, Measure, Parts};
 use crate::stage::raster::Occupancy;
-use crate::window::Window;
 
 /// The verdicts on components of free cells.
 const ENCLOSED: u8 = 0;
@@ -40,18 +39,17 @@ impl Padded {
         Bits::new(self.cells[0], self.cells[2])
     }
 
+    /// A dilation by `ball` of its slices below slice `end`.
+    pub fn dilation(&self, ball: Ball, end: u32) -> Dilation {
+        Dilation::new(ball, self.cells[0], self.cells[2], i64::from(end))
+    }
+
     /// Sets the occupied cells of padded slice `y` in `bits`, which is cleared first; slices outside the box have none.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn paint_occupied(&self, occupancy: &Occupancy, y: i64, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
-        bits.clear();
-        let y = y - i64::from(self.pad);
-        if (0..i64::from(occupancy.cells[1])).contains(&y) {
-            occupancy.store.read(y as u32, runs)?;
-            bits.paint(runs, self.pad, self.pad);
-        }
-        Ok(())
+        occupancy.store.paint_moved(y - i64::from(self.pad), self.pad, bits, runs)
     }
 }
 
@@ -60,6 +58,8 @@ impl Padded {
 pub struct Exterior {
     /// The box.
     pub padded: Padded,
+    /// Whether there are free cells that are not exterior.
+    pub encloses: bool,
     labels: Labels,
 }
 
@@ -87,33 +87,23 @@ impl Exterior {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn find(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Exterior> {
         let padded = Padded::new(occupancy.cells, ball.radius());
-        let [width, slices, rows] = padded.cells;
         let mut labeller = Labeller::new(context);
-        let mut jobs = chunks(slices);
-        let (mut y, mut at_border) = (0, Vec::new());
+        let mut jobs = chunks(padded.cells[1]);
         context.workers.in_order(
             context.memory.chunks_for(&context.load, ball.radius()),
             || Ok(jobs.next()),
-            |chunk| free_slices(occupancy, ball, padded, chunk),
-            |free: Vec<Runs>| {
-                for slice in free {
-                    let at_end = y == 0 || y == slices - 1;
-                    at_border.clear();
-                    for z in 0..rows {
-                        let at_end = at_end || z == 0 || z == rows - 1;
-                        let touches = slice.row(z).iter().map(|run| at_end || run.start == 0 || run.end == width);
-                        at_border.extend(touches.map(|touches| AtBorder(u8::from(touches))));
-                    }
-                    labeller.add(slice, &at_border)?;
-                    y += 1;
-                }
-                Ok(())
-            },
+            |chunk| free_parts(occupancy, ball, padded, chunk),
+            |parts: Parts<AtBorder>| labeller.add(parts),
         )?;
-        Ok(Exterior { padded, labels: labeller.finish()?.judged(context, AtBorder::verdict)? })
+        let mut encloses = false;
+        let labels = labeller.finish()?.judged(context, |at_border| {
+            encloses |= at_border.verdict() == ENCLOSED;
+            at_border.verdict()
+        })?;
+        Ok(Exterior { padded, encloses, labels })
     }
 
-    /// Sets the free cells of padded slice `y`, exterior or enclosed, in `bits`, which must be empty.
+    /// Sets the free cells of padded slice `y`, exterior or enclosed, in `bits`, which is cleared first.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -121,54 +111,55 @@ impl Exterior {
         self.labels.paint_all(y, bits, scratch)
     }
 
-    /// Sets the exterior cells of padded slice `y` in `bits`, which must be empty. `scratch` is overwritten.
+    /// Sets the exterior cells of padded slice `y` in `bits`, which is cleared first. `scratch` is overwritten.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn paint(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
+        bits.clear();
         self.labels.paint(y, EXTERIOR, bits, scratch)
     }
 
-    /// Sets the free cells of padded slice `y` that are not exterior in `bits`, which must be empty.
+    /// Sets the free cells of padded slice `y` that are not exterior in `bits`, which is cleared first.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn paint_enclosed(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
+        bits.clear();
         self.labels.paint(y, ENCLOSED, bits, scratch)
     }
 }
 
-/// The free cells of a chunk of padded slices.
-fn free_slices(occupancy: &Occupancy, ball: &Ball, padded: Padded, chunk: std::ops::Range<u32>) -> Result<Vec<Runs>> {
-    let [width, _, rows] = padded.cells;
-    let radius = i64::from(ball.radius());
-    let mut window = Window::new(2 * ball.radius() as usize + 1, || padded.bits());
-    let (mut runs, mut acc) = (Runs::default(), vec![0; words_for(width)]);
-    let mut out = Vec::with_capacity(chunk.len());
-    for y in chunk.map(i64::from) {
-        window.slide_to(y - radius, |y, bits| padded.paint_occupied(occupancy, y, bits, &mut runs))?;
-        let mut free = Runs::default();
+/// The free cells of a chunk of padded slices, as far as they hang together there.
+fn free_parts(
+    occupancy: &Occupancy,
+    ball: &Ball,
+    padded: Padded,
+    chunk: std::ops::Range<u32>,
+) -> Result<Parts<AtBorder>> {
+    let [width, slices, rows] = padded.cells;
+    let (mut dilation, mut runs) = (padded.dilation(*ball, chunk.end), Runs::default());
+    let mut free = Vec::with_capacity(chunk.len());
+    for y in chunk.clone().map(i64::from) {
+        let taken = dilation.slide_to(y, |y, bits| padded.paint_occupied(occupancy, y, bits, &mut runs))?;
+        let mut slice = Runs::default();
         for z in 0..rows {
-            if ball.dilate_row(near(&window, y, z), &mut acc) {
-                invert(&mut acc, width);
-                free.push_row(&acc);
+            if taken.lit_row(z).is_some() {
+                let row = taken.row_mut(z);
+                invert(row, width);
+                slice.push_row(row);
             } else {
-                free.push_run(0, width);
-                free.end_row();
+                slice.push_run(0, width);
+                slice.end_row();
             }
         }
-        out.push(free);
+        free.push(slice);
     }
-    Ok(out)
-}
-
-/// The rows of a window round row `z` of slice `y`, by their offset, for [`Ball::dilate_row`].
-pub fn near<'a>(window: &'a Window<Bits>, y: i64, z: u32) -> impl Fn(i32, i32) -> Option<&'a [u64]> {
-    move |dy, dz| {
-        let slice = window.get(y + i64::from(dy));
-        let z = i64::from(z) + i64::from(dz);
-        if (0..i64::from(slice.row_count())).contains(&z) { slice.lit_row(z as u32) } else { None }
-    }
+    Ok(Parts::of(free, |y, z, run| {
+        let y = chunk.start + y as u32;
+        let at_end = y == 0 || y == slices - 1 || z == 0 || z == rows - 1;
+        AtBorder(u8::from(at_end || run.start == 0 || run.end == width))
+    }))
 }
 
 /// Complements the first `width` cells of a row; the rest of its last word stays clear.

@@ -10,7 +10,7 @@
 
 use crate::context::{Context, chunks};
 use crate::error::Result;
-use crate::slice::{Run, Runs, SliceStore};
+use crate::slice::{Run, Runs, SliceStore, Slices};
 use crate::stage::solid::Solid;
 
 impl Solid {
@@ -34,14 +34,17 @@ impl Solid {
                     held.push(runs);
                 }
                 let around = Around { slices: held };
-                Ok(chunk.map(|y| around.filtered((y - first) as usize)).collect::<Vec<Runs>>())
-            },
-            |slices| {
-                for slice in &slices {
+                let (mut volume, mut slices) = (0, Slices::default());
+                for y in chunk {
+                    let slice = around.filtered((y - first) as usize);
                     volume += slice.cell_count();
-                    store.append(slice)?;
+                    slices.push_runs(&slice);
                 }
-                Ok(())
+                Ok((volume, slices))
+            },
+            |(cells, slices)| {
+                volume += cells;
+                store.extend(&slices)
             },
         )?;
         Ok(Solid { store, volume, ..self })

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::grid::{Cell, Grid};
 use crate::partition::BUCKET_SLICES;
 use crate::points::Coordinate;
-use crate::slice::{Bits, Runs, SliceStore};
+use crate::slice::{Bits, Runs, SliceStore, Slices, set_range};
 use crate::stage::ranked::Ranked;
 
 /// The occupied cells of a cloud at one resolution.
@@ -28,6 +28,28 @@ pub struct Occupancy {
     pub sparse: u64,
 }
 
+/// Slices of occupied cells on their way to an [`Occupancy`].
+#[derive(Debug, Default)]
+pub struct Raster {
+    slices: Slices,
+    in_slice: Vec<u32>,
+    sparse: u64,
+}
+
+impl Raster {
+    /// Adds a slice.
+    pub fn push(&mut self, slice: &Bits) {
+        self.in_slice.push(slice.cell_count() as u32);
+        self.slices.push(slice);
+    }
+
+    /// Adds a slice of runs.
+    pub fn push_runs(&mut self, slice: &Runs) {
+        self.in_slice.push(slice.cell_count() as u32);
+        self.slices.push_runs(slice);
+    }
+}
+
 impl Occupancy {
     /// No slices yet.
     pub fn new(cells: Cell, context: &Context) -> Occupancy {
@@ -39,14 +61,11 @@ impl Occupancy {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn append(&mut self, slices: Vec<Runs>) -> Result<()> {
-        for slice in slices {
-            let occupied = slice.cell_count();
-            self.occupied += occupied;
-            self.in_slice.push(occupied as u32);
-            self.store.append(&slice)?;
-        }
-        Ok(())
+    pub fn append(&mut self, slices: &Raster) -> Result<()> {
+        self.occupied += slices.in_slice.iter().map(|cells| u64::from(*cells)).sum::<u64>();
+        self.in_slice.extend(&slices.in_slice);
+        self.sparse += slices.sparse;
+        self.store.extend(&slices.slices)
     }
 
     /// Rasters all buckets: cells of at least `least` points are occupied. `progress` is told the slices of each bucket. Memory:
@@ -64,7 +83,7 @@ impl Occupancy {
     ) -> Result<Occupancy> {
         let cells = grid.cells();
         let [width, slices, rows] = cells;
-        let (mut out, mut sparse) = (Occupancy::new(cells, context), 0);
+        let mut out = Occupancy::new(cells, context);
         let mut jobs = 0..buckets.count();
         context.workers.in_order(
             context.memory.chunks_in_flight,
@@ -73,22 +92,26 @@ impl Occupancy {
                 let first = bucket as u32 * BUCKET_SLICES;
                 let mut bits = vec![Bits::new(width, rows); (slices - first).min(BUCKET_SLICES) as usize];
                 buckets.read(bucket, context.memory.piece_points, |points| {
-                    for point in points {
-                        let [x, y, z] = grid.cell_of(point.map(Into::into));
-                        bits[(y - first) as usize].set(x, z);
-                    }
+                    grid.cells_of(points, |[x, y, z]| bits[(y - first) as usize].set(x, z));
                     Ok(())
                 })?;
-                let slices: Vec<Runs> = bits.iter().map(Runs::from_bits).collect();
-                if least > 1 { well_filled(slices, buckets, bucket, grid, least, context) } else { Ok((slices, 0)) }
+                let mut out = Raster::default();
+                if least > 1 {
+                    let slices: Vec<Runs> = bits.iter().map(Runs::from_bits).collect();
+                    let (slices, sparse) = well_filled(slices, buckets, bucket, grid, least, context)?;
+                    slices.iter().for_each(|slice| out.push_runs(slice));
+                    out.sparse = sparse;
+                } else {
+                    bits.iter().for_each(|slice| out.push(slice));
+                }
+                Ok(out)
             },
-            |(slices, left_out)| {
-                progress(slices.len() as u32);
-                sparse += left_out;
-                out.append(slices)
+            |slices: Raster| {
+                progress(slices.in_slice.len() as u32);
+                out.append(&slices)
             },
         )?;
-        Ok(Occupancy { sparse, ..out })
+        Ok(out)
     }
 
     /// The same cloud with cells twice as large: a cell is occupied if any of its eight is.
@@ -104,22 +127,22 @@ impl Occupancy {
             || Ok(jobs.next()),
             |chunk| {
                 let (mut bits, mut runs) = (Bits::new(cells[0], cells[2]), Runs::default());
-                chunk
-                    .map(|y| {
-                        bits.clear();
-                        for fine in 2 * y..(2 * y + 2).min(self.cells[1]) {
-                            self.store.read(fine, &mut runs)?;
-                            for z in 0..runs.row_count() {
-                                for run in runs.row(z) {
-                                    crate::slice::set_range(bits.row_mut(z / 2), run.start / 2, run.end.div_ceil(2));
-                                }
+                let mut out = Raster::default();
+                for y in chunk {
+                    bits.clear();
+                    for fine in 2 * y..(2 * y + 2).min(self.cells[1]) {
+                        self.store.read(fine, &mut runs)?;
+                        for z in 0..runs.row_count() {
+                            for run in runs.row(z) {
+                                set_range(bits.row_mut(z / 2), run.start / 2, run.end.div_ceil(2));
                             }
                         }
-                        Ok(Runs::from_bits(&bits))
-                    })
-                    .collect()
+                    }
+                    out.push(&bits);
+                }
+                Ok(out)
             },
-            |slices| out.append(slices),
+            |slices| out.append(&slices),
         )?;
         Ok(out)
     }
@@ -139,7 +162,9 @@ impl Occupancy {
         }
         let mut out = Occupancy::new(cells, context);
         let empty = Bits::new(cells[0], cells[2]);
-        out.append((0..cells[1]).map(|y| Runs::from_bits(slices.get(&y).unwrap_or(&empty))).collect())?;
+        let mut raster = Raster::default();
+        (0..cells[1]).for_each(|y| raster.push(slices.get(&y).unwrap_or(&empty)));
+        out.append(&raster)?;
         Ok(out)
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Below that radius the ball gets inside, and what is solid is a shell with the exterior on both its sides; from it on, the
 //! shell's other side faces enclosed cells. So the share of the shell that encloses something
-//! ([`Solid::close_measured`]) tells whether a radius seals, on the first try if it does:
+//! ([`Solid::measure`]) tells whether a radius seals, on the first try if it does:
 //!
 //! ```text
 //!   share for radius, on the coarsest level of  0     1     2     3     4     5     6
@@ -95,8 +95,8 @@ impl Closing {
 pub struct Sealed {
     /// The smallest ball that seals, or none if the cloud has no inside at any radius.
     pub closing: Option<Closing>,
-    /// The solid, if the last trial made it: a ball of one cell, on the grid itself.
-    pub solid: Option<Solid>,
+    /// The exterior that this ball finds, if the last trials left it.
+    pub exterior: Option<Exterior>,
     /// All that was tried, in order.
     pub trials: Vec<Trial>,
 }
@@ -130,14 +130,28 @@ impl<'a> Pyramid<'a> {
         self.coarser.len() as u32
     }
 
-    /// The solid of the grid that the ball of `closing` and its fall ([`crate::stage::sides`]) leave.
+    /// The solid of the grid that the ball of `closing` and its fall ([`crate::stage::sides`]) leave; `exterior` is what that ball finds, if it is
+    /// there already.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn close(&self, closing: Closing, context: &Context, mut progress: impl FnMut(u32)) -> Result<Solid> {
+    pub fn close(
+        &self,
+        closing: Closing,
+        exterior: Option<Exterior>,
+        context: &Context,
+        mut progress: impl FnMut(u32),
+    ) -> Result<Solid> {
         let Closing { level, radius } = closing;
-        let exterior = Exterior::find(self.level(level), &Ball::new(radius), context)?;
+        let exterior = match exterior {
+            Some(exterior) => exterior,
+            None => Exterior::find(self.level(level), &Ball::new(radius), context)?,
+        };
+        if closing.rho() == 1 {
+            return Solid::outside_of(&exterior, self.finest, &Ball::new(1), context);
+        }
         let mut sides = Sides::told_by(&exterior, squared(radius), context)?;
+        drop(exterior);
         for level in (0..=level).rev() {
             let occupancy = self.level(level);
             if level < closing.level {
@@ -159,6 +173,9 @@ struct Seen {
     inside: f64,
 }
 
+/// What was found on a level, and the exterior, if it is still there.
+type Found = Option<(Seen, Option<Exterior>)>;
+
 /// Finds the ball that seals. `progress` is told the slices of each trial. The outcome depends on the occupied cells alone.
 ///
 /// The search goes down the pyramid until a ball of 5 cells or more seals a level, or to the grid itself.
@@ -176,19 +193,16 @@ pub fn find(pyramid: &Pyramid<'_>, context: &Context, mut progress: impl FnMut(u
             Some(seen) => attempt.refine(seen, least)?,
             None => attempt.first_enclosing(least, level == pyramid.coarsest())?,
         };
-        let solid;
-        (seen, solid) = found.unzip();
+        let exterior;
+        (seen, exterior) = found.unzip();
         if let Some(Seen { radius, confirmed, .. }) = seen
             && (confirmed && radius >= FALLS_FROM || level == 0)
         {
-            return Ok(Sealed {
-                closing: Some(Closing { level, radius }),
-                solid: solid.filter(|_| radius == 1),
-                trials,
-            });
+            let exterior = exterior.flatten();
+            return Ok(Sealed { closing: Some(Closing { level, radius }), exterior, trials });
         }
     }
-    Ok(Sealed { closing: None, solid: None, trials })
+    Ok(Sealed { closing: None, exterior: None, trials })
 }
 
 /// One level of the pyramid under trial.
@@ -201,11 +215,13 @@ struct Level<'a> {
 }
 
 impl Level<'_> {
-    fn close(&mut self, radius: u32) -> Result<Solid> {
-        let solid = Solid::close(self.occupancy, &Ball::new(radius), self.context)?;
+    fn close(&mut self, radius: u32) -> Result<(Exterior, u64)> {
+        let ball = Ball::new(radius);
+        let exterior = Exterior::find(self.occupancy, &ball, self.context)?;
+        let volume = Solid::volume_outside_of(&exterior, self.occupancy, &ball, self.context)?;
         (self.progress)(self.occupancy.cells[1]);
-        self.trials.push(Trial { level: self.level, radius, volume: solid.volume, encloses: None });
-        Ok(solid)
+        self.trials.push(Trial { level: self.level, radius, volume, encloses: None });
+        Ok((exterior, volume))
     }
 
     /// The solid without the outer half of the shell.
@@ -217,17 +233,15 @@ impl Level<'_> {
     ///
     /// The first level tries all radii up to the largest; a finer one, where the coarser found no inside, only small ones: a hole that needs
     /// more would have needed a ball of two or more on the coarser level, which tried that.
-    fn first_enclosing(&mut self, least: u32, first_level: bool) -> Result<Option<(Seen, Solid)>> {
+    fn first_enclosing(&mut self, least: u32, first_level: bool) -> Result<Found> {
         let longest = f64::from(self.occupancy.cells.into_iter().max().unwrap_or(1));
         let most = if first_level { ((longest * LARGEST).ceil() as u32).max(3) } else { 3 };
-        let (mut tried, mut solids) = (Vec::new(), Vec::new());
+        let mut tried = Vec::new();
         for radius in least..=most {
-            let (solid, encloses) = Solid::close_measured(self.occupancy, &Ball::new(radius), self.context)?;
+            let (volume, encloses) = Solid::measure(self.occupancy, &Ball::new(radius), self.context)?;
             (self.progress)(self.occupancy.cells[1]);
-            let volume = solid.volume;
             self.trials.push(Trial { level: self.level, radius, volume, encloses: Some(encloses) });
             tried.push((encloses, Seen { radius, confirmed: encloses >= ENCLOSES, inside: self.inside(volume) }));
-            solids.push(solid);
         }
         let jump = |pair: &[(f64, Seen)]| (pair[1].1.inside >= JUMP * pair[0].1.inside).then_some(pair[1].1);
         let largest = tried.iter().copied().reduce(|best, next| if next.0 > best.0 { next } else { best });
@@ -240,36 +254,36 @@ impl Level<'_> {
             _ if self.level == 0 => None,
             _ => tried.windows(2).rev().find_map(jump),
         };
-        Ok(found.map(|seen| (seen, solids.swap_remove((seen.radius - least) as usize))))
+        Ok(found.map(|seen| (seen, None)))
     }
 
     /// Finds the smallest radius near twice the coarser level's that gives about the volume to be expected.
     ///
     /// A coarse ball of radius r covers the fine one of radius 2 r - 2, so a smaller one than 2 r - 3 cannot seal.
-    fn refine(&mut self, coarse: Seen, least: u32) -> Result<Option<(Seen, Solid)>> {
+    fn refine(&mut self, coarse: Seen, least: u32) -> Result<Found> {
         let expected = 8.0 * coarse.inside + 0.5 * self.occupancy.occupied as f64;
         let lowest = (2 * coarse.radius).saturating_sub(3).max(least);
         let highest = 2 * coarse.radius + 4;
-        let sealed = |solid: &Solid| solid.volume as f64 >= CONFIRMED * expected;
+        let seals = |volume: u64| volume as f64 >= CONFIRMED * expected;
 
         let middle = (2 * coarse.radius).max(least);
         let mut radius = middle;
-        let mut solid = self.close(radius)?;
-        while !sealed(&solid) {
+        let (mut exterior, mut volume) = self.close(radius)?;
+        while !seals(volume) {
             if radius == highest {
                 return Ok(None);
             }
             radius += 1;
-            solid = self.close(radius)?;
+            (exterior, volume) = self.close(radius)?;
         }
         // Going up, the radius below was tried; starting sealed, smaller ones may do.
         while radius <= middle && radius > lowest {
             let smaller = self.close(radius - 1)?;
-            if !sealed(&smaller) {
+            if !seals(smaller.1) {
                 break;
             }
-            (radius, solid) = (radius - 1, smaller);
+            (radius, (exterior, volume)) = (radius - 1, smaller);
         }
-        Ok(Some((Seen { radius, confirmed: true, inside: self.inside(solid.volume) }, solid)))
+        Ok(Some((Seen { radius, confirmed: true, inside: self.inside(volume) }, Some(exterior))))
     }
 }

@@ -21,12 +21,11 @@
 
 use crate::context::{Context, chunks};
 use crate::error::Result;
-use crate::slice::{Bits, Runs, SliceStore, clip, set_range, words_for};
+use crate::slice::{Bits, Runs, SliceStore, Slices, behind, set_range};
 use crate::stage::dilate::Ball;
-use crate::stage::exterior::{Exterior, Padded, Scratch, invert, near};
+use crate::stage::exterior::{Exterior, Padded, Scratch};
 use crate::stage::raster::Occupancy;
 use crate::stage::walls::{INSIDE, OUTSIDE, Open};
-use crate::window::Window;
 
 /// The last step's squared radius.
 const LAST: u32 = 2;
@@ -50,9 +49,6 @@ pub struct Sides {
     squared: u32,
 }
 
-/// The slices of two stores.
-type Pair = Vec<[Runs; 2]>;
-
 impl Sides {
     /// The sides that a ball tells apart: the exterior is outside, enclosed free cells are inside. `squared` is the ball's squared radius.
     ///
@@ -60,17 +56,16 @@ impl Sides {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn told_by(exterior: &Exterior, squared: u32, context: &Context) -> Result<Sides> {
         let padded = exterior.padded;
-        let [outside, inside] = pairs(padded, 1, context, |slices| {
+        let [outside, inside] = stores(padded, 1, context, |slices| {
             let (mut bits, mut scratch) = (padded.bits(), Scratch::default());
-            let both = |y: u32| {
-                bits.clear();
+            let mut out: [Slices; 2] = Default::default();
+            for y in slices {
                 exterior.paint(y, &mut bits, &mut scratch)?;
-                let outside = Runs::from_bits(&bits);
-                bits.clear();
+                out[0].push(&bits);
                 exterior.paint_enclosed(y, &mut bits, &mut scratch)?;
-                Ok([outside, Runs::from_bits(&bits)])
-            };
-            slices.map(both).collect()
+                out[1].push(&bits);
+            }
+            Ok(out)
         })?;
         Ok(Sides { padded, outside, inside, squared })
     }
@@ -106,14 +101,11 @@ impl Sides {
         // Parents of the padding lie in the coarser padding, or beyond it, where all is outside.
         let coarse = self.padded;
         let free = Ball::squared(LAST);
-        let [outside, inside] = pairs(padded, free.radius(), context, |slices| {
-            let mut window = Window::new(2 * free.radius() as usize + 1, || padded.bits());
-            let (mut runs, mut taken) = (Runs::default(), vec![0; words_for(padded.cells[0])]);
+        let [outside, inside] = stores(padded, free.radius(), context, |slices| {
+            let (mut dilation, mut runs) = (padded.dilation(free, slices.end), Runs::default());
             let mut bits = [padded.bits(), padded.bits()];
-            let mut out = Vec::new();
+            let mut out: [Slices; 2] = Default::default();
             for y in slices {
-                let reach = i64::from(free.radius());
-                window.slide_to(i64::from(y) - reach, |y, bits| padded.paint_occupied(finer, y, bits, &mut runs))?;
                 bits.iter_mut().for_each(Bits::clear);
                 let parent_y = (i64::from(y) - i64::from(padded.pad)).div_euclid(2) + i64::from(coarse.pad);
                 let held = (0..i64::from(coarse.cells[1])).contains(&parent_y);
@@ -126,14 +118,12 @@ impl Sides {
                 if !held {
                     (0..padded.cells[2]).for_each(|z| set_range(bits[0].row_mut(z), 0, padded.cells[0]));
                 }
-                for z in 0..padded.cells[2] {
-                    if free.dilate_row(near(&window, i64::from(y), z), &mut taken) {
-                        for bits in &mut bits {
-                            and_not(bits.row_mut(z), &taken);
-                        }
-                    }
+                let taken =
+                    dilation.slide_to(i64::from(y), |y, bits| padded.paint_occupied(finer, y, bits, &mut runs))?;
+                for (bits, out) in bits.iter_mut().zip(&mut out) {
+                    bits.and_not(taken);
+                    out.push(bits);
                 }
-                out.push(bits.each_ref().map(Runs::from_bits));
             }
             Ok(out)
         })?;
@@ -153,138 +143,79 @@ impl Sides {
     /// One step: gives the cells that are free for the ball of `squared` a side.
     fn step(self, occupancy: &Occupancy, squared: u32, context: &Context) -> Result<Sides> {
         let padded = self.padded;
-        let near = self.near(occupancy, context)?;
-        let mut open = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut found = false;
-        let [outside, inside] = {
-            let ball = Ball::squared(squared);
-            let mut stores = stores(context);
-            let mut jobs = chunks(padded.cells[1]);
-            context.workers.in_order(
-                context.memory.chunks_for(&context.load, 2 * ball.radius() + 2),
-                || Ok(jobs.next()),
-                |slices| self.next_to_one_side(occupancy, &near, &ball, slices),
-                |slices: Vec<[Runs; 3]>| {
-                    for [outside, inside, rest] in slices {
-                        found |= !rest.all().is_empty();
-                        stores[0].append(&outside)?;
-                        stores[1].append(&inside)?;
-                        open.append(&rest)?;
-                    }
-                    Ok(())
-                },
-            )?;
-            stores
-        };
+        // What is next to the sides lies in the balls of the step before.
+        let balls = [self.squared, squared].map(Ball::squared);
+        let radius = 2 * balls[0].radius() + balls[1].radius() + 2;
+        let [outside, inside, open, next_outside, next_inside] =
+            stores(padded, radius, context, |slices| self.next_to_one_side(occupancy, balls, slices))?;
         let grown = Sides { padded, outside, inside, squared };
-        if !found {
+        if open.is_empty() {
             return Ok(grown);
         }
-        let (outside, next_to) = (&grown.outside, &near);
+        let (outside, next_to) = (&grown.outside, &[next_outside, next_inside]);
         let labels = Open { padded, occupancy, cells: &open, outside, next_to, squared }.judged(context)?;
-        let [outside, inside] = pairs(padded, 1, context, |slices| {
+        let [outside, inside] = stores(padded, 1, context, |slices| {
             let (mut bits, mut runs, mut scratch) = (padded.bits(), Runs::default(), Scratch::default());
-            slices
-                .map(|y| {
-                    grown.outside.paint(i64::from(y), &mut bits, &mut runs)?;
-                    labels.paint(y, OUTSIDE, &mut bits, &mut scratch)?;
-                    let outside = Runs::from_bits(&bits);
-                    grown.inside.paint(i64::from(y), &mut bits, &mut runs)?;
-                    labels.paint(y, INSIDE, &mut bits, &mut scratch)?;
-                    Ok([outside, Runs::from_bits(&bits)])
-                })
-                .collect()
+            let mut out: [Slices; 2] = Default::default();
+            for y in slices {
+                for (out, (side, verdict)) in out.iter_mut().zip([(&grown.outside, OUTSIDE), (&grown.inside, INSIDE)]) {
+                    side.paint(i64::from(y), &mut bits, &mut runs)?;
+                    labels.paint(y, verdict, &mut bits, &mut scratch)?;
+                    out.push(&bits);
+                }
+            }
+            Ok(out)
         })?;
         Ok(Sides { padded, outside, inside, squared })
     }
 
-    /// The cells next to either side: in the ball round one of its cells, and not occupied.
-    fn near(&self, occupancy: &Occupancy, context: &Context) -> Result<[SliceStore; 2]> {
-        let (padded, ball) = (self.padded, Ball::squared(self.squared));
-        pairs(padded, 2 * ball.radius(), context, |slices| {
-            let reach = i64::from(ball.radius());
-            let window = || Window::new(2 * ball.radius() as usize + 1, || padded.bits());
-            let mut windows = [window(), window()];
-            let (mut occupied, mut runs) = (padded.bits(), Runs::default());
-            let mut row = vec![0; words_for(padded.cells[0])];
-            let mut out = Vec::new();
-            for y in slices {
-                for (window, store) in windows.iter_mut().zip([&self.outside, &self.inside]) {
-                    window.slide_to(i64::from(y) - reach, |y, bits| store.paint(y, bits, &mut runs))?;
-                }
-                padded.paint_occupied(occupancy, i64::from(y), &mut occupied, &mut runs)?;
-                out.push(windows.each_ref().map(|window| {
-                    let mut grown = Runs::default();
-                    for z in 0..padded.cells[2] {
-                        if ball.dilate_row(near(window, i64::from(y), z), &mut row) {
-                            clip(&mut row, padded.cells[0]);
-                            if let Some(occupied) = occupied.lit_row(z) {
-                                and_not(&mut row, occupied);
-                            }
-                            grown.push_row(&row);
-                        } else {
-                            grown.end_row();
-                        }
-                    }
-                    grown
-                }));
-            }
-            Ok(out)
-        })
-    }
-
-    /// Of some slices: the sides with the newly free cells that lie next to one of them only, and the newly free cells that do not.
+    /// Of some slices: the sides with the newly free cells that lie next to one of them only; the newly free cells that do not; and the cells
+    /// next to either side, in the ball round one of its cells, and not occupied. `balls`: that of the step before, and this step's.
     fn next_to_one_side(
         &self,
         occupancy: &Occupancy,
-        next_to: &[SliceStore; 2],
-        ball: &Ball,
+        balls: [Ball; 2],
         slices: std::ops::Range<u32>,
-    ) -> Result<Vec<[Runs; 3]>> {
+    ) -> Result<[Slices; 5]> {
         let padded = self.padded;
-        let reach = i64::from(ball.radius());
-        let mut window = Window::new(2 * ball.radius() as usize + 1, || padded.bits());
-        let mut runs = Runs::default();
+        let mut next_to = [(); 2].map(|()| padded.dilation(balls[0], slices.end));
+        let mut dilation = padded.dilation(balls[1], slices.end);
+        let (mut occupied, mut rest, mut runs) = (padded.bits(), padded.bits(), Runs::default());
         let mut sides = [padded.bits(), padded.bits()];
-        let mut next_bits = [padded.bits(), padded.bits()];
-        let mut free = vec![0; words_for(padded.cells[0])];
-        let mut out = Vec::with_capacity(slices.len());
-        for y in slices {
-            window.slide_to(i64::from(y) - reach, |y, bits| padded.paint_occupied(occupancy, y, bits, &mut runs))?;
+        let mut out: [Slices; 5] = Default::default();
+        let last = behind(padded.cells[0]);
+        for y in slices.map(i64::from) {
+            let taken = dilation.slide_to(y, |y, bits| padded.paint_occupied(occupancy, y, bits, &mut runs))?;
+            padded.paint_occupied(occupancy, y, &mut occupied, &mut runs)?;
+            let [next_outside, next_inside] = &mut next_to;
+            let next_outside = next_outside.slide_to(y, |y, bits| self.outside.paint(y, bits, &mut runs))?;
+            let next_inside = next_inside.slide_to(y, |y, bits| self.inside.paint(y, bits, &mut runs))?;
             for (bits, store) in sides.iter_mut().zip([&self.outside, &self.inside]) {
-                store.paint(i64::from(y), bits, &mut runs)?;
+                store.paint(y, bits, &mut runs)?;
             }
-            for (bits, store) in next_bits.iter_mut().zip(next_to) {
-                store.paint(i64::from(y), bits, &mut runs)?;
-            }
-            let mut rest = Runs::default();
+            rest.clear();
+            let [outside, inside] = &mut sides;
             for z in 0..padded.cells[2] {
-                if !ball.dilate_row(near(&window, i64::from(y), z), &mut free) {
-                    free.fill(0);
-                }
-                invert(&mut free, padded.cells[0]);
-                let [outside, inside] = &mut sides;
-                let (near_outside, near_inside) = (next_bits[0].row(z), next_bits[1].row(z));
-                let mut any = false;
-                for i in 0..free.len() {
-                    let new = free[i] & !outside.row(z)[i] & !inside.row(z)[i];
-                    free[i] = 0;
+                let (taken, near_outside, near_inside) = (taken.row(z), next_outside.row(z), next_inside.row(z));
+                for i in 0..taken.len() {
+                    let cells = if i + 1 == taken.len() { last } else { u64::MAX };
+                    let new = !taken[i] & !outside.row(z)[i] & !inside.row(z)[i] & cells;
                     if new != 0 {
                         let (o, n) = (near_outside[i], near_inside[i]);
                         outside.row_mut(z)[i] |= new & o & !n;
                         inside.row_mut(z)[i] |= new & n & !o;
-                        free[i] = new & !(o ^ n);
-                        any |= free[i] != 0;
+                        let left = new & !(o ^ n);
+                        if left != 0 {
+                            rest.row_mut(z)[i] = left;
+                        }
                     }
                 }
-                if any {
-                    rest.push_row(&free);
-                } else {
-                    rest.end_row();
-                }
             }
-            let [outside, inside] = sides.each_ref().map(Runs::from_bits);
-            out.push([outside, inside, rest]);
+            next_outside.and_not(&occupied);
+            next_inside.and_not(&occupied);
+            for (out, bits) in out.iter_mut().zip([outside, inside, &mut rest, next_outside, next_inside]) {
+                out.push(bits);
+            }
         }
         Ok(out)
     }
@@ -308,36 +239,20 @@ fn paint_children(runs: &Runs, coarse: Padded, fine: Padded, bits: &mut Bits) {
     }
 }
 
-/// Fills two stores, slice by slice of the padded box, from chunks of slices; `radius` is the reach of their windows, for the plan.
-fn pairs(
+/// Fills stores, slice by slice of the padded box, from chunks of slices; `radius` is the reach of their windows, for the plan.
+fn stores<const N: usize>(
     padded: Padded,
     radius: u32,
     context: &Context,
-    work: impl Fn(std::ops::Range<u32>) -> Result<Pair> + Sync,
-) -> Result<[SliceStore; 2]> {
-    let mut stores = stores(context);
+    work: impl Fn(std::ops::Range<u32>) -> Result<[Slices; N]> + Sync,
+) -> Result<[SliceStore; N]> {
+    let mut stores = [(); N].map(|()| SliceStore::new(&context.workspace, context.memory.store_quota));
     let mut jobs = chunks(padded.cells[1]);
     context.workers.in_order(
         context.memory.chunks_for(&context.load, radius),
         || Ok(jobs.next()),
         work,
-        |slices: Pair| {
-            for pair in slices {
-                for (store, runs) in stores.iter_mut().zip(&pair) {
-                    store.append(runs)?;
-                }
-            }
-            Ok(())
-        },
+        |slices: [Slices; N]| stores.iter_mut().zip(&slices).try_for_each(|(store, slices)| store.extend(slices)),
     )?;
     Ok(stores)
-}
-
-fn stores(context: &Context) -> [SliceStore; 2] {
-    let store = || SliceStore::new(&context.workspace, context.memory.store_quota);
-    [store(), store()]
-}
-
-fn and_not(row: &mut [u64], other: &[u64]) {
-    row.iter_mut().zip(other).for_each(|(a, b)| *a &= !b);
 }

@@ -7,12 +7,11 @@
 use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
-use crate::slice::{Bits, Runs, SliceStore, words_for};
+use crate::slice::{Bits, Runs, SliceStore, Slices, clip, words_for};
 use crate::stage::dilate::Ball;
-use crate::stage::exterior::{Exterior, Padded, Scratch, invert};
+use crate::stage::exterior::{Exterior, Padded, Scratch};
 use crate::stage::raster::Occupancy;
 use crate::stage::sides::Sides;
-use crate::window::Window;
 
 /// The solid cells of a cloud, slice by slice, in the box.
 #[derive(Debug)]
@@ -28,8 +27,17 @@ pub struct Solid {
 }
 
 struct Chunk {
-    slices: Vec<Runs>,
+    slices: Slices,
+    volume: u64,
     faces: Vec<u32>,
+}
+
+/// What is wanted of the cells that are left. Each holds the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
+enum Wanted {
+    Volume,
+    Faces,
+    Slices,
 }
 
 /// Which free cells are grown back.
@@ -59,7 +67,28 @@ impl Solid {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn close(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Solid> {
         let exterior = Exterior::find(occupancy, ball, context)?;
-        Solid::grown(occupancy, Grown::Exterior(&exterior), ball, context)
+        Solid::outside_of(&exterior, occupancy, ball, context)
+    }
+
+    /// The cells that are left when the exterior, which was found with `ball`, is grown back.
+    ///
+    /// # Errors
+    /// As [`Solid::close`].
+    pub fn outside_of(exterior: &Exterior, occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Solid> {
+        Solid::grown(occupancy, Grown::Exterior(exterior), ball, Wanted::Slices, context)
+    }
+
+    /// The number of cells of [`Solid::outside_of`].
+    ///
+    /// # Errors
+    /// As [`Solid::close`].
+    pub fn volume_outside_of(
+        exterior: &Exterior,
+        occupancy: &Occupancy,
+        ball: &Ball,
+        context: &Context,
+    ) -> Result<u64> {
+        Ok(Solid::grown(occupancy, Grown::Exterior(exterior), ball, Wanted::Volume, context)?.volume)
     }
 
     /// The solid between the two sides: the outside cells grown back by one cell, neither into an occupied cell nor into an inside
@@ -68,10 +97,10 @@ impl Solid {
     /// # Errors
     /// As [`Solid::close`].
     pub fn between(occupancy: &Occupancy, sides: &Sides, context: &Context) -> Result<Solid> {
-        Solid::grown(occupancy, Grown::Outside(sides), &Ball::new(1), context)
+        Solid::grown(occupancy, Grown::Outside(sides), &Ball::new(1), Wanted::Slices, context)
     }
 
-    /// Closes the occupied cells with `ball`, and tells how much of the shell encloses something: the faces that the shell
+    /// The volume that closing the occupied cells with `ball` gives, and how much of the shell encloses something: the faces that the shell
     /// turns to enclosed cells, for each face that it turns to the exterior.
     ///
     /// ```text
@@ -85,15 +114,18 @@ impl Solid {
     ///
     /// # Errors
     /// As [`Solid::close`].
-    pub fn close_measured(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<(Solid, f64)> {
+    pub fn measure(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<(u64, f64)> {
         let exterior = Exterior::find(occupancy, ball, context)?;
-        let solid = Solid::grown(occupancy, Grown::Exterior(&exterior), ball, context)?;
-        let shell = Solid::grown(occupancy, Grown::Free(&exterior), ball, context)?;
+        let solid = Solid::grown(occupancy, Grown::Exterior(&exterior), ball, Wanted::Faces, context)?;
+        if !exterior.encloses {
+            return Ok((solid.volume, 0.0));
+        }
+        let shell = Solid::grown(occupancy, Grown::Free(&exterior), ball, Wanted::Faces, context)?;
         let (outer, all) = (solid.face_count() as f64, shell.face_count() as f64);
-        Ok((solid, (all - outer) / outer))
+        Ok((solid.volume, (all - outer) / outer))
     }
 
-    fn grown(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, context: &Context) -> Result<Solid> {
+    fn grown(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, wanted: Wanted, context: &Context) -> Result<Solid> {
         let cells = occupancy.cells;
         let mut solid = Solid {
             cells,
@@ -105,14 +137,11 @@ impl Solid {
         context.workers.in_order(
             context.memory.chunks_for(&context.load, ball.radius()),
             || Ok(jobs.next()),
-            |chunk| solid_slices(occupancy, grown, ball, chunk),
+            |chunk| solid_slices(occupancy, grown, ball, wanted, chunk),
             |chunk| {
-                for slice in &chunk.slices {
-                    solid.volume += slice.cell_count();
-                    solid.store.append(slice)?;
-                }
+                solid.volume += chunk.volume;
                 solid.faces.extend(chunk.faces);
-                Ok(())
+                solid.store.extend(&chunk.slices)
             },
         )?;
         Ok(solid)
@@ -127,101 +156,101 @@ impl Solid {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn paint(&self, y: i64, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
-        bits.clear();
-        if (0..i64::from(self.cells[1])).contains(&y) {
-            self.store.read(y as u32, runs)?;
-            bits.paint(runs, 1, 1);
-        }
-        Ok(())
+        self.store.paint_moved(y, 1, bits, runs)
     }
 }
 
 /// The cells of a chunk of slices that are left, with the number of faces of each slice.
-fn solid_slices(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, chunk: std::ops::Range<u32>) -> Result<Chunk> {
-    let Padded { pad, cells: [width, _, rows] } = grown.padded();
-    let [box_width, _, box_rows] = occupancy.cells;
-    let radius = i64::from(ball.radius());
-    let mut window = Window::new(2 * ball.radius() as usize + 1, || Bits::new(width, rows));
-    // Cells that are not grown into.
-    let (mut kept, mut runs) = (Bits::new(width, rows), Runs::default());
-    let (mut acc, mut scratch) = (vec![0; words_for(width)], Scratch::default());
-    let mut below = vec![0; words_for(width) * box_rows as usize];
-    let mut out = Chunk { slices: Vec::with_capacity(chunk.len()), faces: Vec::with_capacity(chunk.len()) };
-    // The slice before the chunk is computed for its faces with the chunk's first slice.
-    for y in chunk.start.saturating_sub(1)..chunk.end {
+fn solid_slices(
+    occupancy: &Occupancy,
+    grown: Grown<'_>,
+    ball: &Ball,
+    wanted: Wanted,
+    chunk: std::ops::Range<u32>,
+) -> Result<Chunk> {
+    let padded = grown.padded();
+    let Padded { pad, .. } = padded;
+    let [width, _, rows] = occupancy.cells;
+    let mut dilation = padded.dilation(*ball, chunk.end + pad);
+    let (mut runs, mut scratch) = (Runs::default(), Scratch::default());
+    let (mut occupied, mut inside) = (Bits::new(width, rows), padded.bits());
+    let (mut slice, mut below) = (Bits::new(width, rows), Bits::new(width, rows));
+    let mut moved = vec![0; words_for(width)];
+    let mut out = Chunk { slices: Slices::default(), volume: 0, faces: Vec::new() };
+    // The slice before the chunk is computed for its faces with the chunk's first slice. Slice 0 has none before it: its lower plane has
+    // every solid cell's face.
+    let before = u32::from(wanted >= Wanted::Faces).min(chunk.start);
+    for y in chunk.start - before..chunk.end {
         let padded_y = i64::from(y + pad);
-        window.slide_to(padded_y - radius, |y, bits| {
-            bits.clear();
-            match grown {
-                Grown::Exterior(exterior) => exterior.paint(y as u32, bits, &mut scratch),
-                Grown::Free(exterior) => exterior.paint_free(y as u32, bits, &mut scratch),
-                Grown::Outside(sides) => sides.outside().paint(y, bits, &mut runs),
-            }
+        let taken = dilation.slide_to(padded_y, |y, bits| match grown {
+            Grown::Exterior(exterior) => exterior.paint(y as u32, bits, &mut scratch),
+            Grown::Free(exterior) => exterior.paint_free(y as u32, bits, &mut scratch),
+            Grown::Outside(sides) => sides.outside().paint(y, bits, &mut runs),
         })?;
-        kept.clear();
+        occupancy.store.paint(i64::from(y), &mut occupied, &mut runs)?;
         if let Grown::Outside(sides) = grown {
-            sides.inside().paint(padded_y, &mut kept, &mut runs)?;
+            sides.inside().paint(padded_y, &mut inside, &mut runs)?;
         }
-        occupancy.store.read(y, &mut runs)?;
-        kept.paint(&runs, pad, pad);
-
-        let (mut slice, mut faces) = (Runs::default(), 0);
-        for z in 0..box_rows {
-            let row =
-                |dy: i32, dz: i32| window.get(padded_y + i64::from(dy)).lit_row((z + pad).wrapping_add_signed(dz));
-            ball.dilate_row(row, &mut acc);
-            invert(&mut acc, width);
-            if let Some(words) = kept.lit_row(z + pad) {
-                acc.iter_mut().zip(words).for_each(|(a, w)| *a |= w);
-            }
+        slice.clear();
+        for z in 0..rows {
             // Nothing outside the box is solid: outside it every cell is in the ball of an exterior one.
-            push_shifted(&mut slice, &acc, pad, box_width);
-            let (before, below) = below.split_at_mut(z as usize * acc.len());
-            let row_before = before.rchunks_exact(acc.len()).next();
-            faces += faces_of_row(&acc, row_before, &below[..acc.len()], z == box_rows - 1);
-            below[..acc.len()].copy_from_slice(&acc);
+            let row = slice.row_mut(z);
+            move_back(taken.row(z + pad), pad, row);
+            row.iter_mut().for_each(|word| *word = !*word);
+            if let Some(inside) = inside.lit_row(z + pad) {
+                move_back(inside, pad, &mut moved);
+                row.iter_mut().zip(&moved).for_each(|(a, w)| *a |= w);
+            }
+            clip(row, width);
+            if let Some(occupied) = occupied.lit_row(z) {
+                row.iter_mut().zip(occupied).for_each(|(a, w)| *a |= w);
+            }
         }
         if y >= chunk.start {
-            // The lower plane of slice 0 has every solid cell's face, and `below` was empty then: counted alike.
-            out.slices.push(slice);
-            out.faces.push(faces);
+            out.volume += slice.cell_count();
+            if wanted >= Wanted::Faces {
+                out.faces.push(faces(&slice, &below));
+            }
+            if wanted == Wanted::Slices {
+                out.slices.push(&slice);
+            }
         }
+        std::mem::swap(&mut slice, &mut below);
     }
     Ok(out)
 }
 
-/// Appends the runs of a padded row, moved back into the box.
-fn push_shifted(out: &mut Runs, words: &[u64], pad: u32, width: u32) {
-    for (i, &word) in words.iter().enumerate() {
-        let (mut word, base) = (word, i as u32 * 64);
-        while word != 0 {
-            let start = word.trailing_zeros();
-            let length = (!(word >> start)).trailing_zeros();
-            let first = (base + start).saturating_sub(pad);
-            let end = (base + start + length).saturating_sub(pad).min(width);
-            debug_assert!(base + start >= pad && base + start + length <= pad + width, "solid outside the box");
-            if first < end {
-                out.push_run(first, end);
-            }
-            word &= u64::MAX.checked_shl(start + length).unwrap_or(0);
-        }
+/// Writes to `out` what a row holds from cell `by` on; the row has `2 * by` cells more.
+fn move_back(row: &[u64], by: u32, out: &mut [u64]) {
+    let (row, bits) = (&row[by as usize / 64..], by % 64);
+    // The last words have none after them, or one that the row may lack.
+    let pairs = out.len().min(row.len() - 1);
+    let (low, high) = (&row[..pairs], &row[1..=pairs]);
+    for i in 0..pairs {
+        out[i] = low[i] >> bits | high[i] << 1 << (63 - bits);
     }
-    out.end_row();
+    if pairs < out.len() {
+        out[pairs] = row[pairs] >> bits;
+    }
 }
 
-/// Faces of a row with its own cells, the row before it (none for the first) and the row below; the last row also has faces with the
-/// empty row after it.
-fn faces_of_row(row: &[u64], before: Option<&[u64]>, below: &[u64], last: bool) -> u32 {
+/// Faces of a slice on its lower plane and within it.
+fn faces(slice: &Bits, below: &Bits) -> u32 {
+    let empty = vec![0; slice.row_words()];
+    let mut before = empty.as_slice();
     let mut faces = 0;
-    let mut carry = 0;
-    for (i, &word) in row.iter().enumerate() {
-        faces += (word ^ (word << 1 | carry)).count_ones();
-        carry = word >> 63;
-        faces += (word ^ below[i]).count_ones();
-        faces += (word ^ before.map_or(0, |b| b[i])).count_ones();
-        if last {
-            faces += word.count_ones();
+    for z in 0..slice.row_count() {
+        let mut carry = 0;
+        for ((&word, &before), &below) in slice.row(z).iter().zip(before).zip(below.row(z)) {
+            let across = [word ^ (word << 1 | carry), word ^ below, word ^ before];
+            // The bit behind the row's last cell counts that cell's face.
+            carry = word >> 63;
+            if across != [0; 3] {
+                faces += across.iter().map(|word| word.count_ones()).sum::<u32>();
+            }
         }
+        before = slice.row(z);
     }
-    faces + carry as u32
+    // The last row's faces with the empty row after it.
+    faces + before.iter().map(|word| word.count_ones()).sum::<u32>()
 }

@@ -11,10 +11,10 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::context::{Context, chunks};
 use crate::error::Result;
-use crate::slice::{Bits, Run, Runs, SliceStore, words_for};
-use crate::stage::dilate::Ball;
-use crate::stage::exterior::{Padded, near};
-use crate::stage::label::{Labeller, Labels, Measure};
+use crate::slice::{Bits, Run, Runs, SliceStore, words_of};
+use crate::stage::dilate::{Ball, Dilation};
+use crate::stage::exterior::Padded;
+use crate::stage::label::{Labeller, Labels, Measure, Parts};
 use crate::stage::raster::Occupancy;
 use crate::window::Window;
 
@@ -53,64 +53,60 @@ impl Open<'_> {
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.padded.cells[1]);
         context.workers.in_order(
-            context.memory.chunks_for(&context.load, 2 * ball.radius() + 3),
+            context.memory.chunks_for(&context.load, 2 * ball.radius() + 5),
             || Ok(jobs.next()),
-            |slices| self.evidence(&ball, slices),
-            |slices: Vec<(Runs, Vec<Evidence>)>| {
-                slices.into_iter().try_for_each(|(runs, found)| labeller.add(runs, &found))
-            },
+            |slices| self.parts(ball, slices),
+            |parts: Parts<Evidence>| labeller.add(parts),
         )?;
         labeller.finish()?.judged(context, Evidence::verdict)
     }
 
-    /// The runs of some slices, with the evidence of each.
-    fn evidence(&self, ball: &Ball, slices: std::ops::Range<u32>) -> Result<Vec<(Runs, Vec<Evidence>)>> {
+    /// The parts of some slices, with the evidence of each.
+    fn parts(&self, ball: Ball, slices: std::ops::Range<u32>) -> Result<Parts<Evidence>> {
+        let padded = self.padded;
         let mut held = Vec::with_capacity(slices.len());
+        let mut rows = u32::MAX..0;
         for y in slices.clone() {
             let mut runs = Runs::default();
             self.cells.read(y, &mut runs)?;
+            for z in (0..runs.row_count()).filter(|z| !runs.row(*z).is_empty()) {
+                rows = rows.start.min(z)..rows.end.max(z + 1);
+            }
             held.push(runs);
         }
-        if held.iter().all(|runs| runs.all().is_empty()) {
-            return Ok(held.into_iter().map(|runs| (runs, Vec::new())).collect());
+        if rows.is_empty() {
+            return Ok(Parts::of(held, |_, _, _| Evidence::default()));
         }
-        let padded = self.padded;
-        let reach = i64::from(ball.radius());
-        let mut walls = [Walls::new(padded, ball), Walls::new(padded, ball)];
+        let mut walls = [(); 2].map(|()| Walls::new(padded, ball, &rows, slices.end));
         let mut touched = Window::new(3, || padded.bits());
         let mut runs = Runs::default();
-        let mut rows = [vec![0; words_for(padded.cells[0])], vec![0; words_for(padded.cells[0])]];
-        let mut out = Vec::with_capacity(held.len());
-        for (y, open) in slices.map(i64::from).zip(held) {
-            for (walls, store) in walls.iter_mut().zip(self.next_to) {
-                walls.slide_to(y - reach, padded, self.occupancy, store)?;
+        let mut found = Vec::new();
+        for (y, open) in slices.map(i64::from).zip(&held) {
+            if open.all().is_empty() {
+                continue;
             }
             touched.slide_to(y - 1, |y, bits| self.outside.paint(y, bits, &mut runs))?;
-            let mut found = Vec::with_capacity(open.all().len());
+            let [outside, inside] = &mut walls;
+            let outside = outside.near(y, padded, self.occupancy, &self.next_to[0])?;
+            let inside = inside.near(y, padded, self.occupancy, &self.next_to[1])?;
             for z in 0..open.row_count() {
-                if open.row(z).is_empty() {
-                    continue;
-                }
-                for (row, walls) in rows.iter_mut().zip(&walls) {
-                    ball.dilate_row(near(&walls.window, y, z), row);
-                }
+                let (outside, inside) = (outside.row(z), inside.row(z));
                 for run in open.row(z) {
                     let mut evidence = Evidence {
                         cells: u64::from(run.end - run.start),
                         touches_outside: u64::from(touches(&touched, y, z, *run)),
                         ..Evidence::default()
                     };
-                    for x in run.start..run.end {
-                        let behind = [0, 1].map(|side| rows[side][x as usize / 64] >> (x % 64) & 1 == 1);
-                        evidence.outside_behind += u64::from(behind == [true, false]);
-                        evidence.inside_behind += u64::from(behind == [false, true]);
+                    for (i, cells) in words_of(run.start, run.end) {
+                        evidence.outside_behind += u64::from((outside[i] & !inside[i] & cells).count_ones());
+                        evidence.inside_behind += u64::from((inside[i] & !outside[i] & cells).count_ones());
                     }
                     found.push(evidence);
                 }
             }
-            out.push((open, found));
         }
-        Ok(out)
+        let mut found = found.into_iter();
+        Ok(Parts::of(held, |_, _, _| found.next().expect("every run has its evidence")))
     }
 }
 
@@ -151,46 +147,47 @@ impl Evidence {
     }
 }
 
-/// A window of walls: occupied cells that touch a cell next to one side.
+/// The cells near the walls of one side, which are occupied cells that touch a cell next to that side.
 struct Walls {
-    window: Window<Bits>,
-    next_to: Window<Bits>,
+    near: Dilation,
+    touching: Dilation,
+    /// The rows that are looked at, with those that the balls reach.
+    rows: std::ops::Range<u32>,
 }
 
 impl Walls {
-    fn new(padded: Padded, ball: &Ball) -> Walls {
-        Walls {
-            window: Window::new(2 * ball.radius() as usize + 1, || padded.bits()),
-            next_to: Window::new(3, || padded.bits()),
-        }
+    /// For the ball round cells in `rows`, in slices below slice `end`.
+    fn new(padded: Padded, ball: Ball, rows: &std::ops::Range<u32>, end: u32) -> Walls {
+        let rows = rows.start.saturating_sub(ball.radius() + 1)..rows.end + ball.radius() + 1;
+        let touching = padded.dilation(Ball::new(1), end + ball.radius());
+        Walls { near: padded.dilation(ball, end), touching, rows }
     }
 
-    fn slide_to(&mut self, first: i64, padded: Padded, occupancy: &Occupancy, store: &SliceStore) -> Result<()> {
-        let block = Ball::new(1);
-        let (mut runs, mut row) = (Runs::default(), vec![0; words_for(padded.cells[0])]);
-        let next_to = &mut self.next_to;
-        self.window.slide_to(first, |y, walls| {
-            next_to.slide_to(y - 1, |y, bits| store.paint(y, bits, &mut runs))?;
+    /// Of slice `y`; `y` must grow.
+    fn near(&mut self, y: i64, padded: Padded, occupancy: &Occupancy, next_to: &SliceStore) -> Result<&Bits> {
+        let (touching, rows, mut runs) = (&mut self.touching, &self.rows, Runs::default());
+        let near = self.near.slide_to(y, |y, walls| {
             padded.paint_occupied(occupancy, y, walls, &mut runs)?;
-            for z in 0..padded.cells[2] {
-                if walls.lit_row(z).is_some() {
-                    block.dilate_row(near(next_to, y, z), &mut row);
-                    walls.row_mut(z).iter_mut().zip(&row).for_each(|(wall, near)| *wall &= near);
-                }
-            }
+            walls.keep_rows(rows.clone());
+            walls.and(touching.slide_to(y, |y, bits| {
+                next_to.paint(y, bits, &mut runs)?;
+                bits.keep_rows(rows.clone());
+                Ok(())
+            })?);
             Ok(())
-        })
+        })?;
+        Ok(near)
     }
 }
 
 /// Whether a run of row `z` shares a face with a cell of the window's slices.
 fn touches(window: &Window<Bits>, y: i64, z: u32, run: Run) -> bool {
-    let z = i64::from(z);
-    let (first, last) = (i64::from(run.start), i64::from(run.end) - 1);
     let here = window.get(y);
-    here.get(first - 1, z)
-        || here.get(last + 1, z)
-        || (first..=last).any(|x| {
-            here.get(x, z - 1) || here.get(x, z + 1) || window.get(y - 1).get(x, z) || window.get(y + 1).get(x, z)
-        })
+    let any = |slice: &Bits, z: u32| words_of(run.start, run.end).any(|(i, cells)| slice.row(z)[i] & cells != 0);
+    here.get(i64::from(run.start) - 1, z.into())
+        || here.get(run.end.into(), z.into())
+        || z > 0 && any(here, z - 1)
+        || z + 1 < here.row_count() && any(here, z + 1)
+        || any(window.get(y - 1), z)
+        || any(window.get(y + 1), z)
 }
