@@ -26,8 +26,11 @@ const THREAD: u64 = 3 << 19;
 /// A block of input, its decoded points and their sorted copy.
 const BLOCK_JOB: u64 = 5 << 20;
 
-/// The largest and smallest buffer of a bucket.
-const BUCKET_BUFFER: (u64, u64) = (256 << 10, 4 << 10);
+/// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
+const CHUNK: u64 = 12 << 10;
+
+/// Chunks are so many times as large at most, and as a power of two: sizes that the allocator has.
+const CHUNK_DOUBLINGS: u32 = 4;
 
 /// The largest and smallest piece of points that a slab's fitting holds at once, in points.
 const PIECE: (u64, u64) = (4 << 20, 16 << 10);
@@ -188,9 +191,9 @@ impl MemoryPlan {
         let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
         let jobs = |per_job: u64, share: u64, most: usize| ((share / per_job.max(1)) as usize).clamp(1, most);
         let blocks_in_flight = jobs(BLOCK_JOB, working / 2, 2 * threads);
-        // A quarter of it for what the allocator rounds such sizes up by.
         let for_buffers = working.saturating_sub(blocks_in_flight as u64 * BLOCK_JOB) / 4 * 3;
-        let bucket_buffer = (for_buffers / buckets).clamp(BUCKET_BUFFER.1, BUCKET_BUFFER.0);
+        let doublings = (for_buffers / buckets / CHUNK).max(1).ilog2().min(CHUNK_DOUBLINGS);
+        let bucket_buffer = CHUNK << doublings;
         let chunks_in_flight = jobs(Self::chunk_job(load, 1), working, 2 * threads);
         let running = threads as u64;
         let for_points = (working / 2 / running).saturating_sub(load.slab_raster());
@@ -232,7 +235,7 @@ impl MemoryPlan {
     /// The least budget for a load on `threads` threads, in bytes.
     pub fn least(load: &Load, threads: usize) -> u64 {
         let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
-        let bucketing = BLOCK_JOB + buckets * BUCKET_BUFFER.1 / 3 * 4 + 4;
+        let bucketing = BLOCK_JOB + buckets * CHUNK / 3 * 4 + 4;
         let slices = Self::chunk_job(load, 1);
         let slab = slab_job(load, load.slab_faces(), PIECE.1) + stitching(load.slab_faces());
         process(threads) + (2 << 20) + bucketing.max(slices).max(slab)

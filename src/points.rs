@@ -28,6 +28,11 @@ pub trait Coordinate: Pod + Send + Sync + PartialOrd + Into<f64> + 'static {
     const PRECISION: Precision;
     /// The value as this type; exact if it was read in this or a narrower precision.
     fn from_f64(value: f64) -> Self;
+    /// The points of this precision.
+    ///
+    /// # Panics
+    /// If they are of the other.
+    fn of(points: &Points) -> &[[Self; 3]];
 }
 
 impl Coordinate for f32 {
@@ -35,12 +40,20 @@ impl Coordinate for f32 {
     fn from_f64(value: f64) -> Self {
         value as f32
     }
+    fn of(points: &Points) -> &[[f32; 3]] {
+        let Points::Single(points) = points else { panic!("points of f64 in a cloud of f32") };
+        points
+    }
 }
 
 impl Coordinate for f64 {
     const PRECISION: Precision = Precision::Double;
     fn from_f64(value: f64) -> Self {
         value
+    }
+    fn of(points: &Points) -> &[[f64; 3]] {
+        let Points::Double(points) = points else { panic!("points of f32 in a cloud of f64") };
+        points
     }
 }
 

@@ -9,8 +9,8 @@
 //! results in job order, nothing downstream can depend on the number of threads.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 
 use crate::error::{Error, Result};
 
@@ -118,6 +118,21 @@ impl Workers {
     ) -> Result<()> {
         let mut numbers = 0..jobs;
         self.in_order(in_flight, || Ok(numbers.next()), work, sink)
+    }
+}
+
+/// Working memory that jobs hand on to later ones: as many as ever were at work at a time.
+#[derive(Debug, Default)]
+pub struct Spares<T>(Mutex<Vec<T>>);
+
+impl<T: Default> Spares<T> {
+    /// Lends a job working memory that an earlier one may have used.
+    pub fn lend<R>(&self, job: impl FnOnce(&mut T) -> R) -> R {
+        const NO_PANIC: &str = "nothing panics while the list is held";
+        let mut spare = self.0.lock().expect(NO_PANIC).pop().unwrap_or_default();
+        let result = job(&mut spare);
+        self.0.lock().expect(NO_PANIC).push(spare);
+        result
     }
 }
 

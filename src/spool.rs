@@ -1,6 +1,7 @@
 //! Temporary storage: append-only byte stores that begin in memory and move to disk when they outgrow it.
 //!
-//! A [`Workspace`] names the folder; a [`Spool`] is one store in it. Files are unlinked as soon as they are opened, so
+//! A [`Workspace`] names the folder; a [`Spool`] is one store in it, written by one thread, and [`Slots`] is one that all
+//! threads write to. Files are unlinked as soon as they are opened, so
 //! nothing is left behind on success, on error, on Ctrl-C or when the process is killed. What a spool holds is private
 //! to the process that wrote it: native byte order, no version. Results never depend on where the bytes lay.
 
@@ -8,7 +9,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use crate::error::{Error, Result};
 
@@ -56,7 +57,30 @@ impl Workspace {
     pub fn spool(&self, in_memory: u64) -> Spool {
         Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0 }
     }
+
+    /// New slots of `slot` bytes each, on disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if no file can be created.
+    pub fn slots(&self, slot: usize) -> Result<Slots> {
+        Ok(Slots {
+            file: self.file()?,
+            workspace: self.clone(),
+            slot,
+            taken: AtomicU32::new(0),
+            on_disk: AtomicU64::new(0),
+        })
+    }
+
+    /// A file without a name.
+    fn file(&self) -> Result<File> {
+        tempfile::tempfile_in(&*self.dir).map_err(self.failed("create a temporary file"))
+    }
 }
+
+/// Bytes of a spool that are allocated together while it lies in memory. In pieces, so that what is there is never moved, nor
+/// twice there, as more comes.
+const PIECE: usize = 64 << 10;
 
 /// An append-only store of bytes, in memory while small, in an unlinked file once it outgrows its share.
 ///
@@ -71,7 +95,8 @@ pub struct Spool {
 
 #[derive(Debug)]
 enum Store {
-    Memory(Vec<u8>),
+    /// Pieces of [`PIECE`] bytes, the last one shorter.
+    Memory(Vec<Vec<u8>>),
     Disk(File),
 }
 
@@ -99,13 +124,15 @@ impl Spool {
         let at = self.len;
         if let Store::Memory(held) = &mut self.store {
             if at + bytes.len() as u64 <= self.in_memory {
-                held.extend_from_slice(bytes);
+                hold(held, bytes);
                 self.len += bytes.len() as u64;
                 return Ok(at);
             }
-            let file = tempfile::tempfile_in(&*self.workspace.dir)
-                .map_err(self.workspace.failed("create a temporary file"))?;
-            file.write_all_at(held, 0).map_err(self.workspace.failed("write temporary data"))?;
+            let file = self.workspace.file()?;
+            for (number, piece) in held.iter().enumerate() {
+                let at = (number * PIECE) as u64;
+                file.write_all_at(piece, at).map_err(self.workspace.failed("write temporary data"))?;
+            }
             self.workspace.grow(at);
             self.store = Store::Disk(file);
         }
@@ -128,11 +155,74 @@ impl Spool {
         assert!(at + out.len() as u64 <= self.len, "read past the end of a spool");
         match &self.store {
             Store::Memory(held) => {
-                out.copy_from_slice(&held[at as usize..at as usize + out.len()]);
+                let (mut number, mut from, mut out) = (at as usize / PIECE, at as usize % PIECE, out);
+                while !out.is_empty() {
+                    let (now, rest) = out.split_at_mut(out.len().min(PIECE - from));
+                    now.copy_from_slice(&held[number][from..from + now.len()]);
+                    (number, from, out) = (number + 1, 0, rest);
+                }
                 Ok(())
             }
             Store::Disk(file) => file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data")),
         }
+    }
+}
+
+/// Appends `bytes` to pieces.
+fn hold(held: &mut Vec<Vec<u8>>, mut bytes: &[u8]) {
+    while !bytes.is_empty() {
+        if held.last().is_none_or(|last| last.len() == PIECE) {
+            // A spool's first piece grows: most spools of small clouds stay far below it.
+            held.push(if held.is_empty() { Vec::new() } else { Vec::with_capacity(PIECE) });
+        }
+        let last = held.last_mut().expect("a piece was added if there was none");
+        let (now, rest) = bytes.split_at(bytes.len().min(PIECE - last.len()));
+        last.extend_from_slice(now);
+        bytes = rest;
+    }
+}
+
+/// Slots of equal size in an unlinked file, written and read by several threads at once.
+#[derive(Debug)]
+pub struct Slots {
+    workspace: Workspace,
+    file: File,
+    slot: usize,
+    taken: AtomicU32,
+    on_disk: AtomicU64,
+}
+
+impl Slots {
+    /// Puts `bytes` into a slot of their own and returns its number.
+    ///
+    /// # Panics
+    /// If they are more than a slot holds: a bug of the caller.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory is full or fails.
+    pub fn put(&self, bytes: &[u8]) -> Result<u32> {
+        assert!(bytes.len() <= self.slot, "more bytes than a slot holds");
+        let number = self.taken.fetch_add(1, Ordering::Relaxed);
+        let at = u64::from(number) * self.slot as u64;
+        self.file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;
+        self.on_disk.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        self.workspace.grow(bytes.len() as u64);
+        Ok(number)
+    }
+
+    /// Fills `out` from the beginning of slot `number`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory fails.
+    pub fn read(&self, number: u32, out: &mut [u8]) -> Result<()> {
+        let at = u64::from(number) * self.slot as u64;
+        self.file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data"))
+    }
+}
+
+impl Drop for Slots {
+    fn drop(&mut self) {
+        self.workspace.on_disk.fetch_sub(*self.on_disk.get_mut(), Ordering::Relaxed);
     }
 }
 
@@ -163,11 +253,11 @@ mod tests {
     fn bytes_are_the_same_in_memory_and_on_disk() {
         let dir = tempfile::tempdir().unwrap();
         let workspace = Workspace::new(dir.path()).unwrap();
-        for quota in [0, 5, 10, 1000] {
+        for (quota, stretch) in [(0, 1), (5, 1), (10, 1), (1000, 1), (200_000, 5000), (10_000_000, 5000)] {
             let mut spool = workspace.spool(quota);
             let mut expected = Vec::new();
             for i in 0u8..40 {
-                let piece = vec![i; usize::from(i % 7)];
+                let piece: Vec<u8> = (0..usize::from(i % 7) * stretch).map(|at| i ^ at as u8).collect();
                 assert_eq!(spool.append(&piece).unwrap(), expected.len() as u64);
                 expected.extend(piece);
             }
@@ -179,6 +269,28 @@ mod tests {
         assert!(workspace.peak_on_disk() > 0);
         assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "spool files have no name");
+    }
+
+    #[test]
+    fn slots_filled_by_several_threads_are_read_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(dir.path()).unwrap();
+        let slots = workspace.slots(100).unwrap();
+        let fill = |thread: u8| {
+            (0..50u8).map(|i| (slots.put(&vec![thread ^ i; usize::from(i)]).unwrap(), thread, i)).collect::<Vec<_>>()
+        };
+        let filled: Vec<_> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (1..4).map(|thread| scope.spawn(move || fill(thread << 6))).collect();
+            threads.into_iter().flat_map(|thread| thread.join().unwrap()).collect()
+        });
+        for (number, thread, i) in filled {
+            let mut back = vec![0; usize::from(i)];
+            slots.read(number, &mut back).unwrap();
+            assert_eq!(back, vec![thread ^ i; usize::from(i)]);
+        }
+        assert_eq!(workspace.peak_on_disk(), 3 * (0..50).sum::<u64>());
+        drop(slots);
+        assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
     }
 
     #[test]

@@ -29,7 +29,7 @@ use std::sync::Arc;
 
 use crate::error::Result;
 use crate::points::{Batch, Points, Precision};
-use crate::schedule::Workers;
+use crate::schedule::{Spares, Workers};
 
 pub use layout::{Column, Endian, Field, Layout, MAX_STRIDE, Scalar};
 pub(crate) use sidecar::Sidecar;
@@ -149,13 +149,16 @@ impl Cloud {
         sink: impl FnMut(R) -> Result<()>,
     ) -> Result<()> {
         let mut blocks = self.blocks()?;
+        let batches = Spares::<Option<Batch>>::default();
         workers.in_order(
             in_flight,
             || blocks.next(),
             |block| {
-                let mut batch = Batch::new(self.precision);
-                block.decode(&mut batch)?;
-                work(&batch)
+                batches.lend(|batch| {
+                    let batch = batch.get_or_insert_with(|| Batch::new(self.precision));
+                    block.decode(batch)?;
+                    work(batch)
+                })
             },
             sink,
         )

@@ -24,8 +24,6 @@ mod survey;
 mod tests;
 mod vertices;
 
-use std::sync::Mutex;
-
 use glam::DVec3;
 
 use self::blocks::Stars;
@@ -36,7 +34,7 @@ use self::vertices::Bounds;
 use super::measure::{Corners, GROUP, Sums};
 use super::{MeshSource, check_vertex_count};
 use crate::error::Result;
-use crate::schedule::Workers;
+use crate::schedule::{Spares, Workers};
 use crate::spool::Workspace;
 
 /// Vertices of a range while the triangles at them lie close together: its corners stay in a processor's cache.
@@ -123,7 +121,7 @@ struct Scratch {
 
 impl Check<'_> {
     fn run(&self, progress: &mut dyn FnMut(u64)) -> Result<CheckReport> {
-        let scratch = Mutex::new(Vec::new());
+        let scratch = Spares::default();
         let triangles = self.mesh.face_count();
         let mut survey = self.survey(&scratch, &mut |done| progress(done / 2))?;
         self.measure_far(&mut survey.sums, &scratch)?;
@@ -169,12 +167,4 @@ impl Check<'_> {
             intersections: None,
         })
     }
-}
-
-/// Lends a job working memory that an earlier one may have used.
-fn with<R>(pool: &Mutex<Vec<Scratch>>, job: impl FnOnce(&mut Scratch) -> R) -> R {
-    let mut scratch = pool.lock().expect("no job panics while it takes memory").pop().unwrap_or_default();
-    let result = job(&mut scratch);
-    pool.lock().expect("no job panics while it returns memory").push(scratch);
-    result
 }

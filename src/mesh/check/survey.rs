@@ -1,11 +1,10 @@
 //! The first look at every triangle: where its vertices lie, what it measures.
 
-use std::sync::Mutex;
-
 use super::blocks::Blocks;
-use super::{Check, Scratch, with};
+use super::{Check, Scratch};
 use crate::error::Result;
 use crate::mesh::measure::{GROUP, Sums, is_degenerate, span};
+use crate::schedule::Spares;
 
 /// What the survey knows of the triangles.
 pub(super) struct Survey {
@@ -16,12 +15,12 @@ pub(super) struct Survey {
 }
 
 impl Check<'_> {
-    pub(super) fn survey(&self, scratch: &Mutex<Vec<Scratch>>, progress: &mut dyn FnMut(u64)) -> Result<Survey> {
+    pub(super) fn survey(&self, scratch: &Spares<Scratch>, progress: &mut dyn FnMut(u64)) -> Result<Survey> {
         let groups = self.mesh.face_count().div_ceil(GROUP as u64) as usize;
         let blocks = Blocks::new(self.plan.block);
         let mut survey = Survey { blocks: Blocks::new(self.plan.block), degenerate: 0, sums: Vec::new() };
         let look = |group: usize| {
-            with(scratch, |scratch| {
+            scratch.lend(|scratch| {
                 let first = self.read_group(group, &mut scratch.faces)?;
                 let spans = blocks.spans(first, &scratch.faces, self.mesh.vertex_count())?;
                 let degenerate = scratch.faces.iter().filter(|face| is_degenerate(**face)).count() as u64;
@@ -44,11 +43,11 @@ impl Check<'_> {
     }
 
     /// Measures the groups that the survey left out, several at once since each batch may read all vertices.
-    pub(super) fn measure_far(&self, sums: &mut [Option<Sums>], scratch: &Mutex<Vec<Scratch>>) -> Result<()> {
+    pub(super) fn measure_far(&self, sums: &mut [Option<Sums>], scratch: &Spares<Scratch>) -> Result<()> {
         let far: Vec<usize> = (0..sums.len()).filter(|&group| sums[group].is_none()).collect();
         let batches: Vec<&[usize]> = far.chunks((self.plan.far / GROUP).max(1)).collect();
         let measure = |batch: usize| {
-            with(scratch, |scratch| {
+            scratch.lend(|scratch| {
                 let mut faces = Vec::new();
                 for &group in batches[batch] {
                     self.read_group(group, &mut scratch.faces)?;

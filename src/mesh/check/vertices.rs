@@ -1,15 +1,15 @@
 //! The second look, vertex by vertex: edges, fans, components, positions.
 
 use std::ops::Range;
-use std::sync::Mutex;
 
 use glam::DVec3;
 
 use super::blocks::{Blocks, Stars};
 use super::components::{Components, root};
 use super::link::{Tally, is_simple_cycle};
-use super::{Check, Scratch, with};
+use super::{Check, Scratch};
 use crate::error::Result;
+use crate::schedule::Spares;
 
 /// Blocks may be read this often on average before larger ranges are preferred.
 const READS: u64 = 2;
@@ -55,7 +55,7 @@ impl Check<'_> {
     pub(super) fn vertices(
         &self,
         blocks: &Blocks,
-        scratch: &Mutex<Vec<Scratch>>,
+        scratch: &Spares<Scratch>,
         progress: &mut dyn FnMut(u64),
     ) -> Result<Found> {
         let vertices = self.mesh.vertex_count();
@@ -74,7 +74,7 @@ impl Check<'_> {
         let look = |number: usize| {
             let start = number as u64 * u64::from(range);
             let end = (start + u64::from(range)).min(vertices);
-            with(scratch, |scratch| self.range(blocks, start as u32..end as u32, scratch))
+            scratch.lend(|scratch| self.range(blocks, start as u32..end as u32, scratch))
         };
         self.workers.in_order_range(self.plan.in_flight, ranges, look, |found: Found| {
             all.tally.add(&found.tally);
