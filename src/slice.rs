@@ -413,13 +413,6 @@ impl Slices {
         self.starts.push(self.bytes.len());
         self.bytes.extend_from_slice(bytemuck::cast_slice(&header));
     }
-
-    /// Removes all slices.
-    pub fn clear(&mut self) {
-        self.bytes.clear();
-        self.starts.clear();
-        self.any = false;
-    }
 }
 
 /// Slices kept in temporary storage, written in order, read in any order.
@@ -431,13 +424,12 @@ pub struct SliceStore {
     spool: Spool,
     places: Vec<u64>,
     any: bool,
-    scratch: Slices,
 }
 
 impl SliceStore {
     /// An empty store that keeps up to `in_memory` bytes in memory.
     pub fn new(workspace: &Workspace, in_memory: u64) -> SliceStore {
-        SliceStore { spool: workspace.spool(in_memory), places: Vec::new(), any: false, scratch: Slices::default() }
+        SliceStore { spool: workspace.spool(in_memory), places: Vec::new(), any: false }
     }
 
     /// Appends the next slices.
@@ -449,19 +441,6 @@ impl SliceStore {
         self.places.extend(slices.starts.iter().map(|start| at + *start as u64));
         self.any |= slices.any;
         Ok(())
-    }
-
-    /// Appends the next slice.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`] if the work directory is full.
-    pub fn append(&mut self, slice: &Runs) -> Result<()> {
-        let mut slices = std::mem::take(&mut self.scratch);
-        slices.clear();
-        slices.push_runs(slice);
-        let appended = self.extend(&slices);
-        self.scratch = slices;
-        appended
     }
 
     /// Whether no slice has a set cell.
@@ -568,8 +547,10 @@ mod tests {
             let workspace = Workspace::new(dir.path()).unwrap();
             for quota in [0, 1 << 20] {
                 let mut store = SliceStore::new(&workspace, quota);
-                store.append(&Runs::default()).unwrap();
-                store.append(&runs).unwrap();
+                let mut slices = Slices::default();
+                slices.push_runs(&Runs::default());
+                slices.push_runs(&runs);
+                store.extend(&slices).unwrap();
                 let mut slices = Slices::default();
                 slices.push(&bits);
                 slices.push(&Bits::new(width, 0));

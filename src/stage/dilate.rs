@@ -12,8 +12,8 @@
 //!     +--------> x           h: how far the row of the disc is widened
 //! ```
 //!
-//! So a slice is looked at once, whatever the radius, and a word of it costs an OR for each row of half a ball. All that goes over the rows of a slice as if
-//! they were one row: the bit behind each ([`crate::slice`]) keeps them apart.
+//! So a slice is looked at once, whatever the radius, and a word of it costs an OR for each row of half a ball. All that goes over the rows of a
+//! slice as if they were one row: the bit behind each ([`crate::slice`]) keeps them apart.
 
 use crate::error::Result;
 use crate::slice::{Bits, behind};

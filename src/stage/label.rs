@@ -1,17 +1,18 @@
 //! Labels: which runs of cells hang together over all slices, and what is to be said of each such component.
 //!
-//! Components stream. A job joins the runs of its chunk of slices by union-find to *parts*; what is measured of runs is added up by part. Of a part that
-//! touches neither the chunk's lowest nor its highest slice that is all: it is *closed*. The others are *open*. Upwards, chunk by chunk, open parts are joined
-//! where the highest slice of a chunk meets the lowest of the next; a set of joined parts is a *class* of its chunk, and of the chunk
-//! below only "what became of its classes" is kept. Measures are added up along the way, so that they are complete where a component ends.
-//! Downwards, a verdict is given where a component ends, and each class learns it from the chunk above:
+//! Components stream. A job joins the runs of its chunk of slices by union-find to *parts*; what is measured of runs is added up by part.
+//! Of a part that touches neither the chunk's lowest nor its highest slice that is all: it is *closed*. The others are *open*. Upwards, chunk
+//! by chunk, open parts are joined where the highest slice of a chunk meets the lowest of the next; a set of joined parts is a *class* of its
+//! chunk, and of the chunk below only "what became of its classes" is kept. Measures are added up along the way, so that they are complete
+//! where a component ends. Downwards, a verdict is given where a component ends, and each class learns it from the chunk above:
 //!
 //! ```text
 //!   chunk c+1   [0] [  1  ]          became, for the classes of chunk c: 0 -> 0, 1 -> 1, 2 -> 1, 3 -> ended
 //!   chunk c     [0] [1] [2] [3]      verdict(c, class) = verdict(c+1, became(class)), or that given where it ended
 //! ```
 //!
-//! Only what touches the border of chunks is looked at on the calling thread. Memory: the runs and parts of a chunk for each job, and of two slices with their open parts.
+//! Only what touches the border of chunks is joined on the calling thread. Memory: the runs and parts of a chunk for each job, and of two slices
+//! with their open parts.
 
 use std::marker::PhantomData;
 

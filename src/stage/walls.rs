@@ -65,12 +65,12 @@ impl Open<'_> {
     fn parts(&self, ball: Ball, slices: std::ops::Range<u32>) -> Result<Parts<Evidence>> {
         let padded = self.padded;
         let mut held = Vec::with_capacity(slices.len());
-        let mut rows = u32::MAX..0;
+        let mut rows = 0..0;
         for y in slices.clone() {
             let mut runs = Runs::default();
             self.cells.read(y, &mut runs)?;
             for z in (0..runs.row_count()).filter(|z| !runs.row(*z).is_empty()) {
-                rows = rows.start.min(z)..rows.end.max(z + 1);
+                rows = if rows.is_empty() { z..z + 1 } else { rows.start.min(z)..rows.end.max(z + 1) };
             }
             held.push(runs);
         }
