@@ -1,4 +1,4 @@
-//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), sides (with walls), lone, component,
+//! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), sides (with walls), hollow, lone, component,
 //! extract, smooth, fit or plane, contract, retreat (with near and spot, which find what may intersect).
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
@@ -12,6 +12,7 @@ pub mod extract;
 pub mod fan;
 pub mod fate;
 pub mod fit;
+pub mod hollow;
 pub mod label;
 pub mod lone;
 pub mod near;

@@ -130,8 +130,8 @@ impl<'a> Pyramid<'a> {
         self.coarser.len() as u32
     }
 
-    /// The solid of the grid that the ball of `closing` and its fall ([`crate::stage::sides`]) leave; `exterior` is what that ball finds, if it is
-    /// there already.
+    /// The solid of the grid that the ball of `closing` and its fall ([`crate::stage::sides`]) leave, without the hollows ([`crate::stage::hollow`]) that
+    /// no points line; `exterior` is what that ball finds, if it is there already.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
@@ -159,7 +159,11 @@ impl<'a> Pyramid<'a> {
             }
             sides = sides.fallen(occupancy, level, context, &mut progress)?;
         }
-        Solid::between(self.finest, &sides, context)
+        let solid = Solid::between(self.finest, &sides, context)?;
+        drop(sides);
+        let solid = solid.without_hollows(self.finest, context)?;
+        progress(solid.cells[1]);
+        Ok(solid)
     }
 }
 

@@ -221,7 +221,7 @@ fn solid_slices(
 }
 
 /// Writes to `out` what a row holds from cell `by` on; the row has `2 * by` cells more.
-fn move_back(row: &[u64], by: u32, out: &mut [u64]) {
+pub(super) fn move_back(row: &[u64], by: u32, out: &mut [u64]) {
     let (row, bits) = (&row[by as usize / 64..], by % 64);
     // The last words have none after them, or one that the row may lack.
     let pairs = out.len().min(row.len() - 1);
@@ -235,7 +235,7 @@ fn move_back(row: &[u64], by: u32, out: &mut [u64]) {
 }
 
 /// Faces of a slice on its lower plane and within it.
-fn faces(slice: &Bits, below: &Bits) -> u32 {
+pub(super) fn faces(slice: &Bits, below: &Bits) -> u32 {
     let empty = vec![0; slice.row_words()];
     let mut before = empty.as_slice();
     let mut faces = 0;

@@ -31,7 +31,60 @@ pub fn solid(occupied: &Cells, level: u32, rho: u32) -> Cells {
             solid.set(cell);
         }
     }
-    solid
+    without_hollows(&solid, occupied)
+}
+
+/// With those hollows filled that hardly any point lines: components of cells that are not solid and in no ball of squared radius 16 that is
+/// free of solid cells.
+fn without_hollows(solid: &Cells, occupied: &Cells) -> Cells {
+    let ball = ball_squared(16);
+    let is_room = |cell: [i32; 3]| !ball.iter().any(|&d| solid.get(plus(cell, d)));
+    let mut room = Cells::none(solid.cells, 5);
+    for cell in room.all() {
+        if is_room(cell) {
+            room.set(cell);
+        }
+    }
+    let is_hollow = |cell: [i32; 3]| !solid.get(cell) && !ball.iter().any(|&d| room.get(plus(cell, d)));
+    let mut hollow = Cells::none(solid.cells, 0);
+    for cell in hollow.all() {
+        if is_hollow(cell) {
+            hollow.set(cell);
+        }
+    }
+    let mut filled = solid.clone();
+    let mut seen = Cells::none(solid.cells, 0);
+    for first in hollow.all() {
+        if !hollow.get(first) || seen.get(first) {
+            continue;
+        }
+        let component = component(&hollow, first, &mut seen);
+        let faces = || component.iter().flat_map(|&cell| FACES.map(|d| plus(cell, d)));
+        let sampled = faces().filter(|&c| occupied.get(c)).count();
+        let bare = faces().filter(|&c| solid.get(c) && !occupied.get(c)).count();
+        if 5 * sampled < 2 * bare {
+            component.iter().for_each(|&cell| filled.set(cell));
+        }
+    }
+    filled
+}
+
+/// The cells that hang together with `first` by faces; they become seen.
+fn component(cells: &Cells, first: [i32; 3], seen: &mut Cells) -> Vec<[i32; 3]> {
+    let mut component = vec![first];
+    seen.set(first);
+    let mut done = 0;
+    while done < component.len() {
+        for step in FACES {
+            let next = plus(component[done], step);
+            if cells.get(next) && !seen.get(next) {
+                seen.set(next);
+                component.push(next);
+            }
+        }
+        done += 1;
+    }
+    component
 }
 
 fn coarser(fine: &Cells) -> Cells {
@@ -122,19 +175,7 @@ impl Sides {
             if !open.get(first) || seen.get(first) {
                 continue;
             }
-            let mut component = vec![first];
-            seen.set(first);
-            let mut done = 0;
-            while done < component.len() {
-                for step in FACES {
-                    let next = plus(component[done], step);
-                    if open.get(next) && !seen.get(next) {
-                        seen.set(next);
-                        component.push(next);
-                    }
-                }
-                done += 1;
-            }
+            let component = component(&open, first, &mut seen);
             let touches_outside = component.iter().any(|&c| FACES.iter().any(|&d| self.is_outside(plus(c, d))));
             let (mut outside_behind, mut inside_behind) = (0, 0);
             for &cell in &component {
