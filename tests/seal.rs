@@ -1,4 +1,4 @@
-//! The closing radius is found: none for a plane, one cell for a whole shell, what the hole needs for a shell with a hole.
+//! The closing radius is found: none for a plane, one cell for a whole shell, what the hole needs for a shell with a hole. Hollows that no points line are filled.
 
 use asra_stream::context::Context;
 use asra_stream::grid::Cell;
@@ -85,5 +85,33 @@ fn a_wavy_sheet_has_no_inside() {
         let pyramid = Pyramid::over(&occupancy, 0, context).unwrap();
         let sealed = find(&pyramid, context, |_| ()).unwrap();
         assert_eq!(sealed.closing, None, "{:?}", sealed.trials);
+    });
+}
+
+/// A block of 24 × 24 × 24 cells with a pit in its top, 4 cells wide and 4 deep.
+fn pitted_block() -> Vec<Cell> {
+    let is_pit = |[x, y, z]: Cell| (10..14).contains(&x) && (10..14).contains(&z) && y >= 20;
+    let cells = (0..24).flat_map(|x| (0..24).flat_map(move |y| (0..24).map(move |z| [x, y, z])));
+    cells.filter(|cell| !is_pit(*cell)).collect()
+}
+
+#[test]
+fn a_pit_is_filled_unless_points_line_it() {
+    let cells = [24; 3];
+    let block = pitted_block();
+    let lines_pit = |cell: &Cell| (9..15).contains(&cell[0]) && (9..15).contains(&cell[2]) && cell[1] >= 19;
+    with_context(cells, |context| {
+        let sampled = Occupancy::of_cells(block.clone(), cells, context).unwrap();
+        let bare = block.iter().copied().filter(|cell| !lines_pit(cell));
+        let bare = Occupancy::of_cells(bare, cells, context).unwrap();
+        let solid = Solid::close(&sampled, &Ball::new(1), context).unwrap();
+        assert_eq!(solid.volume, 24 * 24 * 24 - 64);
+        let open = solid.without_hollows(&sampled, context).unwrap();
+        assert_eq!((open.volume, &open.faces), (solid.volume, &solid.faces));
+        let filled = solid.without_hollows(&bare, context).unwrap();
+        // The ball dips one cell into the pit.
+        assert_eq!(filled.volume, 24 * 24 * 24 - 16);
+        let on_top = 24 * 24 - 16;
+        assert_eq!(filled.faces.iter().sum::<u32>() + on_top, 6 * 24 * 24 + 16, "a slice does not own its upper plane");
     });
 }

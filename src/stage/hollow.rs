@@ -23,8 +23,8 @@ use crate::stage::raster::Occupancy;
 use crate::stage::solid::{Solid, faces, move_back};
 use crate::window::Window;
 
-/// Squared radius of the ball that does not reach a hollow. Balls of squared radius 4 to 9 leave dents between points four to eight cells apart, larger
-/// ones than 16 begin to join hollows that have nothing to do with each other.
+/// Squared radius of the ball that does not reach a hollow. With 4 to 9, dents stay between points of a half thinned to a tenth; with 25, the bunny's mean
+/// squared error at k = 4 is an eighth larger.
 const REACHES: u32 = 16;
 
 /// The verdicts on hollows.
@@ -174,7 +174,8 @@ impl Lining {
         lining
     }
 
-    /// A concavity that is sampled as coarsely as cells allow has a point on half of its faces or more.
+    /// Less than two sampled faces in seven: found by trying, from .3 to .67 sampled faces for each bare one. With .67, concavities of the horse are
+    /// filled (mean squared error .069 instead of .035).
     fn verdict(&self) -> u8 {
         if 5 * self.sampled < 2 * self.bare { FILLED } else { OPEN }
     }
