@@ -15,7 +15,9 @@ use crate::partition::{halo, slab_count, slices_of};
 use crate::plan::{Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
+use crate::rehearsal::rehearse;
 use crate::schedule::Workers;
+use crate::sketch::Sketch;
 use crate::slab::{Fit, SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
 use crate::stage::component::{Components, Least};
@@ -119,6 +121,8 @@ pub struct Surveyed {
     pub grid: Grid,
     /// The sampling distance, where it was asked for.
     pub sampling: Option<f64>,
+    /// The cells of its points at a coarse resolution.
+    pub sketch: Sketch,
     /// What the plan is made from.
     pub load: Load,
 }
@@ -126,8 +130,7 @@ pub struct Surveyed {
 /// Surveys the cloud and lays the grid.
 ///
 /// # Errors
-/// Those of reading the input and of [`Grid::new`]; [`Error::TooManyElements`] if the mesh would exceed what its
-/// indices can name.
+/// Those of reading the input and of [`Grid::new`].
 pub fn survey_cloud(
     cloud: &Cloud,
     settings: &Settings,
@@ -138,7 +141,7 @@ pub fn survey_cloud(
     let in_flight = 2 * workers.threads();
     let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
     progress.begin(Phase::Survey, known);
-    let survey = survey(cloud, workers, in_flight, |records| progress.add(records))?;
+    let (survey, sketch) = survey(cloud, workers, in_flight, |records| progress.add(records))?;
     let (resolution, sampling) = match settings.fineness {
         Fineness::Given(resolution) => (resolution, None),
         Fineness::Sampling => {
@@ -150,15 +153,36 @@ pub fn survey_cloud(
     let grid = Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?;
     progress.end();
     let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
-    if load.vertices() > VERTEX_LIMIT {
-        return Err(Error::TooManyElements {
-            count: load.vertices(),
-            what: "vertices",
-            limit: VERTEX_LIMIT,
-            carrier: "a mesh file's int",
-        });
+    Ok(Surveyed { survey, grid, sampling, sketch, load })
+}
+
+/// How many faces a cloud's slabs are going to have, found by a rehearsal; nothing changes where that says nothing. `budget` as for the run.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Interrupted`].
+pub fn rehearsed(
+    surveyed: Surveyed,
+    settings: &Settings,
+    workers: &Workers,
+    workspace: &Workspace,
+    budget: u64,
+) -> Result<Surveyed> {
+    let Surveyed { load, sketch, grid, .. } = &surveyed;
+    let load = rehearse(load, sketch, grid, settings, workers, workspace, budget)?;
+    Ok(Surveyed { load, ..surveyed })
+}
+
+/// The plan for a surveyed cloud.
+///
+/// # Errors
+/// [`Error::Budget`]; [`Error::TooManyElements`] if the mesh would exceed what its indices can name.
+pub fn plan(surveyed: &Surveyed, workers: &Workers, budget: u64) -> Result<MemoryPlan> {
+    let count = surveyed.load.vertices();
+    if count > VERTEX_LIMIT {
+        let (limit, carrier) = (VERTEX_LIMIT, "a mesh file's int");
+        return Err(Error::TooManyElements { count, what: "vertices", limit, carrier });
     }
-    Ok(Surveyed { survey, grid, sampling, load })
+    MemoryPlan::for_budget(budget, &surveyed.load, workers.threads())
 }
 
 /// The finished mesh and what is to be told of its making.
@@ -186,6 +210,8 @@ pub struct Reconstruction {
     pub solid: u64,
     /// What became of the vertices.
     pub counts: Counts,
+    /// The plan as it was when the solid was known.
+    pub memory: MemoryPlan,
 }
 
 /// Makes the mesh of a surveyed cloud.
@@ -250,16 +276,17 @@ fn reconstruct_as<T: Coordinate>(
         Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
         Fit::Nearest | Fit::None => 0,
     };
-    let most_faces = (0..slabs).map(faces_of_slab).max().unwrap_or(0);
-    let jobs = context.memory.slab_jobs(load, most_faces, means)?;
+    let load = load.with_faces((0..slabs).map(faces_of_slab).collect(), closed.falls);
+    let memory = context.memory.with_surface(&load, means)?;
+    let jobs = memory.slab_jobs(&load, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
     let counted = if sparse > 0 || closed.components.is_some() { Counted::Occupied } else { Counted::All };
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
-    let mesh = MeshSpool::new(&context.workspace, T::PRECISION, context.memory.mesh_quota);
+    let mesh = MeshSpool::new(&context.workspace, T::PRECISION, memory.mesh_quota);
     let frame = Frame { origin, precision: T::PRECISION };
     let mut stitcher = Stitcher::new(grid, halo(smooth), frame, mesh);
     context.workers.in_order_range(
-        jobs.in_flight,
+        jobs.in_flight(),
         slabs as usize,
         |number| SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs.piece_points),
         |slab| {
@@ -281,6 +308,7 @@ fn reconstruct_as<T: Coordinate>(
         components: closed.components,
         solid: closed.solid.volume,
         counts,
+        memory,
     })
 }
 
@@ -306,9 +334,9 @@ fn origin(precision: Precision, bounds: &Bounds) -> [f64; 3] {
 /// The context of a run: `threads` workers, the work directory, and the plan.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Budget`]; [`Error::Disk`] if the work directory has less room than the plan asks for.
+/// Those of [`plan`]; [`Error::Io`]; [`Error::Disk`] if the work directory has less room than the plan asks for.
 pub fn context(surveyed: &Surveyed, workers: &Workers, workspace: &Workspace, budget: u64) -> Result<Context> {
-    let memory = MemoryPlan::for_budget(budget, &surveyed.load, workers.threads())?;
+    let memory = plan(surveyed, workers, budget)?;
     let available = workspace.available()?;
     if available < memory.predicted_disk {
         return Err(Error::Disk {

@@ -2,29 +2,29 @@
 //!
 //! Passes run one after the other, so the peak is what persists (spools that are kept in memory, the directories of spools)
 //! plus the most that any one pass needs. Each pass is given as many jobs in flight as its share allows, at least one; the
-//! least budget is what one job of the hungriest pass needs. What is known only later (the exact number of faces of a slab, a large ball) is
-//! held against the same share when it is known.
+//! least budget is what one job of the hungriest pass needs.
 //!
 //! ```text
 //!   budget = process | buckets (if they fit)  | stores of slices | mesh (if it fits) |  working share: one pass at a time
 //! ```
+//!
+//! The plan is made twice. First from the number of points, the grid, and how many faces each slab is expected to have ([`crate::rehearsal`], or the box
+//! alone). Then, when the solid is known, its faces are counted, and what is not yet given out is shared out anew.
 
 use bytesize::ByteSize;
 
 use crate::context::CHUNK_SLICES;
 use crate::error::{Error, Result};
 use crate::grid::{Cell, Grid};
+use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
 use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices, smooth_halo};
 use crate::points::Precision;
 use crate::slice::Bits;
 use crate::stage::dilate::Dilation;
 
-/// The process itself: code, directories of spools, what the allocator keeps; and for each thread its stack and its part of that.
-const PROCESS: u64 = 12 << 20;
+/// The process itself: code, small things, what the allocator keeps; and for each thread its stack and its part of that.
+const PROCESS: u64 = 10 << 20;
 const THREAD: u64 = 3 << 19;
-
-/// A block of input, its decoded points and their sorted copy.
-const BLOCK_JOB: u64 = 5 << 20;
 
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
 const CHUNK: u64 = 12 << 10;
@@ -38,19 +38,30 @@ const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 /// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
 const GOOD_PIECE: u64 = 256 << 10;
 
-/// Bytes of a slab's mesh for each face while it is made. While fitting: a vertex as found (21), smoothed (24) and fitted (36),
-/// two triangles (24); while contracting, without the first but with fans (32), groups and winners (25); while retreating, without these but with
-/// places (24), spots (8), what is seen of fans (9), and triangles by layer (12). The rest is what vectors and the allocator leave unused.
-const FACE_BYTES: u64 = 195;
+/// Bytes of a slab's mesh for each face while it is made. While it is extracted: a vertex as found (21), smoothed (24), two triangles (24).
+const EXTRACTING: u64 = 75;
 
-/// Of those, the bytes that remain when the slab waits for its seam.
-const FACE_BYTES_WAITING: u64 = 140;
+/// While it is fitted: the vertex without its look-ups (16), smoothed and fitted (60), two triangles.
+const FITTING: u64 = 107;
+
+/// While its vertices retreat, where it is largest: smoothed and fitted, triangles, fans and fates (34), places (24), spots (8), what is seen of fans (1),
+/// triangles by layer (20). The rest, here as above, is what vectors and the allocator leave unused.
+const RETREATING: u64 = 184;
+
+/// The bytes that remain when the slab waits for its seam.
+const WAITING: u64 = 134;
+
+/// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some tens of milliseconds.
+const GIVEN_BACK: (u64, u64) = (210, 24 << 20);
+
+/// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
+const CHECKING: (u64, u64) = (13 << 20, 2);
 
 /// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
-const SMOOTHED_BYTES: u64 = 69;
+const SMOOTHED: u64 = 69;
 
 /// Bytes for each face of a slab while it is written: positions (24, and 12 narrowed), triangles (26), numbers (8).
-const FACE_BYTES_WRITING: u64 = 75;
+const WRITING: u64 = 75;
 
 /// What the plan is made from.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,12 +74,34 @@ pub struct Load {
     pub cells: Cell,
     /// Steps of smoothing.
     pub smooth: u32,
+    /// Faces of each slab, as far as is known.
+    slabs: Vec<u64>,
+    /// Whether a ball falls, which takes more stores of slices.
+    falls: bool,
 }
 
 impl Load {
-    /// The load of `points` points on `grid`.
+    /// The load of `points` points on `grid`, with the faces of a surface round the whole box, and a third more for its slopes.
     pub fn new(points: u64, precision: Precision, grid: &Grid, smooth: u32) -> Load {
-        Load { points, precision, cells: grid.cells(), smooth }
+        Load::in_cells(points, precision, grid.cells(), smooth)
+    }
+
+    /// [`Load::new`] for a grid of so many cells along x, slices and rows.
+    pub fn in_cells(points: u64, precision: Precision, cells: Cell, smooth: u32) -> Load {
+        let [x, y, z] = cells.map(u64::from);
+        let faces = (2 * (x * y + y * z + z * x) * 4 / 3).min(x.saturating_mul(y).saturating_mul(z).saturating_mul(6));
+        let slabs = slab_count(smooth, cells[1]);
+        let share = faces.div_ceil(u64::from(slabs));
+        Load { points, precision, cells, smooth, slabs: vec![share; slabs as usize], falls: false }
+    }
+
+    /// The same load with other numbers of faces, one for each slab; `falls` says whether a ball falls to close the cells.
+    ///
+    /// # Panics
+    /// If there are not as many numbers as slabs.
+    pub fn with_faces(&self, slabs: Vec<u64>, falls: bool) -> Load {
+        assert_eq!(slabs.len(), self.slabs.len(), "a number of faces for each slab");
+        Load { slabs, falls, ..self.clone() }
     }
 
     /// Bytes of a point in a bucket.
@@ -76,10 +109,9 @@ impl Load {
         3 * self.precision.bytes() as u64
     }
 
-    /// A surface's faces, roughly: those of the box, and a third more for its slopes; never more than cells allow.
+    /// Faces to expect.
     pub fn faces(&self) -> u64 {
-        let [x, y, z] = self.cells.map(u64::from);
-        (2 * (x * y + y * z + z * x) * 4 / 3).min(x.saturating_mul(y).saturating_mul(z).saturating_mul(6))
+        self.slabs.iter().sum()
     }
 
     /// Triangles to expect: two a face, less what contraction takes.
@@ -102,29 +134,60 @@ impl Load {
         self.points * self.record()
     }
 
-    /// Bytes that slices take as runs, to expect: a dozen runs of 8 bytes a row and slice in all stores together, and their directories.
+    /// Buckets.
+    fn buckets(&self) -> u64 {
+        u64::from(self.cells[1].div_ceil(BUCKET_SLICES))
+    }
+
+    /// Bytes that slices take as runs while the ball is looked for, to expect: of each row its start in four stores and the run round it; of faces,
+    /// a third lie across x, half of them at either end of a run; and all that at half the resolution, a quarter, and so on.
     pub fn slice_bytes(&self) -> u64 {
         let [_, y, z] = self.cells.map(u64::from);
-        y * z * 160 + y * 64
+        let sealing = (y * z * 28 + self.faces() * 8) * 4 / 3 + y * 200;
+        if self.falls { sealing * 3 } else { sealing }
+    }
+
+    /// Of these, the bytes that remain while slabs are made: occupied and solid cells.
+    fn standing_slice_bytes(&self) -> u64 {
+        let [_, y, z] = self.cells.map(u64::from);
+        y * z * 8 + self.faces() * 6
     }
 
     /// Temporary disk to expect when nothing is kept in memory.
     pub fn disk(&self) -> u64 {
-        self.bucket_bytes() + self.mesh_bytes() + self.slice_bytes()
+        self.bucket_bytes() + self.slice_bytes().max(self.standing_slice_bytes() + self.mesh_bytes())
     }
 
-    /// Bytes that one slab's job holds besides the points and the mesh: its planes of corners, its index of points.
-    fn slab_raster(&self) -> u64 {
+    /// Bytes that a block of input takes while its points are sorted: as it is mapped, decoded, sorted, with the buckets of its points.
+    fn block_job(&self) -> u64 {
+        let points = self.points.min(BLOCK_RECORDS as u64);
+        BLOCK_BYTES as u64 + points * (2 * self.record() + 4) + 4 * self.buckets()
+    }
+
+    /// Bytes of bits that one slab's job holds while it is extracted: its planes of corners, and the slices round one.
+    fn extraction_raster(&self) -> u64 {
         let [x, _, z] = self.cells;
         let bits = Bits::bytes(x + 2, z + 2);
-        u64::from(slab_slices(self.smooth) + 2 * smooth_halo(self.smooth) + 1) * bits * 3 / 2
-            + 3 * bits
-            + u64::from(2 * halo(self.smooth)) * bits * 3 / 2
+        let planes = u64::from(slab_slices(self.smooth) + 2 * smooth_halo(self.smooth) + 1);
+        planes * (bits * 3 / 2 + 4 * u64::from(z)) + 3 * bits
     }
 
-    /// Faces of one slab, to expect: the mean. The estimate of all faces lies above what surfaces have, which makes up for uneven slabs.
-    fn slab_faces(&self) -> u64 {
-        self.faces().div_ceil(u64::from(slab_count(self.smooth, self.cells[1])))
+    /// Bytes of bits that one slab's job holds while it is fitted: the index of points.
+    fn fitting_raster(&self) -> u64 {
+        let [x, _, z] = self.cells;
+        u64::from(2 * halo(self.smooth)) * Bits::bytes(x + 2, z + 2) * 3 / 2
+    }
+
+    /// The most faces that so many consecutive slabs have together.
+    fn widest(&self, slabs: usize) -> u64 {
+        self.slabs.windows(slabs.clamp(1, self.slabs.len())).map(|slabs| slabs.iter().sum()).max().unwrap_or(0)
+    }
+
+    /// The most points of a slab and its halo, to expect, if points lie where faces do.
+    fn slab_points(&self) -> u64 {
+        let share = self.widest(1) as f64 / self.faces().max(1) as f64;
+        let reach = 1.0 + f64::from(2 * halo(self.smooth)) / f64::from(slab_slices(self.smooth));
+        ((self.points as f64 * share * reach) as u64 + 1).min(self.points)
     }
 }
 
@@ -139,7 +202,7 @@ pub struct MemoryPlan {
     pub blocks_in_flight: usize,
     /// Chunks of slices in flight.
     pub chunks_in_flight: usize,
-    /// The buffer of one bucket, in bytes.
+    /// A whole chunk of a bucket, in bytes.
     pub bucket_buffer: u64,
     /// Buckets stay in memory up to this many bytes in all: all or nothing.
     pub buckets_quota: u64,
@@ -157,6 +220,14 @@ pub struct MemoryPlan {
     pub predicted_disk: u64,
 }
 
+/// Of a budget, what is kept in memory from pass to pass.
+#[derive(Debug, Clone, Copy)]
+struct Kept {
+    buckets: u64,
+    /// For all stores of slices.
+    slices: u64,
+}
+
 impl MemoryPlan {
     /// Shares out `budget` bytes for `load` on `threads` threads.
     ///
@@ -171,74 +242,104 @@ impl MemoryPlan {
                 what: "the smallest plan for this cloud",
             });
         }
-        let threads = threads.max(1);
+        Self::share_out(budget, load, threads.max(1), 0, None)
+    }
+
+    /// The same plan, when the faces of all slabs have been counted, and each needs `means` bytes for means of cells: what is not yet given
+    /// out is shared out anew.
+    ///
+    /// # Errors
+    /// [`Error::Budget`] if a slab is too much, with the least budget that would do.
+    pub fn with_surface(&self, load: &Load, means: u64) -> Result<MemoryPlan> {
+        let kept = Kept { buckets: self.buckets_quota, slices: self.slices_quota() };
+        Self::share_out(self.budget, load, self.threads, means, Some(kept))
+    }
+
+    /// Bytes that all stores of slices together may take.
+    fn slices_quota(&self) -> u64 {
+        STORES * self.store_quota
+    }
+
+    fn share_out(budget: u64, load: &Load, threads: usize, means: u64, already: Option<Kept>) -> Result<MemoryPlan> {
         let process = process(threads);
-        let mut left = budget - process;
+        let mut left = budget.saturating_sub(process);
         // Kept in memory only what leaves the passes the larger part, and twice the least: a slab may turn out to have more faces than
         // expected, and the budget that is then named must not be eaten up by what it would allow to keep.
-        let spare = 2 * (least - process);
-        let mut keep = |bytes: u64, share: u64| {
-            let kept = if bytes <= left / share && bytes + spare <= left { bytes } else { 0 };
-            left -= kept;
+        let spare = 2 * (Self::least(load, threads) - process);
+        let keep = |left: &mut u64, bytes: u64, share: u64| {
+            let kept = if bytes <= *left / share && bytes + spare <= *left { bytes } else { 0 };
+            *left -= kept;
             kept
         };
-        let buckets_quota = keep(load.bucket_bytes(), 2);
-        // A spool that grows in memory may hold twice its bytes for a moment.
-        let mesh_quota = keep(load.mesh_bytes() * 2, 3) / 2;
-        let store_quota = keep((load.slice_bytes() * 2).max(1 << 20), 4) / 8;
+        let kept = already.unwrap_or_else(|| {
+            let mut left = left;
+            let buckets = keep(&mut left, load.bucket_bytes(), 2);
+            Kept { buckets, slices: keep(&mut left, load.slice_bytes().max(1 << 20) * 3 / 2, 4) }
+        });
+        left = left.saturating_sub(kept.buckets + kept.slices);
+        let mesh_quota = keep(&mut left, load.mesh_bytes(), 3);
         let working = left;
 
-        let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
         let jobs = |per_job: u64, share: u64, most: usize| ((share / per_job.max(1)) as usize).clamp(1, most);
-        let blocks_in_flight = jobs(BLOCK_JOB, working / 2, 2 * threads);
-        let for_buffers = working.saturating_sub(blocks_in_flight as u64 * BLOCK_JOB) / 4 * 3;
-        let doublings = (for_buffers / buckets / CHUNK).max(1).ilog2().min(CHUNK_DOUBLINGS);
-        let bucket_buffer = CHUNK << doublings;
+        let blocks_in_flight = jobs(load.block_job() + (CHUNK << CHUNK_DOUBLINGS), working / 2, 2 * threads);
+        let for_buffers = working.saturating_sub(blocks_in_flight as u64 * load.block_job());
+        // A job that sorts a block holds a chunk, too. Of what is kept in memory, larger chunks would leave more of each bucket's last one empty.
+        let doublings = (for_buffers / 16 * 15 / (load.buckets() + blocks_in_flight as u64) / CHUNK).max(1).ilog2();
+        let bucket_buffer = CHUNK << doublings.min(if kept.buckets > 0 { 1 } else { CHUNK_DOUBLINGS });
         let chunks_in_flight = jobs(Self::chunk_job(load, 1), working, 2 * threads);
-        let running = threads as u64;
-        let for_points = (working / 2 / running).saturating_sub(load.slab_raster());
-        let slab_points = load.bucket_bytes() / load.record()
-            * u64::from(slab_slices(load.smooth) + 2 * halo(load.smooth))
-            / u64::from(load.cells[1])
-            + 1;
-        let piece_points = (for_points / point_bytes(load)).clamp(PIECE.1, PIECE.0);
+        let for_points = (working / 2 / threads as u64).saturating_sub(load.fitting_raster());
         let mut plan = MemoryPlan {
             budget,
             threads,
             blocks_in_flight,
             chunks_in_flight,
             bucket_buffer,
-            buckets_quota,
-            store_quota,
+            buckets_quota: kept.buckets,
+            store_quota: kept.slices / STORES,
             mesh_quota,
-            piece_points: piece_points as usize,
+            piece_points: (for_points / point_bytes(load)).clamp(PIECE.1, PIECE.0) as usize,
             working,
             predicted: 0,
             predicted_disk: 0,
         };
-        let slabs = plan.slab_jobs(load, load.slab_faces(), 0)?;
-        let passes = [
-            blocks_in_flight as u64 * BLOCK_JOB + (buckets * bucket_buffer / 3 * 4).min(load.bucket_bytes()),
-            chunks_in_flight as u64 * Self::chunk_job(load, 1),
-            slabs.running as u64 * slab_job(load, load.slab_faces(), slab_points.min(slabs.piece_points as u64))
-                + (slabs.waiting as u64 - 2) * load.slab_faces() * FACE_BYTES_WAITING
-                + stitching(load.slab_faces()),
-        ];
-        let kept = buckets_quota.min(load.bucket_bytes())
-            + mesh_quota.min(load.mesh_bytes())
-            + (8 * store_quota).min(load.slice_bytes());
-        plan.predicted = process + kept + passes.into_iter().max().unwrap_or(0);
-        plan.predicted_disk = load.disk() - kept.min(load.disk());
+        (plan.predicted, plan.predicted_disk) = plan.predict(load, means)?;
         Ok(plan)
+    }
+
+    /// The most memory and the most temporary disk that are going to be used.
+    fn predict(&self, load: &Load, means: u64) -> Result<(u64, u64)> {
+        let blocks = (self.blocks_in_flight as u64).min(load.points.div_ceil(BLOCK_RECORDS as u64));
+        let chunks = load.buckets() + blocks;
+        let buckets = self.buckets_quota.min(load.bucket_bytes());
+        // An open chunk is whole as memory goes, once it was another's.
+        let open = (chunks * self.bucket_buffer / 15 * 16).min(load.bucket_bytes());
+        let bucketing = blocks * load.block_job() + if buckets > 0 { open / 2 } else { open };
+
+        let sealing = load.slice_bytes().min(self.slices_quota());
+        let standing = load.standing_slice_bytes().min(self.slices_quota());
+        let mesh = self.mesh_quota.min(load.mesh_bytes());
+        let slices = self.chunks_in_flight as u64 * Self::chunk_job(load, 1);
+        let jobs = self.slab_jobs(load, means)?;
+        let slabs = jobs.bytes(load, load.slab_points()) + jobs.running as u64 * means;
+        let held = buckets + if buckets > 0 { open / 2 } else { 0 };
+        let check = mesh + checking(load, self.threads);
+        let passes = [buckets + bucketing, held + sealing + slices, held + standing + mesh + slabs, check];
+        let memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
+
+        let bucketed = load.bucket_bytes() - buckets;
+        let sealing = if self.store_quota > 0 { 0 } else { load.slice_bytes() };
+        let standing = if self.store_quota > 0 { 0 } else { load.standing_slice_bytes() };
+        let surface = standing + load.mesh_bytes() - mesh;
+        Ok((memory, bucketed + sealing.max(surface)))
     }
 
     /// The least budget for a load on `threads` threads, in bytes.
     pub fn least(load: &Load, threads: usize) -> u64 {
-        let buckets = u64::from(load.cells[1].div_ceil(BUCKET_SLICES));
-        let bucketing = BLOCK_JOB + buckets * CHUNK / 3 * 4 + 4;
+        let chunks = load.buckets() + 1;
+        let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
         let slices = Self::chunk_job(load, 1);
-        let slab = slab_job(load, load.slab_faces(), PIECE.1) + stitching(load.slab_faces());
-        process(threads) + (2 << 20) + bucketing.max(slices).max(slab)
+        let slab = SlabJobs::one(PIECE.1).bytes(load, PIECE.1);
+        process(threads) + (2 << 20) + bucketing.max(slices).max(slab).max(checking(load, threads))
     }
 
     /// Bytes of a job over a chunk of slices with a ball of radius `radius`: its dilation, some slices more, and the runs it gives, three a row, as
@@ -256,29 +357,26 @@ impl MemoryPlan {
         ((self.working / Self::chunk_job(load, radius)) as usize).clamp(1, 2 * self.threads)
     }
 
-    /// Slabs that may be in the making and waiting at a time, when the largest has `faces` faces and each needs `means` bytes for means of cells.
+    /// Slabs that may be in the making and waiting at a time, when each needs `means` bytes for means of cells.
     ///
     /// # Errors
-    /// [`Error::Budget`] if one in the making and two at a seam are too much.
-    pub fn slab_jobs(&self, load: &Load, faces: u64, means: u64) -> Result<SlabJobs> {
-        let waiting = faces * FACE_BYTES_WAITING;
-        let for_jobs = self.working.saturating_sub(stitching(faces));
-        let besides_points = slab_job(load, faces, 0) + means;
-        for running in (1..=self.threads).rev() {
-            let room = (for_jobs / running as u64).saturating_sub(besides_points) / point_bytes(load);
+    /// [`Error::Budget`] if one in the making and one at its seam are too much.
+    pub fn slab_jobs(&self, load: &Load, means: u64) -> Result<SlabJobs> {
+        // As many as there are threads, and finished slabs that wait for their turn; then fewer.
+        let beside = [self.threads.div_ceil(2), 0].map(|ahead| (self.threads, ahead));
+        let fewer = (1..self.threads).rev().map(|running| (running, 0));
+        for (running, ahead) in beside.into_iter().chain(fewer) {
+            let jobs = SlabJobs { running, ahead, piece_points: 0 };
+            let making = jobs.running as u64;
+            let room = self.working.saturating_sub(jobs.bytes(load, 0) + making * means) / making / point_bytes(load);
             let piece_points = room.min(self.piece_points as u64);
             // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
-            let enough = if running == 1 { PIECE.1 } else { GOOD_PIECE };
-            if piece_points >= enough.min(self.piece_points as u64) {
-                let left = for_jobs - running as u64 * (slab_job(load, faces, piece_points) + means);
-                // Beyond one for each thread, jobs in flight are finished slabs that wait for their turn.
-                let room_ahead = ((left / waiting.max(1)) as usize).min(self.threads);
-                let ahead = if running == self.threads { room_ahead } else { 0 };
-                let piece_points = piece_points as usize;
-                return Ok(SlabJobs { running, waiting: ahead + 2, in_flight: running + ahead, piece_points });
+            let enough = if running > 1 { GOOD_PIECE } else { PIECE.1 };
+            if piece_points >= enough.min(self.piece_points as u64).min(load.slab_points()) {
+                return Ok(SlabJobs { piece_points: piece_points as usize, ..jobs });
             }
         }
-        let least = stitching(faces) + slab_job(load, faces, PIECE.1) + means;
+        let least = SlabJobs::one(PIECE.1).bytes(load, PIECE.1) + means;
         Err(Error::Budget {
             given: ByteSize(self.budget),
             needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
@@ -287,26 +385,22 @@ impl MemoryPlan {
     }
 }
 
+/// The stores of slices that each have as large a share: more exist at a time, but most are smaller.
+const STORES: u64 = 3;
+
 /// Bytes of the process with its threads.
 fn process(threads: usize) -> u64 {
     PROCESS + THREAD * threads.max(1) as u64
 }
 
-/// Bytes of the two slabs at a seam, one of them being written, with `faces` faces each.
-fn stitching(faces: u64) -> u64 {
-    faces * (2 * FACE_BYTES_WAITING + FACE_BYTES_WRITING)
+/// Bytes of the check, which has a job more than threads.
+fn checking(load: &Load, threads: usize) -> u64 {
+    (CHECKING.0 * (threads as u64 + 1)).min(load.mesh_bytes() * CHECKING.1)
 }
 
-/// Bytes that a point takes while a slab is fitted: read, sorted by slice, and sorted by cell a window at a time.
+/// Bytes that a point takes while a slab is fitted: read, sorted by slice, and sorted by cell a window at a time, of about a third of the slices.
 fn point_bytes(load: &Load) -> u64 {
-    load.record() * 3 + 16
-}
-
-/// Bytes of a slab in the making, with `faces` faces and `points` points at once.
-fn slab_job(load: &Load, faces: u64, points: u64) -> u64 {
-    // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
-    let smoothed = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED_BYTES / u64::from(slab_slices(load.smooth));
-    load.slab_raster() + points * point_bytes(load) + faces * (FACE_BYTES + smoothed)
+    load.record() * 2 + (load.record() + 16) / 3 + 3
 }
 
 /// How many slabs exist at a time.
@@ -314,12 +408,42 @@ fn slab_job(load: &Load, faces: u64, points: u64) -> u64 {
 pub struct SlabJobs {
     /// In the making.
     pub running: usize,
-    /// Finished, waiting for their turn or for their seam.
-    pub waiting: usize,
-    /// Between source and sink of the pass.
-    pub in_flight: usize,
+    /// Finished, and waiting for their turn.
+    pub ahead: usize,
     /// Points of a slab that are held at once.
     pub piece_points: usize,
+}
+
+impl SlabJobs {
+    /// One slab at a time.
+    fn one(piece_points: u64) -> SlabJobs {
+        SlabJobs { running: 1, ahead: 0, piece_points: piece_points as usize }
+    }
+
+    /// Between source and sink of the pass.
+    pub fn in_flight(&self) -> usize {
+        self.running + self.ahead
+    }
+
+    /// Bytes of all slabs of a load at a time, with the points of one, as far as they are held at once.
+    fn bytes(&self, load: &Load, points: u64) -> u64 {
+        let points = points.min(self.piece_points as u64) * point_bytes(load);
+        let making = |faces: u64| {
+            // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
+            let beside = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED / u64::from(slab_slices(load.smooth));
+            let extraction = load.extraction_raster() + faces * (EXTRACTING + beside);
+            let fitting = load.fitting_raster() + points + faces * FITTING;
+            let given_back = (faces * GIVEN_BACK.0).min(GIVEN_BACK.1);
+            extraction.max(fitting).max(faces * RETREATING + given_back)
+        };
+        let one = load.widest(1);
+        // While the calling thread waits for a slab, the one before waits for its seam. While it is at a seam, the slab it came with is still in flight.
+        let idle = self.running as u64 * making(one) + load.widest(1 + self.ahead) * WAITING;
+        let others = self.in_flight() - 1;
+        let (made, finished) = (others.min(self.running), others.saturating_sub(self.running));
+        let busy = made as u64 * making(one) + load.widest(2 + finished) * WAITING + one * WRITING;
+        idle.max(busy)
+    }
 }
 
 #[cfg(test)]
@@ -327,7 +451,7 @@ mod tests {
     use super::*;
 
     fn load(points: u64, s: u32) -> Load {
-        Load { points, precision: Precision::Single, cells: [s; 3], smooth: 1 }
+        Load::in_cells(points, Precision::Single, [s; 3], 1)
     }
 
     #[test]
@@ -354,6 +478,32 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn faces_that_are_known_sharpen_the_plan() {
+        let load = load(20_000_000, 1085);
+        let slabs = slab_count(1, 1085);
+        let with = |faces: u64| load.with_faces(vec![faces; slabs as usize], false);
+        let plan = MemoryPlan::for_budget(200 << 20, &with(100_000), 2).unwrap();
+        let sharper = plan.with_surface(&with(90_000), 0).unwrap();
+        assert!(sharper.predicted < plan.predicted && sharper.predicted_disk < plan.predicted_disk);
+        assert_eq!((sharper.bucket_buffer, sharper.buckets_quota), (plan.bucket_buffer, plan.buckets_quota));
+        let Err(Error::Budget { needed, .. }) = plan.with_surface(&with(1_000_000), 0) else {
+            panic!("a slab of a million faces was accepted")
+        };
+        let roomier = MemoryPlan::for_budget(needed.0, &with(100_000), 2).unwrap();
+        roomier.with_surface(&with(1_000_000), 0).expect("the figure that was named does");
+    }
+
+    #[test]
+    fn slabs_are_made_side_by_side_while_there_is_room() {
+        let load = load(20_000_000, 1085).with_faces(vec![100_000; slab_count(1, 1085) as usize], false);
+        let jobs = |budget: u64| MemoryPlan::for_budget(budget, &load, 2).unwrap().slab_jobs(&load, 0).unwrap();
+        let (least, large) = (jobs(MemoryPlan::least(&load, 2)), jobs(1 << 30));
+        assert_eq!((least.running, least.in_flight()), (1, 1));
+        assert_eq!((large.running, large.in_flight()), (2, 3));
+        assert!(least.piece_points < large.piece_points);
     }
 
     #[test]

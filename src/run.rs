@@ -8,9 +8,10 @@ use crate::input::{Cloud, InputOptions};
 use crate::machine;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
 use crate::output::Target;
-use crate::pipeline::{Settings, Surveyed, context, reconstruct, survey_cloud};
+use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
 use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress};
+use crate::rehearsal::WORTH_IT;
 use crate::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
 use crate::schedule::Workers;
 use crate::spool::Workspace;
@@ -110,13 +111,15 @@ pub fn default_output(inputs: &[PathBuf], cloud: &Cloud) -> PathBuf {
 pub struct Planned {
     /// The files.
     pub cloud: Cloud,
-    /// The survey and the grid.
+    /// The survey, the grid and the faces to expect.
     pub surveyed: Surveyed,
+    /// Where temporary files would go.
+    pub workspace: Workspace,
     /// The plan.
     pub memory: MemoryPlan,
 }
 
-/// Surveys the input and makes the plan; writes nothing.
+/// Surveys the input, rehearses and makes the plan; writes nothing that stays.
 ///
 /// # Errors
 /// Those of opening and reading the input, of laying the grid and of the plan.
@@ -124,8 +127,11 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let cloud = open(job)?;
     describe(&cloud, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
-    let memory = MemoryPlan::for_budget(job.means.budget(), &surveyed.load, workers.threads())?;
-    Ok(Planned { cloud, surveyed, memory })
+    let workspace = job.means.workspace(&default_output(&job.inputs, &cloud))?;
+    let budget = job.means.budget();
+    let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget)?;
+    let memory = pipeline::plan(&surveyed, workers, budget)?;
+    Ok(Planned { cloud, surveyed, workspace, memory })
 }
 
 /// Looks at the input and surveys it; asks for no memory beyond that.
@@ -176,14 +182,18 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let workspace = job.means.workspace(&output)?;
 
     describe(&cloud, progress);
-    let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    // What the box alone lets expect may be too much.
+    if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, job.means.budget()).is_err() {
+        surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, job.means.budget())?;
+    }
     let context = context(&surveyed, workers, &workspace, job.means.budget())?;
     let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
 
     let mut checked = None;
     if job.check == Check::Always {
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
-        let budget = context.memory.working;
+        let budget = made.memory.working;
         let report = check(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done))?;
         if !report.is_closed_oriented_manifold() {
             return Err(Error::CheckFailed(report.to_string()));
@@ -215,7 +225,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         seconds: progress.times().iter().map(|(phase, time)| (*phase, time.as_secs_f64())).collect(),
         seconds_total: start.elapsed().as_secs_f64(),
         memory: MemoryReport {
-            plan: context.memory.clone(),
+            plan: made.memory,
             peak_resident: machine::peak_resident(),
             peak_disk: workspace.peak_on_disk(),
         },

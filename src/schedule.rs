@@ -60,7 +60,8 @@ impl Workers {
 
     /// Runs `work` on every job of `source` and hands the results to `sink` in job order.
     ///
-    /// `source` gives `None` at the end. At most `in_flight` (at least one) jobs and results exist at a time.
+    /// `source` gives `None` at the end. At most `in_flight` (at least one) jobs and results exist at a time. One at a time is worked on by the
+    /// calling thread: memory that one thread takes and another gives back would wait for the first.
     /// The first error of source, work or sink, in job order, ends the pass; jobs under way are finished and dropped.
     ///
     /// # Errors
@@ -72,7 +73,13 @@ impl Workers {
         work: impl Fn(J) -> Result<R> + Sync,
         mut sink: impl FnMut(R) -> Result<()>,
     ) -> Result<()> {
-        let in_flight = in_flight.max(1);
+        if in_flight <= 1 {
+            while let Some(job) = source()? {
+                self.check_cancelled()?;
+                sink(work(job)?)?;
+            }
+            return Ok(());
+        }
         let (done, results) = crossbeam_channel::bounded::<(usize, Result<R>)>(in_flight);
         let work = &work;
         self.pool.in_place_scope(|scope| {

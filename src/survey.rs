@@ -7,6 +7,7 @@ use crate::grid::Bounds;
 use crate::input::Cloud;
 use crate::points::{Coordinate, Points};
 use crate::schedule::Workers;
+use crate::sketch::{Sketch, Sketching};
 
 /// What the first pass over the points finds.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -19,19 +20,25 @@ pub struct Survey {
     pub bounds: Bounds,
 }
 
-/// Counts the points and finds their box. `progress` is told the records of each block.
+/// Counts the points, finds their box and sketches their cells. `progress` is told the records of each block.
 ///
 /// # Errors
 /// Those of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
-pub fn survey(cloud: &Cloud, workers: &Workers, in_flight: usize, mut progress: impl FnMut(u64)) -> Result<Survey> {
+pub fn survey(
+    cloud: &Cloud,
+    workers: &Workers,
+    in_flight: usize,
+    mut progress: impl FnMut(u64),
+) -> Result<(Survey, Sketch)> {
     let mut total = Survey { points: 0, dropped: 0, bounds: Bounds::EMPTY };
+    let sketching = Sketching::default();
     cloud.for_each_batch(
         workers,
         in_flight,
         |batch| {
             let bounds = match &batch.points {
-                Points::Single(points) => bounds_of(points),
-                Points::Double(points) => bounds_of(points),
+                Points::Single(points) => look(points, &sketching),
+                Points::Double(points) => look(points, &sketching),
             };
             Ok(Survey { points: batch.points.len() as u64, dropped: batch.dropped, bounds })
         },
@@ -46,7 +53,14 @@ pub fn survey(cloud: &Cloud, workers: &Workers, in_flight: usize, mut progress: 
     if total.points == 0 {
         return Err(Error::NoPoints { dropped: total.dropped });
     }
-    Ok(total)
+    Ok((total, sketching.finish()))
+}
+
+/// The box of points, which are sketched.
+fn look<T: Coordinate>(points: &[[T; 3]], sketching: &Sketching) -> Bounds {
+    let bounds = bounds_of(points);
+    sketching.add(points, bounds);
+    bounds
 }
 
 fn bounds_of<T: Coordinate>(points: &[[T; 3]]) -> Bounds {
@@ -62,21 +76,21 @@ fn bounds_of<T: Coordinate>(points: &[[T; 3]]) -> Bounds {
     Bounds { min: min.map(Into::into), max: max.map(Into::into) }
 }
 
-/// Cells kept by a sketch: its count is good to about 1/√1024, three per cent.
+/// Cells kept to count distinct ones: the count is good to about 1/√1024, three per cent.
 const KEPT: usize = 1024;
 
 /// Counts distinct cells in bounded memory: of all cells seen it keeps those with the smallest hashes; if the largest kept
 /// hash is the fraction f of the hash range, there are about KEPT / f cells. Order of arrival does not matter.
 #[derive(Debug, Default)]
-struct Sketch {
+struct Distinct {
     smallest: BTreeSet<u64>,
 }
 
-impl Sketch {
+impl Distinct {
     fn add(&mut self, hash: u64) {
         if self.smallest.len() < KEPT {
             self.smallest.insert(hash);
-        } else if hash < *self.smallest.last().expect("the sketch is full") && self.smallest.insert(hash) {
+        } else if hash < *self.smallest.last().expect("the list is full") && self.smallest.insert(hash) {
             self.smallest.pop_last();
         }
     }
@@ -128,12 +142,12 @@ pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_f
     // However it is turned, the box lies within half its diagonal of its centre.
     let cells = 2f64.powi(LEVELS as i32);
     let finest = cells * (1.0 - 1e-12) / diagonal;
-    let mut sketches: Vec<Sketch> = (0..LEVELS).map(|_| Sketch::default()).collect();
+    let mut sketches: Vec<Distinct> = (0..LEVELS).map(|_| Distinct::default()).collect();
     cloud.for_each_batch(
         workers,
         in_flight,
         |batch| {
-            let mut part: Vec<Sketch> = (0..LEVELS).map(|_| Sketch::default()).collect();
+            let mut part: Vec<Distinct> = (0..LEVELS).map(|_| Distinct::default()).collect();
             let mut add = |p: [f64; 3]| {
                 let d: [f64; 3] = std::array::from_fn(|a| (p[a] - centre[a]) * finest / 3.0);
                 let along = |axis: [f64; 3]| axis[0] * d[0] + axis[1] * d[1] + axis[2] * d[2];
@@ -160,7 +174,7 @@ pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_f
     let n = survey.points as f64;
     let (level, cells) = sketches
         .iter()
-        .map(Sketch::distinct)
+        .map(Distinct::distinct)
         .enumerate()
         .find(|(_, cells)| n / cells < POINTS_TO_A_CELL)
         .unwrap_or((LEVELS - 1, sketches[LEVELS - 1].distinct()));

@@ -13,7 +13,7 @@ use asra_stream::stage::solid::Solid;
 
 fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
     let dir = tempfile::tempdir().unwrap();
-    let load = Load { points: 1000, precision: Precision::Single, cells, smooth: 1 };
+    let load = Load::in_cells(1000, Precision::Single, cells, 1);
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
     let workers = Workers::new(2).unwrap();
     work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory, load })

@@ -326,7 +326,7 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
 fn small_context(dir: &Path) -> asra_stream::context::Context {
     use asra_stream::plan::Load;
     use asra_stream::points::Precision;
-    let load = Load { points: 1000, precision: Precision::Single, cells: [64; 3], smooth: 1 };
+    let load = Load::in_cells(1000, Precision::Single, [64; 3], 1);
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
     asra_stream::context::Context {
         workers: Workers::new(2).unwrap(),

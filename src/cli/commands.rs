@@ -17,7 +17,7 @@ use crate::pipeline::Fineness;
 use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress, Show, thousands};
 use crate::report::{GridReport, short};
-use crate::run::{Means, Planned, default_output, look, plan, run};
+use crate::run::{Means, Planned, look, plan, run};
 use crate::survey::sampling_distance;
 use crate::whole::{Overwrite, WholeFile};
 
@@ -58,11 +58,9 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
     let workers = job.means.workers()?;
     stop_on_signal(&workers)?;
     let mut progress = Progress::new(Show::fitting());
-    let Planned { cloud, surveyed, memory } = plan(&job, &workers, &mut progress)?;
+    let Planned { surveyed, workspace, memory, .. } = plan(&job, &workers, &mut progress)?;
     let load = &surveyed.load;
     let least = MemoryPlan::least(load, workers.threads());
-    let output = default_output(&job.inputs, &cloud);
-    let workspace = job.means.workspace(&output)?;
     let in_memory = |quota: u64, bytes: u64| if quota >= bytes { "in memory" } else { "on disk" };
     let lines = [
         ("points", thousands(load.points)),

@@ -57,8 +57,10 @@ pub struct MeshSpool {
 impl MeshSpool {
     /// An empty mesh that keeps up to `in_memory` bytes in memory.
     pub fn new(workspace: &Workspace, precision: Precision, in_memory: u64) -> MeshSpool {
-        // Triangles take twice the room of vertices: there are two for each, of 13 bytes.
-        let (for_vertices, for_faces) = (in_memory / 3, in_memory / 3 * 2);
+        // There are two triangles for each vertex.
+        let (vertex, faces) = (3 * precision.bytes() as u64, 2 * size_of::<FaceRecord>() as u64);
+        let for_vertices = in_memory / (vertex + faces) * vertex;
+        let for_faces = in_memory - for_vertices;
         MeshSpool { precision, vertices: workspace.spool(for_vertices), faces: workspace.spool(for_faces) }
     }
 
