@@ -1,5 +1,5 @@
 //! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), sides (with walls), hollow, lone, component,
-//! extract, smooth, fit or plane, contract, retreat (with near and spot, which find what may intersect).
+//! extract, smooth, fit or plane, contract, retreat (with near, spot and fan, which find what may intersect).
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
