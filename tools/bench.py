@@ -105,11 +105,13 @@ def plot(arguments):
     try:
         import matplotlib
     except ImportError:
-        if sys.prefix == str(ENVIRONMENT):
+        if os.environ.get("ASRA_STREAM_TOOLS"):
             raise
+        python = ENVIRONMENT / "bin/python"
         subprocess.run([sys.executable, "-m", "venv", ENVIRONMENT], check=True)
-        subprocess.run([ENVIRONMENT / "bin/pip", "install", "-q", "matplotlib"], check=True)
-        os.execv(ENVIRONMENT / "bin/python", ["python", *sys.argv])
+        subprocess.run([python, "-m", "pip", "install", "-q", "matplotlib"], check=True)
+        # The environment is found by the name that Python was started by.
+        os.execve(python, [str(python), *sys.argv], os.environ | {"ASRA_STREAM_TOOLS": "1"})
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
