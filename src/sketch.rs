@@ -90,8 +90,9 @@ impl Sketch {
 
     /// The cells, each by its place above the lowest, in no particular order.
     pub fn cells(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
-        let (low, _) = self.extent();
-        self.places().map(move |place| std::array::from_fn(|a| (place[a] - low[a]) as u32))
+        let (low, cells) = self.extent();
+        // A point on a cell's end that was sketched with smaller cells may be one above what it gives now.
+        self.places().map(move |place| std::array::from_fn(|a| ((place[a] - low[a]) as u32).min(cells[a] - 1)))
     }
 
     /// The cells' places, in sides from zero.
@@ -176,6 +177,18 @@ mod tests {
             assert_eq!(whole(c, 1.0), expected, "{c}");
         }
         assert_eq!(whole(-7e12 - 0.5, 1.0), -7_000_000_000_001);
+    }
+
+    #[test]
+    fn whole_coordinates_stay_within_the_extent_when_cells_grow() {
+        // 130 is an even number of the first cells, and an odd one of those twice as large.
+        let blocks = [vec![[0.0; 3], [130.0; 3]], vec![[5.0, 300.0, 5.0]]];
+        let sketching = Sketching::default();
+        blocks.iter().for_each(|block| sketching.add(block, bounds_of(block)));
+        let sketch = sketching.finish();
+        let (_, cells) = sketch.extent();
+        assert_eq!((sketch.side(), cells[0]), (2.0, 65));
+        assert!(sketch.cells().all(|c| (0..3).all(|a| c[a] < cells[a])));
     }
 
     proptest! {
