@@ -56,10 +56,12 @@ pub enum Error {
         candidates: Candidates,
     },
     /// The input holds no finite point.
-    #[error("the input holds no points ({dropped} records dropped as not finite)")]
+    #[error("the input holds no points ({dropped} records dropped as not finite, {filtered} left out by filters)")]
     NoPoints {
         /// Records with a coordinate that is NaN or infinite.
         dropped: u64,
+        /// Points that were not asked for.
+        filtered: u64,
     },
     /// The arguments contradict each other or lie outside their range.
     #[error("{0}")]

@@ -1,5 +1,6 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
 
+pub mod attribute;
 pub mod bucket;
 pub mod cli;
 pub mod closing;
@@ -19,6 +20,7 @@ pub mod progress;
 pub mod rehearsal;
 pub mod report;
 pub mod run;
+pub mod scalar;
 pub mod schedule;
 pub mod seam;
 pub mod sketch;

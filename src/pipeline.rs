@@ -153,6 +153,7 @@ pub fn survey_cloud(
     let grid = Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?;
     progress.end();
     let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
+    let load = load.with_attributes(cloud.schema().stride());
     Ok(Surveyed { survey, grid, sampling, sketch, load })
 }
 
@@ -240,7 +241,7 @@ fn reconstruct_as<T: Coordinate>(
     progress: &mut Progress,
 ) -> Result<Reconstruction> {
     let Surveyed { survey, grid, load, .. } = surveyed;
-    progress.begin(Phase::Bucket, Some(survey.points + survey.dropped));
+    progress.begin(Phase::Bucket, Some(survey.records()));
     let buckets = Buckets::<T>::fill(cloud, grid, context, |records| progress.add(records))?;
     if buckets.point_count() != survey.points {
         return Err(Error::malformed(

@@ -70,6 +70,8 @@ pub struct Load {
     pub points: u64,
     /// Precision of the cloud.
     pub precision: Precision,
+    /// Bytes of a point's attributes.
+    pub attributes: u64,
     /// Cells along x, slices, rows.
     pub cells: Cell,
     /// Steps of smoothing.
@@ -92,7 +94,7 @@ impl Load {
         let faces = (2 * (x * y + y * z + z * x) * 4 / 3).min(x.saturating_mul(y).saturating_mul(z).saturating_mul(6));
         let slabs = slab_count(smooth, cells[1]);
         let share = faces.div_ceil(u64::from(slabs));
-        Load { points, precision, cells, smooth, slabs: vec![share; slabs as usize], falls: false }
+        Load { points, precision, attributes: 0, cells, smooth, slabs: vec![share; slabs as usize], falls: false }
     }
 
     /// The same load with other numbers of faces, one for each slab; `falls` says whether a ball falls to close the cells.
@@ -104,9 +106,14 @@ impl Load {
         Load { slabs, falls, ..self.clone() }
     }
 
-    /// Bytes of a point in a bucket.
+    /// The same load with attributes of so many bytes on every point.
+    pub fn with_attributes(self, bytes: usize) -> Load {
+        Load { attributes: bytes as u64, ..self }
+    }
+
+    /// Bytes of a point in a bucket, and of a vertex in the mesh.
     pub fn record(&self) -> u64 {
-        3 * self.precision.bytes() as u64
+        3 * self.precision.bytes() as u64 + self.attributes
     }
 
     /// Faces to expect.

@@ -92,15 +92,24 @@ impl Points {
 /// What decoding a block gave.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch {
-    /// The finite points.
+    /// The points that count, all finite.
     pub points: Points,
-    /// Records left out because a coordinate was NaN or infinite.
+    /// The records of their attributes, one after the other.
+    pub attributes: Vec<u8>,
+    /// Points left out because a coordinate was NaN or infinite.
     pub dropped: u64,
+    /// Points left out because they were not asked for.
+    pub filtered: u64,
 }
 
 impl Batch {
+    /// All records of the block.
+    pub fn records(&self) -> u64 {
+        self.points.len() as u64 + self.dropped + self.filtered
+    }
+
     /// An empty batch, to be filled by decoding.
     pub fn new(precision: Precision) -> Batch {
-        Batch { points: Points::new(precision), dropped: 0 }
+        Batch { points: Points::new(precision), attributes: Vec::new(), dropped: 0, filtered: 0 }
     }
 }

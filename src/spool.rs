@@ -193,29 +193,33 @@ pub struct Slots {
 }
 
 impl Slots {
-    /// Puts `bytes` into a slot of their own and returns its number.
+    /// Puts `parts`, one behind the other, into a slot of their own and returns its number.
     ///
     /// # Panics
     /// If they are more than a slot holds: a bug of the caller.
     ///
     /// # Errors
     /// [`Error::Io`] if the work directory is full or fails.
-    pub fn put(&self, bytes: &[u8]) -> Result<u32> {
-        assert!(bytes.len() <= self.slot, "more bytes than a slot holds");
+    pub fn put(&self, parts: &[&[u8]]) -> Result<u32> {
+        let bytes: usize = parts.iter().map(|part| part.len()).sum();
+        assert!(bytes <= self.slot, "more bytes than a slot holds");
         let number = self.taken.fetch_add(1, Ordering::Relaxed);
-        let at = u64::from(number) * self.slot as u64;
-        self.file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;
-        self.on_disk.fetch_add(bytes.len() as u64, Ordering::Relaxed);
-        self.workspace.grow(bytes.len() as u64);
+        let mut at = u64::from(number) * self.slot as u64;
+        for part in parts {
+            self.file.write_all_at(part, at).map_err(self.workspace.failed("write temporary data"))?;
+            at += part.len() as u64;
+        }
+        self.on_disk.fetch_add(bytes as u64, Ordering::Relaxed);
+        self.workspace.grow(bytes as u64);
         Ok(number)
     }
 
-    /// Fills `out` from the beginning of slot `number`.
+    /// Fills `out` from byte `from` of slot `number` on.
     ///
     /// # Errors
     /// [`Error::Io`] if the work directory fails.
-    pub fn read(&self, number: u32, out: &mut [u8]) -> Result<()> {
-        let at = u64::from(number) * self.slot as u64;
+    pub fn read(&self, number: u32, from: usize, out: &mut [u8]) -> Result<()> {
+        let at = u64::from(number) * self.slot as u64 + from as u64;
         self.file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data"))
     }
 }
@@ -277,7 +281,20 @@ mod tests {
         let workspace = Workspace::new(dir.path()).unwrap();
         let slots = workspace.slots(100).unwrap();
         let fill = |thread: u8| {
-            (0..50u8).map(|i| (slots.put(&vec![thread ^ i; usize::from(i)]).unwrap(), thread, i)).collect::<Vec<_>>()
+            (0..50u8)
+                .map(|i| {
+                    (
+                        slots
+                            .put(&[
+                                &[thread ^ i][..usize::from(i.min(1))],
+                                &vec![thread ^ i; usize::from(i.max(1) - 1)],
+                            ])
+                            .unwrap(),
+                        thread,
+                        i,
+                    )
+                })
+                .collect::<Vec<_>>()
         };
         let filled: Vec<_> = std::thread::scope(|scope| {
             let threads: Vec<_> = (1..4).map(|thread| scope.spawn(move || fill(thread << 6))).collect();
@@ -285,7 +302,7 @@ mod tests {
         });
         for (number, thread, i) in filled {
             let mut back = vec![0; usize::from(i)];
-            slots.read(number, &mut back).unwrap();
+            slots.read(number, 0, &mut back).unwrap();
             assert_eq!(back, vec![thread ^ i; usize::from(i)]);
         }
         assert_eq!(workspace.peak_on_disk(), 3 * (0..50).sum::<u64>());

@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use crate::error::{Error, Result};
 use crate::grid::Bounds;
-use crate::input::Cloud;
-use crate::points::{Coordinate, Points};
+use crate::input::{Carried, Cloud};
+use crate::points::{Batch, Coordinate, Points};
 use crate::schedule::Workers;
 use crate::sketch::{Sketch, Sketching};
 
@@ -16,8 +16,17 @@ pub struct Survey {
     pub points: u64,
     /// Records left out because a coordinate was NaN or infinite.
     pub dropped: u64,
+    /// Points left out because they were not asked for.
+    pub filtered: u64,
     /// The box of the points.
     pub bounds: Bounds,
+}
+
+impl Survey {
+    /// All records that were read.
+    pub fn records(&self) -> u64 {
+        self.points + self.dropped + self.filtered
+    }
 }
 
 /// Counts the points, finds their box and sketches their cells. `progress` is told the records of each block.
@@ -30,28 +39,31 @@ pub fn survey(
     in_flight: usize,
     mut progress: impl FnMut(u64),
 ) -> Result<(Survey, Sketch)> {
-    let mut total = Survey { points: 0, dropped: 0, bounds: Bounds::EMPTY };
+    let mut total = Survey { points: 0, dropped: 0, filtered: 0, bounds: Bounds::EMPTY };
     let sketching = Sketching::default();
     cloud.for_each_batch(
         workers,
         in_flight,
+        Carried::Coordinates,
         |batch| {
             let bounds = match &batch.points {
                 Points::Single(points) => look(points, &sketching),
                 Points::Double(points) => look(points, &sketching),
             };
-            Ok(Survey { points: batch.points.len() as u64, dropped: batch.dropped, bounds })
+            let Batch { dropped, filtered, .. } = *batch;
+            Ok(Survey { points: batch.points.len() as u64, dropped, filtered, bounds })
         },
         |part| {
             total.points += part.points;
             total.dropped += part.dropped;
+            total.filtered += part.filtered;
             total.bounds = total.bounds.union(part.bounds);
-            progress(part.points + part.dropped);
+            progress(part.records());
             Ok(())
         },
     )?;
     if total.points == 0 {
-        return Err(Error::NoPoints { dropped: total.dropped });
+        return Err(Error::NoPoints { dropped: total.dropped, filtered: total.filtered });
     }
     Ok((total, sketching.finish()))
 }
@@ -146,6 +158,7 @@ pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_f
     cloud.for_each_batch(
         workers,
         in_flight,
+        Carried::Coordinates,
         |batch| {
             let mut part: Vec<Distinct> = (0..LEVELS).map(|_| Distinct::default()).collect();
             let mut add = |p: [f64; 3]| {

@@ -4,7 +4,8 @@
 //!   blocks --decode, sort by bucket--> pieces --+--> the bucket's open chunk, until that is full --+--> kept
 //!                                               +--> of a long piece, whole chunks at once --------+
 //!   bucket 0: [chunk 0] [chunk 5] ... [open]     a chunk is one allocation, or one write to a slot on disk
-//!   bucket 1: [chunk 1] [chunk 2] ... [open]     points: x y z in the cloud's precision, file axes, 12 or 24 bytes
+//!   bucket 1: [chunk 1] [chunk 2] ... [open]     points: x y z in the cloud's precision, file axes, 12 or 24 bytes,
+//!                                                then, for the same points in the same order, their attributes' records
 //! ```
 //!
 //! All of it is done by the workers: a bucket is locked while a piece is copied to its open chunk, and chunks are written by whoever fills them. So points
@@ -15,7 +16,7 @@ use std::sync::{Mutex, MutexGuard};
 use crate::context::Context;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::input::Cloud;
+use crate::input::{Carried, Cloud};
 use crate::partition::BUCKET_SLICES;
 use crate::points::{Batch, Coordinate};
 use crate::schedule::Spares;
@@ -29,6 +30,8 @@ pub struct Buckets<T> {
     slots: Option<Slots>,
     /// Points of a whole chunk.
     chunk: usize,
+    /// Bytes of a point's attributes.
+    stride: usize,
 }
 
 /// The points of one bucket.
@@ -36,11 +39,25 @@ pub struct Buckets<T> {
 struct Bucket<T> {
     points: u64,
     /// Fewer points than a whole chunk.
-    open: Vec<[T; 3]>,
+    open: Chunk<T>,
     /// Chunks in memory.
-    held: Vec<Vec<[T; 3]>>,
+    held: Vec<Chunk<T>>,
     /// Slots of chunks on disk: whole ones, but for the last.
     stored: Vec<u32>,
+}
+
+/// Points and their attributes.
+#[derive(Debug)]
+struct Chunk<T> {
+    points: Vec<[T; 3]>,
+    attributes: Vec<u8>,
+}
+
+/// The same, lent.
+#[derive(Clone, Copy)]
+struct Part<'a, T> {
+    points: &'a [[T; 3]],
+    attributes: &'a [u8],
 }
 
 /// The working memory of a job that sorts a block.
@@ -49,9 +66,9 @@ struct Scratch<T> {
     places: Vec<u32>,
     /// Of each bucket: its points, then where the next one goes.
     counts: Vec<u32>,
-    sorted: Vec<[T; 3]>,
+    sorted: Chunk<T>,
     /// An empty chunk.
-    spare: Vec<[T; 3]>,
+    spare: Chunk<T>,
 }
 
 impl<T: Coordinate> Buckets<T> {
@@ -64,20 +81,26 @@ impl<T: Coordinate> Buckets<T> {
     pub fn fill(cloud: &Cloud, grid: &Grid, context: &Context, mut progress: impl FnMut(u64)) -> Result<Buckets<T>> {
         let memory = &context.memory;
         let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
+        let stride = cloud.schema().stride();
         let slots = match memory.buckets_quota {
             0 => Some(context.workspace.slots(memory.bucket_buffer as usize)?),
             _ => None,
         };
-        let empty = || Mutex::new(Bucket { points: 0, open: Vec::new(), held: Vec::new(), stored: Vec::new() });
+        let empty = || {
+            let (open, held, stored) = (Chunk::default(), Vec::new(), Vec::new());
+            Mutex::new(Bucket { points: 0, open, held, stored })
+        };
         let filling = Filling {
             buckets: std::iter::repeat_with(empty).take(count).collect(),
             slots,
-            chunk: memory.bucket_buffer as usize / size_of::<[T; 3]>(),
+            chunk: memory.bucket_buffer as usize / (size_of::<[T; 3]>() + stride),
+            stride,
         };
         let spares = Spares::default();
         cloud.for_each_batch(
             &context.workers,
             memory.blocks_in_flight,
+            Carried::Attributes,
             |batch| spares.lend(|scratch| filling.sort(batch, grid, scratch)),
             |records| {
                 progress(records);
@@ -91,6 +114,11 @@ impl<T: Coordinate> Buckets<T> {
     /// Number of buckets.
     pub fn count(&self) -> usize {
         self.buckets.len()
+    }
+
+    /// Bytes of a point's attributes.
+    pub fn stride(&self) -> usize {
+        self.stride
     }
 
     /// Number of points in a bucket.
@@ -110,15 +138,37 @@ impl<T: Coordinate> Buckets<T> {
     pub fn read(&self, bucket: usize, at_once: usize, mut visit: impl FnMut(&[[T; 3]]) -> Result<()>) -> Result<()> {
         let bucket = &self.buckets[bucket];
         let Some(slots) = &self.slots else {
-            return bucket.held.iter().flat_map(|chunk| chunk.chunks(at_once.max(1))).try_for_each(visit);
+            return bucket.held.iter().flat_map(|chunk| chunk.points.chunks(at_once.max(1))).try_for_each(visit);
         };
-        let mut chunk = Vec::new();
+        let mut points = Vec::new();
         let mut left = bucket.points;
         for slot in &bucket.stored {
-            chunk.resize(left.min(self.chunk as u64) as usize, [T::zeroed(); 3]);
-            slots.read(*slot, bytemuck::cast_slice_mut(&mut chunk))?;
-            chunk.chunks(at_once.max(1)).try_for_each(&mut visit)?;
-            left -= chunk.len() as u64;
+            points.resize(left.min(self.chunk as u64) as usize, [T::zeroed(); 3]);
+            slots.read(*slot, 0, bytemuck::cast_slice_mut(&mut points))?;
+            points.chunks(at_once.max(1)).try_for_each(&mut visit)?;
+            left -= points.len() as u64;
+        }
+        Ok(())
+    }
+
+    /// Hands the points of `bucket` to `visit` with the records of their attributes, a chunk at a time, in no order.
+    ///
+    /// # Errors
+    /// As [`Buckets::read`].
+    pub fn read_attributes(&self, bucket: usize, mut visit: impl FnMut(&[[T; 3]], &[u8]) -> Result<()>) -> Result<()> {
+        let bucket = &self.buckets[bucket];
+        let Some(slots) = &self.slots else {
+            return bucket.held.iter().try_for_each(|chunk| visit(&chunk.points, &chunk.attributes));
+        };
+        let (mut points, mut attributes) = (Vec::new(), Vec::new());
+        let mut left = bucket.points;
+        for slot in &bucket.stored {
+            points.resize(left.min(self.chunk as u64) as usize, [T::zeroed(); 3]);
+            attributes.resize(points.len() * self.stride, 0);
+            slots.read(*slot, 0, bytemuck::cast_slice_mut(&mut points))?;
+            slots.read(*slot, size_of_val(points.as_slice()), &mut attributes)?;
+            visit(&points, &attributes)?;
+            left -= points.len() as u64;
         }
         Ok(())
     }
@@ -129,65 +179,64 @@ struct Filling<T> {
     buckets: Vec<Mutex<Bucket<T>>>,
     slots: Option<Slots>,
     chunk: usize,
+    stride: usize,
 }
 
 /// A chunk where it stays.
 enum Kept<T> {
-    Held(Vec<[T; 3]>),
+    Held(Chunk<T>),
     Stored(u32),
 }
 
 impl<T: Coordinate> Filling<T> {
     /// Sorts a block's points into the buckets, and returns the number of the block's records.
     fn sort(&self, batch: &Batch, grid: &Grid, scratch: &mut Scratch<T>) -> Result<u64> {
-        let points = T::of(&batch.points);
-        scratch.sort(points, grid, self.buckets.len());
+        let part = Part { points: T::of(&batch.points), attributes: &batch.attributes };
+        scratch.sort(part, self.stride, grid, self.buckets.len());
+        let mut rest = scratch.sorted.part();
         let mut start = 0;
         for bucket in 0..self.buckets.len() {
             // Where the next point would go: the end.
             let end = scratch.counts[bucket] as usize;
             if start < end {
-                self.add(bucket, &scratch.sorted[start..end], &mut scratch.spare)?;
+                let (here, beyond) = rest.split(end - start, self.stride);
+                self.add(bucket, here, &mut scratch.spare)?;
+                (rest, start) = (beyond, end);
             }
-            start = end;
         }
-        Ok(points.len() as u64 + batch.dropped)
+        Ok(batch.records())
     }
 
     /// Adds points to a bucket. `spare` is an empty chunk, and stays one.
-    fn add(&self, bucket: usize, points: &[[T; 3]], spare: &mut Vec<[T; 3]>) -> Result<()> {
-        let (whole, rest) = points.split_at(points.len() / self.chunk * self.chunk);
-        let chunks = whole.chunks_exact(self.chunk).map(|chunk| match &self.slots {
-            Some(slots) => Ok(Kept::Stored(slots.put(bytemuck::cast_slice(chunk))?)),
-            None => Ok(Kept::Held(chunk.to_vec())),
-        });
-        for chunk in chunks.collect::<Result<Vec<_>>>()? {
-            self.lock(bucket).keep(chunk);
+    fn add(&self, bucket: usize, part: Part<'_, T>, spare: &mut Chunk<T>) -> Result<()> {
+        let (mut whole, rest) = part.split(part.points.len() / self.chunk * self.chunk, self.stride);
+        while !whole.points.is_empty() {
+            let (chunk, beyond) = whole.split(self.chunk, self.stride);
+            let kept = self.kept(chunk)?;
+            self.lock(bucket).keep(kept);
+            whole = beyond;
         }
         let mut full = {
             let mut bucket = self.lock(bucket);
-            bucket.points += points.len() as u64;
-            if bucket.open.capacity() == 0 {
-                bucket.open.reserve_exact(self.chunk);
-            }
-            let (fits, left) = rest.split_at(rest.len().min(self.chunk - bucket.open.len()));
-            bucket.open.extend_from_slice(fits);
-            if bucket.open.len() < self.chunk {
+            bucket.points += part.points.len() as u64;
+            bucket.open.reserve(self.chunk, self.stride);
+            let (fits, left) = rest.split(rest.points.len().min(self.chunk - bucket.open.points.len()), self.stride);
+            bucket.open.extend(fits);
+            if bucket.open.points.len() < self.chunk {
                 return Ok(());
             }
-            if spare.capacity() == 0 {
-                spare.reserve_exact(self.chunk);
-            }
-            spare.extend_from_slice(left);
+            spare.reserve(self.chunk, self.stride);
+            spare.extend(left);
             std::mem::replace(&mut bucket.open, std::mem::take(spare))
         };
         // Nobody waits for the bucket while its chunk is written.
         let kept = match &self.slots {
-            Some(slots) => {
-                let slot = slots.put(bytemuck::cast_slice(&full))?;
-                full.clear();
+            Some(_) => {
+                let kept = self.kept(full.part())?;
+                full.points.clear();
+                full.attributes.clear();
                 *spare = full;
-                Kept::Stored(slot)
+                kept
             }
             None => Kept::Held(full),
         };
@@ -195,15 +244,20 @@ impl<T: Coordinate> Filling<T> {
         Ok(())
     }
 
+    /// Puts a chunk where it stays.
+    fn kept(&self, part: Part<'_, T>) -> Result<Kept<T>> {
+        Ok(match &self.slots {
+            Some(slots) => Kept::Stored(slots.put(&[bytemuck::cast_slice(part.points), part.attributes])?),
+            None => Kept::Held(Chunk { points: part.points.to_vec(), attributes: part.attributes.to_vec() }),
+        })
+    }
+
     /// Keeps what is left in a bucket's open chunk.
     fn close(&self, bucket: usize) -> Result<()> {
         let mut bucket = self.lock(bucket);
         let open = std::mem::take(&mut bucket.open);
-        if !open.is_empty() {
-            let kept = match &self.slots {
-                Some(slots) => Kept::Stored(slots.put(bytemuck::cast_slice(&open))?),
-                None => Kept::Held(open),
-            };
+        if !open.points.is_empty() {
+            let kept = if self.slots.is_some() { self.kept(open.part())? } else { Kept::Held(open) };
             bucket.keep(kept);
         }
         Ok(())
@@ -211,7 +265,7 @@ impl<T: Coordinate> Filling<T> {
 
     fn filled(self) -> Buckets<T> {
         let unlocked = self.buckets.into_iter().map(|bucket| bucket.into_inner().expect(NO_PANIC));
-        Buckets { buckets: unlocked.collect(), slots: self.slots, chunk: self.chunk }
+        Buckets { buckets: unlocked.collect(), slots: self.slots, chunk: self.chunk, stride: self.stride }
     }
 
     fn lock(&self, bucket: usize) -> MutexGuard<'_, Bucket<T>> {
@@ -230,16 +284,51 @@ impl<T> Bucket<T> {
     }
 }
 
+impl<T> Default for Chunk<T> {
+    fn default() -> Self {
+        Chunk { points: Vec::new(), attributes: Vec::new() }
+    }
+}
+
+impl<T: Coordinate> Chunk<T> {
+    /// Makes room for so many points, if there is none yet.
+    fn reserve(&mut self, points: usize, stride: usize) {
+        if self.points.capacity() == 0 {
+            self.points.reserve_exact(points);
+            self.attributes.reserve_exact(points * stride);
+        }
+    }
+
+    fn extend(&mut self, part: Part<'_, T>) {
+        self.points.extend_from_slice(part.points);
+        self.attributes.extend_from_slice(part.attributes);
+    }
+
+    fn part(&self) -> Part<'_, T> {
+        Part { points: &self.points, attributes: &self.attributes }
+    }
+}
+
+impl<'a, T> Part<'a, T> {
+    /// The first `points` points, and the others.
+    fn split(self, points: usize, stride: usize) -> (Part<'a, T>, Part<'a, T>) {
+        let (first, others) = self.points.split_at(points);
+        let (attributes, of_others) = self.attributes.split_at(points * stride);
+        (Part { points: first, attributes }, Part { points: others, attributes: of_others })
+    }
+}
+
 impl<T> Default for Scratch<T> {
     fn default() -> Self {
-        Scratch { places: Vec::new(), counts: Vec::new(), sorted: Vec::new(), spare: Vec::new() }
+        Scratch { places: Vec::new(), counts: Vec::new(), sorted: Chunk::default(), spare: Chunk::default() }
     }
 }
 
 impl<T: Coordinate> Scratch<T> {
     /// A counting sort of points by bucket. Afterwards `counts` says of each bucket where its points end.
-    fn sort(&mut self, points: &[[T; 3]], grid: &Grid, buckets: usize) {
+    fn sort(&mut self, part: Part<'_, T>, stride: usize, grid: &Grid, buckets: usize) {
         let Scratch { places, counts, sorted, .. } = self;
+        let points = part.points;
         counts.clear();
         counts.resize(buckets, 0);
         places.clear();
@@ -253,10 +342,20 @@ impl<T: Coordinate> Scratch<T> {
             next += std::mem::replace(count, next);
         }
         // What was there is overwritten: only what is longer than ever before is set to zero first.
-        sorted.resize(points.len(), [T::zeroed(); 3]);
+        sorted.points.resize(points.len(), [T::zeroed(); 3]);
+        sorted.attributes.resize(points.len() * stride, 0);
+        if stride > 0 {
+            // Before the points are sorted, which moves the counts on.
+            let mut ends = counts.clone();
+            for (record, bucket) in part.attributes.chunks_exact(stride).zip(places.iter()) {
+                let at = &mut ends[*bucket as usize];
+                sorted.attributes[*at as usize * stride..][..stride].copy_from_slice(record);
+                *at += 1;
+            }
+        }
         for (point, bucket) in points.iter().zip(places) {
             let at = &mut counts[*bucket as usize];
-            sorted[*at as usize] = *point;
+            sorted.points[*at as usize] = *point;
             *at += 1;
         }
     }

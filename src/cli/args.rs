@@ -5,12 +5,14 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::sizes;
+use crate::attribute::Wanted;
 use crate::closing::Sealing;
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, CELLS_LIMIT, Resolution};
-use crate::input::{Endian, InputOptions, Layout};
+use crate::input::{Filter, InputOptions, Layout};
 use crate::pipeline::{Fineness, Settings};
 use crate::run::{Check, Job, Means};
+use crate::scalar::Endian;
 use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::component::Least;
 use crate::stage::extract::Diagonals;
@@ -315,7 +317,14 @@ impl CloudArguments {
             EndianWord::Little => Endian::Little,
             EndianWord::Big => Endian::Big,
         });
-        InputOptions { layout: self.layout.clone(), skip_bytes: self.skip_bytes, endian }
+        let attributes = Wanted::None;
+        InputOptions {
+            layout: self.layout.clone(),
+            skip_bytes: self.skip_bytes,
+            endian,
+            attributes,
+            filter: Filter::default(),
+        }
     }
 }
 

@@ -134,7 +134,7 @@ fn encode_block(options: &Options, kind: FileKind, number: u64, count: u64) -> V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::{Cloud, InputOptions};
+    use crate::input::{Carried, Cloud, InputOptions};
     use crate::points::{Batch, Points};
 
     fn make(options: &Options, threads: usize) -> Result<Summary> {
@@ -143,8 +143,8 @@ mod tests {
 
     fn read(options: &Options) -> Vec<[f64; 3]> {
         let cloud = Cloud::open(std::slice::from_ref(&options.path), &InputOptions::default()).unwrap();
-        let mut blocks = cloud.blocks().unwrap();
-        let mut batch = Batch { points: Points::new(cloud.precision()), dropped: 0 };
+        let mut blocks = cloud.blocks(Carried::Coordinates);
+        let mut batch = Batch::new(cloud.precision());
         let mut all = Vec::new();
         while let Some(block) = blocks.next().unwrap() {
             block.decode(&mut batch).unwrap();

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use super::Options;
 use crate::error::{Error, Result};
-use crate::input::{Scalar, Sidecar};
+use crate::input::Sidecar;
 use crate::points::Precision;
+use crate::scalar::Scalar;
 use crate::whole::{Overwrite, WholeFile};
 
 /// The formats that can be written.

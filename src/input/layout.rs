@@ -15,112 +15,12 @@
 use std::fmt;
 use std::str::FromStr;
 
+use crate::attribute::Attribute;
 use crate::error::{Error, Result};
-use crate::points::Precision;
+use crate::scalar::{Column, Scalar};
 
 /// The longest record accepted, in bytes: far beyond any sensor's, small against a block.
 pub const MAX_STRIDE: usize = 4096;
-
-/// The order of the bytes of a number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Endian {
-    /// Least significant byte first, as on x86-64 and AArch64.
-    #[default]
-    Little,
-    /// Most significant byte first.
-    Big,
-}
-
-impl FromStr for Endian {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Endian> {
-        match text {
-            "le" | "little" => Ok(Endian::Little),
-            "be" | "big" => Ok(Endian::Big),
-            _ => Err(Error::Usage(format!("byte order: expected le or be, found {text:?}"))),
-        }
-    }
-}
-
-impl fmt::Display for Endian {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Endian::Little => "little-endian",
-            Endian::Big => "big-endian",
-        })
-    }
-}
-
-/// The type of a stored number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scalar {
-    /// 8-bit signed integer.
-    I8,
-    /// 8-bit unsigned integer.
-    U8,
-    /// 16-bit signed integer.
-    I16,
-    /// 16-bit unsigned integer.
-    U16,
-    /// 32-bit signed integer.
-    I32,
-    /// 32-bit unsigned integer.
-    U32,
-    /// 64-bit signed integer.
-    I64,
-    /// 64-bit unsigned integer.
-    U64,
-    /// IEEE 754 single precision.
-    F32,
-    /// IEEE 754 double precision.
-    F64,
-}
-
-/// Every type with its names: ours first, then numpy's.
-const SCALARS: [(Scalar, &str, &str); 10] = [
-    (Scalar::I8, "i8", "i1"),
-    (Scalar::U8, "u8", "u1"),
-    (Scalar::I16, "i16", "i2"),
-    (Scalar::U16, "u16", "u2"),
-    (Scalar::I32, "i32", "i4"),
-    (Scalar::U32, "u32", "u4"),
-    (Scalar::I64, "i64", "i8"),
-    (Scalar::U64, "u64", "u8"),
-    (Scalar::F32, "f32", "f4"),
-    (Scalar::F64, "f64", "f8"),
-];
-
-impl Scalar {
-    /// Bytes of one number.
-    pub fn bytes(self) -> usize {
-        match self {
-            Scalar::I8 | Scalar::U8 => 1,
-            Scalar::I16 | Scalar::U16 => 2,
-            Scalar::I32 | Scalar::U32 | Scalar::F32 => 4,
-            Scalar::I64 | Scalar::U64 | Scalar::F64 => 8,
-        }
-    }
-
-    /// The precision that holds every value of this type (64-bit integers beyond 2⁵³ are rounded).
-    pub fn precision(self) -> Precision {
-        if self == Scalar::F32 { Precision::Single } else { Precision::Double }
-    }
-
-    /// The type of this name in the layout language (`f32`, `u16`).
-    pub fn named(name: &str) -> Option<Scalar> {
-        SCALARS.iter().find(|(_, ours, _)| *ours == name).map(|(scalar, ..)| *scalar)
-    }
-
-    /// The type of this numpy kind and size (`f4`, `u2`), without a byte order. `i8` and `u8` are 64 bits here.
-    pub fn of_numpy(name: &str) -> Option<Scalar> {
-        SCALARS.iter().find(|(.., numpy)| *numpy == name).map(|(scalar, ..)| *scalar)
-    }
-
-    fn name(self) -> &'static str {
-        SCALARS.iter().find(|(scalar, ..)| *scalar == self).map_or("", |(_, ours, _)| ours)
-    }
-}
 
 /// One item of a record.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -144,15 +44,6 @@ impl Field {
             Field::Skipped(bytes) => *bytes,
         }
     }
-}
-
-/// Where a number lies in a record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Column {
-    /// Bytes before it.
-    pub offset: usize,
-    /// Its type.
-    pub scalar: Scalar,
 }
 
 /// The items of a record, in order; `x`, `y` and `z` are there exactly once each, and the record is at most
@@ -200,6 +91,31 @@ impl Layout {
             }
             unreachable!("Layout::new saw all three coordinates")
         })
+    }
+}
+
+impl Layout {
+    /// The other numbers, each with the bytes before it: `r` is a ring, or red beside `g` and `b`.
+    pub fn attributes(&self) -> Vec<(Attribute, usize)> {
+        let named =
+            |wanted: &str| self.fields.iter().any(|f| matches!(f, Field::Number { name, .. } if name == wanted));
+        let colours = named("g") && named("b");
+        let mut out = Vec::new();
+        let mut offset = 0;
+        for field in &self.fields {
+            if let Field::Number { name, scalar } = field
+                && !["x", "y", "z"].contains(&name.as_str())
+            {
+                let name = if name == "r" && !colours { "ring" } else { name };
+                let attribute = Attribute::new(name, *scalar);
+                // Of fields of one name, the first counts.
+                if out.iter().all(|(known, _): &(Attribute, usize)| known.name != attribute.name) {
+                    out.push((attribute, offset));
+                }
+            }
+            offset += field.bytes();
+        }
+        out
     }
 }
 

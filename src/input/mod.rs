@@ -13,6 +13,7 @@
 
 mod detect;
 mod files;
+mod filter;
 mod layout;
 mod lines;
 mod mapped;
@@ -27,11 +28,15 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::error::Result;
+use self::filter::Sieve;
+use crate::attribute::{Attribute, Schema, Wanted};
+use crate::error::{Error, Result};
 use crate::points::{Batch, Points, Precision};
+use crate::scalar::Endian;
 use crate::schedule::{Spares, Workers};
 
-pub use layout::{Column, Endian, Field, Layout, MAX_STRIDE, Scalar};
+pub use filter::{Filter, Returns, Withheld};
+pub use layout::{Field, Layout, MAX_STRIDE};
 pub(crate) use sidecar::Sidecar;
 
 /// The length a block of records aims at: large against the cost of handing it to another thread, small enough for a
@@ -41,15 +46,19 @@ pub const BLOCK_BYTES: usize = 1 << 20;
 /// The most records in a block, so that a decoded block is bounded as well: 1.5 MiB of `f64` coordinates.
 pub const BLOCK_RECORDS: usize = 1 << 16;
 
-/// What the command line says about raw files. Other formats describe themselves and ignore it.
+/// What the command line says about the input.
 #[derive(Debug, Clone, Default)]
 pub struct InputOptions {
-    /// The record layout; takes the place of a side-car and of detection.
+    /// The record layout of raw files; other formats describe themselves. It takes the place of a side-car and of detection.
     pub layout: Option<Layout>,
-    /// Bytes before the first record.
+    /// Bytes before the first record of raw files.
     pub skip_bytes: Option<u64>,
-    /// Byte order of the numbers.
+    /// Byte order of the numbers in raw files.
     pub endian: Option<Endian>,
+    /// The attributes that are carried to the mesh.
+    pub attributes: Wanted,
+    /// Which points count.
+    pub filter: Filter,
 }
 
 /// Several files as one cloud.
@@ -58,6 +67,8 @@ pub struct Cloud {
     sources: Vec<Source>,
     formats: Vec<Arc<dyn PointFormat>>,
     precision: Precision,
+    schema: Schema,
+    filter: Filter,
 }
 
 /// One file of a cloud, as it was understood.
@@ -82,8 +93,11 @@ pub(crate) trait PointFormat: fmt::Debug + Send + Sync {
     /// The narrowest precision that keeps the coordinates.
     fn precision(&self) -> Precision;
 
-    /// Opens the file and starts cutting at its first record.
-    fn cut(&self) -> Result<Box<dyn BlockCutter>>;
+    /// The attributes of its points.
+    fn attributes(&self) -> &[Attribute];
+
+    /// Opens the file and starts cutting at its first record; blocks are to be decoded with attributes of `schema`.
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>>;
 }
 
 /// One pass over a file.
@@ -94,7 +108,8 @@ pub(crate) trait BlockCutter: Send {
 
 /// The records of a block.
 pub(crate) trait Decode: Send + Sync {
-    /// Appends the finite points to `batch`, which comes empty and in the cloud's precision, and counts the others.
+    /// Appends all points to `batch`, which comes empty and in the cloud's precision, with a record of the schema for each. Those that are
+    /// not finite are left out later, and not by the format.
     fn decode(&self, batch: &mut Batch) -> Result<()>;
 }
 
@@ -108,13 +123,20 @@ impl Cloud {
     /// If an argument or pattern matches nothing, a file cannot be opened, is malformed or of a format that is not
     /// supported, or the layout of a raw file cannot be told.
     pub fn open(inputs: &[PathBuf], options: &InputOptions) -> Result<Cloud> {
-        let mut cloud = Cloud { sources: Vec::new(), formats: Vec::new(), precision: Precision::Single };
+        let (schema, filter) = (Schema::default(), options.filter.clone());
+        let mut cloud =
+            Cloud { sources: Vec::new(), formats: Vec::new(), precision: Precision::Single, schema, filter };
         for path in files::expand(inputs)? {
             let (source, format) = detect::open(&path, options)?;
+            if let Err(missing) = options.filter.check(format.attributes()) {
+                let path = path.display();
+                return Err(Error::Usage(format!("{path}: its points have no {missing}, which the filter asks for")));
+            }
             cloud.precision = cloud.precision.max(format.precision());
             cloud.sources.push(source);
             cloud.formats.push(format);
         }
+        cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
         Ok(cloud)
     }
 
@@ -128,15 +150,24 @@ impl Cloud {
         self.precision
     }
 
-    /// Starts a pass over everything; every pass gives the same blocks as long as the files stay as they are.
-    ///
-    /// # Errors
-    /// None at present: files are opened when the pass comes to them.
-    pub fn blocks(&self) -> Result<Blocks> {
-        Ok(Blocks { waiting: self.formats.clone().into_iter(), current: None, precision: self.precision })
+    /// The attributes that are carried to the mesh.
+    pub fn schema(&self) -> &Schema {
+        &self.schema
     }
 
-    /// One pass over everything, decoded: `work` sees each block's points on some worker, `sink` the results in file order. At most
+    /// Starts a pass over everything; every pass gives the same blocks as long as the files stay as they are. Files are opened when the
+    /// pass comes to them.
+    pub fn blocks(&self, carried: Carried) -> Blocks {
+        let schema = match carried {
+            Carried::Coordinates => Schema::default(),
+            Carried::Attributes => self.schema.clone(),
+        };
+        let sieve = Sieve::new(&self.filter, schema, self.formats.iter().map(|format| format.attributes()));
+        let waiting = self.formats.clone().into_iter();
+        Blocks { waiting, current: None, precision: self.precision, sieve: Arc::new(sieve) }
+    }
+
+    /// One pass over everything, decoded with what is `carried`: `work` sees each block's points on some worker, `sink` the results in file order. At most
     /// `in_flight` blocks are held.
     ///
     /// # Errors
@@ -145,10 +176,11 @@ impl Cloud {
         &self,
         workers: &Workers,
         in_flight: usize,
+        carried: Carried,
         work: impl Fn(&Batch) -> Result<R> + Sync,
         sink: impl FnMut(R) -> Result<()>,
     ) -> Result<()> {
-        let mut blocks = self.blocks()?;
+        let mut blocks = self.blocks(carried);
         let batches = Spares::<Option<Batch>>::default();
         workers.in_order(
             in_flight,
@@ -165,11 +197,21 @@ impl Cloud {
     }
 }
 
+/// What a pass over a cloud is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Carried {
+    /// Coordinates only.
+    Coordinates,
+    /// Coordinates, and the attributes of the cloud's schema.
+    Attributes,
+}
+
 /// One pass over a cloud.
 pub struct Blocks {
     waiting: std::vec::IntoIter<Arc<dyn PointFormat>>,
     current: Option<Box<dyn BlockCutter>>,
     precision: Precision,
+    sieve: Arc<Sieve>,
 }
 
 impl Blocks {
@@ -182,12 +224,12 @@ impl Blocks {
         loop {
             if let Some(cutter) = &mut self.current {
                 if let Some(records) = cutter.next()? {
-                    return Ok(Some(Block { records, precision: self.precision }));
+                    return Ok(Some(Block { records, precision: self.precision, sieve: Arc::clone(&self.sieve) }));
                 }
                 self.current = None;
             }
             match self.waiting.next() {
-                Some(format) => self.current = Some(format.cut()?),
+                Some(format) => self.current = Some(format.cut(&self.sieve.decoded)?),
                 None => return Ok(None),
             }
         }
@@ -198,10 +240,11 @@ impl Blocks {
 pub struct Block {
     records: Box<dyn Decode>,
     precision: Precision,
+    sieve: Arc<Sieve>,
 }
 
 impl Block {
-    /// Replaces the content of `batch` by this block's points, in file order and the cloud's precision. Reusing a batch
+    /// Replaces the content of `batch` by this block's points that count, in file order and the cloud's precision. Reusing a batch
     /// saves its allocation.
     ///
     /// # Errors
@@ -212,8 +255,11 @@ impl Block {
             (Points::Double(points), Precision::Double) => points.clear(),
             (points, precision) => *points = Points::new(precision),
         }
-        batch.dropped = 0;
-        self.records.decode(batch)
+        batch.attributes.clear();
+        (batch.dropped, batch.filtered) = (0, 0);
+        self.records.decode(batch)?;
+        self.sieve.sift(batch);
+        Ok(())
     }
 }
 
@@ -254,8 +300,8 @@ mod tests {
         std::fs::write(&path, bytemuck::cast_slice(&points)).unwrap();
         let layout = Some("xyz".parse().unwrap());
         let cloud = Cloud::open(&[path], &InputOptions { layout, ..InputOptions::default() }).unwrap();
-        let mut blocks = cloud.blocks().unwrap();
-        let mut batch = Batch { points: Points::new(Precision::Double), dropped: 9 };
+        let mut blocks = cloud.blocks(Carried::Attributes);
+        let mut batch = Batch { dropped: 9, ..Batch::new(Precision::Double) };
         let mut read = Vec::new();
         while let Some(block) = blocks.next().unwrap() {
             block.decode(&mut batch).unwrap();

@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::layout::{Endian, Layout};
+use super::layout::Layout;
 use super::mapped::Mapped;
-use super::records::{FixedRecords, RecordShape, Transform};
+use super::records::{FixedRecords, RecordShape};
 use super::sidecar::Sidecar;
 use super::statistics;
 use super::{InputOptions, PointFormat, Source};
@@ -85,13 +85,8 @@ pub fn open(file: &Mapped, description: Description, options: &InputOptions) -> 
         records: Some(count),
         bytes: file.len(),
     };
-    let shape = shape(&layout, endian, transform);
-    let records = FixedRecords { path: source.path.clone(), len: file.len(), start, count, shape: Arc::new(shape) };
-    Ok((source, Arc::new(records)))
-}
-
-fn shape(layout: &Layout, endian: Endian, transform: Option<Transform>) -> RecordShape {
-    RecordShape { stride: layout.stride(), coordinates: layout.coordinates(), endian, transform }
+    let shape = RecordShape::of(&layout, endian, transform);
+    Ok((source, Arc::new(FixedRecords::new(file, start, count, shape))))
 }
 
 #[cfg(test)]
@@ -100,6 +95,7 @@ mod tests {
 
     use super::super::testing::{collect, points_of};
     use super::*;
+    use crate::scalar::Endian;
 
     #[test]
     fn a_size_that_is_no_multiple_states_both_numbers() {
@@ -159,7 +155,7 @@ mod tests {
             std::fs::write(&path, &bytes).unwrap();
             let layout = Some(format!("_:{pad},zxy:i16").parse().unwrap());
             let endian = Some(if big { Endian::Big } else { Endian::Little });
-            let read = points_of(&path, &InputOptions { layout, endian, skip_bytes: None });
+            let read = points_of(&path, &InputOptions { layout, endian, ..InputOptions::default() });
             prop_assert_eq!(read, points.iter().map(|p| p.map(f64::from)).collect::<Vec<_>>());
         }
     }

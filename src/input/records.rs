@@ -8,11 +8,13 @@ use std::sync::Arc;
 
 use bytemuck::Zeroable;
 
-use super::layout::{Column, Endian, Scalar};
+use super::layout::Layout;
 use super::mapped::{Bytes, Mapped};
 use super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
+use crate::attribute::{Attribute, Carrying, Schema};
 use crate::error::{Error, Result};
 use crate::points::{Batch, Coordinate, Points, Precision};
+use crate::scalar::{Column, Endian, Scalar, reader};
 
 /// How the three coordinates are found in a record.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +27,8 @@ pub struct RecordShape {
     pub endian: Endian,
     /// What the stored numbers are multiplied by and what is then added, for stored integers.
     pub transform: Option<Transform>,
+    /// The other numbers.
+    pub attributes: Vec<(Attribute, usize)>,
 }
 
 /// Coordinate = stored number · scale + offset, along each axis.
@@ -37,6 +41,12 @@ pub struct Transform {
 }
 
 impl RecordShape {
+    /// Records of `layout`.
+    pub fn of(layout: &Layout, endian: Endian, transform: Option<Transform>) -> RecordShape {
+        let (stride, coordinates, attributes) = (layout.stride(), layout.coordinates(), layout.attributes());
+        RecordShape { stride, coordinates, endian, transform, attributes }
+    }
+
     /// The narrowest precision that keeps the coordinates.
     pub fn precision(&self) -> Precision {
         match self.transform {
@@ -45,8 +55,16 @@ impl RecordShape {
         }
     }
 
-    /// Appends the finite points of `bytes`, whole records all, and returns how many were not finite.
-    pub fn decode<C: Coordinate>(&self, bytes: &[u8], points: &mut Vec<[C; 3]>) -> u64 {
+    /// How attributes come to their places in a record of `schema`.
+    fn carrying(&self, schema: &Schema) -> Carrying {
+        Carrying::new(schema, self.endian, |name| {
+            let own = self.attributes.iter().find(|(attribute, _)| attribute.name == name);
+            own.map(|(attribute, offset)| Column { offset: *offset, scalar: attribute.scalar })
+        })
+    }
+
+    /// Appends the points of `bytes`, whole records all.
+    pub fn decode<C: Coordinate>(&self, bytes: &[u8], points: &mut Vec<[C; 3]>) {
         let before = points.len();
         let records = bytes.len() / self.stride;
         match self.packed::<C>() {
@@ -68,7 +86,6 @@ impl RecordShape {
                 }
             }
         }
-        drop_non_finite(points, before)
     }
 
     /// Where the coordinates begin, if they can be copied as they are.
@@ -77,65 +94,13 @@ impl RecordShape {
             Precision::Single => Scalar::F32,
             Precision::Double => Scalar::F64,
         };
-        let native = if cfg!(target_endian = "little") { Endian::Little } else { Endian::Big };
         let start = self.coordinates[0].offset;
         let in_place = self
             .coordinates
             .iter()
             .enumerate()
             .all(|(axis, column)| column.scalar == own && column.offset == start + axis * size_of::<C>());
-        (in_place && self.endian == native && self.transform.is_none()).then_some(start)
-    }
-}
-
-/// Removes the points from `from` on that have a coordinate that is NaN or infinite, and returns their number.
-///
-/// A pass without branches finds out whether there are any: almost always there are none, and then that pass is all.
-pub fn drop_non_finite<C: Coordinate>(points: &mut Vec<[C; 3]>, from: usize) -> u64 {
-    // 0 · v is 0 for finite v and NaN for all others, so the sum is 0 exactly if all are finite.
-    let sums = points[from..]
-        .iter()
-        .fold([0.0; 3], |sums: [f64; 3], point| [0, 1, 2].map(|axis| sums[axis] + 0.0 * point[axis].into()));
-    if sums == [0.0; 3] {
-        return 0;
-    }
-    let mut kept = from;
-    for read in from..points.len() {
-        if points[read].iter().all(|&c| c.into().is_finite()) {
-            points[kept] = points[read];
-            kept += 1;
-        }
-    }
-    let dropped = points.len() - kept;
-    points.truncate(kept);
-    dropped as u64
-}
-
-/// Reads the number at the beginning of the bytes, which hold at least that number.
-pub type Reader = fn(&[u8]) -> f64;
-
-/// The reader of numbers of this type and byte order.
-pub fn reader(scalar: Scalar, endian: Endian) -> Reader {
-    use byteorder::{BE, ByteOrder, LE};
-    match (scalar, endian) {
-        (Scalar::I8, _) => |b| f64::from(b[0] as i8),
-        (Scalar::U8, _) => |b| f64::from(b[0]),
-        (Scalar::I16, Endian::Little) => |b| f64::from(LE::read_i16(b)),
-        (Scalar::U16, Endian::Little) => |b| f64::from(LE::read_u16(b)),
-        (Scalar::I32, Endian::Little) => |b| f64::from(LE::read_i32(b)),
-        (Scalar::U32, Endian::Little) => |b| f64::from(LE::read_u32(b)),
-        (Scalar::I64, Endian::Little) => |b| LE::read_i64(b) as f64,
-        (Scalar::U64, Endian::Little) => |b| LE::read_u64(b) as f64,
-        (Scalar::F32, Endian::Little) => |b| f64::from(LE::read_f32(b)),
-        (Scalar::F64, Endian::Little) => LE::read_f64,
-        (Scalar::I16, Endian::Big) => |b| f64::from(BE::read_i16(b)),
-        (Scalar::U16, Endian::Big) => |b| f64::from(BE::read_u16(b)),
-        (Scalar::I32, Endian::Big) => |b| f64::from(BE::read_i32(b)),
-        (Scalar::U32, Endian::Big) => |b| f64::from(BE::read_u32(b)),
-        (Scalar::I64, Endian::Big) => |b| BE::read_i64(b) as f64,
-        (Scalar::U64, Endian::Big) => |b| BE::read_u64(b) as f64,
-        (Scalar::F32, Endian::Big) => |b| f64::from(BE::read_f32(b)),
-        (Scalar::F64, Endian::Big) => BE::read_f64,
+        (in_place && self.endian == Endian::NATIVE && self.transform.is_none()).then_some(start)
     }
 }
 
@@ -143,7 +108,7 @@ pub fn reader(scalar: Scalar, endian: Endian) -> Reader {
 #[derive(Debug)]
 pub struct FixedRecords {
     /// The file.
-    pub path: PathBuf,
+    path: PathBuf,
     /// The length the file had when it was looked at; it must still have it when it is read.
     pub len: u64,
     /// Where the first record begins.
@@ -152,6 +117,17 @@ pub struct FixedRecords {
     pub count: u64,
     /// The record.
     pub shape: Arc<RecordShape>,
+    /// The attributes in it.
+    pub attributes: Vec<Attribute>,
+}
+
+impl FixedRecords {
+    /// `count` records from byte `start` of `file` on, which are within it.
+    pub fn new(file: &Mapped, start: u64, count: u64, shape: RecordShape) -> FixedRecords {
+        let (path, len) = (file.path().to_path_buf(), file.len());
+        let attributes = shape.attributes.iter().map(|(attribute, _)| attribute.clone()).collect();
+        FixedRecords { path, len, start, count, shape: Arc::new(shape), attributes }
+    }
 }
 
 impl PointFormat for FixedRecords {
@@ -159,10 +135,15 @@ impl PointFormat for FixedRecords {
         self.shape.precision()
     }
 
-    fn cut(&self) -> Result<Box<dyn BlockCutter>> {
+    fn attributes(&self) -> &[Attribute] {
+        &self.attributes
+    }
+
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
         let file = Mapped::open(&self.path)?;
         same_length(&file, self.len)?;
-        Ok(Box::new(RecordCutter { file, at: self.start, left: self.count, shape: Arc::clone(&self.shape) }))
+        let (shape, carrying) = (Arc::clone(&self.shape), Arc::new(self.shape.carrying(schema)));
+        Ok(Box::new(RecordCutter { file, at: self.start, left: self.count, shape, carrying }))
     }
 }
 
@@ -180,6 +161,7 @@ struct RecordCutter {
     at: u64,
     left: u64,
     shape: Arc<RecordShape>,
+    carrying: Arc<Carrying>,
 }
 
 impl BlockCutter for RecordCutter {
@@ -192,34 +174,40 @@ impl BlockCutter for RecordCutter {
         let bytes = self.file.bytes(self.at..end)?;
         self.at = end;
         self.left -= records;
-        Ok(Some(Box::new(RecordBlock { bytes, shape: Arc::clone(&self.shape) })))
+        let (shape, carrying) = (Arc::clone(&self.shape), Arc::clone(&self.carrying));
+        Ok(Some(Box::new(RecordBlock { bytes, shape, carrying })))
     }
 }
 
 struct RecordBlock {
     bytes: Bytes,
     shape: Arc<RecordShape>,
+    carrying: Arc<Carrying>,
 }
 
 impl Decode for RecordBlock {
     fn decode(&self, batch: &mut Batch) -> Result<()> {
-        batch.dropped = match &mut batch.points {
+        match &mut batch.points {
             Points::Single(points) => self.shape.decode(&self.bytes, points),
             Points::Double(points) => self.shape.decode(&self.bytes, points),
-        };
+        }
+        if self.carrying.stride() > 0 {
+            batch.attributes.reserve(self.bytes.len() / self.shape.stride * self.carrying.stride());
+            for record in self.bytes.chunks_exact(self.shape.stride) {
+                self.carrying.carry(record, &mut batch.attributes);
+            }
+        }
         Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-
     use super::*;
 
     fn shape(text: &str, endian: Endian) -> RecordShape {
         let layout: super::super::Layout = text.parse().unwrap();
-        RecordShape { stride: layout.stride(), coordinates: layout.coordinates(), endian, transform: None }
+        RecordShape::of(&layout, endian, None)
     }
 
     #[test]
@@ -238,8 +226,8 @@ mod tests {
                     }
                 }
                 let (mut single, mut double) = (Vec::<[f32; 3]>::new(), Vec::<[f64; 3]>::new());
-                assert_eq!(shape(layout, endian).decode(&bytes, &mut single), 0);
-                assert_eq!(shape(layout, endian).decode(&bytes, &mut double), 0);
+                shape(layout, endian).decode(&bytes, &mut single);
+                shape(layout, endian).decode(&bytes, &mut double);
                 assert_eq!(single, points);
                 assert_eq!(double, points.iter().map(|p| p.map(f64::from)).collect::<Vec<_>>());
             }
@@ -253,24 +241,7 @@ mod tests {
         assert_eq!(shape.precision(), Precision::Double);
         let bytes: Vec<u8> = [12_345i32, -1, 7].iter().flat_map(|v| v.to_le_bytes()).collect();
         let mut points = Vec::<[f64; 3]>::new();
-        assert_eq!(shape.decode(&bytes, &mut points), 0);
+        shape.decode(&bytes, &mut points);
         assert_eq!(points, [[500_123.45, 4_999_999.99, 100.07]]);
-    }
-
-    proptest! {
-        #[test]
-        fn exactly_the_finite_points_stay_in_order(points in prop::collection::vec(any::<[u32; 3]>(), 0..50), kept in 0usize..5) {
-            let points: Vec<[f32; 3]> = points.into_iter().map(|p| p.map(|bits| {
-                // Half of the exponents are all ones: NaN or infinite.
-                f32::from_bits(if bits & 16 == 0 { bits | 0x7f80_0000 } else { bits })
-            })).collect();
-            let kept = kept.min(points.len());
-            let mut actual = points.clone();
-            let dropped = drop_non_finite(&mut actual, kept);
-            let mut expected = points[..kept].to_vec();
-            expected.extend(points[kept..].iter().filter(|p| p.iter().all(|c| c.is_finite())));
-            prop_assert_eq!(dropped as usize, points.len() - expected.len());
-            prop_assert_eq!(bytemuck::cast_slice::<_, u32>(&actual), bytemuck::cast_slice::<_, u32>(&expected));
-        }
     }
 }

@@ -16,9 +16,10 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::layout::{Endian, Field, Layout, Scalar};
+use super::layout::{Field, Layout};
 use super::records::Transform;
 use crate::error::{Error, Result};
+use crate::scalar::{Endian, Scalar};
 
 /// The longest side-car read; a real one has some hundred bytes.
 const MAX_BYTES: u64 = 1 << 16;

@@ -19,10 +19,10 @@
 //! `f32` is tried before `f64`: the lower halves of `f64`s make absurd `f32`s, whereas `f32`s between 0.5 and 8 pair
 //! up into harmless `f64`s.
 
-use super::layout::{Endian, Layout, Scalar};
+use super::layout::Layout;
 use super::mapped::Mapped;
-use super::records::reader;
 use crate::error::{Candidate, Candidates, Error, Result};
+use crate::scalar::{Endian, Scalar, reader};
 
 /// Numbers per record that are considered: from bare coordinates to coordinates, normals, intensity and time.
 const COLUMNS: std::ops::RangeInclusive<usize> = 3..=8;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Cloud, InputOptions};
+use super::{Carried, Cloud, InputOptions};
 use crate::error::Result;
 use crate::points::{Batch, Points, Precision};
 
@@ -13,8 +13,8 @@ pub fn collect(path: &Path, options: &InputOptions) -> Result<(Vec<[f64; 3]>, u6
 
 /// All points of a cloud, widened, and the number of dropped records.
 pub fn collect_all(cloud: &Cloud) -> Result<(Vec<[f64; 3]>, u64)> {
-    let mut blocks = cloud.blocks()?;
-    let mut batch = Batch { points: Points::new(Precision::Single), dropped: 0 };
+    let mut blocks = cloud.blocks(Carried::Attributes);
+    let mut batch = Batch::new(Precision::Single);
     let (mut all, mut dropped) = (Vec::new(), 0);
     while let Some(block) = blocks.next()? {
         block.decode(&mut batch)?;

@@ -4,7 +4,8 @@
 //!   first line of data.
 //! * Lines that begin with `#`, `//` or `;` are comments; blank lines are skipped.
 //! * Lines before the first data are a header. If the last one, or a comment, names columns x, y and z, these are
-//!   read; otherwise the first three are. Other columns are ignored.
+//!   read; otherwise the first three are. Other columns that have names, and numbers in the first lines of data, are attributes: `u8` if all of these are
+//!   whole numbers from 0 to 255, else `f64`. Columns without names are ignored.
 //! * A line with a single whole number before the data is a count, as in PTS files, which may repeat it between
 //!   scans. It is not trusted or used.
 //! * Decimal commas are read where they cannot be separators: between semicolons, or between blanks if the first line
@@ -17,10 +18,12 @@ use std::sync::Arc;
 
 use super::lines::{LineBlock, LineCutter, lines, number, quoted};
 use super::mapped::Mapped;
-use super::records::{drop_non_finite, same_length};
+use super::records::same_length;
 use super::{BlockCutter, Decode, PointFormat, Source};
+use crate::attribute::{Attribute, Placing, Schema, canonical};
 use crate::error::{Error, Result};
 use crate::points::{Batch, Coordinate, Points, Precision};
+use crate::scalar::Scalar;
 
 /// Where the first line of data must be found.
 const MAX_HEADER: u64 = 64 << 10;
@@ -74,6 +77,9 @@ struct Text {
     /// Byte and number of the first line of data.
     start: u64,
     first_line: u64,
+    /// The other columns that are read, each with the attribute it is.
+    own: Vec<(Attribute, usize)>,
+    attributes: Vec<Attribute>,
 }
 
 /// Opens a file of text.
@@ -123,8 +129,10 @@ fn find_data(path: &Path, head: &[u8], len: u64) -> Result<Text> {
             }
             let counts = if counts == 1 { Counts::Skipped } else { Counts::None };
             let dialect = Dialect { separator, decimal, columns, counts };
-            let (start, first_line) = ((mark + range.start) as u64, number_of_line + 1);
-            return Ok(Text { path: path.to_path_buf(), len, dialect, start, first_line });
+            let own = header.attributes(&dialect, &head[mark + range.start..]);
+            let attributes = own.iter().map(|(attribute, _)| attribute.clone()).collect();
+            let (path, start, first_line) = (path.to_path_buf(), (mark + range.start) as u64, number_of_line + 1);
+            return Ok(Text { path, len, dialect, start, first_line, own, attributes });
         } else if is_count(line) {
             counts += 1;
         } else {
@@ -157,16 +165,54 @@ impl Header<'_> {
         WAYS.into_iter().find_map(|(separator, decimal)| {
             let columns = self.columns(separator)?;
             let dialect = Dialect { separator, decimal, columns, counts: Counts::None };
-            dialect.parse(line).is_ok().then_some((separator, decimal, columns))
+            dialect.parse(line, &columns, &mut [0.0; 3]).is_ok().then_some((separator, decimal, columns))
         })
+    }
+
+    /// Columns with names, and with numbers in the lines at the beginning of `data`, the last of which may be cut.
+    fn attributes(&self, dialect: &Dialect, data: &[u8]) -> Vec<(Attribute, usize)> {
+        let whole = memchr::memrchr(b'\n', data).map_or(data, |end| &data[..end]);
+        let mut out: Vec<(Attribute, usize)> = Vec::new();
+        for (column, name) in self.names_of(dialect).into_iter().enumerate() {
+            if dialect.columns.contains(&column) || name.is_empty() || out.iter().any(|(known, _)| known.name == name) {
+                continue;
+            }
+            let mut scalar = Some(Scalar::U8);
+            for (_, range) in lines(whole) {
+                let line = whole[range].trim_ascii();
+                let mut value = [0.0];
+                // What is no point at all says nothing of its columns.
+                if dialect.parse(line, &dialect.columns, &mut [0.0; 3]).is_ok() {
+                    let number = dialect.parse(line, &[column], &mut value).is_ok();
+                    let small = (0.0..=255.0).contains(&value[0]) && value[0].fract() == 0.0;
+                    scalar = scalar.filter(|_| number).map(|s| if small { s } else { Scalar::F64 });
+                }
+            }
+            out.extend(scalar.map(|scalar| (Attribute { name, scalar }, column)));
+        }
+        out
+    }
+
+    /// The names of the columns, if x, y and z are found by theirs.
+    fn names_of(&self, dialect: &Dialect) -> Vec<String> {
+        let spelt = |name: &[u8]| canonical(&String::from_utf8_lossy(unquoted(name)));
+        for line in [self.names, self.comment].into_iter().flatten() {
+            let by_separator: Vec<&[u8]> = columns_of(line, dialect.separator).collect();
+            let by_any: Vec<&[u8]> = line.split(is_any_separator).filter(|n| !n.is_empty()).collect();
+            for names in [by_separator, by_any] {
+                if named(&mut names.iter().copied()) == dialect.columns.map(Some) {
+                    return names.into_iter().map(spelt).collect();
+                }
+            }
+        }
+        Vec::new()
     }
 
     /// Where x, y and z stand; `None` if the header names only some of them.
     fn columns(&self, separator: Separator) -> Option<[usize; 3]> {
         let own = |line: &[u8]| named(&mut columns_of(line, separator));
         // `//X Y Z` also stands above data with commas.
-        let any =
-            |line: &[u8]| named(&mut line.split(|b| matches!(b, b',' | b';' | b' ' | b'\t')).filter(|n| !n.is_empty()));
+        let any = |line: &[u8]| named(&mut line.split(is_any_separator).filter(|n| !n.is_empty()));
         for line in [self.names, self.comment].into_iter().flatten() {
             let places = own(line);
             if let [Some(x), Some(y), Some(z)] = places {
@@ -193,8 +239,7 @@ impl Header<'_> {
 fn named(names: &mut dyn Iterator<Item = &[u8]>) -> [Option<usize>; 3] {
     let mut places = [None; 3];
     for (place, name) in names.enumerate() {
-        let name =
-            name.trim_ascii().strip_prefix(b"\"").and_then(|n| n.strip_suffix(b"\"")).unwrap_or(name.trim_ascii());
+        let name = unquoted(name);
         for (axis, known) in [b"x", b"y", b"z"].into_iter().enumerate() {
             if name.eq_ignore_ascii_case(known) && places[axis].is_none() {
                 places[axis] = Some(place);
@@ -202,6 +247,15 @@ fn named(names: &mut dyn Iterator<Item = &[u8]>) -> [Option<usize>; 3] {
         }
     }
     places
+}
+
+fn is_any_separator(byte: &u8) -> bool {
+    matches!(byte, b',' | b';' | b' ' | b'\t')
+}
+
+fn unquoted(name: &[u8]) -> &[u8] {
+    let name = name.trim_ascii();
+    name.strip_prefix(b"\"").and_then(|n| n.strip_suffix(b"\"")).unwrap_or(name)
 }
 
 fn columns_of(line: &[u8], separator: Separator) -> Box<dyn Iterator<Item = &[u8]> + '_> {
@@ -218,32 +272,41 @@ pub fn blanks(line: &[u8]) -> impl Iterator<Item = &[u8]> {
 }
 
 impl Dialect {
-    /// The coordinates of a line, or the axis and text where there is no number.
-    fn parse<'a>(&self, line: &'a [u8]) -> std::result::Result<[f64; 3], (usize, &'a [u8])> {
+    /// Reads the numbers in `columns` of a line; or tells which of them, and the text where there is no number.
+    fn parse<'a>(
+        &self,
+        line: &'a [u8],
+        columns: &[usize],
+        values: &mut [f64],
+    ) -> std::result::Result<(), (usize, &'a [u8])> {
         // One loop per separator, so that splitting is inlined into it.
         match self.separator {
-            Separator::Blanks => self.pick(blanks(line)),
-            Separator::Comma => self.pick(line.split(|&b| b == b',')),
-            Separator::Semicolon => self.pick(line.split(|&b| b == b';')),
+            Separator::Blanks => self.pick(blanks(line), columns, values),
+            Separator::Comma => self.pick(line.split(|&b| b == b','), columns, values),
+            Separator::Semicolon => self.pick(line.split(|&b| b == b';'), columns, values),
         }
     }
 
-    fn pick<'a>(&self, tokens: impl Iterator<Item = &'a [u8]>) -> std::result::Result<[f64; 3], (usize, &'a [u8])> {
-        let mut point = [0.0; 3];
-        let mut missing = 3;
+    fn pick<'a>(
+        &self,
+        tokens: impl Iterator<Item = &'a [u8]>,
+        columns: &[usize],
+        values: &mut [f64],
+    ) -> std::result::Result<(), (usize, &'a [u8])> {
+        let mut missing = columns.len();
         let mut seen = 0;
         for (place, token) in tokens.enumerate() {
-            if let Some(axis) = self.columns.iter().position(|&column| column == place) {
+            if let Some(index) = columns.iter().position(|&column| column == place) {
                 let token = token.trim_ascii();
-                point[axis] = self.number(token).ok_or((axis, token))?;
+                values[index] = self.number(token).ok_or((index, token))?;
                 missing -= 1;
                 if missing == 0 {
-                    return Ok(point);
+                    return Ok(());
                 }
             }
             seen = place + 1;
         }
-        let absent = (0..3).filter(|&axis| self.columns[axis] >= seen).min_by_key(|&axis| self.columns[axis]);
+        let absent = (0..columns.len()).filter(|&i| columns[i] >= seen).min_by_key(|&i| columns[i]);
         Err((absent.unwrap_or(0), b"the end of the line"))
     }
 
@@ -262,60 +325,85 @@ impl PointFormat for Text {
         Precision::Double
     }
 
-    fn cut(&self) -> Result<Box<dyn BlockCutter>> {
+    fn attributes(&self) -> &[Attribute] {
+        &self.attributes
+    }
+
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
         let file = Mapped::open(&self.path)?;
         same_length(&file, self.len)?;
         let lines = LineCutter::new(file, self.start, self.first_line);
-        Ok(Box::new(TextCutter { lines, path: self.path.clone().into(), dialect: self.dialect }))
+        let read: Vec<&(Attribute, usize)> =
+            self.own.iter().filter(|(a, _)| schema.column(&a.name).is_some()).collect();
+        // The numbers that are read of a line: x, y, z, then attributes.
+        let columns = self.dialect.columns.into_iter().chain(read.iter().map(|(_, column)| *column)).collect();
+        let places: Vec<_> = read.iter().zip(3..).map(|((attribute, _), index)| (attribute.clone(), index)).collect();
+        let mut names: Vec<String> = ["x", "y", "z"].map(str::to_string).to_vec();
+        names.extend(read.iter().map(|(attribute, _)| attribute.name.clone()));
+        let (path, dialect) = (self.path.clone(), self.dialect);
+        let reading = Reading { path, dialect, columns, names, placing: Placing::new(schema, &places) };
+        Ok(Box::new(TextCutter { lines, reading: Arc::new(reading) }))
     }
+}
+
+/// What is read of every line.
+struct Reading {
+    path: PathBuf,
+    dialect: Dialect,
+    /// x, y, z, then attributes.
+    columns: Vec<usize>,
+    names: Vec<String>,
+    placing: Placing,
 }
 
 struct TextCutter {
     lines: LineCutter,
-    path: Arc<Path>,
-    dialect: Dialect,
+    reading: Arc<Reading>,
 }
 
 impl BlockCutter for TextCutter {
     fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
         let Some(lines) = self.lines.next()? else { return Ok(None) };
-        Ok(Some(Box::new(TextBlock { lines, path: Arc::clone(&self.path), dialect: self.dialect })))
+        Ok(Some(Box::new(TextBlock { lines, reading: Arc::clone(&self.reading) })))
     }
 }
 
 struct TextBlock {
     lines: LineBlock,
-    path: Arc<Path>,
-    dialect: Dialect,
+    reading: Arc<Reading>,
 }
 
 impl TextBlock {
-    fn fill<C: Coordinate>(&self, points: &mut Vec<[C; 3]>) -> Result<u64> {
+    fn fill<C: Coordinate>(&self, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) -> Result<()> {
+        let Reading { path, dialect, columns, names, placing } = &*self.reading;
+        let mut values = vec![0.0; columns.len()];
         for (number_of_line, range) in lines(&self.lines.bytes) {
             let line = self.lines.bytes[range].trim_ascii();
-            match self.dialect.parse(line) {
-                Ok(point) => points.push(point.map(C::from_f64)),
+            match dialect.parse(line, columns, &mut values) {
+                Ok(()) => {
+                    points.push([0, 1, 2].map(|axis| C::from_f64(values[axis])));
+                    placing.place(&values, attributes);
+                }
                 Err(_) if line.is_empty() || comment(line).is_some() => {}
-                Err(_) if self.dialect.counts == Counts::Skipped && is_count(line) => {}
-                Err((axis, found)) => {
+                Err(_) if dialect.counts == Counts::Skipped && is_count(line) => {}
+                Err((index, found)) => {
                     let place = format!("line {}", self.lines.first_line + number_of_line);
-                    let column = self.dialect.columns[axis] + 1;
-                    let expected = format!("a number as {} in column {column}", ["x", "y", "z"][axis]);
-                    return Err(Error::malformed(&self.path, place, expected, quoted(found)));
+                    let expected = format!("a number as {} in column {}", names[index], columns[index] + 1);
+                    return Err(Error::malformed(path, place, expected, quoted(found)));
                 }
             }
         }
-        Ok(drop_non_finite(points, 0))
+        Ok(())
     }
 }
 
 impl Decode for TextBlock {
     fn decode(&self, batch: &mut Batch) -> Result<()> {
-        batch.dropped = match &mut batch.points {
-            Points::Single(points) => self.fill(points)?,
-            Points::Double(points) => self.fill(points)?,
-        };
-        Ok(())
+        let Batch { points, attributes, .. } = batch;
+        match points {
+            Points::Single(points) => self.fill(points, attributes),
+            Points::Double(points) => self.fill(points, attributes),
+        }
     }
 }
 

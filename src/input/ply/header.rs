@@ -12,9 +12,9 @@
 
 use std::path::Path;
 
-use super::super::layout::{Endian, Scalar};
 use super::super::lines::{lines, quoted};
 use crate::error::{Error, Result};
+use crate::scalar::{Endian, Scalar};
 
 /// The longest header accepted, in bytes.
 pub const MAX_HEADER: u64 = 1 << 20;

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::super::layout::Endian;
 use super::super::mapped::{Bytes, Mapped};
-use super::super::records::{Reader, drop_non_finite, reader, same_length};
+use super::super::records::same_length;
 use super::super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use super::header::{Element, PropertyKind};
+use crate::attribute::{Attribute, Placing, Schema};
 use crate::error::{Error, Result};
 use crate::points::{Batch, Coordinate, Points, Precision};
+use crate::scalar::{Endian, Reader, reader};
 
 /// How to walk along a row.
 #[derive(Debug)]
@@ -139,12 +140,22 @@ pub struct ListRecords {
     count: u64,
     shape: Arc<ListShape>,
     coordinates: [usize; 3],
+    own: Vec<(Attribute, usize)>,
+    attributes: Vec<Attribute>,
 }
 
 impl ListRecords {
-    /// `count` rows from byte `start` on; `coordinates` are the indices of x, y and z among their properties.
-    pub fn new(file: &Mapped, start: u64, count: u64, shape: ListShape, coordinates: [usize; 3]) -> ListRecords {
-        ListRecords { len: file.len(), start, count, shape: Arc::new(shape), coordinates }
+    /// `count` rows from byte `start` on; `coordinates` are the indices of x, y and z among their properties, `own` the attributes and theirs.
+    pub fn new(
+        file: &Mapped,
+        start: u64,
+        count: u64,
+        shape: ListShape,
+        coordinates: [usize; 3],
+        own: Vec<(Attribute, usize)>,
+    ) -> ListRecords {
+        let attributes = own.iter().map(|(attribute, _)| attribute.clone()).collect();
+        ListRecords { len: file.len(), start, count, shape: Arc::new(shape), coordinates, own, attributes }
     }
 }
 
@@ -154,7 +165,11 @@ impl PointFormat for ListRecords {
         numbers.map(|scalar| scalar.precision()).max().unwrap_or(Precision::Double)
     }
 
-    fn cut(&self) -> Result<Box<dyn BlockCutter>> {
+    fn attributes(&self) -> &[Attribute] {
+        &self.attributes
+    }
+
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
         let file = Mapped::open(&self.shape.path)?;
         same_length(&file, self.len)?;
         let (at, count) = (self.start, self.count);
@@ -165,6 +180,7 @@ impl PointFormat for ListRecords {
             count,
             shape: Arc::clone(&self.shape),
             coordinates: self.coordinates,
+            placing: Arc::new(Placing::new(schema, &self.own)),
         }))
     }
 }
@@ -176,6 +192,7 @@ struct ListCutter {
     count: u64,
     shape: Arc<ListShape>,
     coordinates: [usize; 3],
+    placing: Arc<Placing>,
 }
 
 impl BlockCutter for ListCutter {
@@ -188,7 +205,8 @@ impl BlockCutter for ListCutter {
         let bytes = self.file.bytes(self.at..self.at + len)?;
         self.at += len;
         self.row += rows;
-        Ok(Some(Box::new(ListBlock { bytes, shape: Arc::clone(&self.shape), coordinates: self.coordinates })))
+        let (shape, placing) = (Arc::clone(&self.shape), Arc::clone(&self.placing));
+        Ok(Some(Box::new(ListBlock { bytes, shape, coordinates: self.coordinates, placing })))
     }
 }
 
@@ -197,33 +215,30 @@ struct ListBlock {
     bytes: Bytes,
     shape: Arc<ListShape>,
     coordinates: [usize; 3],
+    placing: Arc<Placing>,
 }
 
 impl ListBlock {
-    fn fill<C: Coordinate>(&self, points: &mut Vec<[C; 3]>) -> u64 {
+    fn fill<C: Coordinate>(&self, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) {
         let mut rest = &*self.bytes;
+        let mut values = vec![0.0; self.shape.kinds.len()];
         while !rest.is_empty() {
-            let mut point = [f64::NAN; 3];
-            let walk = self.shape.walk(rest, |index, value| {
-                if let Some(axis) = self.coordinates.iter().position(|&c| c == index) {
-                    point[axis] = value;
-                }
-            });
             // The cutter measured whole rows; if another program changes the file meanwhile, the block ends here.
-            let Walk::Row(len) = walk else { break };
-            points.push(point.map(C::from_f64));
+            let Walk::Row(len) = self.shape.walk(rest, |index, value| values[index] = value) else { break };
+            points.push(self.coordinates.map(|index| C::from_f64(values[index])));
+            self.placing.place(&values, attributes);
             rest = &rest[len..];
         }
-        drop_non_finite(points, 0)
     }
 }
 
 impl Decode for ListBlock {
     fn decode(&self, batch: &mut Batch) -> Result<()> {
-        batch.dropped = match &mut batch.points {
-            Points::Single(points) => self.fill(points),
-            Points::Double(points) => self.fill(points),
-        };
+        let Batch { points, attributes, .. } = batch;
+        match points {
+            Points::Single(points) => self.fill(points, attributes),
+            Points::Double(points) => self.fill(points, attributes),
+        }
         Ok(())
     }
 }

@@ -8,18 +8,20 @@ mod ascii;
 mod header;
 mod lists;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
 use self::ascii::AsciiVertices;
 use self::header::{Element, Encoding, Header, MAX_HEADER};
 use self::lists::{ListRecords, ListShape};
-use super::layout::{Column, Endian, Scalar};
 use super::mapped::Mapped;
 use super::records::{FixedRecords, RecordShape};
 use super::{PointFormat, Source};
+use crate::attribute::Attribute;
 use crate::error::{Error, Result};
 use crate::points::Precision;
+use crate::scalar::{Column, Endian, Scalar};
 
 /// Whether a file that begins like this is a PLY file.
 pub fn is_ply(head: &[u8]) -> bool {
@@ -93,10 +95,12 @@ fn ascii(
         // An element without properties has nothing to put on a line.
         lines_before: before.iter().filter(|e| !e.properties.is_empty()).fold(0, |sum, e| sum.saturating_add(e.count)),
         count: vertices.count,
+        attributes: attributes(vertices).map(|(attribute, _)| attribute).collect(),
         shape: Arc::new(ascii::LineShape {
             path: file.path().to_path_buf(),
             kinds: vertices.properties.iter().map(|property| property.kind).collect(),
             coordinates: coordinates.map(|(index, _)| index),
+            attributes: attributes(vertices).collect(),
             precision: coordinates.iter().map(|(_, scalar)| scalar.precision()).max().unwrap_or(Precision::Double),
         }),
     }
@@ -117,7 +121,14 @@ fn binary(
     let Some(stride) = vertices.fixed_size() else {
         let shape = ListShape::new(file.path(), vertices, endian);
         let indices = coordinates.map(|(index, _)| index);
-        return Ok(Arc::new(ListRecords::new(file, start, vertices.count, shape, indices)));
+        return Ok(Arc::new(ListRecords::new(
+            file,
+            start,
+            vertices.count,
+            shape,
+            indices,
+            attributes(vertices).collect(),
+        )));
     };
     let whole = (file.len() - start) / stride;
     if whole < vertices.count {
@@ -130,14 +141,20 @@ fn binary(
     }
     let offset =
         |index: usize| vertices.properties[..index].iter().filter_map(|p| p.kind.number()).map(Scalar::bytes).sum();
-    let shape = RecordShape {
-        stride: stride as usize,
-        coordinates: coordinates.map(|(index, scalar)| Column { offset: offset(index), scalar }),
-        endian,
-        transform: None,
-    };
-    let (path, len, count) = (file.path().to_path_buf(), file.len(), vertices.count);
-    Ok(Arc::new(FixedRecords { path, len, start, count, shape: Arc::new(shape) }))
+    let coordinates = coordinates.map(|(index, scalar)| Column { offset: offset(index), scalar });
+    let attributes = attributes(vertices).map(|(attribute, index)| (attribute, offset(index))).collect();
+    let shape = RecordShape { stride: stride as usize, coordinates, endian, transform: None, attributes };
+    Ok(Arc::new(FixedRecords::new(file, start, vertices.count, shape)))
+}
+
+/// The properties that are numbers but no coordinates, with their indices; of those of one name, the first.
+fn attributes(vertices: &Element) -> impl Iterator<Item = (Attribute, usize)> {
+    let mut seen = BTreeSet::from(["x", "y", "z"].map(str::to_string));
+    let numbers =
+        vertices.properties.iter().enumerate().filter_map(|(index, p)| Some((index, &p.name, p.kind.number()?)));
+    numbers
+        .map(|(index, name, scalar)| (Attribute::new(name, scalar), index))
+        .filter(move |(attribute, _)| seen.insert(attribute.name.clone()))
 }
 
 #[cfg(test)]
