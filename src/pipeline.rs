@@ -283,7 +283,7 @@ fn reconstruct_as<T: Coordinate>(
     let origin = origin(T::PRECISION, &survey.bounds);
     let counted = if sparse > 0 || closed.components.is_some() { Counted::Occupied } else { Counted::All };
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
-    let mesh = MeshSpool::new(&context.workspace, T::PRECISION, memory.mesh_quota);
+    let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, cloud.schema().clone(), memory.mesh_quota);
     let frame = Frame { origin, precision: T::PRECISION };
     let mut stitcher = Stitcher::new(grid, halo(smooth), frame, mesh);
     context.workers.in_order_range(

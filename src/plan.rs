@@ -44,6 +44,9 @@ const EXTRACTING: u64 = 75;
 /// While it is fitted: the vertex without its look-ups (16), smoothed and fitted (60), two triangles.
 const FITTING: u64 = 107;
 
+/// While its points' attributes are found: where each point's coordinates stand in a table (36, and as many free), what is known.
+const CARRYING: u64 = 80;
+
 /// While its vertices retreat, where it is largest: smoothed and fitted, triangles, fans and fates (34), places (24), spots (8), what is seen of fans (1),
 /// triangles by layer (20). The rest, here as above, is what vectors and the allocator leave unused.
 const RETREATING: u64 = 184;
@@ -407,7 +410,8 @@ fn checking(load: &Load, threads: usize) -> u64 {
 
 /// Bytes that a point takes while a slab is fitted: read, sorted by slice, and sorted by cell a window at a time, of about a third of the slices.
 fn point_bytes(load: &Load) -> u64 {
-    load.record() * 2 + (load.record() + 16) / 3 + 3
+    let coordinates = load.record() - load.attributes;
+    coordinates * 2 + (coordinates + 16) / 3 + 3
 }
 
 /// How many slabs exist at a time.
@@ -440,15 +444,17 @@ impl SlabJobs {
             let beside = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED / u64::from(slab_slices(load.smooth));
             let extraction = load.extraction_raster() + faces * (EXTRACTING + beside);
             let fitting = load.fitting_raster() + points + faces * FITTING;
+            let carrying = if load.attributes > 0 { faces * (FITTING + CARRYING + 2 * load.attributes) } else { 0 };
             let given_back = (faces * GIVEN_BACK.0).min(GIVEN_BACK.1);
-            extraction.max(fitting).max(faces * RETREATING + given_back)
+            extraction.max(fitting).max(carrying).max(faces * (RETREATING + load.attributes) + given_back)
         };
         let one = load.widest(1);
         // While the calling thread waits for a slab, the one before waits for its seam. While it is at a seam, the slab it came with is still in flight.
-        let idle = self.running as u64 * making(one) + load.widest(1 + self.ahead) * WAITING;
+        let idle = self.running as u64 * making(one) + load.widest(1 + self.ahead) * (WAITING + load.attributes);
         let others = self.in_flight() - 1;
         let (made, finished) = (others.min(self.running), others.saturating_sub(self.running));
-        let busy = made as u64 * making(one) + load.widest(2 + finished) * WAITING + one * WRITING;
+        let busy = made as u64 * making(one) + load.widest(2 + finished) * (WAITING + load.attributes);
+        let busy = busy + one * (WRITING + load.attributes);
         idle.max(busy)
     }
 }

@@ -8,6 +8,7 @@ use bytesize::ByteSize;
 
 use crate::closing::Sealing;
 use crate::grid::{Bounds, Grid};
+use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
 use crate::partition::REACH;
 use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
@@ -89,6 +90,10 @@ pub struct PointsReport {
     pub count: u64,
     /// Records left out as not finite.
     pub dropped: u64,
+    /// Points left out by filters.
+    pub filtered: u64,
+    /// The attributes that are carried to the mesh.
+    pub attributes: Vec<String>,
     /// `f32` or `f64`.
     pub precision: Precision,
     /// Their box.
@@ -175,10 +180,12 @@ impl Parameters {
 
 impl PointsReport {
     /// The points of a surveyed cloud.
-    pub fn of(surveyed: &Surveyed) -> PointsReport {
+    pub fn of(cloud: &Cloud, surveyed: &Surveyed) -> PointsReport {
         PointsReport {
             count: surveyed.survey.points,
             dropped: surveyed.survey.dropped,
+            filtered: surveyed.survey.filtered,
+            attributes: cloud.schema().attributes().iter().map(|a| a.name.clone()).collect(),
             precision: surveyed.load.precision,
             bounds: surveyed.survey.bounds,
             sampling_distance: surveyed.sampling,
@@ -271,6 +278,9 @@ impl fmt::Display for Report {
         write!(f, "points   {}", thousands(self.points.count))?;
         if self.points.dropped > 0 {
             write!(f, " ({} dropped: not finite)", thousands(self.points.dropped))?;
+        }
+        if self.points.filtered > 0 {
+            write!(f, " ({} left out by filters)", thousands(self.points.filtered))?;
         }
         writeln!(f)?;
         writeln!(f, "grid     {}", self.grid)?;

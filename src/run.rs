@@ -210,7 +210,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         version: env!("CARGO_PKG_VERSION"),
         inputs: input_reports(&cloud),
         parameters: Parameters::of(&job.settings),
-        points: PointsReport::of(&surveyed),
+        points: PointsReport::of(&cloud, &surveyed),
         grid: GridReport::of(&surveyed.grid),
         closing: Closing::of(&made),
         vertices: made.counts,
@@ -252,7 +252,7 @@ fn header(surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction
         origin: made.origin,
         comments: vec![
             format!("asra-stream {}", env!("CARGO_PKG_VERSION")),
-            format!("points {} cell_size {} slices {}", surveyed.survey.points, grid.cell_size(), grid.cells()[1]),
+            format!("cell_size {} slices {}", grid.cell_size(), grid.cells()[1]),
             format!(
                 "axis {} closing_radius {} smooth {} diagonals {} fit {}",
                 grid.axis().letter(),

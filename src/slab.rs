@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::mesh::spool::Frame;
 use crate::partition::{halo, slices_of, smooth_halo};
 use crate::points::Coordinate;
+use crate::stage::attributes::attributes;
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::extract::{Diagonals, Surface};
 use crate::stage::fate::{Fate, SHARES};
@@ -58,6 +59,8 @@ pub struct SlabMesh {
     pub rest: Vec<[f64; 3]>,
     /// Of each vertex: its point.
     pub fitted: Fitted,
+    /// Of each vertex: the record of its attributes.
+    pub attributes: Vec<u8>,
     /// Of each vertex: what became of it.
     pub fate: Vec<Fate>,
     /// Triangles, in order; where contraction took one away, two of its corners are the same.
@@ -120,6 +123,9 @@ impl SlabMesh {
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
         let mut fate = vec![Fate::Stays; own.len()];
+        let reach = halo(options.smooth);
+        let slices_near = planes.start.saturating_sub(reach)..(planes.end + reach).min(solid.cells[1]);
+        let nearest = || fit(sampled, &Task { surface: &surface, q: &q, planes: planes.clone(), halo: reach }, piece);
         let fitted = match options.fit {
             Fit::None => Fitted::none(own.len()),
             Fit::Plane => {
@@ -132,17 +138,35 @@ impl SlabMesh {
                 }
                 fitted
             }
-            Fit::Nearest => {
-                let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(options.smooth) };
-                fit(sampled, &task, piece)?
-            }
+            Fit::Nearest => nearest()?,
         };
+        let stride = sampled.buckets.stride();
+        // Vertices that are moved elsewhere, or not at all, have the attributes of their nearest points all the same.
+        let nearest = if options.fit == Fit::Nearest || stride == 0 { None } else { Some(nearest()?) };
         drop(surface);
         let smoothed = to_world(q);
+        let attributes = match stride {
+            0 => Vec::new(),
+            _ => attributes(sampled, slices_near, nearest.as_ref().unwrap_or(&fitted), &smoothed, &triangles)?,
+        };
+        drop(nearest);
         let fans = Fans::new(&triangles, named as usize, own.len());
         let blocks = vec![Extent::EMPTY; triangles.len().div_ceil(BLOCK)];
         let (spots, tangled) = (Vec::new(), 0);
-        let mut mesh = SlabMesh { slices, smoothed, rest, fitted, fate, triangles, fans, seam, spots, blocks, tangled };
+        let mut mesh = SlabMesh {
+            slices,
+            smoothed,
+            rest,
+            fitted,
+            attributes,
+            fate,
+            triangles,
+            fans,
+            seam,
+            spots,
+            blocks,
+            tangled,
+        };
         if options.fit == Fit::Nearest {
             mesh.contract_inside();
             mesh.choose_fitted();

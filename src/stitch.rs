@@ -43,6 +43,7 @@ pub struct Stitcher<'a> {
     /// The waiting slab's vertices `0..settled` must stay as they are: the slab before names them.
     settled: u32,
     vertices: Vec<[f64; 3]>,
+    attributes: Vec<u8>,
     faces: Vec<FaceRecord>,
     counts: Counts,
 }
@@ -83,6 +84,7 @@ impl<'a> Stitcher<'a> {
             before: Vec::new(),
             settled: 0,
             vertices: Vec::new(),
+            attributes: Vec::new(),
             faces: Vec::new(),
             counts: Counts::default(),
         }
@@ -120,6 +122,8 @@ impl<'a> Stitcher<'a> {
 
     fn write(&mut self, slab: &SlabMesh, next: Option<&SlabMesh>) -> Result<()> {
         self.vertices.clear();
+        self.attributes.clear();
+        let stride = self.mesh.schema().stride();
         let numbers = number(slab, self.base);
         for v in 0..slab.own() {
             match slab.fate[v as usize] {
@@ -134,6 +138,7 @@ impl<'a> Stitcher<'a> {
                 Fate::Back(_) | Fate::Rest => self.counts.retreated += 1,
             }
             self.vertices.push(self.frame.place(slab.position(v)));
+            self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
         }
         self.counts.tangled += slab.tangled;
         let after = self.base + self.vertices.len() as u64;
@@ -162,6 +167,7 @@ impl<'a> Stitcher<'a> {
         let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
         self.settled = named.map_or(0, |v| v - slab.own() + 1);
         self.mesh.append_vertices(&self.vertices)?;
+        self.mesh.append_attributes(&self.attributes)?;
         self.mesh.append_faces(&self.faces)?;
         self.base = after;
         self.before = numbers;

@@ -8,8 +8,8 @@ use super::sizes;
 use crate::attribute::Wanted;
 use crate::closing::Sealing;
 use crate::generate::Shape;
-use crate::grid::{Axis, AxisChoice, CELLS_LIMIT, Resolution};
-use crate::input::{Filter, InputOptions, Layout};
+use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
+use crate::input::{Filter, InputOptions, Layout, Returns, Withheld};
 use crate::pipeline::{Fineness, Settings};
 use crate::run::{Check, Job, Means};
 use crate::scalar::Endian;
@@ -91,6 +91,27 @@ pub struct CloudArguments {
     /// Byte order of raw files [default: the side-car's, else little]
     #[arg(long, value_enum, help_heading = "Input")]
     pub endian: Option<EndianWord>,
+    /// What is carried from points to the mesh's vertices: all that files have (but normals), none, or a list such as rgb,intensity
+    #[arg(long, value_name = "all|none|NAMES", default_value = "all", help_heading = "Input")]
+    pub attributes: Wanted,
+    /// Leave out points of these classes, such as 7,18
+    #[arg(long, value_name = "CLASSES", value_delimiter = ',', help_heading = "Input")]
+    pub drop_class: Vec<u8>,
+    /// Take points of these classes only, such as 2,6
+    #[arg(long, value_name = "CLASSES", value_delimiter = ',', help_heading = "Input")]
+    pub keep_class: Vec<u8>,
+    /// Take the first return of every pulse only
+    #[arg(long, help_heading = "Input", conflicts_with = "last_return")]
+    pub first_return: bool,
+    /// Take the last return of every pulse only
+    #[arg(long, help_heading = "Input")]
+    pub last_return: bool,
+    /// Take points within this box only: XMIN,YMIN,XMAX,YMAX or XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX
+    #[arg(long, value_name = "BOX", value_parser = bounds, allow_hyphen_values = true, help_heading = "Input")]
+    pub bounds: Option<Bounds>,
+    /// Take points that are marked as withheld, too
+    #[arg(long, help_heading = "Input")]
+    pub keep_withheld: bool,
     /// Slices for each cube root of the number of points [default: 4]
     #[arg(long, value_name = "K", value_parser = positive, allow_negative_numbers = true, help_heading = "Grid")]
     #[arg(conflicts_with_all = ["slices", "cell_size"])]
@@ -284,6 +305,20 @@ fn cell_size(text: &str) -> Result<Fineness, String> {
         .map_err(|_| format!("expected a length above 0, or `auto`, found {text:?}"))
 }
 
+fn bounds(text: &str) -> Result<Bounds, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
+    let bounds = match numbers.as_deref() {
+        Some(&[x, y, to_x, to_y]) => Bounds { min: [x, y, f64::NEG_INFINITY], max: [to_x, to_y, f64::INFINITY] },
+        Some(&[x, y, z, to_x, to_y, to_z]) => Bounds { min: [x, y, z], max: [to_x, to_y, to_z] },
+        _ => return Err(format!("expected four or six numbers such as 0,0,100,100, found {text:?}")),
+    };
+    // Not a number is no less than anything.
+    match (0..3).all(|a| bounds.min[a] <= bounds.max[a]) {
+        true => Ok(bounds),
+        false => Err(format!("expected the least coordinates, then the greatest, found {text:?}")),
+    }
+}
+
 fn triple(text: &str) -> Result<Coordinates, String> {
     let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
     match numbers.try_into() {
@@ -317,14 +352,19 @@ impl CloudArguments {
             EndianWord::Little => Endian::Little,
             EndianWord::Big => Endian::Big,
         });
-        let attributes = Wanted::None;
-        InputOptions {
-            layout: self.layout.clone(),
-            skip_bytes: self.skip_bytes,
-            endian,
-            attributes,
-            filter: Filter::default(),
-        }
+        let filter = Filter {
+            drop_class: self.drop_class.clone(),
+            keep_class: self.keep_class.clone(),
+            returns: match (self.first_return, self.last_return) {
+                (true, _) => Returns::First,
+                (_, true) => Returns::Last,
+                _ => Returns::All,
+            },
+            bounds: self.bounds,
+            withheld: if self.keep_withheld { Withheld::Kept } else { Withheld::Dropped },
+        };
+        let (layout, skip_bytes, attributes) = (self.layout.clone(), self.skip_bytes, self.attributes.clone());
+        InputOptions { layout, skip_bytes, endian, attributes, filter }
     }
 }
 

@@ -103,6 +103,11 @@ fn show_info(arguments: &InfoArguments) -> Result<Exit> {
     lines.extend([
         ("points", thousands(survey.points)),
         ("dropped", format!("{} (not finite)", thousands(survey.dropped))),
+        ("left out", format!("{} (by filters)", thousands(survey.filtered))),
+        (
+            "attributes",
+            if cloud.schema().attributes().is_empty() { "none".to_owned() } else { cloud.schema().to_string() },
+        ),
         ("smallest", triple(survey.bounds.min, |v| v.to_string())),
         ("largest", triple(survey.bounds.max, |v| v.to_string())),
         ("extent", triple(survey.bounds.extent(), short)),

@@ -3,6 +3,7 @@
 use bytemuck::Zeroable;
 
 use super::MeshSource;
+use crate::attribute::Schema;
 use crate::error::Result;
 use crate::points::Precision;
 use crate::spool::{Spool, Workspace};
@@ -50,23 +51,46 @@ impl Frame {
 #[derive(Debug)]
 pub struct MeshSpool {
     precision: Precision,
+    schema: Schema,
     vertices: Spool,
+    attributes: Spool,
     faces: Spool,
 }
 
 impl MeshSpool {
     /// An empty mesh that keeps up to `in_memory` bytes in memory.
     pub fn new(workspace: &Workspace, precision: Precision, in_memory: u64) -> MeshSpool {
+        MeshSpool::with_attributes(workspace, precision, Schema::default(), in_memory)
+    }
+
+    /// [`MeshSpool::new`] for vertices that have attributes.
+    pub fn with_attributes(workspace: &Workspace, precision: Precision, schema: Schema, in_memory: u64) -> MeshSpool {
         // There are two triangles for each vertex.
         let (vertex, faces) = (3 * precision.bytes() as u64, 2 * size_of::<FaceRecord>() as u64);
-        let for_vertices = in_memory / (vertex + faces) * vertex;
-        let for_faces = in_memory - for_vertices;
-        MeshSpool { precision, vertices: workspace.spool(for_vertices), faces: workspace.spool(for_faces) }
+        let record = schema.stride() as u64;
+        let share = in_memory / (vertex + record + faces);
+        let [vertices, attributes] = [share * vertex, share * record].map(|quota| workspace.spool(quota));
+        let faces = workspace.spool(in_memory - share * (vertex + record));
+        MeshSpool { precision, schema, vertices, attributes, faces }
+    }
+
+    /// The attributes of its vertices.
+    pub fn schema(&self) -> &Schema {
+        &self.schema
     }
 
     /// How vertices are stored: `f32` or `f64` triples.
     pub fn precision(&self) -> Precision {
         self.precision
+    }
+
+    /// Appends the records of vertices' attributes; there is to be one for each vertex in the end.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the work directory is full.
+    pub fn append_attributes(&mut self, records: &[u8]) -> Result<()> {
+        self.attributes.append(records)?;
+        Ok(())
     }
 
     /// Appends vertices, rounding to the mesh's precision.
@@ -96,6 +120,11 @@ impl MeshSpool {
     /// The vertices' bytes: `x y z` in native order, 12 or 24 bytes each.
     pub fn vertex_bytes(&self) -> &Spool {
         &self.vertices
+    }
+
+    /// The attributes' bytes: records of the schema.
+    pub fn attribute_bytes(&self) -> &Spool {
+        &self.attributes
     }
 
     /// The triangles' bytes: [`FaceRecord`]s.

@@ -5,8 +5,12 @@
 //!   8 bytes   length of the JSON chunk, "JSON"
 //!             JSON, padded with spaces to a multiple of 4
 //!   8 bytes   length of the binary chunk, "BIN\0"
-//!             positions, f32×3 each; vertex numbers, u32×3 each
+//!             positions, f32×3 each; colours, u8×4 or u16×4 each; other attributes, one after the other, 4 bytes each; vertex
+//!             numbers, u32×3 each
 //! ```
+//!
+//! Colours are the stored ones, without a conversion to linear light. Attributes of no more than 16 bits keep their type, with padding; others become
+//! `f32`, since glTF has no wider type for a vertex's attribute.
 //!
 //! Lengths are 32 bits wide, which limits the file to 4 GiB. A mesh without triangles becomes an empty scene, since glTF
 //! has no empty accessors.
@@ -14,8 +18,10 @@
 use serde_json::{Value, json};
 
 use super::Job;
+use super::attributes::{COLOURS, Property, properties, records};
 use crate::error::{Error, Result};
 use crate::mesh::{MeshHeader, MeshSource};
+use crate::scalar::Scalar;
 
 /// Elements of a block.
 const BLOCK: usize = 1 << 16;
@@ -34,10 +40,11 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
         (vertices, faces) = (0, 0);
     }
     let bounds = if faces > 0 { bounds(job)? } else { [[0.0; 3]; 2] };
-    let mut json = scene(job.header, vertices, faces, bounds).to_string().into_bytes();
+    let views = if faces > 0 { views(&properties(job)?) } else { Vec::new() };
+    let mut json = scene(job.header, vertices, faces, bounds, &views).to_string().into_bytes();
     json.resize(json.len().next_multiple_of(4), b' ');
 
-    let binary = ELEMENT * (vertices + faces);
+    let binary = views.iter().map(|view| view.bytes * vertices).sum::<u64>() + ELEMENT * (vertices + faces);
     let overhead = 12 + 8 + json.len() as u64 + 8;
     let Ok(length) = u32::try_from(overhead + binary) else {
         let limit = (u64::from(u32::MAX) - overhead).saturating_sub(ELEMENT * vertices) / ELEMENT;
@@ -61,6 +68,19 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
         mesh.read_vertices(first, &mut positions)?;
         Ok(positions.as_flattened().iter().flat_map(|c| (*c as f32).to_le_bytes()).collect())
     })?;
+    for view in &views {
+        job.put_blocks(vertices, BLOCK, |first, len| {
+            let records = records(mesh, first, len)?;
+            let mut out = Vec::with_capacity(len * view.bytes as usize);
+            for record in records.chunks_exact(mesh.schema().stride()) {
+                let start = out.len();
+                view.properties.iter().for_each(|property| view.scalar.put(property.value(record), &mut out));
+                // Behind a colour: that it hides all.
+                out.resize(start + view.bytes as usize, if view.kind == "VEC4" { 0xff } else { 0 });
+            }
+            Ok(out)
+        })?;
+    }
     job.put_blocks(faces, BLOCK, |first, len| {
         let mut numbers = vec![[0; 3]; len];
         mesh.read_faces(first, &mut numbers)?;
@@ -100,7 +120,54 @@ fn widen([low, high]: &mut [[f32; 3]; 2], position: [f32; 3]) {
     }
 }
 
-fn scene(header: &MeshHeader, vertices: u64, faces: u64, [low, high]: [[f32; 3]; 2]) -> Value {
+/// One attribute of glTF.
+struct View {
+    name: String,
+    /// The numbers of it.
+    properties: Vec<Property>,
+    scalar: Scalar,
+    /// `VEC4`, a colour, or `SCALAR`.
+    kind: &'static str,
+    /// From one vertex to the next: a multiple of four.
+    bytes: u64,
+}
+
+/// What glTF makes of properties.
+fn views(properties: &[Property]) -> Vec<View> {
+    let find = |name: &&str| properties.iter().find(|property| property.name == *name).cloned();
+    let colours: Vec<Property> = COLOURS.iter().filter_map(find).collect();
+    let light = |p: &Property| p.scalar == colours[0].scalar && matches!(p.scalar, Scalar::U8 | Scalar::U16);
+    let coloured = colours.len() == 3 && colours.iter().all(light);
+    let mut views = Vec::new();
+    if coloured {
+        let scalar = colours[0].scalar;
+        let (name, bytes) = ("COLOR_0".to_string(), 4 * scalar.bytes() as u64);
+        views.push(View { name, properties: colours, scalar, kind: "VEC4", bytes });
+    }
+    for property in properties {
+        if coloured && COLOURS.contains(&property.name.as_str()) {
+            continue;
+        }
+        let name = format!("_{}", property.name.to_uppercase());
+        let narrow = matches!(property.scalar, Scalar::I8 | Scalar::U8 | Scalar::I16 | Scalar::U16);
+        let scalar = if narrow { property.scalar } else { Scalar::F32 };
+        views.push(View { name, properties: vec![property.clone()], scalar, kind: "SCALAR", bytes: 4 });
+    }
+    views
+}
+
+/// glTF's number for a type.
+fn component(scalar: Scalar) -> u32 {
+    match scalar {
+        Scalar::I8 => 5120,
+        Scalar::U8 => 5121,
+        Scalar::I16 => 5122,
+        Scalar::U16 => 5123,
+        _ => FLOAT,
+    }
+}
+
+fn scene(header: &MeshHeader, vertices: u64, faces: u64, [low, high]: [[f32; 3]; 2], views: &[View]) -> Value {
     let mut asset = json!({
         "version": "2.0",
         "generator": concat!("asra-stream ", env!("CARGO_PKG_VERSION")),
@@ -112,21 +179,36 @@ fn scene(header: &MeshHeader, vertices: u64, faces: u64, [low, high]: [[f32; 3];
     if faces == 0 {
         return json!({ "asset": asset, "scene": 0, "scenes": [{}] });
     }
-    let at = ELEMENT * vertices;
+    let mut attributes = json!({ "POSITION": 0 });
+    let mut accessors = vec![
+        json!({ "bufferView": 0, "componentType": FLOAT, "count": vertices, "type": "VEC3", "min": low, "max": high }),
+    ];
+    let mut at = ELEMENT * vertices;
+    let mut buffer_views = vec![json!({ "buffer": 0, "byteOffset": 0, "byteLength": at, "target": ARRAY_BUFFER })];
+    for View { name, scalar, kind, bytes, .. } in views {
+        attributes[name] = json!(accessors.len());
+        let mut accessor = json!({ "bufferView": buffer_views.len(), "componentType": component(*scalar), "count": vertices, "type": kind });
+        if *kind == "VEC4" {
+            accessor["normalized"] = json!(true);
+        }
+        accessors.push(accessor);
+        let (length, target) = (bytes * vertices, ARRAY_BUFFER);
+        buffer_views.push(
+            json!({ "buffer": 0, "byteOffset": at, "byteLength": length, "byteStride": bytes, "target": target }),
+        );
+        at += length;
+    }
+    let (indices, length, target) = (accessors.len(), ELEMENT * faces, ELEMENT_ARRAY_BUFFER);
+    accessors.push(json!({ "bufferView": buffer_views.len(), "componentType": UNSIGNED_INT, "count": 3 * faces, "type": "SCALAR" }));
+    buffer_views.push(json!({ "buffer": 0, "byteOffset": at, "byteLength": length, "target": target }));
     json!({
         "asset": asset,
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "mesh": 0, "translation": header.origin }],
-        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "mode": TRIANGLES }] }],
-        "accessors": [
-            { "bufferView": 0, "componentType": FLOAT, "count": vertices, "type": "VEC3", "min": low, "max": high },
-            { "bufferView": 1, "componentType": UNSIGNED_INT, "count": 3 * faces, "type": "SCALAR" },
-        ],
-        "bufferViews": [
-            { "buffer": 0, "byteOffset": 0, "byteLength": at, "target": ARRAY_BUFFER },
-            { "buffer": 0, "byteOffset": at, "byteLength": ELEMENT * faces, "target": ELEMENT_ARRAY_BUFFER },
-        ],
+        "meshes": [{ "primitives": [{ "attributes": attributes, "indices": indices, "mode": TRIANGLES }] }],
+        "accessors": accessors,
+        "bufferViews": buffer_views,
         "buffers": [{ "byteLength": at + ELEMENT * faces }],
     })
 }

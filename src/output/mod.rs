@@ -5,13 +5,14 @@
 //! return it is removed. Vertices are written in the mesh's own coordinates; the header's origin stands where the
 //! format has room for it.
 //!
-//! | format | coordinates | triangles | origin | limit |
-//! |--------|-------------|-----------|--------|-------|
-//! | PLY | `float` or `double`, as the mesh has them | `list uchar int` | comment | 2³¹ − 1 vertices |
-//! | STL | `f32` | corners, not shared; with normals | 80-byte header | 2³² − 1 triangles |
-//! | OBJ | shortest decimals that read back exactly | from 1 | comment | none |
-//! | GLB | `f32` | `u32` | node translation, `asset.extras` | 4 GiB |
+//! | format | coordinates | triangles | attributes | origin | limit |
+//! |--------|-------------|-----------|------------|--------|-------|
+//! | PLY | `float` or `double`, as the mesh has them | `list uchar int` | properties | comment | 2³¹ − 1 vertices |
+//! | STL | `f32` | corners, not shared; with normals | none | 80-byte header | 2³² − 1 triangles |
+//! | OBJ | shortest decimals that read back exactly | from 1 | colours | comment | none |
+//! | GLB | `f32` | `u32` | `COLOR_0`, `_NAME` | node translation, `asset.extras` | 4 GiB |
 
+mod attributes;
 mod glb;
 mod obj;
 mod ply;

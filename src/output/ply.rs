@@ -1,12 +1,14 @@
-//! PLY: a header, then the mesh's two spools as they are.
+//! PLY: a header, then the mesh's spools as they are, attributes behind the coordinates.
 
 use std::fmt::Write;
 
 use super::Job;
+use super::attributes::{BLOCK, Property, properties, records};
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
-use crate::mesh::spool::FaceRecord;
+use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;
+use crate::scalar::Scalar;
 use crate::spool::Spool;
 
 /// Spools hold native byte order.
@@ -29,16 +31,54 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
     for comment in job.comments() {
         writeln!(header, "comment {comment}").expect("memory takes all");
     }
-    write!(
-        header,
-        "element vertex {vertices}\nproperty {scalar} x\nproperty {scalar} y\nproperty {scalar} z\n\
-         element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    .expect("memory takes all");
+    let properties = properties(job)?;
+    writeln!(header, "element vertex {vertices}").expect("memory takes all");
+    let coordinates = ["x", "y", "z"].map(|axis| (scalar, axis));
+    for (kind, name) in coordinates.into_iter().chain(properties.iter().map(|p| (kind(p.scalar), p.name.as_str()))) {
+        writeln!(header, "property {kind} {name}").expect("memory takes all");
+    }
+    write!(header, "element face {faces}\nproperty list uchar int vertex_indices\nend_header\n")
+        .expect("memory takes all");
     job.put(header.as_bytes())?;
     let mesh = job.mesh;
-    copy(job, mesh.vertex_bytes(), 3 * mesh.precision().bytes())?;
+    if properties.is_empty() {
+        copy(job, mesh.vertex_bytes(), 3 * mesh.precision().bytes())?;
+    } else {
+        job.put_blocks(vertices, BLOCK, |first, len| with_attributes(mesh, &properties, first, len))?;
+    }
     copy(job, mesh.face_bytes(), size_of::<FaceRecord>())
+}
+
+/// What PLY calls a type. It has none of 64 bits for whole numbers: `double` takes them, and rounds beyond 2⁵³.
+fn kind(scalar: Scalar) -> &'static str {
+    match scalar {
+        Scalar::I8 => "char",
+        Scalar::U8 => "uchar",
+        Scalar::I16 => "short",
+        Scalar::U16 => "ushort",
+        Scalar::I32 => "int",
+        Scalar::U32 => "uint",
+        Scalar::F32 => "float",
+        Scalar::I64 | Scalar::U64 | Scalar::F64 => "double",
+    }
+}
+
+/// The bytes of vertices with their attributes.
+fn with_attributes(mesh: &MeshSpool, properties: &[Property], first: u64, len: usize) -> Result<Vec<u8>> {
+    let stride = 3 * mesh.precision().bytes();
+    let mut positions = vec![0; len * stride];
+    mesh.vertex_bytes().read_at(first * stride as u64, &mut positions)?;
+    let records = records(mesh, first, len)?;
+    let mut out = Vec::with_capacity(positions.len() + records.len());
+    for (position, record) in positions.chunks_exact(stride).zip(records.chunks_exact(mesh.schema().stride())) {
+        out.extend_from_slice(position);
+        for property in properties {
+            let wide = matches!(property.scalar, Scalar::I64 | Scalar::U64);
+            let scalar = if wide { Scalar::F64 } else { property.scalar };
+            scalar.put(property.value(record), &mut out);
+        }
+    }
+    Ok(out)
 }
 
 /// Copies a spool of records of `stride` bytes.

@@ -1,8 +1,9 @@
 //! The stages a slice goes through, in order: raster, dilate, exterior, solid (with seal, which tries radii), sides (with walls), hollow, lone, component,
-//! extract, smooth, fit or plane, contract, retreat (with near, spot and fan, which find what may intersect).
+//! extract, smooth, fit or plane, attributes, contract, retreat (with near, spot and fan, which find what may intersect).
 //!
 //! Stages do no I/O of their own: slices come from and go to the stores they are handed.
 
+pub mod attributes;
 pub mod component;
 pub mod contract;
 pub mod corner;
