@@ -5,15 +5,14 @@ use std::sync::Arc;
 
 use super::mapped::Mapped;
 use super::raw::{self, Description};
-use super::{InputOptions, PointFormat, Source, ply, text};
+use super::{InputOptions, PointFormat, Source, las, ply, text};
 use crate::error::{Error, Result};
 
 /// Bytes looked at: the longest signature, and enough to tell text from numbers.
 const HEAD: u64 = 4096;
 
 /// Formats that are recognised and not read: signature, where it stands, name, advice.
-const FOREIGN: [(&[u8], usize, &str, &str); 15] = [
-    (b"LASF", 0, "a LAS or LAZ file", "convert it to PLY, for example with PDAL: pdal translate in.laz out.ply"),
+const FOREIGN: [(&[u8], usize, &str, &str); 14] = [
     (b"# .PCD", 0, "a PCD file", "convert it to PLY, for example with pcl_pcd2ply"),
     (b"VERSION .7", 0, "a PCD file", "convert it to PLY, for example with pcl_pcd2ply"),
     (b"ASTM-E57", 0, "an E57 file", "convert it to PLY, for example with PDAL or CloudCompare"),
@@ -47,6 +46,9 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<(Source, Arc<dyn Poin
     }
     if ply::is_ply(&head) {
         return ply::open(path);
+    }
+    if las::is_las(&head) && options.skip_bytes.is_none() {
+        return las::open(path);
     }
     let description = Description::of(path, options)?;
     // Whoever skips a header by hand knows what it is.
