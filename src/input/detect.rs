@@ -5,17 +5,16 @@ use std::sync::Arc;
 
 use super::mapped::Mapped;
 use super::raw::{self, Description};
-use super::{InputOptions, PointFormat, Source, las, ply, text};
+use super::{InputOptions, PointFormat, Source, e57, las, ply, text};
 use crate::error::{Error, Result};
 
 /// Bytes looked at: the longest signature, and enough to tell text from numbers.
 const HEAD: u64 = 4096;
 
 /// Formats that are recognised and not read: signature, where it stands, name, advice.
-const FOREIGN: [(&[u8], usize, &str, &str); 14] = [
+const FOREIGN: [(&[u8], usize, &str, &str); 13] = [
     (b"# .PCD", 0, "a PCD file", "convert it to PLY, for example with pcl_pcd2ply"),
     (b"VERSION .7", 0, "a PCD file", "convert it to PLY, for example with pcl_pcd2ply"),
-    (b"ASTM-E57", 0, "an E57 file", "convert it to PLY, for example with PDAL or CloudCompare"),
     (b"CCB2", 0, "a CloudCompare project", "open it in CloudCompare and save the cloud as PLY"),
     (
         &970_401i32.to_le_bytes(),
@@ -49,6 +48,9 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<(Source, Arc<dyn Poin
     }
     if las::is_las(&head) && options.skip_bytes.is_none() {
         return las::open(path);
+    }
+    if e57::is_e57(&head) && options.skip_bytes.is_none() {
+        return e57::open(path);
     }
     let description = Description::of(path, options)?;
     // Whoever skips a header by hand knows what it is.

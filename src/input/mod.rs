@@ -12,6 +12,7 @@
 //! A new format is a module that implements `PointFormat` and a line in `detect.rs`.
 
 mod detect;
+mod e57;
 mod files;
 mod filter;
 mod las;

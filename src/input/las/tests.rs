@@ -1,49 +1,14 @@
 //! LAS and LAZ files made in code: by the crate `las` for what other programs write, byte by byte for what none should.
 
 use std::io::Cursor as IoCursor;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use laz::{LasZipCompressor, LazItemRecordBuilder, LazVlr, LazVlrBuilder};
 use proptest::prelude::*;
 
-use super::super::testing::collect;
-use super::super::{Carried, Cloud, Filter, InputOptions, Withheld};
+use super::super::testing::{WithAttributes, collect};
+use super::super::{Cloud, Filter, InputOptions, Withheld};
 use super::fields;
-use crate::error::Result;
-use crate::points::{Batch, Points, Precision};
-use crate::scalar::{Endian, reader};
-
-/// A cloud's points and the records of its attributes.
-struct All {
-    cloud: Cloud,
-    points: Vec<[f64; 3]>,
-    records: Vec<u8>,
-    filtered: u64,
-}
-
-fn all(path: &Path, options: &InputOptions) -> Result<All> {
-    let cloud = Cloud::open(&[path.to_path_buf()], options)?;
-    let (mut points, mut records, mut filtered) = (Vec::new(), Vec::new(), 0);
-    let mut blocks = cloud.blocks(Carried::Attributes);
-    let mut batch = Batch::new(Precision::Double);
-    while let Some(block) = blocks.next()? {
-        block.decode(&mut batch)?;
-        let Points::Double(more) = &batch.points else { panic!("LAS is double") };
-        assert!(batch.records() <= super::BLOCK_RECORDS as u64);
-        points.extend_from_slice(more);
-        records.extend_from_slice(&batch.attributes);
-        filtered += batch.filtered;
-    }
-    Ok(All { cloud, points, records, filtered })
-}
-
-impl All {
-    fn values(&self, name: &str) -> Vec<f64> {
-        let column = self.cloud.schema().column(name).unwrap_or_else(|| panic!("{name} is there"));
-        let read = reader(column.scalar, Endian::NATIVE);
-        self.records.chunks_exact(self.cloud.schema().stride()).map(|record| read(&record[column.offset..])).collect()
-    }
-}
 
 /// How the points of a made file lie in it.
 #[derive(Debug, Clone)]
@@ -222,7 +187,7 @@ fn what_another_program_writes_is_read_in_every_point_format() {
             writer.close().unwrap();
             let content = writer.into_inner().unwrap().into_inner();
             let (_dir, path) = file(&content);
-            let read = all(&path, &InputOptions::default()).unwrap();
+            let read = WithAttributes::of(&path, &InputOptions::default()).unwrap();
             let what = format!("point format {point_format}, compressed {compressed}");
             assert_eq!(read.points.len(), usize::from(many), "{what}");
             let expect = |name: &str, value: &dyn Fn(u16) -> f64| {
@@ -266,7 +231,7 @@ fn compressed_files_give_what_plain_ones_do_however_they_are_chunked() {
         let length = fields::length(point_format).unwrap() + extra;
         let records = wandering(length, 3000);
         let (_dir, path) = file(&made(point_format, length, &records, &Pack::Plain, vec![]));
-        let plain = all(&path, &keeping_withheld()).unwrap();
+        let plain = WithAttributes::of(&path, &keeping_withheld()).unwrap();
         assert_eq!(stored(&plain.points), in_records(&records, length));
         let mut packs =
             vec![Pack::Fixed(1000), Pack::Fixed(700), Pack::Fixed(5000), Pack::Varying(vec![10, 1, 2000, 500])];
@@ -291,7 +256,7 @@ fn compressed_files_give_what_plain_ones_do_however_they_are_chunked() {
             for (variant, content) in variants {
                 let what = format!("point format {point_format}, {extra} more, {pack:?}, {variant}");
                 let (_dir, path) = file(&content);
-                let read = all(&path, &keeping_withheld()).unwrap_or_else(|e| panic!("{what}: {e}"));
+                let read = WithAttributes::of(&path, &keeping_withheld()).unwrap_or_else(|e| panic!("{what}: {e}"));
                 assert!(read.points == plain.points && read.records == plain.records, "{what}");
                 let slow = read.cloud.sources()[0].description.contains("one thread");
                 assert_eq!(slow, variant.starts_with("without") || matches!(pack, Pack::One), "{what}");
@@ -307,7 +272,7 @@ fn large_chunks_are_decoded_in_parts_or_while_they_are_cut() {
         let records = wandering(length, 300_000);
         for pack in [Pack::Fixed(150_000), Pack::Fixed(300_000), Pack::Varying(vec![70_000, 5])] {
             let (_dir, path) = file(&made(point_format, length, &records, &pack, vec![]));
-            let read = all(&path, &keeping_withheld()).unwrap();
+            let read = WithAttributes::of(&path, &keeping_withheld()).unwrap();
             assert!(stored(&read.points) == in_records(&records, length), "{point_format}, {pack:?}");
         }
     }
@@ -321,10 +286,10 @@ fn withheld_points_do_not_count_unless_asked_for() {
         records[3 * length + byte] = bit;
         for pack in [Pack::Plain, Pack::Fixed(4)] {
             let (_dir, path) = file(&made(point_format, length, &records, &pack, vec![]));
-            let read = all(&path, &InputOptions::default()).unwrap();
-            assert_eq!((read.points.len(), read.filtered), (9, 1));
+            let read = WithAttributes::of(&path, &InputOptions::default()).unwrap();
+            assert_eq!((read.points.len(), read.left_out), (9, (0, 1)));
             assert!(read.cloud.schema().column("withheld").is_none(), "a mark that none of the points left has");
-            assert_eq!(all(&path, &keeping_withheld()).unwrap().points.len(), 10);
+            assert_eq!(WithAttributes::of(&path, &keeping_withheld()).unwrap().points.len(), 10);
         }
     }
 }
@@ -354,7 +319,7 @@ fn extra_bytes_go_by_their_names() {
     for pack in [Pack::Plain, Pack::Fixed(10)] {
         let vlr = record("LASF_Spec", 4, &described);
         let (_dir, path) = file(&made(0, length, &records, &pack, vec![vlr]));
-        let read = all(&path, &InputOptions::default()).unwrap();
+        let read = WithAttributes::of(&path, &InputOptions::default()).unwrap();
         let value = |name: &str| read.values(name)[0];
         assert_eq!((value("amplitude"), value("deviation"), value("intensity")), (7.0, 8.5, 0.0));
         assert_eq!((value("pair_0"), value("pair_1")), (5.0, 6.0));
