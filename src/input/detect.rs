@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn a_layout_makes_a_file_raw_but_not_a_known_format() {
         let options = InputOptions { layout: Some("xyz".parse().unwrap()), ..InputOptions::default() };
-        let (_dir, path) = file("a.bin", b"LASF00000000");
+        let (_dir, path) = file("a.bin", b"CCB200000000");
         assert!(matches!(collect(&path, &options), Err(Error::ForeignFormat { .. })));
         let skipping = InputOptions { skip_bytes: Some(0), ..options };
         assert_eq!(points_of(&path, &skipping).len(), 1);

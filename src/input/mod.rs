@@ -5,7 +5,7 @@
 //!                           detect.rs says which          one thread, cheap        any thread, in parallel
 //! ```
 //!
-//! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line). Blocks come in
+//! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line), or a compressed chunk of them. Blocks come in
 //! file order, so the points of a cloud have one order. Nothing here holds more than the blocks in flight, whatever
 //! the length of a file or the claims of its header.
 //!

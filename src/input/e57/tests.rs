@@ -203,11 +203,13 @@ fn in_pages(content: &[u8]) -> Vec<u8> {
 #[test]
 fn what_is_wrong_is_named() {
     let whole = content_of(&written(&[varied(50)], None));
+    // Everywhere, so that beginnings and ends of elements still fit.
     let text = |from: &str, to: &str| {
         assert_eq!(from.len(), to.len());
-        let at = whole.windows(from.len()).position(|w| w == from.as_bytes()).unwrap_or_else(|| panic!("{from}"));
         let mut content = whole.clone();
-        content[at..at + to.len()].copy_from_slice(to.as_bytes());
+        let places = whole.windows(from.len()).enumerate().filter(|(_, w)| *w == from.as_bytes()).map(|(at, _)| at);
+        assert!(places.clone().count() > 0, "{from}");
+        places.for_each(|at| content[at..at + to.len()].copy_from_slice(to.as_bytes()));
         content
     };
     let byte = |at: usize, byte: u8| {
@@ -227,7 +229,7 @@ fn what_is_wrong_is_named() {
         (byte(48 + 32 + 7, 0xff), "12 streams within the packet"),
         (text("<e57Root", "<x57Root"), "E57 XML"),
         (text("cartesianX", "cartesianQ"), "points without cartesian or spherical coordinates"),
-        (text("cartesianInvalidState", "sphericalInvalidStatX"), "E57 XML, byte"),
+        (text("</cartesianX>", "</cartesianQ>"), "the end of \"cartesianQ\" within \"cartesianX\""),
         (text("recordCount=\"50\"", "recordCount=\"99\""), "scan 0, 99 records before its end"),
         (text("recordCount=\"50\"", "recordCount=\"-1\""), "recordCount \"-1\" of points"),
         (text("minimum=\"-3\"", "minimum=\"3.\""), "minimum \"3.\" of intensity"),
