@@ -56,13 +56,14 @@ pub fn canonical(name: &str) -> String {
     known.map_or_else(|| own.to_string(), |(name, _)| (*name).to_string())
 }
 
-/// Names that are no attributes: coordinates, and normals, which say nothing that the mesh does not.
-const LEFT_OUT: [&str; 10] = ["x", "y", "z", "nx", "ny", "nz", "normal_x", "normal_y", "normal_z", "curvature"];
+/// Names that are no attributes: coordinates; normals, which say nothing that the mesh does not; and marks of points that do not count anyway.
+const LEFT_OUT: [&str; 11] =
+    ["x", "y", "z", "nx", "ny", "nz", "normal_x", "normal_y", "normal_z", "curvature", "withheld"];
 
 /// Which attributes are carried to the mesh.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Wanted {
-    /// All that any of the files has, but normals.
+    /// All that any of the files has, but normals and the marks of withheld points.
     #[default]
     All,
     /// None.

@@ -5,6 +5,7 @@ pub mod bucket;
 pub mod cli;
 pub mod closing;
 pub mod context;
+pub mod crs;
 pub mod error;
 pub mod generate;
 pub mod grid;

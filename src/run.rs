@@ -154,6 +154,9 @@ fn describe(cloud: &Cloud, progress: &Progress) {
     for source in cloud.sources() {
         progress.note(&format!("{}: {}", source.path.display(), source.description));
     }
+    if let Some(line) = cloud.crs_line() {
+        progress.note(&format!("coordinate reference system: {line}"));
+    }
 }
 
 /// No mesh takes the place of the points it is made from.

@@ -58,11 +58,13 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
     let workers = job.means.workers()?;
     stop_on_signal(&workers)?;
     let mut progress = Progress::new(Show::fitting());
-    let Planned { surveyed, workspace, memory, .. } = plan(&job, &workers, &mut progress)?;
+    let Planned { cloud, surveyed, workspace, memory } = plan(&job, &workers, &mut progress)?;
     let load = &surveyed.load;
     let least = MemoryPlan::least(load, workers.threads());
     let in_memory = |quota: u64, bytes: u64| if quota >= bytes { "in memory" } else { "on disk" };
-    let lines = [
+    let mut lines: Vec<(&str, String)> = Vec::new();
+    lines.extend(cloud.crs_line().map(|line| ("reference system", line)));
+    lines.extend([
         ("points", thousands(load.points)),
         ("grid", GridReport::of(&surveyed.grid).to_string()),
         ("triangles", format!("about {}", thousands(load.triangles()))),
@@ -79,7 +81,7 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
         ("bucket buffers", format!("{} each", ByteSize(memory.bucket_buffer))),
         ("in flight", format!("{} blocks, {} chunks of slices", memory.blocks_in_flight, memory.chunks_in_flight)),
         ("fitted at once", format!("{} points of a slab", thousands(memory.piece_points as u64))),
-    ];
+    ]);
     print(&lines)
 }
 
@@ -100,6 +102,7 @@ fn show_info(arguments: &InfoArguments) -> Result<Exit> {
         lines.push(("file", format!("{}, {}", source.path.display(), ByteSize(source.bytes))));
         lines.push(("layout", source.description.clone()));
     }
+    lines.extend(cloud.crs_line().map(|line| ("reference system", line)));
     lines.extend([
         ("points", thousands(survey.points)),
         ("dropped", format!("{} (not finite)", thousands(survey.dropped))),

@@ -5,18 +5,16 @@ use std::sync::Arc;
 
 use super::mapped::Mapped;
 use super::raw::{self, Description};
-use super::{InputOptions, PointFormat, Source, ply, text};
+use super::{InputOptions, PointFormat, Source, e57, las, ply, text};
 use crate::error::{Error, Result};
 
 /// Bytes looked at: the longest signature, and enough to tell text from numbers.
 const HEAD: u64 = 4096;
 
 /// Formats that are recognised and not read: signature, where it stands, name, advice.
-const FOREIGN: [(&[u8], usize, &str, &str); 15] = [
-    (b"LASF", 0, "a LAS or LAZ file", "convert it to PLY, for example with PDAL: pdal translate in.laz out.ply"),
+const FOREIGN: [(&[u8], usize, &str, &str); 13] = [
     (b"# .PCD", 0, "a PCD file", "convert it to PLY, for example with pcl_pcd2ply"),
     (b"VERSION .7", 0, "a PCD file", "convert it to PLY, for example with pcl_pcd2ply"),
-    (b"ASTM-E57", 0, "an E57 file", "convert it to PLY, for example with PDAL or CloudCompare"),
     (b"CCB2", 0, "a CloudCompare project", "open it in CloudCompare and save the cloud as PLY"),
     (
         &970_401i32.to_le_bytes(),
@@ -47,6 +45,12 @@ pub fn open(path: &Path, options: &InputOptions) -> Result<(Source, Arc<dyn Poin
     }
     if ply::is_ply(&head) {
         return ply::open(path);
+    }
+    if las::is_las(&head) && options.skip_bytes.is_none() {
+        return las::open(path);
+    }
+    if e57::is_e57(&head) && options.skip_bytes.is_none() {
+        return e57::open(path);
     }
     let description = Description::of(path, options)?;
     // Whoever skips a header by hand knows what it is.
@@ -130,7 +134,7 @@ mod tests {
     #[test]
     fn a_layout_makes_a_file_raw_but_not_a_known_format() {
         let options = InputOptions { layout: Some("xyz".parse().unwrap()), ..InputOptions::default() };
-        let (_dir, path) = file("a.bin", b"LASF00000000");
+        let (_dir, path) = file("a.bin", b"CCB200000000");
         assert!(matches!(collect(&path, &options), Err(Error::ForeignFormat { .. })));
         let skipping = InputOptions { skip_bytes: Some(0), ..options };
         assert_eq!(points_of(&path, &skipping).len(), 1);

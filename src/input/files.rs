@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use crate::error::{Error, Result};
 
 /// Extensions that are taken for point files when a whole folder is given.
-const POINT_FILES: [&str; 11] = ["ply", "xyz", "txt", "csv", "pts", "asc", "bin", "xyz32", "raw", "f32", "dat"];
+const POINT_FILES: [&str; 14] =
+    ["ply", "las", "laz", "e57", "xyz", "txt", "csv", "pts", "asc", "bin", "xyz32", "raw", "f32", "dat"];
 
 /// The files the arguments stand for, in the arguments' order, each once.
 ///

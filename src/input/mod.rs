@@ -5,15 +5,17 @@
 //!                           detect.rs says which          one thread, cheap        any thread, in parallel
 //! ```
 //!
-//! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line). Blocks come in
+//! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line), or a compressed chunk of them. Blocks come in
 //! file order, so the points of a cloud have one order. Nothing here holds more than the blocks in flight, whatever
 //! the length of a file or the claims of its header.
 //!
 //! A new format is a module that implements `PointFormat` and a line in `detect.rs`.
 
 mod detect;
+mod e57;
 mod files;
 mod filter;
+mod las;
 mod layout;
 mod lines;
 mod mapped;
@@ -30,6 +32,7 @@ use std::sync::Arc;
 
 use self::filter::Sieve;
 use crate::attribute::{Attribute, Schema, Wanted};
+use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::points::{Batch, Points, Precision};
 use crate::scalar::Endian;
@@ -69,6 +72,7 @@ pub struct Cloud {
     precision: Precision,
     schema: Schema,
     filter: Filter,
+    crs: Option<Crs>,
 }
 
 /// One file of a cloud, as it was understood.
@@ -76,7 +80,7 @@ pub struct Cloud {
 pub struct Source {
     /// The file.
     pub path: PathBuf,
-    /// The format's name: "raw", "PLY", "text".
+    /// The format's name: "raw", "PLY", "LAZ", "text".
     pub format: &'static str,
     /// What was understood, as a line to print.
     pub description: String,
@@ -84,6 +88,8 @@ pub struct Source {
     pub records: Option<u64>,
     /// Length of the file.
     pub bytes: u64,
+    /// The coordinate reference system, where the file tells.
+    pub crs: Option<Crs>,
 }
 
 /// A file whose structure is known.
@@ -121,11 +127,11 @@ impl Cloud {
     ///
     /// # Errors
     /// If an argument or pattern matches nothing, a file cannot be opened, is malformed or of a format that is not
-    /// supported, or the layout of a raw file cannot be told.
+    /// supported, or the layout of a raw file cannot be told; [`Error::Usage`] if files tell different coordinate reference systems.
     pub fn open(inputs: &[PathBuf], options: &InputOptions) -> Result<Cloud> {
         let (schema, filter) = (Schema::default(), options.filter.clone());
         let mut cloud =
-            Cloud { sources: Vec::new(), formats: Vec::new(), precision: Precision::Single, schema, filter };
+            Cloud { sources: Vec::new(), formats: Vec::new(), precision: Precision::Single, schema, filter, crs: None };
         for path in files::expand(inputs)? {
             let (source, format) = detect::open(&path, options)?;
             if let Err(missing) = options.filter.check(format.attributes()) {
@@ -136,6 +142,7 @@ impl Cloud {
             cloud.sources.push(source);
             cloud.formats.push(format);
         }
+        cloud.crs = common_crs(&cloud.sources)?;
         cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
         Ok(cloud)
     }
@@ -153,6 +160,27 @@ impl Cloud {
     /// The attributes that are carried to the mesh.
     pub fn schema(&self) -> &Schema {
         &self.schema
+    }
+
+    /// The coordinate reference system of all files that tell theirs.
+    pub fn crs(&self) -> Option<&Crs> {
+        self.crs.as_ref()
+    }
+
+    /// A line about the coordinate reference system, if any file tells it, and which files do not.
+    pub fn crs_line(&self) -> Option<String> {
+        const NAMED: usize = 3;
+        let crs = self.crs()?;
+        let silent: Vec<&Source> = self.sources.iter().filter(|source| source.crs.is_none()).collect();
+        let named: Vec<String> = silent.iter().take(NAMED).map(|source| source.path.display().to_string()).collect();
+        let more = match silent.len() {
+            ..=NAMED => String::new(),
+            all => format!(" and {} more", all - NAMED),
+        };
+        Some(match silent.len() {
+            0 => crs.to_string(),
+            _ => format!("{crs}; taken to be that of {}{more}, too, which do not tell", named.join(", ")),
+        })
     }
 
     /// Starts a pass over everything; every pass gives the same blocks as long as the files stay as they are. Files are opened when the
@@ -195,6 +223,19 @@ impl Cloud {
             sink,
         )
     }
+}
+
+/// The system of the files that tell theirs, as the first of them does.
+fn common_crs(sources: &[Source]) -> Result<Option<Crs>> {
+    let mut telling = sources.iter().filter_map(|source| source.crs.as_ref().map(|crs| (source, crs)));
+    let Some((first, crs)) = telling.next() else { return Ok(None) };
+    if let Some((other, theirs)) = telling.find(|(_, theirs)| !theirs.same_as(crs)) {
+        let (a, b) = (first.path.display(), other.path.display());
+        return Err(Error::Usage(format!(
+            "the files are in different coordinate reference systems: {a} in {crs}, {b} in {theirs}; reproject one of them"
+        )));
+    }
+    Ok(Some(crs.clone()))
 }
 
 /// What a pass over a cloud is for.

@@ -45,6 +45,7 @@ pub fn open(file: &Mapped, description: Description, options: &InputOptions) -> 
     let mut endian = options.endian.unwrap_or_default();
     let mut transform = None;
     let mut promised = None;
+    let mut crs = None;
     let (layout, origin) = match description {
         Description::Given(layout) => (layout, "given"),
         Description::Sidecar(sidecar) => {
@@ -52,6 +53,7 @@ pub fn open(file: &Mapped, description: Description, options: &InputOptions) -> 
             endian = options.endian.unwrap_or(sidecar.endian);
             transform = sidecar.transform();
             promised = sidecar.count;
+            crs = sidecar.crs;
             (sidecar.layout, "from its side-car")
         }
         Description::Unknown => {
@@ -84,6 +86,7 @@ pub fn open(file: &Mapped, description: Description, options: &InputOptions) -> 
         description: format!("raw {layout} {endian} ({origin}{advice})"),
         records: Some(count),
         bytes: file.len(),
+        crs,
     };
     let shape = RecordShape::of(&layout, endian, transform);
     Ok((source, Arc::new(FixedRecords::new(file, start, count, shape))))

@@ -7,8 +7,8 @@
 //!
 //! `fields` are pairs of name and numpy type (`f4 f8 i1 … u8`, `V4` or the name `_` for bytes to skip), so numpy's
 //! `dtype.descr` can be stored as it is; a `<` or `>` before a type must agree with `endian`. Everything else may be
-//! missing. `srs` is accepted and not used. Unknown keys are refused: a misspelt `scale` would move the cloud without
-//! a word.
+//! missing. `srs` names the coordinate reference system, as `EPSG:` and a code or as WKT. Unknown keys are refused: a misspelt `scale` would move the
+//! cloud without a word.
 
 use std::fs::File;
 use std::io::Read;
@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::layout::{Field, Layout};
 use super::records::Transform;
+use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::scalar::{Endian, Scalar};
 
@@ -35,6 +36,8 @@ pub struct Sidecar {
     pub skip: u64,
     /// Number of records, if stated.
     pub count: Option<u64>,
+    /// The coordinate reference system, if stated.
+    pub crs: Option<Crs>,
     scale: Option<[f64; 3]>,
     offset: Option<[f64; 3]>,
 }
@@ -129,8 +132,9 @@ impl Sidecar {
                 return Err((format!("usable numbers as {key}"), bad.to_string()));
             }
         }
-        let Document { skip, count, scale, offset, .. } = document;
-        Ok(Sidecar { layout, endian: endian.unwrap_or_default(), skip, count, scale, offset })
+        let Document { skip, count, scale, offset, srs, .. } = document;
+        let crs = srs.as_deref().and_then(Crs::parse);
+        Ok(Sidecar { layout, endian: endian.unwrap_or_default(), skip, count, crs, scale, offset })
     }
 }
 
@@ -171,6 +175,7 @@ mod tests {
         let sidecar = read(FULL).unwrap();
         assert_eq!(sidecar.layout.to_string(), "xyz,_:2,_:6");
         assert_eq!((sidecar.endian, sidecar.skip, sidecar.count), (Endian::Big, 16, Some(7)));
+        assert_eq!(sidecar.crs, Crs::parse("EPSG:25832"));
         assert_eq!(sidecar.transform(), Some(Transform { scale: [1.0, 1.0, 0.5], offset: [1.0, 2.0, 3.0] }));
     }
 

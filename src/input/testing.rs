@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use super::{Carried, Cloud, InputOptions};
+use super::{BLOCK_RECORDS, Carried, Cloud, InputOptions};
 use crate::error::Result;
 use crate::points::{Batch, Points, Precision};
+use crate::scalar::{Endian, reader};
 
 /// All points of one file, widened, and the number of dropped records.
 pub fn collect(path: &Path, options: &InputOptions) -> Result<(Vec<[f64; 3]>, u64)> {
@@ -30,4 +31,44 @@ pub fn collect_all(cloud: &Cloud) -> Result<(Vec<[f64; 3]>, u64)> {
 /// All points of a file that is in order.
 pub fn points_of(path: &Path, options: &InputOptions) -> Vec<[f64; 3]> {
     collect(path, options).unwrap().0
+}
+
+/// A cloud's points, widened, with the records of their attributes.
+pub struct WithAttributes {
+    /// The cloud.
+    pub cloud: Cloud,
+    /// Its points.
+    pub points: Vec<[f64; 3]>,
+    /// Their records.
+    pub records: Vec<u8>,
+    /// Points that are not finite, and points that are filtered out.
+    pub left_out: (u64, u64),
+}
+
+impl WithAttributes {
+    /// Reads a file.
+    pub fn of(path: &Path, options: &InputOptions) -> Result<WithAttributes> {
+        let cloud = Cloud::open(&[path.to_path_buf()], options)?;
+        let (mut points, mut records, mut left_out) = (Vec::new(), Vec::new(), (0, 0));
+        let mut blocks = cloud.blocks(Carried::Attributes);
+        let mut batch = Batch::new(Precision::Double);
+        while let Some(block) = blocks.next()? {
+            block.decode(&mut batch)?;
+            assert!(batch.records() <= BLOCK_RECORDS as u64);
+            match &batch.points {
+                Points::Single(more) => points.extend(more.iter().map(|p| p.map(f64::from))),
+                Points::Double(more) => points.extend_from_slice(more),
+            }
+            records.extend_from_slice(&batch.attributes);
+            left_out = (left_out.0 + batch.dropped, left_out.1 + batch.filtered);
+        }
+        Ok(WithAttributes { cloud, points, records, left_out })
+    }
+
+    /// The values of an attribute.
+    pub fn values(&self, name: &str) -> Vec<f64> {
+        let column = self.cloud.schema().column(name).unwrap_or_else(|| panic!("{name} is there"));
+        let read = reader(column.scalar, Endian::NATIVE);
+        self.records.chunks_exact(self.cloud.schema().stride()).map(|record| read(&record[column.offset..])).collect()
+    }
 }

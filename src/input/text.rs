@@ -103,6 +103,7 @@ pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
         description: format!("text, separated by {separator}, x y z in columns {} {} {}", x + 1, y + 1, z + 1),
         records: None,
         bytes: file.len(),
+        crs: None,
     };
     Ok((source, Arc::new(text)))
 }

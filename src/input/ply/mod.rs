@@ -62,6 +62,7 @@ pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
         description: format!("PLY {encoding}, {} vertices in {precision} precision", vertices.count),
         records: Some(vertices.count),
         bytes: file.len(),
+        crs: None,
     };
     Ok((source, format))
 }

@@ -1,0 +1,569 @@
+//! LAZ: points in compressed chunks, which are independent of each other.
+//!
+//! ```text
+//!  pointwise chunk (formats 0 to 5)     layered chunk (formats 6 to 10)
+//!  | first record | one stream … |      | first record | number of points | a size for each layer | layer | layer | … |
+//!
+//!  table of the chunks:  | version | number of chunks | a stream of sizes, before each the number of points if it varies |
+//! ```
+//!
+//! Whatever the table says is checked before it is believed. If it is right, every job gets a chunk; a chunk of more points than a block may have is decoded by
+//! several jobs, each of which passes over what is before its part. Chunks far larger than that, and files without a table that is right, are decompressed one
+//! after the other while they are cut, and jobs get records.
+//!
+//! The decompressor (the crate `laz`) takes layers into memory as long as they claim to be, and fails badly at streams that begin with 32 set bits, which no
+//! encoder writes. So both are looked at beforehand.
+
+use std::fmt;
+use std::io::{Cursor as IoCursor, ErrorKind, Read, Result as IoResult};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use byteorder::{ByteOrder, LE};
+use laz::decoders::ArithmeticDecoder;
+use laz::decompressors::{IntegerDecompressor, IntegerDecompressorBuilder};
+use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
+use laz::{DecompressionSelection, LazItem, LazItemRecordBuilder, LazItemType, LazVlr};
+
+use super::super::mapped::{Bytes, Mapped};
+use super::super::{BLOCK_RECORDS, BlockCutter, Decode};
+use super::fields::{Decoding, Field, length};
+use super::header::Header;
+use super::records_of_a_block;
+use super::window::Window;
+use crate::attribute::Schema;
+use crate::error::{Error, Result};
+use crate::points::Batch;
+
+/// The most extra bytes of a record: the decompressor has models of 10 KiB for each.
+const MAX_EXTRA: usize = 256;
+
+/// The most compressed bytes that a job is given.
+const MAX_CHUNK: u64 = 8 << 20;
+
+/// The most compressed bytes of layers that are held while chunks are decompressed one after the other.
+const MAX_LAYERS: u64 = 32 << 20;
+
+/// The most jobs for a chunk: half of what they decode they pass over.
+const MAX_PARTS: u64 = 4;
+
+/// Bytes of records that are decompressed at a time: few enough for a core's cache.
+const PIECE: usize = 16 << 10;
+
+/// How the points of a file are compressed.
+#[derive(Debug)]
+pub struct Packed {
+    path: PathBuf,
+    items: Vec<LazItem>,
+    record: usize,
+    /// The number of layers of a layered chunk.
+    layers: Option<usize>,
+    chunks: Chunks,
+}
+
+/// How the file is cut into chunks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Chunks {
+    /// There is one, from this byte on.
+    One { first: u64 },
+    /// The table, which lies at `table`, lists them. All have `size` points but the last, unless it varies.
+    Listed { first: u64, table: u64, size: Option<u32> },
+    /// Each begins where the one before ends.
+    Unlisted { first: u64, size: Option<u32> },
+}
+
+impl Packed {
+    /// Looks at how the points of a file are compressed.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] if it is not as it should be.
+    pub fn open(file: &Arc<Mapped>, header: &Header) -> Result<Arc<Packed>> {
+        let wrong = |place: &str, expected: &dyn fmt::Display, found: &dyn fmt::Display| {
+            Error::malformed(file.path(), format_args!("LASzip's record, {place}"), expected, found)
+        };
+        let content = header.laszip.as_deref().ok_or_else(|| wrong("in the VLRs", &"one", &"none"))?;
+        let vlr =
+            LazVlr::from_buffer(content).map_err(|e| wrong("content", &"a description of the compression", &e))?;
+        let compressor = LE::read_u16(content);
+        let items = vlr.items().clone();
+
+        let extra = header.record - length(header.point_format).unwrap_or_default();
+        if extra > MAX_EXTRA {
+            return Err(wrong("items", &format_args!("at most {MAX_EXTRA} extra bytes"), &extra));
+        }
+        let kinds = |items: &[LazItem]| items.iter().map(|item| (item.item_type(), item.size())).collect::<Vec<_>>();
+        let expected = LazItemRecordBuilder::default_for_point_format_id(header.point_format, extra as u16)
+            .map_err(|e| wrong("items", &"a point format that LAZ has", &e))?;
+        if kinds(&items) != kinds(&expected) {
+            let place = format!("items of point format {}, {} bytes", header.point_format, header.record);
+            let shown = |items: &[LazItem]| format!("{:?}", kinds(items));
+            return Err(wrong(&place, &shown(&expected), &shown(&items)));
+        }
+        let layered = header.point_format >= 6;
+        let versions = if layered { 3..=4 } else { 1..=2 };
+        if let Some(item) = items.iter().find(|item| !versions.contains(&item.version())) {
+            return Err(wrong("version of an item", &format_args!("{versions:?}"), &item.version()));
+        }
+        let layers = layered.then(|| items.iter().map(|item| layers(item.item_type())).sum());
+
+        let size = Some(vlr.chunk_size()).filter(|_| !vlr.uses_variable_size_chunks());
+        let chunks = match (compressor, layered) {
+            (1, false) => Chunks::One { first: header.start },
+            (2, false) | (3, true) => Self::listed(file, header, size),
+            _ => {
+                let expected = if layered { "3 (layered chunks)" } else { "1 or 2 (pointwise)" };
+                return Err(wrong("kind of compression", &expected, &compressor));
+            }
+        };
+        if let (Chunks::Unlisted { size: None, .. }, false) = (chunks, layered) {
+            let expected = "a table of the chunks, without which nothing tells how many points each has";
+            return Err(Error::malformed(file.path(), "chunks of varying size", expected, "none that is right"));
+        }
+        let (path, record) = (file.path().to_path_buf(), header.record);
+        Ok(Arc::new(Packed { path, items, record, layers, chunks }))
+    }
+
+    /// Finds the table, and whether it is right: all chunks lie between the first and the table, and hold all points.
+    fn listed(file: &Arc<Mapped>, header: &Header, size: Option<u32>) -> Chunks {
+        let first = header.start + 8;
+        let unlisted = Chunks::Unlisted { first: first.min(file.len()), size };
+        let place = |at: u64| Some(LE::read_u64(&file.read(at..at + 8).ok()?));
+        if file.len() < first + 8 {
+            return unlisted;
+        }
+        // A writer that could not go back left the place at the file's end.
+        let stated = place(header.start).filter(|&at| at > header.start && at <= i64::MAX as u64);
+        let Some(table) = stated.or_else(|| place(file.len() - 8)) else { return unlisted };
+        if table < first || table > file.len() - 8 {
+            return unlisted;
+        }
+        let right = || -> IoResult<bool> {
+            let mut entries = Entries::open(file, table, size)?;
+            let room = (table - first) / header.record as u64;
+            if u64::from(entries.left) > room + 1 {
+                return Ok(false);
+            }
+            let (mut points, mut end) = (0u64, first);
+            while points < header.count {
+                let Some(Entry { points: more, bytes }) = entries.next()? else { return Ok(false) };
+                if more > 0 && bytes < header.record as u64 || end + bytes > table {
+                    return Ok(false);
+                }
+                points += more;
+                end += bytes;
+            }
+            Ok(true)
+        };
+        if right().unwrap_or(false) { Chunks::Listed { first, table, size } } else { unlisted }
+    }
+
+    /// What a chunk that begins with `head` says of itself that the decompressor would believe. `at` gives four bytes so far from the chunk's beginning.
+    fn check(&self, length: u64, at: impl Fn(u64) -> Result<Option<u32>>) -> Result<std::result::Result<(), String>> {
+        const NO_STREAM: Option<u32> = Some(u32::MAX);
+        let record = self.record as u64;
+        let Some(layers) = self.layers else {
+            return Ok(if at(record)? == NO_STREAM { Err("a stream that cannot be".to_string()) } else { Ok(()) });
+        };
+        let mut begin = record + 4 + 4 * layers as u64;
+        for layer in 0..layers as u64 {
+            let Some(size) = at(record + 4 + 4 * layer)? else {
+                return Ok(Err("its end in the sizes of layers".to_string()));
+            };
+            let end = begin + u64::from(size);
+            if end > length {
+                return Ok(Err(format!("layers of {end} bytes and more, in a chunk of {length}")));
+            }
+            if size >= 4 && at(begin)? == NO_STREAM {
+                return Ok(Err("a layer that cannot be".to_string()));
+            }
+            begin = end;
+        }
+        if begin > MAX_LAYERS {
+            return Ok(Err(format!("layers of {begin} bytes, more than the {MAX_LAYERS} that are supported")));
+        }
+        Ok(Ok(()))
+    }
+
+    /// Decompresses the chunk that `input` begins with: `skip` points that are passed over, then `take`, which `sink` gets in pieces.
+    fn decompress(
+        &self,
+        input: &[u8],
+        wanted: DecompressionSelection,
+        skip: u64,
+        take: u64,
+        sink: impl FnMut(&[u8]),
+    ) -> Stopped {
+        match self.layers {
+            None => self.points_of(&mut SequentialPointRecordDecompressor::new(input), wanted, skip, take, sink),
+            Some(_) => {
+                let input = IoCursor::new(input);
+                self.points_of(&mut LayeredPointRecordDecompressor::new(input), wanted, skip, take, sink)
+            }
+        }
+    }
+
+    fn points_of<R>(
+        &self,
+        decompressor: &mut impl RecordDecompressor<R>,
+        wanted: DecompressionSelection,
+        skip: u64,
+        take: u64,
+        mut sink: impl FnMut(&[u8]),
+    ) -> Stopped {
+        let at = |done: u64| move |error: std::io::Error| (done, error);
+        decompressor.set_fields_from(&self.items).map_err(|e| (0, std::io::Error::other(e)))?;
+        decompressor.set_selection(wanted);
+        let mut piece = vec![0; (PIECE / self.record).max(1) * self.record];
+        for passed in 0..skip {
+            decompressor.decompress_next(&mut piece[..self.record]).map_err(at(passed))?;
+        }
+        let mut done = 0;
+        while done < take {
+            let records = ((piece.len() / self.record) as u64).min(take - done);
+            let piece = &mut piece[..records as usize * self.record];
+            for (i, record) in piece.chunks_exact_mut(self.record).enumerate() {
+                decompressor.decompress_next(record).map_err(at(skip + done + i as u64))?;
+            }
+            sink(piece);
+            done += records;
+        }
+        Ok(())
+    }
+
+    fn broken(&self, chunk: Chunk, found: impl fmt::Display) -> Error {
+        broken(&self.path, chunk, found)
+    }
+}
+
+/// How decompressing ended: in good order, or after so many points.
+type Stopped = std::result::Result<(), (u64, std::io::Error)>;
+
+/// The error for a chunk in which something else was `found`.
+fn broken(path: &Path, Chunk { number, at, points }: Chunk, found: impl fmt::Display) -> Error {
+    let place = format_args!("chunk {number}, byte {at}").to_string();
+    Error::malformed(path, place, format_args!("{points} compressed points"), found)
+}
+
+/// What is found where decompressing `chunk` stopped.
+fn stopped(path: &Path, chunk: Chunk, (done, error): (u64, std::io::Error)) -> Error {
+    match error.kind() {
+        ErrorKind::UnexpectedEof => broken(path, chunk, format_args!("its end after {done}")),
+        _ => match error.downcast::<Error>() {
+            Ok(own) => own,
+            Err(error) => broken(path, chunk, format_args!("{error} after {done}")),
+        },
+    }
+}
+
+impl fmt::Display for Packed {
+    /// What is to be said of the compression, behind other things.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.chunks {
+            Chunks::Listed { .. } => Ok(()),
+            Chunks::One { .. } => f.write_str(", in one chunk, which one thread decompresses"),
+            Chunks::Unlisted { .. } => {
+                f.write_str(", without a table of chunks that is right, so that one thread decompresses them")
+            }
+        }
+    }
+}
+
+/// The number of layers that an item of a layered chunk has.
+fn layers(item: LazItemType) -> usize {
+    match item {
+        LazItemType::Point14 => 9,
+        LazItemType::RGBNIR14 => 2,
+        LazItemType::Byte14(bytes) => usize::from(bytes),
+        _ => 1,
+    }
+}
+
+/// What layers must be decompressed for the attributes of a schema.
+pub fn selection(fields: &[Field], schema: &Schema) -> DecompressionSelection {
+    let names = fields.iter().map(|field| field.attribute.name.as_str()).filter(|name| schema.column(name).is_some());
+    names.fold(DecompressionSelection::base().decompress_z(), |wanted, name| match name {
+        "return_number" | "number_of_returns" | "scanner_channel" => wanted,
+        "classification" => wanted.decompress_classification(),
+        "synthetic" | "key_point" | "withheld" | "overlap" | "scan_direction" | "edge_of_flight_line" => {
+            wanted.decompress_flags()
+        }
+        "intensity" => wanted.decompress_intensity(),
+        "scan_angle" => wanted.decompress_scan_angle(),
+        "user_data" => wanted.decompress_user_data(),
+        "point_source_id" => wanted.decompress_point_source_id(),
+        "gps_time" => wanted.decompress_gps_time(),
+        "red" | "green" | "blue" => wanted.decompress_rgb(),
+        "nir" => wanted.decompress_nir(),
+        _ => wanted.decompress_extra_bytes(),
+    })
+}
+
+/// A chunk as the table has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Entry {
+    points: u64,
+    bytes: u64,
+}
+
+/// The entries of the table, read as they are asked for.
+struct Entries {
+    decoder: ArithmeticDecoder<Window>,
+    numbers: IntegerDecompressor,
+    left: u32,
+    size: Option<u32>,
+    /// The entry before: number of points, bytes.
+    before: [i32; 2],
+}
+
+impl Entries {
+    /// Starts at the table at byte `table`, eight bytes before the file's end at least.
+    fn open(file: &Arc<Mapped>, table: u64, size: Option<u32>) -> IoResult<Entries> {
+        let mut head = [0; 8];
+        let mut window = Window::new(file, table..file.len());
+        window.read_exact(&mut head)?;
+        let left = LE::read_u32(&head[4..]);
+        let mut decoder = ArithmeticDecoder::new(window);
+        if left > 0 {
+            let mut first = [0; 4];
+            Window::new(file, table + 8..file.len()).read_exact(&mut first)?;
+            if first == [0xff; 4] {
+                return Err(ErrorKind::InvalidData.into());
+            }
+            decoder.read_init_bytes()?;
+        }
+        let numbers = IntegerDecompressorBuilder::new().bits(32).contexts(2).build_initialized();
+        Ok(Entries { decoder, numbers, left, size, before: [0; 2] })
+    }
+
+    fn next(&mut self) -> IoResult<Option<Entry>> {
+        if self.left == 0 {
+            return Ok(None);
+        }
+        self.left -= 1;
+        let mut number = |context: usize| {
+            let number = self.numbers.decompress(&mut self.decoder, self.before[context], context as u32)?;
+            self.before[context] = number;
+            u64::try_from(number).map_err(|_| std::io::Error::from(ErrorKind::InvalidData))
+        };
+        let points = match self.size {
+            Some(size) => u64::from(size),
+            None => number(0)?,
+        };
+        Ok(Some(Entry { points, bytes: number(1)? }))
+    }
+}
+
+/// A chunk that is decoded, for messages: its number, where it begins, and the number of its points.
+#[derive(Debug, Clone, Copy)]
+struct Chunk {
+    number: u64,
+    at: u64,
+    points: u64,
+}
+
+/// One pass over a LAZ file.
+pub struct Cutter {
+    file: Arc<Mapped>,
+    packed: Arc<Packed>,
+    decoding: Arc<Decoding>,
+    wanted: DecompressionSelection,
+    entries: Option<Entries>,
+    /// The number of the next chunk, where it begins, and how many points are left from there on.
+    number: u64,
+    at: u64,
+    left: u64,
+    state: State,
+}
+
+enum State {
+    /// The next chunk is to be looked at.
+    Between,
+    /// Of a chunk of so many bytes, so many points are given out to jobs.
+    Parted { chunk: Chunk, bytes: u64, given: u64 },
+    /// A chunk is decompressed here.
+    Running(Running),
+}
+
+impl Cutter {
+    /// Starts at the first chunk; `count` points are to be read.
+    pub fn new(
+        file: Arc<Mapped>,
+        packed: Arc<Packed>,
+        count: u64,
+        decoding: Arc<Decoding>,
+        wanted: DecompressionSelection,
+    ) -> Result<Cutter> {
+        let (at, entries) = match packed.chunks {
+            Chunks::One { first } | Chunks::Unlisted { first, .. } => (first, None),
+            Chunks::Listed { first, table, size } => {
+                let entries =
+                    Entries::open(&file, table, size).map_err(Error::io(&packed.path, "read the chunks of"))?;
+                (first, Some(entries))
+            }
+        };
+        Ok(Cutter { file, packed, decoding, wanted, entries, number: 0, at, left: count, state: State::Between })
+    }
+
+    /// Looks at the next chunk.
+    fn look(&mut self) -> Result<State> {
+        let listed = match &mut self.entries {
+            None => None,
+            Some(entries) => {
+                let changed =
+                    || Error::malformed(&self.packed.path, "table of chunks", "as in the first look", "another");
+                Some(entries.next().ok().flatten().ok_or_else(changed)?)
+            }
+        };
+        let chunk = |points: u64| Chunk { number: self.number, at: self.at, points: points.min(self.left) };
+        let (chunk, end) = match (self.packed.chunks, listed) {
+            (_, Some(Entry { points, bytes })) => (chunk(points), self.at + bytes),
+            (Chunks::Unlisted { size: Some(size), .. }, _) => (chunk(u64::from(size)), self.file.len()),
+            (Chunks::Unlisted { size: None, .. }, _) => {
+                let stated = self.at + self.packed.record as u64;
+                if self.file.len().saturating_sub(stated) < 4 {
+                    return Err(self.packed.broken(chunk(self.left), "the file's end"));
+                }
+                let points = LE::read_u32(&self.file.read(stated..stated + 4)?);
+                if points == 0 {
+                    return Err(self.packed.broken(chunk(self.left), "an empty chunk"));
+                }
+                (chunk(u64::from(points)), self.file.len())
+            }
+            _ => (chunk(self.left), self.file.len()),
+        };
+        self.number += 1;
+        self.left -= chunk.points;
+        let bytes = end - self.at;
+        if listed.is_some() && chunk.points == 0 {
+            self.at = end;
+            return Ok(State::Between);
+        }
+        if listed.is_some() && bytes <= MAX_CHUNK && chunk.points <= MAX_PARTS * BLOCK_RECORDS as u64 {
+            self.at = end;
+            return Ok(State::Parted { chunk, bytes, given: 0 });
+        }
+        let Cutter { file, packed, .. } = self;
+        let word = |from: u64| {
+            let (from, to) = (chunk.at + from, chunk.at + from + 4);
+            if to > end { Ok(None) } else { file.read(from..to).map(|word| Some(LE::read_u32(&word))) }
+        };
+        packed.check(bytes, word)?.map_err(|found| packed.broken(chunk, found))?;
+        let window = Window::new(file, chunk.at..end);
+        Running::start(packed, window, self.wanted, chunk, listed.map(|_| end)).map(State::Running)
+    }
+}
+
+impl BlockCutter for Cutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+        loop {
+            match &mut self.state {
+                State::Between if self.left == 0 => return Ok(None),
+                State::Between => self.state = self.look()?,
+                State::Parted { chunk, given, .. } if *given == chunk.points => self.state = State::Between,
+                State::Parted { chunk, bytes, given } => {
+                    let (skip, take) = (*given, (chunk.points - *given).min(BLOCK_RECORDS as u64));
+                    *given += take;
+                    let bytes = self.file.bytes(chunk.at..chunk.at + *bytes)?;
+                    let (packed, decoding) = (Arc::clone(&self.packed), Arc::clone(&self.decoding));
+                    return Ok(Some(Box::new(Part {
+                        bytes,
+                        packed,
+                        decoding,
+                        wanted: self.wanted,
+                        chunk: *chunk,
+                        skip,
+                        take,
+                    })));
+                }
+                State::Running(running) if running.done == running.chunk.points => {
+                    self.at = running.end();
+                    self.state = State::Between;
+                }
+                State::Running(running) => {
+                    let records = running.next(&self.packed)?;
+                    return Ok(Some(Box::new(Records { records, decoding: Arc::clone(&self.decoding) })));
+                }
+            }
+        }
+    }
+}
+
+/// A chunk that is decompressed as its records are asked for.
+struct Running {
+    decompressor: Box<dyn RecordDecompressor<Window> + Send>,
+    chunk: Chunk,
+    done: u64,
+    /// Where the chunk ends, if that is known beforehand.
+    end: Option<u64>,
+}
+
+impl Running {
+    fn start(
+        packed: &Packed,
+        window: Window,
+        wanted: DecompressionSelection,
+        chunk: Chunk,
+        end: Option<u64>,
+    ) -> Result<Running> {
+        let mut decompressor: Box<dyn RecordDecompressor<Window> + Send> = match packed.layers {
+            None => Box::new(SequentialPointRecordDecompressor::new(window)),
+            Some(_) => Box::new(LayeredPointRecordDecompressor::new(window)),
+        };
+        decompressor.set_fields_from(&packed.items).map_err(|e| packed.broken(chunk, e))?;
+        decompressor.set_selection(wanted);
+        Ok(Running { decompressor, chunk, done: 0, end })
+    }
+
+    /// The next records, at least one.
+    fn next(&mut self, packed: &Packed) -> Result<Vec<u8>> {
+        let records = records_of_a_block(packed.record).min(self.chunk.points - self.done);
+        let mut bytes = vec![0; records as usize * packed.record];
+        for record in bytes.chunks_exact_mut(packed.record) {
+            let decompressed = self.decompressor.decompress_next(record);
+            decompressed.map_err(|error| stopped(&packed.path, self.chunk, (self.done, error)))?;
+            self.done += 1;
+        }
+        Ok(bytes)
+    }
+
+    /// Where the next chunk begins, when all points of this one are decompressed.
+    fn end(&self) -> u64 {
+        self.end.unwrap_or_else(|| self.decompressor.get().position())
+    }
+}
+
+/// Records that are decompressed already.
+struct Records {
+    records: Vec<u8>,
+    decoding: Arc<Decoding>,
+}
+
+impl Decode for Records {
+    fn decode(&self, batch: &mut Batch) -> Result<()> {
+        self.decoding.decode(&self.records, batch);
+        Ok(())
+    }
+}
+
+/// A chunk, or a part of one.
+struct Part {
+    bytes: Bytes,
+    packed: Arc<Packed>,
+    decoding: Arc<Decoding>,
+    wanted: DecompressionSelection,
+    chunk: Chunk,
+    skip: u64,
+    take: u64,
+}
+
+impl Decode for Part {
+    fn decode(&self, batch: &mut Batch) -> Result<()> {
+        let bytes = &*self.bytes;
+        let word = |at: u64| Ok(bytes.get(at as usize..at as usize + 4).map(LE::read_u32));
+        self.packed.check(bytes.len() as u64, word)?.map_err(|found| self.packed.broken(self.chunk, found))?;
+        let sink = |records: &[u8]| self.decoding.decode(records, batch);
+        self.packed
+            .decompress(bytes, self.wanted, self.skip, self.take, sink)
+            .map_err(|stop| stopped(&self.packed.path, self.chunk, stop))
+    }
+}

@@ -1,0 +1,166 @@
+//! LAS 1.0 to 1.4 and LAZ, all point formats; a COPC file is a LAZ file.
+//!
+//! ```text
+//!  LAS  | header | VLRs | record record record …                                  | EVLRs |
+//!  LAZ  | header | VLRs | table's place | chunk | chunk | … | table of the chunks | EVLRs |
+//! ```
+//!
+//! A coordinate is the stored integer times the scale plus the offset, in `f64` and rounded twice, as other programs do it; so the nearest integer to
+//! (coordinate − offset) / scale is the stored one.
+//! Attributes keep the types that the file has: 16-bit colours stay 16-bit, and a scan angle is in degrees (`i8`) in point formats up to 5, in steps of 0.006
+//! degrees (`i16`) from 6 on. Extra bytes go by their names, as `f64` where they have a scale or offset.
+
+mod extra;
+mod fields;
+mod header;
+mod laz;
+#[cfg(test)]
+mod tests;
+mod window;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use self::fields::{Decoding, Field};
+use self::header::Header;
+use super::mapped::{Bytes, Mapped};
+use super::records::{Transform, same_length};
+use super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat, Source};
+use crate::attribute::{Attribute, Schema};
+use crate::error::{Error, Result};
+use crate::points::{Batch, Precision};
+
+/// Whether a file that begins with these bytes is a LAS or LAZ file.
+pub fn is_las(head: &[u8]) -> bool {
+    head.starts_with(b"LASF")
+}
+
+/// Opens the LAS or LAZ file.
+///
+/// # Errors
+/// [`Error::Malformed`] if its header is not as it should be, or it holds fewer points than it says.
+pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
+    let file = Mapped::open(path)?;
+    let header = Header::read(&file)?;
+    let Header { minor, point_format, record, count, transform, .. } = header;
+    let packing = if header.compressed {
+        Packing::Laz(laz::Packed::open(&file, &header)?)
+    } else {
+        let whole = (file.len() - header.start) / record as u64;
+        if whole < count {
+            let expected = format_args!("{count} points of {record} bytes from byte {} on", header.start).to_string();
+            return Err(Error::malformed(
+                path,
+                "length",
+                expected,
+                format_args!("{whole} points, then the file's end"),
+            ));
+        }
+        Packing::Plain
+    };
+    let (format, packed) = match &packing {
+        Packing::Plain => ("LAS", String::new()),
+        Packing::Laz(packed) => ("LAZ", packed.to_string()),
+    };
+    let [x, y, z] = transform.scale;
+    let scale = if x == y && y == z { x.to_string() } else { format!("{x}, {y}, {z}") };
+    let source = Source {
+        path: path.to_path_buf(),
+        format,
+        description: format!("{format} 1.{minor}, point format {point_format}, in steps of {scale}{packed}"),
+        records: Some(count),
+        bytes: file.len(),
+        crs: header.crs,
+    };
+    let attributes = header.fields.iter().map(|field| field.attribute.clone()).collect();
+    let (path, len, start, fields) = (path.to_path_buf(), file.len(), header.start, header.fields);
+    Ok((source, Arc::new(LasFile { path, len, start, count, record, transform, fields, attributes, packing })))
+}
+
+/// A LAS or LAZ file.
+#[derive(Debug)]
+struct LasFile {
+    path: PathBuf,
+    /// The length the file had when it was looked at.
+    len: u64,
+    /// Where the points begin.
+    start: u64,
+    /// Number of points.
+    count: u64,
+    /// Bytes of a point's record.
+    record: usize,
+    transform: Transform,
+    fields: Vec<Field>,
+    attributes: Vec<Attribute>,
+    packing: Packing,
+}
+
+/// How the points lie in the file.
+#[derive(Debug)]
+enum Packing {
+    /// Record by record.
+    Plain,
+    /// Compressed.
+    Laz(Arc<laz::Packed>),
+}
+
+impl PointFormat for LasFile {
+    fn precision(&self) -> Precision {
+        Precision::Double
+    }
+
+    fn attributes(&self) -> &[Attribute] {
+        &self.attributes
+    }
+
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+        let file = Mapped::open(&self.path)?;
+        same_length(&file, self.len)?;
+        let decoding = Arc::new(Decoding::new(self.record, self.transform, &self.fields, schema));
+        Ok(match &self.packing {
+            Packing::Plain => Box::new(Cutter { file, at: self.start, left: self.count, decoding }),
+            Packing::Laz(packed) => {
+                let wanted = laz::selection(&self.fields, schema);
+                Box::new(laz::Cutter::new(file, Arc::clone(packed), self.count, decoding, wanted)?)
+            }
+        })
+    }
+}
+
+/// The most records of so many bytes in a block.
+fn records_of_a_block(record: usize) -> u64 {
+    (BLOCK_BYTES / record).clamp(1, BLOCK_RECORDS) as u64
+}
+
+struct Cutter {
+    file: Arc<Mapped>,
+    at: u64,
+    left: u64,
+    decoding: Arc<Decoding>,
+}
+
+impl BlockCutter for Cutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+        if self.left == 0 {
+            return Ok(None);
+        }
+        let records = self.left.min(records_of_a_block(self.decoding.record()));
+        let end = self.at + records * self.decoding.record() as u64;
+        let bytes = self.file.bytes(self.at..end)?;
+        self.at = end;
+        self.left -= records;
+        Ok(Some(Box::new(Block { bytes, decoding: Arc::clone(&self.decoding) })))
+    }
+}
+
+struct Block {
+    bytes: Bytes,
+    decoding: Arc<Decoding>,
+}
+
+impl Decode for Block {
+    fn decode(&self, batch: &mut Batch) -> Result<()> {
+        self.decoding.decode(&self.bytes, batch);
+        Ok(())
+    }
+}
