@@ -20,6 +20,7 @@ use std::time::Duration;
 
 use asra_stream::input::InputOptions;
 use asra_stream::machine;
+use asra_stream::output::Positions;
 use asra_stream::pipeline::Settings;
 use asra_stream::progress::{Progress, Show};
 use asra_stream::report::Report;
@@ -53,6 +54,7 @@ impl Bench<'_> {
             settings: Settings::default(),
             output: Some(self.dir.join("knot.ply")),
             overwrite: Overwrite::Replace,
+            positions: Positions::Shifted,
             means: Means {
                 max_memory: Some(self.budget()),
                 threads: Some(self.threads),

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions};
 use crate::machine;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
-use crate::output::Target;
+use crate::output::{Positions, Target};
 use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
 use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress};
@@ -30,6 +30,8 @@ pub struct Job {
     pub output: Option<PathBuf>,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
+    /// Which coordinates the mesh file has.
+    pub positions: Positions,
     /// What the run may use.
     pub means: Means,
     /// Whether the mesh is checked before it gets its name.
@@ -45,6 +47,7 @@ impl Job {
             settings: Settings::default(),
             output: None,
             overwrite: Overwrite::Refuse,
+            positions: Positions::default(),
             means: Means::default(),
             check: Check::Always,
         }
@@ -181,7 +184,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let output = job.output.clone().unwrap_or_else(|| default_output(&job.inputs, &cloud));
     refuse_input_as_output(&cloud, &output)?;
     // What can fail for want of room or rights fails now, not after the work.
-    let target = Target::prepare(&output, job.overwrite)?;
+    let target = Target::prepare(&output, job.overwrite, job.positions)?;
     let workspace = job.means.workspace(&output)?;
 
     describe(&cloud, progress);
@@ -205,7 +208,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let elements = made.mesh.vertex_count() + made.mesh.face_count();
     progress.begin(Phase::Write, Some(elements));
-    let header = header(&surveyed, job, &made);
+    let header = header(&cloud, &surveyed, job, &made);
     let written = target.write(&made.mesh, &header, workers, &mut |done| progress.set(done))?;
     progress.end();
 
@@ -247,11 +250,12 @@ pub fn input_reports(cloud: &Cloud) -> Vec<InputReport> {
 }
 
 /// What the mesh file says of its making: nothing that depends on means, so that the same points give the same bytes.
-fn header(surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction) -> MeshHeader {
+fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction) -> MeshHeader {
     let grid = &surveyed.grid;
     let surface = job.settings.surface;
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
     MeshHeader {
+        crs: cloud.crs().cloned(),
         origin: made.origin,
         comments: vec![
             format!("asra-stream {}", env!("CARGO_PKG_VERSION")),

@@ -10,6 +10,7 @@ use crate::closing::Sealing;
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
 use crate::input::{Filter, InputOptions, Layout, Returns, Withheld};
+use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
 use crate::run::{Check, Job, Means};
 use crate::scalar::Endian;
@@ -62,6 +63,9 @@ pub struct ReconstructArguments {
     /// Replace the output if it exists
     #[arg(long)]
     pub overwrite: bool,
+    /// Write the input's own coordinates in double precision, without an origin: PLY only
+    #[arg(long)]
+    pub ply_double: bool,
     /// Do not check the mesh at the end
     #[arg(long)]
     pub no_check: bool,
@@ -380,7 +384,8 @@ impl ReconstructArguments {
     pub fn job(&self) -> Job {
         let check = if self.no_check { Check::Never } else { Check::Always };
         let output = self.output.clone();
-        Job { output, overwrite: overwrite(self.overwrite), check, ..job(&self.cloud, self.means.means()) }
+        let positions = if self.ply_double { Positions::Absolute } else { Positions::Shifted };
+        Job { output, overwrite: overwrite(self.overwrite), positions, check, ..job(&self.cloud, self.means.means()) }
     }
 }
 

@@ -9,6 +9,7 @@ mod queue;
 pub mod read;
 pub mod spool;
 
+use crate::crs::Crs;
 use crate::error::{Error, Result};
 
 /// A triangle mesh that can be read piece by piece, in any order, from several threads.
@@ -36,6 +37,8 @@ pub struct MeshHeader {
     pub origin: [f64; 3],
     /// Lines about the mesh's making, for formats that have comments.
     pub comments: Vec<String>,
+    /// The input's coordinate reference system, if it tells it.
+    pub crs: Option<Crs>,
 }
 
 /// Refuses more vertices than 32 bits can number.

@@ -198,6 +198,10 @@ fn scene(header: &MeshHeader, vertices: u64, faces: u64, [low, high]: [[f32; 3];
         );
         at += length;
     }
+    let mut node = json!({ "mesh": 0, "translation": header.origin });
+    if let Some(crs) = &header.crs {
+        node["extras"] = json!({ "crs": crs.to_string(), "wkt": crs.wkt, "epsg": crs.epsg });
+    }
     let (indices, length, target) = (accessors.len(), ELEMENT * faces, ELEMENT_ARRAY_BUFFER);
     accessors.push(json!({ "bufferView": buffer_views.len(), "componentType": UNSIGNED_INT, "count": 3 * faces, "type": "SCALAR" }));
     buffer_views.push(json!({ "buffer": 0, "byteOffset": at, "byteLength": length, "target": target }));
@@ -205,7 +209,7 @@ fn scene(header: &MeshHeader, vertices: u64, faces: u64, [low, high]: [[f32; 3];
         "asset": asset,
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "mesh": 0, "translation": header.origin }],
+        "nodes": [node],
         "meshes": [{ "primitives": [{ "attributes": attributes, "indices": indices, "mode": TRIANGLES }] }],
         "accessors": accessors,
         "bufferViews": buffer_views,

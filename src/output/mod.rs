@@ -16,6 +16,7 @@ mod attributes;
 mod glb;
 mod obj;
 mod ply;
+mod sidecar;
 mod stl;
 #[cfg(test)]
 mod tests;
@@ -64,6 +65,16 @@ impl Format {
     }
 }
 
+/// Which coordinates vertices are written with, where the format has a choice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Positions {
+    /// The mesh's own, in the input's precision, less the origin.
+    #[default]
+    Shifted,
+    /// The input's, in double precision: PLY only.
+    Absolute,
+}
+
 /// What was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct Written {
@@ -76,15 +87,28 @@ pub struct Written {
 pub struct Target {
     format: Format,
     file: WholeFile,
+    overwrite: Overwrite,
+    positions: Positions,
 }
 
 impl Target {
     /// Creates the temporary file beside `path`.
     ///
     /// # Errors
-    /// [`Error::Usage`] for an unknown extension, and those of [`WholeFile::create`].
-    pub fn prepare(path: &Path, overwrite: Overwrite) -> Result<Target> {
-        Ok(Target { format: Format::from_path(path)?, file: WholeFile::create(path, overwrite)? })
+    /// [`Error::Usage`] for an unknown extension, and absolute positions in other formats than PLY; those of [`WholeFile::create`], also for
+    /// the side-cars that the format may need.
+    pub fn prepare(path: &Path, overwrite: Overwrite, positions: Positions) -> Result<Target> {
+        let format = Format::from_path(path)?;
+        if positions == Positions::Absolute && format != Format::Ply {
+            return Err(Error::Usage(format!("--ply-double: {} is no PLY file", path.display())));
+        }
+        if sidecar::needed(format)
+            && overwrite == Overwrite::Refuse
+            && let Some(there) = sidecar::paths(path).into_iter().find(|path| path.exists())
+        {
+            return Err(Error::OutputExists(there));
+        }
+        Ok(Target { format, file: WholeFile::create(path, overwrite)?, overwrite, positions })
     }
 
     /// Writes the mesh and gives the file its name. `progress` is told the number of vertices and triangles
@@ -101,7 +125,8 @@ impl Target {
         progress: &mut dyn FnMut(u64),
     ) -> Result<Written> {
         let out = BufWriter::with_capacity(1 << 16, self.file.file());
-        let mut job = Job { mesh, header, workers, out, path: self.file.path(), bytes: 0, elements: 0, progress };
+        let (path, positions) = (self.file.path(), self.positions);
+        let mut job = Job { mesh, header, workers, out, path, positions, bytes: 0, elements: 0, progress };
         match self.format {
             Format::Ply => ply::write(&mut job),
             Format::Stl => stl::write(&mut job),
@@ -111,7 +136,12 @@ impl Target {
         job.out.flush().map_err(Error::io(job.path, "write the mesh"))?;
         let written = Written { bytes: job.bytes };
         drop(job);
+        let beside = match sidecar::needed(self.format) {
+            true => sidecar::write(path, header, self.overwrite)?,
+            false => Vec::new(),
+        };
         self.file.finish()?;
+        beside.into_iter().try_for_each(WholeFile::finish)?;
         Ok(written)
     }
 }
@@ -128,7 +158,7 @@ pub fn write(
     workers: &Workers,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Written> {
-    Target::prepare(path, overwrite)?.write(mesh, header, workers, progress)
+    Target::prepare(path, overwrite, Positions::Shifted)?.write(mesh, header, workers, progress)
 }
 
 /// One file under way: what the formats share.
@@ -138,6 +168,7 @@ struct Job<'a> {
     workers: &'a Workers,
     out: BufWriter<&'a File>,
     path: &'a Path,
+    positions: Positions,
     bytes: u64,
     elements: u64,
     progress: &'a mut dyn FnMut(u64),
@@ -177,11 +208,16 @@ impl Job<'_> {
         })
     }
 
-    /// The header's comments, each as one line without control characters; with the origin, if there is one, as the last.
+    /// The header's comments, each as one line without control characters; with the reference system and the origin, if
+    /// there are any, as the last.
     fn comments(&self) -> Vec<String> {
-        let mut lines: Vec<String> =
-            self.header.comments.iter().map(|line| line.replace(|c: char| c.is_control(), " ")).collect();
-        if self.header.origin != [0.0; 3] {
+        let line = |text: &str| text.replace(|c: char| c.is_control(), " ");
+        let mut lines: Vec<String> = self.header.comments.iter().map(|comment| line(comment)).collect();
+        if let Some(crs) = &self.header.crs {
+            lines.push(line(&format!("crs {crs}")));
+            lines.extend(crs.wkt.as_ref().map(|wkt| line(&format!("wkt {wkt}"))));
+        }
+        if self.header.origin != [0.0; 3] && self.positions == Positions::Shifted {
             let [x, y, z] = self.header.origin;
             lines.push(format!("origin {x} {y} {z}"));
         }

@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::Job;
 use super::attributes::{BLOCK, Property, properties, records};
+use super::{Job, Positions};
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
@@ -23,9 +23,10 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
         let limit = i32::MAX as u64;
         return Err(Error::TooManyElements { count: vertices, what: "vertices", limit, carrier: "a PLY file" });
     }
+    let absolute = (job.positions == Positions::Absolute).then_some(job.header.origin);
     let scalar = match job.mesh.precision() {
-        Precision::Single => "float",
-        Precision::Double => "double",
+        Precision::Single if absolute.is_none() => "float",
+        _ => "double",
     };
     let mut header = format!("ply\nformat {FORMAT} 1.0\n");
     for comment in job.comments() {
@@ -41,10 +42,10 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
         .expect("memory takes all");
     job.put(header.as_bytes())?;
     let mesh = job.mesh;
-    if properties.is_empty() {
+    if properties.is_empty() && absolute.is_none() {
         copy(job, mesh.vertex_bytes(), 3 * mesh.precision().bytes())?;
     } else {
-        job.put_blocks(vertices, BLOCK, |first, len| with_attributes(mesh, &properties, first, len))?;
+        job.put_blocks(vertices, BLOCK, |first, len| made(mesh, &properties, absolute, first, len))?;
     }
     copy(job, mesh.face_bytes(), size_of::<FaceRecord>())
 }
@@ -63,15 +64,33 @@ fn kind(scalar: Scalar) -> &'static str {
     }
 }
 
-/// The bytes of vertices with their attributes.
-fn with_attributes(mesh: &MeshSpool, properties: &[Property], first: u64, len: usize) -> Result<Vec<u8>> {
-    let stride = 3 * mesh.precision().bytes();
-    let mut positions = vec![0; len * stride];
-    mesh.vertex_bytes().read_at(first * stride as u64, &mut positions)?;
+/// The bytes of vertices with their attributes; in double precision, with the origin added, if that is given.
+fn made(
+    mesh: &MeshSpool,
+    properties: &[Property],
+    origin: Option<[f64; 3]>,
+    first: u64,
+    len: usize,
+) -> Result<Vec<u8>> {
+    let (positions, stride) = match origin {
+        None => {
+            let stride = 3 * mesh.precision().bytes();
+            let mut positions = vec![0; len * stride];
+            mesh.vertex_bytes().read_at(first * stride as u64, &mut positions)?;
+            (positions, stride)
+        }
+        Some(origin) => {
+            let mut positions = vec![[0.0; 3]; len];
+            mesh.read_vertices(first, &mut positions)?;
+            let moved = positions.iter().flat_map(|p| [0, 1, 2].map(|a| (p[a] + origin[a]).to_ne_bytes()));
+            (moved.flatten().collect(), size_of::<[f64; 3]>())
+        }
+    };
     let records = records(mesh, first, len)?;
     let mut out = Vec::with_capacity(positions.len() + records.len());
-    for (position, record) in positions.chunks_exact(stride).zip(records.chunks_exact(mesh.schema().stride())) {
+    for (number, position) in positions.chunks_exact(stride).enumerate() {
         out.extend_from_slice(position);
+        let record = &records[number * mesh.schema().stride()..];
         for property in properties {
             let wide = matches!(property.scalar, Scalar::I64 | Scalar::U64);
             let scalar = if wide { Scalar::F64 } else { property.scalar };

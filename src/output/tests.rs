@@ -34,7 +34,7 @@ fn elements(mesh: &dyn MeshSource) -> Elements {
 }
 
 fn write_to(path: &Path, mesh: &MeshSpool, threads: usize) -> Written {
-    let header = MeshHeader { origin: [500_000.25, -0.1, 0.0], comments: vec!["two\nlines".into()] };
+    let header = MeshHeader { origin: [500_000.25, -0.1, 0.0], comments: vec!["two\nlines".into()], crs: None };
     let mut told = 0;
     let workers = Workers::new(threads).unwrap();
     let written = write(mesh, &header, path, Overwrite::Replace, &workers, &mut |done| told = done).unwrap();
@@ -115,10 +115,13 @@ fn an_empty_mesh_is_a_file_too() {
 
 #[test]
 fn what_cannot_be_written_is_refused_at_once() {
-    let missing = Target::prepare(Path::new("/nonexistent/m.ply"), Overwrite::Refuse).unwrap_err();
+    let missing = Target::prepare(Path::new("/nonexistent/m.ply"), Overwrite::Refuse, Positions::Shifted).unwrap_err();
     assert!(missing.to_string().starts_with("/nonexistent: cannot open the folder: No such file"), "{missing}");
     for name in ["mesh", "mesh.xyz", ".ply"] {
-        assert!(matches!(Target::prepare(Path::new(name), Overwrite::Refuse), Err(Error::Usage(_))), "{name}");
+        assert!(
+            matches!(Target::prepare(Path::new(name), Overwrite::Refuse, Positions::Shifted), Err(Error::Usage(_))),
+            "{name}"
+        );
     }
 }
 
@@ -130,9 +133,42 @@ fn an_interrupted_write_leaves_nothing() {
     let workers = Workers::new(1).unwrap();
     workers.cancel_flag().store(true, std::sync::atomic::Ordering::Relaxed);
     for name in ["m.ply", "m.stl", "m.obj", "m.glb"] {
-        let target = Target::prepare(&dir.path().join(name), Overwrite::Refuse).unwrap();
+        let target = Target::prepare(&dir.path().join(name), Overwrite::Refuse, Positions::Shifted).unwrap();
         let error = target.write(&mesh, &MeshHeader::default(), &workers, &mut |_| ()).unwrap_err();
         assert!(matches!(error, Error::Interrupted), "{error}");
     }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn where_a_mesh_lies_is_told_in_it_or_beside_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let mesh = spool(&strip(3), Precision::Double, &workspace);
+    let wkt = r#"PROJCS["UTM 32N",AUTHORITY["EPSG","25832"]]"#;
+    let header = MeshHeader { origin: [500_000.0, 5.4e6, 0.0], comments: vec![], crs: crate::crs::Crs::parse(wkt) };
+    let workers = Workers::new(1).unwrap();
+    let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    let text = |name: &str| String::from_utf8_lossy(&read(name)).into_owned();
+    let write = |name: &str, positions| {
+        let target = Target::prepare(&dir.path().join(name), Overwrite::Refuse, positions)?;
+        target.write(&mesh, &header, &workers, &mut |_| ())
+    };
+    for name in ["m.ply", "m.glb", "m.obj"] {
+        write(name, Positions::Shifted).unwrap();
+        assert!(text(name).contains("EPSG:25832"), "{name}");
+    }
+    assert!(text("m.ply").contains(&format!("comment wkt {wkt}\n")));
+    assert_eq!((text("m.prj"), text("m_offset.xyz")), (format!("{wkt}\n"), "500000 5400000 0\n".to_string()));
+    // The side-cars are outputs like the mesh.
+    assert!(matches!(write("m.stl", Positions::Shifted), Err(Error::OutputExists(path)) if path.ends_with("m.prj")));
+    assert!(!dir.path().join("m.stl").exists());
+
+    write("absolute.ply", Positions::Absolute).unwrap();
+    assert!(!text("absolute.ply").contains("origin"));
+    let absolute = elements(&*open(&dir.path().join("absolute.ply"), &workspace, 1 << 20).unwrap());
+    let (own, faces) = elements(&mesh);
+    let moved: Vec<[f64; 3]> = own.iter().map(|p| [0, 1, 2].map(|a| p[a] + header.origin[a])).collect();
+    assert_eq!(absolute, (moved, faces));
+    assert!(matches!(write("a.glb", Positions::Absolute), Err(Error::Usage(_))));
 }
