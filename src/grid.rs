@@ -22,7 +22,8 @@ pub enum Axis {
 }
 
 impl Axis {
-    const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+    /// All three.
+    pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
     /// 0, 1 or 2.
     pub fn index(self) -> usize {
@@ -186,6 +187,23 @@ impl Grid {
             cells[1] = slices;
         }
         Ok(Grid { axis, bounds: *bounds, w, inverse, cells })
+    }
+
+    /// The same grid with so many cells more below and above its box, along its own axes; the box grows with it.
+    ///
+    /// # Errors
+    /// [`Error::Raster`] if an axis would get more than [`CELLS_LIMIT`] cells.
+    pub fn with_margin(mut self, below: Cell, above: Cell) -> Result<Grid> {
+        for (g, &a) in self.axis.file_axes().iter().enumerate() {
+            let cells = f64::from(self.cells[g]) + f64::from(below[g]) + f64::from(above[g]);
+            if cells > f64::from(CELLS_LIMIT) {
+                return Err(raster_error(cells, Axis::ALL[a]));
+            }
+            self.bounds.min[a] -= self.w * f64::from(below[g]);
+            self.bounds.max[a] += self.w * f64::from(above[g]);
+            self.cells[g] = cells as u32;
+        }
+        Ok(self)
     }
 
     /// The slicing axis.

@@ -195,7 +195,8 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
         let budget = made.memory.working;
         let report = check(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done))?;
-        if !report.is_closed_oriented_manifold() {
+        let open = job.settings.open.is_some_and(|open| open.base.is_none());
+        if !report.is_sound(open) {
             return Err(Error::CheckFailed(report.to_string()));
         }
         checked = Some(report);

@@ -185,7 +185,9 @@ impl<'a> Seam<'a> {
         }
         let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| self.triangle(t).map(|v| local[&v])).collect();
         let mut fans = Fans::new(&triangles, vertices.len(), vertices.len());
-        let groups = Groups { group: &group, distance: &distance };
+        let is_trimmed = !(self.lower.kept.is_empty() && self.upper.kept.is_empty());
+        let kept: Vec<bool> = patch.iter().filter(|_| is_trimmed).map(|&t| self.is_kept(t)).collect();
+        let groups = Groups { group: &group, distance: &distance, kept: &kept };
         let mut out = Vec::new();
         contract(&mut triangles, &mut fans, groups, |dead, survivor| {
             out.push((vertices[dead as usize], vertices[survivor as usize]));
@@ -303,6 +305,11 @@ impl Piece for Seam<'_> {
 
     fn is_settled(&self, v: u32) -> bool {
         v < self.settled || v >= BEFORE
+    }
+
+    fn is_kept(&self, t: u32) -> bool {
+        let first = self.upper_triangles();
+        if t < first { self.lower.is_kept(t) } else { self.upper.is_kept(t - first) }
     }
 
     fn fate(&self, v: u32) -> Fate {

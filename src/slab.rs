@@ -9,7 +9,7 @@ use crate::mesh::spool::Frame;
 use crate::partition::{halo, slices_of, smooth_halo};
 use crate::points::Coordinate;
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
-use crate::stage::extract::{Diagonals, Surface};
+use crate::stage::extract::{Diagonals, Kind, Surface, Triangles};
 use crate::stage::fate::{Fate, SHARES};
 use crate::stage::fit::{Fitted, Task, fit};
 use crate::stage::near::{BLOCK, Near, Places};
@@ -60,6 +60,8 @@ pub struct SlabMesh {
     pub fitted: Fitted,
     /// Of each vertex: what became of it.
     pub fate: Vec<Fate>,
+    /// Of each triangle, whether it is written in the end; empty if all are.
+    pub kept: Vec<bool>,
     /// Triangles, in order; where contraction took one away, two of its corners are the same.
     pub triangles: Vec<[u32; 3]>,
     /// The triangles at each of the slab's vertices and of the next slab's that it names.
@@ -104,7 +106,7 @@ impl SlabMesh {
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
 
         // The top plane of the last slab lies above its last slice and holds only faces perpendicular to y.
-        let mut triangles = surface.triangles(planes.clone(), &q, options.diagonals);
+        let Triangles { corners: mut triangles, kept } = surface.triangles(planes.clone(), &q, options.diagonals);
         for corner in triangles.as_flattened_mut() {
             *corner -= own.start;
         }
@@ -120,7 +122,7 @@ impl SlabMesh {
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
         let mut fate = vec![Fate::Stays; own.len()];
-        let fitted = match options.fit {
+        let mut fitted = match options.fit {
             Fit::None => Fitted::none(own.len()),
             Fit::Plane => {
                 let mut fitted = Fitted::none(own.len());
@@ -137,12 +139,22 @@ impl SlabMesh {
                 fit(sampled, &task, piece)?
             }
         };
+        if let Some(columns) = surface.columns() {
+            for v in 0..own.len() {
+                let (vertex, mut q) = (&surface.vertices[own.start as usize + v], q[own.start as usize + v]);
+                if let Some(height) = columns.bridge(vertex.corner).filter(|_| matches!(vertex.kind, Kind::Sheet(_))) {
+                    q[columns.up().axis] = height;
+                    fitted.put(v, grid.position(q));
+                    fate[v] = Fate::Bridged;
+                }
+            }
+        }
         drop(surface);
         let smoothed = to_world(q);
         let fans = Fans::new(&triangles, named as usize, own.len());
         let blocks = vec![Extent::EMPTY; triangles.len().div_ceil(BLOCK)];
         let (spots, tangled) = (Vec::new(), 0);
-        let mut mesh = SlabMesh { slices, smoothed, rest, fitted, fate, triangles, fans, seam, spots, blocks, tangled };
+        let mut mesh = SlabMesh { slices, smoothed, rest, fitted, fate, kept, triangles, fans, seam, spots, blocks, tangled };
         if options.fit == Fit::Nearest {
             mesh.contract_inside();
             mesh.choose_fitted();
@@ -158,7 +170,7 @@ impl SlabMesh {
         if self.slices.start > 0 {
             group[..self.seam as usize].fill(NONE);
         }
-        let groups = Groups { group: &group, distance: &self.fitted.distance };
+        let groups = Groups { group: &group, distance: &self.fitted.distance, kept: &self.kept };
         let fate = &mut self.fate;
         contract(&mut self.triangles, &mut self.fans, groups, |dead, _| fate[dead as usize] = Fate::Gone);
     }
@@ -197,7 +209,7 @@ impl SlabMesh {
     pub fn position(&self, v: u32) -> [f64; 3] {
         let (smoothed, target) = (self.smoothed[v as usize], self.fitted.target[v as usize]);
         match self.fate[v as usize] {
-            Fate::Fitted | Fate::Projected => target,
+            Fate::Fitted | Fate::Projected | Fate::Bridged => target,
             Fate::Pulled => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
             Fate::Stays | Fate::Gone => smoothed,
             Fate::Rest => self.rest_of(v),
@@ -210,6 +222,18 @@ impl SlabMesh {
 
     fn rest_of(&self, v: u32) -> [f64; 3] {
         *self.rest.get(v as usize).unwrap_or(&self.smoothed[v as usize])
+    }
+
+    /// Whether a triangle is written, if it is left.
+    #[inline]
+    pub fn is_kept(&self, t: u32) -> bool {
+        self.kept.get(t as usize).copied().unwrap_or(true)
+    }
+
+    /// The triangles that are written: left, and kept.
+    pub fn triangles_written(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        let triangles = (0u32..).zip(&self.triangles);
+        triangles.filter(|(t, triangle)| self.is_kept(*t) && !is_gone(**triangle)).map(|(_, triangle)| *triangle)
     }
 
     /// The triangles that are left.
@@ -285,6 +309,11 @@ impl Piece for Inside<'_> {
 
     fn is_settled(&self, _: u32) -> bool {
         false
+    }
+
+    #[inline]
+    fn is_kept(&self, t: u32) -> bool {
+        self.slab.is_kept(t)
     }
 
     fn fate(&self, v: u32) -> Fate {
