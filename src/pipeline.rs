@@ -13,7 +13,7 @@ use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::open::Open;
 use crate::partition::{halo, slab_count, slices_of};
-use crate::plan::{Load, MemoryPlan};
+use crate::plan::{ColumnLoad, Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
 use crate::rehearsal::rehearse;
@@ -165,7 +165,11 @@ pub fn survey_cloud(
         }
     };
     progress.end();
-    let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
+    let mut load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
+    if let Some(open) = &settings.open {
+        let of_slice = grid.cells()[open.up(&grid).across()];
+        load = load.with_columns(ColumnLoad { of_slice, bridge: open.bridge(&grid) });
+    }
     Ok(Surveyed { survey, grid, sampling, sketch, load })
 }
 

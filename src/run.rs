@@ -249,7 +249,7 @@ fn header(surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction
     let grid = &surveyed.grid;
     let surface = job.settings.surface;
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
-    MeshHeader {
+    let mut header = MeshHeader {
         origin: made.origin,
         comments: vec![
             format!("asra-stream {}", env!("CARGO_PKG_VERSION")),
@@ -263,5 +263,11 @@ fn header(surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction
                 words(&surface.fit)
             ),
         ],
+    };
+    if let Some(open) = &job.settings.open {
+        let base = open.base.map_or_else(String::new, |base| format!(" base {base}"));
+        let hole = 2 * open.bridge(grid);
+        header.comments.push(format!("surface {} facing {} max_hole {hole} cells{base}", words(&open.kind), open.facing));
     }
+    header
 }

@@ -179,8 +179,10 @@ pub fn solid(occupancy: &Occupancy, asked: Asked, context: &Context) -> Result<S
         jobs(job_slices(side)),
         |slices| {
             let window = i64::from(slices.start) - i64::from(side)..i64::from(slices.start + job_slices(side) + side);
-            let extents = extents.read(window, [NOTHING, 0])?;
-            Ok(Patch { width: columns as usize, side: side as usize, extents }.of(slices.len(), asked))
+            let extents = extents.read(window.clone(), [NOTHING, 0])?;
+            let first = window.start;
+            let patch = Patch { width: columns as usize, side: side as usize, first, end: i64::from(cells[1]), extents };
+            Ok(patch.of(slices.len(), asked))
         },
         |(heights, tops, flags, found)| {
             ground.heights.append(&heights)?;
@@ -268,6 +270,9 @@ fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<[u3
 struct Patch {
     width: usize,
     side: usize,
+    /// The first slice, and the first behind the grid's last.
+    first: i64,
+    end: i64,
     extents: Vec<[u32; 2]>,
 }
 
@@ -336,8 +341,14 @@ impl Patch {
         for l in (0..levels.len() - 1).rev() {
             let (finer, coarser) = levels.split_at_mut(l + 1);
             let (level, above) = (&mut finer[l], &coarser[0]);
-            for (i, value) in level.values.iter_mut().enumerate().filter(|(_, value)| value.is_nan()) {
-                *value = above.between(i % level.width, i / level.width);
+            for (row, values) in level.values.chunks_exact_mut(level.width).enumerate() {
+                let slice = self.first + ((row as i64) << (l + 1));
+                if !(0..self.end).contains(&slice) {
+                    continue;
+                }
+                for (x, value) in values.iter_mut().enumerate().filter(|(_, value)| value.is_nan()) {
+                    *value = above.between(x, row);
+                }
             }
         }
         levels
