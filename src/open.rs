@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use crate::closing::Sealing;
 use crate::error::{Error, Result};
-use crate::grid::{Axis, AxisChoice, Bounds, Cell, Grid, Resolution};
+use crate::grid::{Axis, AxisChoice, Bounds, Cell, Grid, Resolution, Turn};
 use crate::stage::dilate::Ball;
 use crate::stage::ground::{Up, margin};
 
@@ -18,34 +18,82 @@ pub enum Kind {
     Terrain,
 }
 
-/// A direction along an axis of the file's coordinates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Facing {
-    /// The axis.
-    pub axis: Axis,
-    /// Whether coordinates grow that way.
-    pub positive: bool,
+/// Where a surface was seen from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Facing {
+    /// From far along an axis of the file's coordinates.
+    Along {
+        /// The axis.
+        axis: Axis,
+        /// Whether coordinates grow towards there.
+        positive: bool,
+    },
+    /// From far in a direction.
+    Direction([f64; 3]),
+    /// From a place: what is looked at is taken to lie in the direction of the middle of the points' box.
+    Position([f64; 3]),
 }
 
 impl Facing {
     /// The third coordinate grows upwards.
-    pub const UP: Facing = Facing { axis: Axis::Z, positive: true };
+    pub const UP: Facing = Facing::Along { axis: Axis::Z, positive: true };
+
+    /// The axis of the grid's own coordinates that points there, and whether it does by growing.
+    pub fn axis(self) -> (Axis, bool) {
+        match self {
+            Facing::Along { axis, positive } => (axis, positive),
+            Facing::Direction(_) | Facing::Position(_) => (Axis::Z, true),
+        }
+    }
+
+    /// How the grid is turned, for points in `bounds`; none if it is not.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if that is no direction.
+    pub fn turn(self, bounds: &Bounds) -> Result<Option<Turn>> {
+        let direction = match self {
+            Facing::Along { .. } => return Ok(None),
+            Facing::Direction(direction) => direction,
+            Facing::Position(place) => std::array::from_fn(|a| place[a] - bounds.min[a].midpoint(bounds.max[a])),
+        };
+        let turn = Turn::up(direction)
+            .ok_or_else(|| Error::Usage(format!("--facing {self}: is no direction from the points")))?;
+        Ok(Some(turn))
+    }
 }
 
 impl FromStr for Facing {
     type Err = String;
 
-    /// `+z`, `-x` and so on.
+    /// `+z`, `-x` and so on; `0.3,0,1`, a direction; `@2,0.5,1`, a place.
     fn from_str(text: &str) -> std::result::Result<Facing, String> {
-        let known = Axis::ALL.into_iter().flat_map(|axis| [true, false].map(|positive| Facing { axis, positive }));
-        let mut known = known.filter(|facing| facing.to_string() == text);
-        known.next().ok_or_else(|| format!("expected +x, -x, +y, -y, +z or -z, found {text:?}"))
+        let known =
+            Axis::ALL.into_iter().flat_map(|axis| [true, false].map(|positive| Facing::Along { axis, positive }));
+        if let Some(facing) = known.into_iter().find(|facing| facing.to_string() == text) {
+            return Ok(facing);
+        }
+        let wrong = || {
+            format!(
+                "expected +x, -x, +y, -y, +z or -z, a direction such as 0.3,0,1, or a position such as @2,0.5,1, found {text:?}"
+            )
+        };
+        let (place, numbers) = text.strip_prefix('@').map_or((false, text), |numbers| (true, numbers));
+        let numbers: Vec<f64> = numbers
+            .split(',')
+            .map(|word| word.trim().parse().ok().filter(|c: &f64| c.is_finite()).ok_or_else(wrong))
+            .collect::<std::result::Result<_, String>>()?;
+        let numbers: [f64; 3] = numbers.try_into().map_err(|_| wrong())?;
+        Ok(if place { Facing::Position(numbers) } else { Facing::Direction(numbers) })
     }
 }
 
 impl std::fmt::Display for Facing {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}{}", if self.positive { '+' } else { '-' }, self.axis.letter())
+        match self {
+            Facing::Along { axis, positive } => write!(f, "{}{}", if *positive { '+' } else { '-' }, axis.letter()),
+            Facing::Direction([x, y, z]) => write!(f, "{x},{y},{z}"),
+            Facing::Position([x, y, z]) => write!(f, "@{x},{y},{z}"),
+        }
     }
 }
 
@@ -112,7 +160,7 @@ impl Open {
     /// Terrain with the usual widest hole.
     pub const TERRAIN: Open = Open { kind: Kind::Terrain, facing: Facing::UP, max_hole: Hole::DEFAULT, base: None };
 
-    /// The grid for `points` points in `bounds`, with room round them.
+    /// The grid for `points` points in `bounds`, a box of the grid's own coordinates, with room round them.
     ///
     /// # Errors
     /// Those of [`Grid::new`]; [`Error::Usage`] if slices would lie across what is seen, or if points lie below the base.
@@ -124,7 +172,7 @@ impl Open {
         choice: AxisChoice,
         smooth: u32,
     ) -> Result<Grid> {
-        let Facing { axis: up, positive } = self.facing;
+        let (up, positive) = self.facing.axis();
         let axis = match choice {
             AxisChoice::Fixed(axis) if axis == up => {
                 return Err(Error::Usage(format!(
@@ -165,8 +213,8 @@ impl Open {
     /// The direction it was seen from, on a grid.
     pub fn up(&self, grid: &Grid) -> Up {
         let axes = grid.axis().file_axes();
-        let axis = if axes[0] == self.facing.axis.index() { 0 } else { 2 };
-        Up { axis, positive: self.facing.positive }
+        let (up, positive) = self.facing.axis();
+        Up { axis: if axes[0] == up.index() { 0 } else { 2 }, positive }
     }
 
     /// The radius of the disc that bridges holes, in cells.
@@ -192,10 +240,12 @@ mod tests {
     #[test]
     fn directions_and_holes_as_typed() {
         assert_eq!("+z".parse(), Ok(Facing::UP));
-        assert_eq!("-x".parse(), Ok(Facing { axis: Axis::X, positive: false }));
+        assert_eq!("-x".parse(), Ok(Facing::Along { axis: Axis::X, positive: false }));
+        assert_eq!("0.3,0,-1".parse(), Ok(Facing::Direction([0.3, 0.0, -1.0])));
+        assert_eq!("@1,2,3e2".parse(), Ok(Facing::Position([1.0, 2.0, 300.0])));
         assert_eq!("16c".parse(), Ok(Hole::Cells(16)));
         assert_eq!("2.5".parse(), Ok(Hole::Length(2.5)));
-        for wrong in ["", "z", "+Z", "++z", "+w", "x+"] {
+        for wrong in ["", "z", "+Z", "++z", "+w", "x+", "1,2", "@", "1,2,nan", "1,2,3,4"] {
             assert!(wrong.parse::<Facing>().is_err(), "{wrong}");
         }
         for wrong in ["", "c", "-1", "-1c", "inf", "1.5c"] {

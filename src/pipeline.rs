@@ -27,7 +27,7 @@ use crate::stage::plane;
 use crate::stage::raster::{Counted, Occupancy, Sampled};
 use crate::stage::seal::Trial;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
-use crate::survey::{Survey, sampling_distance, survey};
+use crate::survey::{Survey, sampling_distance, survey, turned_bounds};
 
 /// The cell size that `--cell-size auto` takes, in sampling distances: the finest that keeps handles and holes as they are.
 ///
@@ -161,7 +161,13 @@ pub fn survey_cloud(
     let grid = match &settings.open {
         None => Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?,
         Some(open) => {
-            open.grid(survey.points, &survey.bounds, resolution, settings.axis, settings.surface.smooth)?
+            let turn = open.facing.turn(&survey.bounds)?;
+            let bounds = turn.map_or(Ok(survey.bounds), |turn| turned_bounds(cloud, turn, workers, in_flight))?;
+            let grid = open.grid(survey.points, &bounds, resolution, settings.axis, settings.surface.smooth)?;
+            match turn {
+                Some(turn) => grid.turned(turn),
+                None => grid,
+            }
         }
     };
     progress.end();
@@ -288,9 +294,7 @@ fn reconstruct_as<T: Coordinate>(
     let done = |slices: u32| progress.add(u64::from(slices));
     let closed = match &settings.open {
         None => closing::close(occupancy, grid.cell_size(), asked, context, done)?,
-        Some(open) => {
-            closing::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?
-        }
+        Some(open) => closing::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?,
     };
     let Closed { solid, occupancy, .. } = &closed;
 
@@ -313,7 +317,13 @@ fn reconstruct_as<T: Coordinate>(
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let mesh = MeshSpool::new(&context.workspace, T::PRECISION, memory.mesh_quota);
     let frame = Frame { origin, precision: T::PRECISION };
-    let mut stitcher = Stitcher::new(grid, halo(smooth), frame, mesh, closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed));
+    let mut stitcher = Stitcher::new(
+        grid,
+        halo(smooth),
+        frame,
+        mesh,
+        closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
+    );
     context.workers.in_order_range(
         jobs.in_flight(),
         slabs as usize,

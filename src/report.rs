@@ -305,7 +305,11 @@ impl fmt::Display for Report {
                 let parts = if check.components == 1 { "component" } else { "components" };
                 let loops = if check.boundary_loops == 1 { "loop" } else { "loops" };
                 let boundary = thousands(check.boundary_loops);
-                let closed = if check.closed { "closed".to_owned() } else { format!("open on purpose, {boundary} boundary {loops}") };
+                let closed = if check.closed {
+                    "closed".to_owned()
+                } else {
+                    format!("open on purpose, {boundary} boundary {loops}")
+                };
                 writeln!(f, "; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components))?;
                 writeln!(f, "         area {}, volume {}", short(check.area), short(check.volume))?;
             }

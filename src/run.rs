@@ -267,7 +267,11 @@ fn header(surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction
     if let Some(open) = &job.settings.open {
         let base = open.base.map_or_else(String::new, |base| format!(" base {base}"));
         let hole = 2 * open.bridge(grid);
-        header.comments.push(format!("surface {} facing {} max_hole {hole} cells{base}", words(&open.kind), open.facing));
+        header.comments.push(format!(
+            "surface {} facing {} max_hole {hole} cells{base}",
+            words(&open.kind),
+            open.facing
+        ));
     }
     header
 }

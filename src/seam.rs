@@ -90,9 +90,8 @@ impl<'a> Seam<'a> {
     /// slab's.
     pub fn strayed(&self, grid: &Grid) -> Vec<u32> {
         let plane = f64::from(self.upper.slices.start);
-        let (axis, inverse) = (grid.axis().index(), 1.0 / grid.cell_size());
         // In cells; what is just about on the plane counts as beyond it, whichever way it was rounded.
-        let height = |slab: &SlabMesh, v: u32| (slab.position(v)[axis] - grid.bounds().min[axis]) * inverse - plane;
+        let height = |slab: &SlabMesh, v: u32| grid.height_of(slab.position(v)) - plane;
         let lives = |slab: &SlabMesh, v: &u32| slab.fate[*v as usize] != Fate::Gone;
         let of_lower = (0..self.lower.own()).filter(|v| lives(self.lower, v) && height(self.lower, *v) > -0.01);
         let of_upper = (0..self.upper.own()).filter(|v| lives(self.upper, v) && height(self.upper, *v) < 0.01);

@@ -154,7 +154,8 @@ impl SlabMesh {
         let fans = Fans::new(&triangles, named as usize, own.len());
         let blocks = vec![Extent::EMPTY; triangles.len().div_ceil(BLOCK)];
         let (spots, tangled) = (Vec::new(), 0);
-        let mut mesh = SlabMesh { slices, smoothed, rest, fitted, fate, kept, triangles, fans, seam, spots, blocks, tangled };
+        let mut mesh =
+            SlabMesh { slices, smoothed, rest, fitted, fate, kept, triangles, fans, seam, spots, blocks, tangled };
         if options.fit == Fit::Nearest {
             mesh.contract_inside();
             mesh.choose_fitted();

@@ -370,7 +370,9 @@ fn terrain_is_open_on_purpose_and_a_base_closes_it() {
     let f = Folder::new();
     f.ok("generate terrain 20k --size 100 -o t.bin");
     let answer = f.ok("t.bin --surface terrain --cell-size auto -o t.ply --report r.json");
-    for words in ["surface  terrain, seen from +z: ", "open on purpose, 1 boundary loop, oriented, manifold; 1 component"] {
+    for words in
+        ["surface  terrain, seen from +z: ", "open on purpose, 1 boundary loop, oriented, manifold; 1 component"]
+    {
         assert!(answer.err.contains(words), "{words}: {}", answer.err);
     }
     let report = report(&f, "r.json");

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use asra_stream::closing::Sealing;
 use asra_stream::error::Error;
-use asra_stream::grid::{Axis, AxisChoice, Resolution};
+use asra_stream::grid::{Axis, AxisChoice, Bounds, Resolution};
 use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
 use asra_stream::open::{Facing, Hole, Kind, Open};
@@ -97,6 +97,14 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
     let grid = &run.surveyed.grid;
     let params = twin::Params {
         axis: [twin::Axis::X, twin::Axis::Y, twin::Axis::Z][grid.axis().index()],
+        turn: settings.open.and_then(|open| match open.facing {
+            Facing::Along { .. } => None,
+            Facing::Direction(direction) => Some(twin::grid::turned_up(direction)),
+            Facing::Position(place) => {
+                let Bounds { min, max } = run.surveyed.survey.bounds;
+                Some(twin::grid::turned_up([0, 1, 2].map(|a| place[a] - min[a].midpoint(max[a]))))
+            }
+        }),
         min: grid.bounds().min,
         w: grid.cell_size(),
         cells: grid.cells(),
@@ -122,7 +130,7 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
         },
         open: settings.open.map(|open| twin::Open {
             up: open.up(grid).axis,
-            positive: open.facing.positive,
+            positive: open.facing.axis().1,
             bridge: open.bridge(grid) as i32,
             ball: match settings.seal {
                 Sealing::Cells(radius) => (if radius == 1 { 3 } else { radius * radius }) as i32,
@@ -181,14 +189,26 @@ fn settings() -> impl Strategy<Value = Settings> {
 
 /// Settings for surfaces that are seen from one side, with cells of side 1.
 fn open_settings() -> impl Strategy<Value = Settings> {
-    let facing = prop::sample::select(vec!["+z", "+z", "-z", "+x", "-x", "+y", "-y"]);
+    let facing = prop::sample::select(vec![
+        "+z",
+        "+z",
+        "-z",
+        "+x",
+        "-x",
+        "+y",
+        "-y",
+        "0.3,0,1",
+        "-1,0.2,0.5",
+        "0,-3,0",
+        "@20,7,30",
+    ]);
     let seal = prop_oneof![3 => Just(Sealing::Auto), 1 => (1u32..=3).prop_map(Sealing::Cells)];
     let base = prop_oneof![3 => Just(None), 1 => (-3.0f64..=0.0).prop_map(Some)];
     (settings(), facing, seal, 0u32..=7, base, any::<bool>()).prop_map(|(settings, facing, seal, hole, base, fixed)| {
         let facing: Facing = facing.parse().unwrap();
         let base = base.filter(|_| facing == Facing::UP);
         let kind = if facing == Facing::UP { Kind::Terrain } else { Kind::Sheet };
-        let axis = match facing.axis {
+        let axis = match facing.axis().0 {
             _ if !fixed => AxisChoice::Longest,
             Axis::X => AxisChoice::Fixed(Axis::Z),
             Axis::Y => AxisChoice::Fixed(Axis::X),
@@ -407,7 +427,8 @@ proptest! {
 
 /// Points of a surface, half a cell apart over `size` cells of side 1; `heights` gives those of a place.
 fn sampled<I: IntoIterator<Item = f64>>(size: [u32; 2], heights: impl Fn(f64, f64) -> I) -> Vec<[f64; 3]> {
-    let places = (0..2 * size[0]).flat_map(|i| (0..2 * size[1]).map(move |j| [i, j].map(|c| f64::from(c) * 0.5 + 0.25)));
+    let places =
+        (0..2 * size[0]).flat_map(|i| (0..2 * size[1]).map(move |j| [i, j].map(|c| f64::from(c) * 0.5 + 0.25)));
     places.flat_map(|[x, y]| heights(x, y).into_iter().map(move |z| [x, y, z]).collect::<Vec<_>>()).collect()
 }
 
@@ -421,9 +442,11 @@ fn loops_of(what: &str, points: &[[f64; 3]], open: Open) -> usize {
     };
     let bare = stream(points, false, &settings, Means::Ample).unwrap();
     let places: Vec<[f64; 3]> = bare.mesh.0.iter().map(|v| v.map(f64::from_bits)).collect();
-    let up = open.facing.axis.index();
-    let sign = if open.facing.positive { 1.0 } else { -1.0 };
-    for face in &bare.mesh.1 {
+    let (up, positive) = open.facing.axis();
+    let (up, sign) = (up.index(), if positive { 1.0 } else { -1.0 });
+    // A body has a bottom.
+    let faces = if open.base.is_some() { &[] } else { &bare.mesh.1[..] };
+    for face in faces {
         let [a, b, c] = face.map(|v| places[v as usize]);
         let [x, y] = [(up + 1) % 3, (up + 2) % 3];
         let looks = (b[x] - a[x]) * (c[y] - a[y]) - (b[y] - a[y]) * (c[x] - a[x]);
@@ -432,9 +455,8 @@ fn loops_of(what: &str, points: &[[f64; 3]], open: Open) -> usize {
     let settings = Settings { surface: Settings::default().surface, ..settings };
     let fitted = stream(points, false, &settings, Means::Ample).unwrap();
     assert_eq!(fitted.made.counts.tangled, 0, "{what}");
-    let [unfitted, loops] = [&bare, &fitted].map(|run| {
-        twin::check::check_open(run.mesh.0.len(), &run.mesh.1).unwrap_or_else(|e| panic!("{what}: {e}"))
-    });
+    let [unfitted, loops] = [&bare, &fitted]
+        .map(|run| twin::check::check_open(run.mesh.0.len(), &run.mesh.1).unwrap_or_else(|e| panic!("{what}: {e}")));
     assert_eq!(unfitted, loops, "{what}");
     loops
 }
@@ -470,7 +492,7 @@ fn never_a_double_wall() {
     for facing in ["-x", "+x", "-y", "+y", "-z"] {
         let facing: Facing = facing.parse().unwrap();
         let turn = |points: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
-            let axis = facing.axis.index();
+            let axis = facing.axis().0.index();
             let turned = |[a, b, depth]: [f64; 3]| {
                 let mut p = [0.0; 3];
                 (p[(axis + 1) % 3], p[(axis + 2) % 3], p[axis]) = (a, b, depth);

@@ -121,8 +121,8 @@ pub struct CloudArguments {
     /// A closed surface; or one that is open where the points end: of what was scanned from one side, or of ground seen from above
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
     pub surface: SurfaceWord,
-    /// Where a sheet's points were seen from: +x, -x, +y, -y, +z or -z
-    #[arg(long, value_name = "DIR", allow_hyphen_values = true, help_heading = "Surface")]
+    /// Where a sheet's points were seen from: +x, -x, +y, -y, +z or -z; a direction such as 0.3,0,1; or a position such as @2,0.5,1
+    #[arg(long, value_name = "FROM", allow_hyphen_values = true, help_heading = "Surface")]
     pub facing: Option<Facing>,
     /// The widest hole that is bridged in a sheet or terrain, a length or cells as in `8c` [default: 16c]
     #[arg(long, value_name = "WIDTH", allow_negative_numbers = true, help_heading = "Surface")]
@@ -328,7 +328,9 @@ impl CloudArguments {
             SurfaceWord::Closed => match (self.facing, self.max_hole, self.base) {
                 (None, None, None) => Ok(None),
                 (Some(_), ..) => wrong("--facing: is for --surface sheet"),
-                (_, Some(_), _) => wrong("--max-hole: is for --surface sheet and terrain; --seal closes the holes of a closed surface"),
+                (_, Some(_), _) => {
+                    wrong("--max-hole: is for --surface sheet and terrain; --seal closes the holes of a closed surface")
+                }
                 _ => wrong("--base: is for --surface terrain"),
             },
             SurfaceWord::Sheet if self.base.is_some() => wrong("--base: is for --surface terrain"),

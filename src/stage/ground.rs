@@ -181,7 +181,8 @@ pub fn solid(occupancy: &Occupancy, asked: Asked, context: &Context) -> Result<S
             let window = i64::from(slices.start) - i64::from(side)..i64::from(slices.start + job_slices(side) + side);
             let extents = extents.read(window.clone(), [NOTHING, 0])?;
             let first = window.start;
-            let patch = Patch { width: columns as usize, side: side as usize, first, end: i64::from(cells[1]), extents };
+            let patch =
+                Patch { width: columns as usize, side: side as usize, first, end: i64::from(cells[1]), extents };
             Ok(patch.of(slices.len(), asked))
         },
         |(heights, tops, flags, found)| {
@@ -336,7 +337,9 @@ impl Patch {
         let mut levels = vec![Level::over(self.width, self.extents.len() / self.width, floor)];
         for _ in 2..=self.side.ilog2() {
             let below = &levels[levels.len() - 1];
-            levels.push(Level::over(below.width, below.values.len() / below.width, |x, row| below.at(x as i64, row as i64)));
+            levels.push(Level::over(below.width, below.values.len() / below.width, |x, row| {
+                below.at(x as i64, row as i64)
+            }));
         }
         for l in (0..levels.len() - 1).rev() {
             let (finer, coarser) = levels.split_at_mut(l + 1);
@@ -517,9 +520,13 @@ fn filled(
             }
         }
         volume += line.iter().map(|top| u64::from(*top)).sum::<u64>();
-        faces.push(faces_of(line, below, |x| !ground.trimmed || seen[x] & LIVE_COLUMN != 0, |x| {
-            !ground.trimmed || seen_below[x] & LIVE_COLUMN != 0
-        }, !ground.trimmed));
+        faces.push(faces_of(
+            line,
+            below,
+            |x| !ground.trimmed || seen[x] & LIVE_COLUMN != 0,
+            |x| !ground.trimmed || seen_below[x] & LIVE_COLUMN != 0,
+            !ground.trimmed,
+        ));
         out.push(&bits);
     }
     Ok((out, volume, faces))
@@ -537,7 +544,13 @@ fn faces_of(
     let mut faces = 0;
     for (x, &top) in line.iter().enumerate().filter(|(x, _)| is_live(*x)) {
         faces += if whole { 2 * u32::from(top > 0) } else { 1 };
-        let before = if x > 0 && is_live(x - 1) { line[x - 1] } else if whole { 0 } else { top };
+        let before = if x > 0 && is_live(x - 1) {
+            line[x - 1]
+        } else if whole {
+            0
+        } else {
+            top
+        };
         let under = if is_live_below(x) { below[x] } else { top };
         faces += top.abs_diff(before) + top.abs_diff(under);
     }

@@ -9,8 +9,8 @@ use crate::error::Result;
 use crate::grid::Cell;
 use crate::slice::{Bits, Runs, SliceStore, Slices, clip, words_for};
 use crate::stage::dilate::Ball;
-use crate::stage::ground::Ground;
 use crate::stage::exterior::{Exterior, Padded, Scratch};
+use crate::stage::ground::Ground;
 use crate::stage::raster::Occupancy;
 use crate::stage::sides::Sides;
 

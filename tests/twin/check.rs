@@ -65,7 +65,8 @@ pub fn check_open(vertices: usize, faces: &[[u32; 3]]) -> Result<usize, String> 
         }
     }
     // Of each vertex on the boundary, the next.
-    let mut rim: BTreeMap<u32, u32> = sides.iter().filter(|(a, b)| !sides.contains(&(*b, *a))).map(|(a, b)| (*a, *b)).collect();
+    let mut rim: BTreeMap<u32, u32> =
+        sides.iter().filter(|(a, b)| !sides.contains(&(*b, *a))).map(|(a, b)| (*a, *b)).collect();
     let mut loops = 0;
     while let Some((&start, _)) = rim.first_key_value() {
         let mut at = start;

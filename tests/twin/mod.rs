@@ -61,7 +61,9 @@ pub enum Fit {
 pub struct Params {
     /// The slicing axis.
     pub axis: Axis,
-    /// Lower end of the box, in the file's axes.
+    /// The axes of a grid that is turned; else they are the file's.
+    pub turn: Option<[[f64; 3]; 3]>,
+    /// Lower end of the box, in the file's axes, or the turned ones.
     pub min: [f64; 3],
     /// Cell size.
     pub w: f64,
@@ -116,7 +118,8 @@ pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
         let solid = ground.solid();
         let mut surface = surface::surface(&solid, params.smooth, params.diagonals);
         surface.kept = surface.faces.iter().map(|face| ground.keeps(face)).collect();
-        surface.bridged = surface.corners.iter().map(|corner| corner.and_then(|corner| ground.bridge(corner))).collect();
+        surface.bridged =
+            surface.corners.iter().map(|corner| corner.and_then(|corner| ground.bridge(corner))).collect();
         return fit::finish(&surface, &solid::counted(points, &solid, params), params);
     }
     let solid = solid::solid_cells(points, params);
