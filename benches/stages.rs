@@ -229,7 +229,7 @@ fn within_slabs(
     group.bench_function("contract", |b| {
         let contract = |(slab, triangles): (&Slab, &mut Vec<[u32; 3]>)| {
             let mut fans = Fans::new(triangles, slab.named, slab.group.len());
-            let groups = Groups { group: &slab.group, distance: &slab.fitted.distance };
+            let groups = Groups { group: &slab.group, distance: &slab.fitted.distance, kept: &[] };
             contract(triangles, &mut fans, groups, |_, _| ());
         };
         b.iter_batched_ref(
@@ -262,7 +262,7 @@ fn slabs_to_mesh(
     };
     let stitch = |slabs: Vec<SlabMesh>| {
         let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
-        let mut stitcher = Stitcher::new(sampled.grid, halo(SMOOTH), FRAME, mesh);
+        let mut stitcher = Stitcher::new(sampled.grid, halo(SMOOTH), FRAME, mesh, false);
         slabs.into_iter().for_each(|slab| stitcher.add(slab).expect("room"));
         stitcher.finish().expect("room").0
     };

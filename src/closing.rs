@@ -4,9 +4,11 @@
 
 use crate::context::Context;
 use crate::error::{Error, Result};
-use crate::grid::CELLS_LIMIT;
+use crate::grid::{CELLS_LIMIT, Grid};
+use crate::open::Open;
 use crate::stage::component::{self, Components, Least};
 use crate::stage::dilate::Ball;
+use crate::stage::ground;
 use crate::stage::raster::Occupancy;
 use crate::stage::seal::{self, Pyramid, Sealed};
 use crate::stage::solid::Solid;
@@ -30,7 +32,7 @@ pub enum Sealing {
 
 impl Sealing {
     /// The radius asked for, in cells of `cell_size`, at least 1; none if it is to be found.
-    fn radius(self, cell_size: f64) -> Option<u32> {
+    pub fn radius(self, cell_size: f64) -> Option<u32> {
         match self {
             Sealing::Auto => None,
             Sealing::Cells(cells) => Some(cells.max(1)),
@@ -122,4 +124,26 @@ pub fn close(
     };
     let sealing_radius = sealed.closing.filter(|_| given.is_none()).map(|closing| closing.rho());
     Ok(Closed { solid, occupancy, closing, falls, sealing_radius, trials: sealed.trials, components })
+}
+
+/// The solid below a surface that is not closed: columns, over which a small ball rolls. `progress` is told the slices.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Interrupted`].
+pub fn close_below(
+    occupancy: Occupancy,
+    grid: &Grid,
+    open: &Open,
+    asked: Asked,
+    smooth: u32,
+    context: &Context,
+    mut progress: impl FnMut(u32),
+) -> Result<Closed> {
+    let ball = open.ball(asked.seal, asked.window, grid.cell_size());
+    let ground =
+        ground::Asked { up: open.up(grid), bridge: open.bridge(grid), ball, base: open.base.is_some(), smooth };
+    let solid = ground::solid(&occupancy, ground, context)?;
+    progress(grid.cells()[1]);
+    let closing = Closing { level: 0, radius: ball.radius() };
+    Ok(Closed { solid, occupancy, closing, falls: false, sealing_radius: None, trials: Vec::new(), components: None })
 }

@@ -22,7 +22,8 @@ pub enum Axis {
 }
 
 impl Axis {
-    const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+    /// All three.
+    pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
     /// 0, 1 or 2.
     pub fn index(self) -> usize {
@@ -110,6 +111,44 @@ impl Bounds {
     }
 }
 
+/// A rotation of the file's axes: its rows are the turned axes, of length 1 and at right angles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turn([[f64; 3]; 3]);
+
+impl Turn {
+    /// The rotation that makes `direction` the third axis; none if it has no length, or too large a one.
+    pub fn up(direction: [f64; 3]) -> Option<Turn> {
+        let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+        let cross = |p: [f64; 3], q: [f64; 3]| {
+            [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
+        };
+        let unit = |p: [f64; 3]| {
+            let length = dot(p, p).sqrt();
+            (length.is_normal()).then(|| p.map(|c| c / length))
+        };
+        let up = unit(direction)?;
+        // The axis that is the least along it.
+        let least = (0..3).fold(0, |least, a| if up[a].abs() < up[least].abs() { a } else { least });
+        let mut beside = [0.0; 3];
+        beside[least] = 1.0;
+        let first = unit(cross(beside, up))?;
+        Some(Turn([first, cross(up, first), up]))
+    }
+
+    /// A place in turned coordinates.
+    #[inline]
+    pub fn of(&self, p: [f64; 3]) -> [f64; 3] {
+        self.0.map(|axis| axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2])
+    }
+
+    /// The place of turned coordinates.
+    #[inline]
+    pub fn back(&self, t: [f64; 3]) -> [f64; 3] {
+        let [x, y, z] = self.0;
+        std::array::from_fn(|a| x[a] * t[0] + y[a] * t[1] + z[a] * t[2])
+    }
+}
+
 /// A place in the grid: x, slice, row.
 pub type Cell = [u32; 3];
 
@@ -128,6 +167,8 @@ pub struct Grid {
     w: f64,
     inverse: f64,
     cells: [u32; 3],
+    /// If its axes are not the file's, whose place the turned ones take then, in the box, too.
+    turn: Option<Turn>,
 }
 
 impl Grid {
@@ -185,10 +226,38 @@ impl Grid {
         if let Some(slices) = slices {
             cells[1] = slices;
         }
-        Ok(Grid { axis, bounds: *bounds, w, inverse, cells })
+        Ok(Grid { axis, bounds: *bounds, w, inverse, cells, turn: None })
     }
 
-    /// The slicing axis.
+    /// The same grid with so many cells more below and above its box, along its own axes; the box grows with it.
+    ///
+    /// # Errors
+    /// [`Error::Raster`] if an axis would get more than [`CELLS_LIMIT`] cells.
+    pub fn with_margin(mut self, below: Cell, above: Cell) -> Result<Grid> {
+        for (g, &a) in self.axis.file_axes().iter().enumerate() {
+            let cells = f64::from(self.cells[g]) + f64::from(below[g]) + f64::from(above[g]);
+            if cells > f64::from(CELLS_LIMIT) {
+                return Err(raster_error(cells, Axis::ALL[a]));
+            }
+            self.bounds.min[a] -= self.w * f64::from(below[g]);
+            self.bounds.max[a] += self.w * f64::from(above[g]);
+            self.cells[g] = cells as u32;
+        }
+        Ok(self)
+    }
+
+    /// The same grid along turned axes; the box it was made for is one of turned coordinates.
+    pub fn turned(self, turn: Turn) -> Grid {
+        Grid { turn: Some(turn), ..self }
+    }
+
+    /// A place in the grid's own coordinates: the file's, unless it is turned.
+    #[inline]
+    fn own(&self, p: [f64; 3]) -> [f64; 3] {
+        self.turn.map_or(p, |turn| turn.of(p))
+    }
+
+    /// The slicing axis, the file's or turned.
     pub fn axis(&self) -> Axis {
         self.axis
     }
@@ -203,7 +272,7 @@ impl Grid {
         self.cells
     }
 
-    /// The cloud's box.
+    /// The cloud's box, with margins, in the grid's own coordinates.
     pub fn bounds(&self) -> &Bounds {
         &self.bounds
     }
@@ -218,13 +287,16 @@ impl Grid {
     /// The cell of a point inside the box.
     #[inline]
     pub fn cell_of(&self, point: [f64; 3]) -> Cell {
-        let axes = self.axis.file_axes();
+        let (axes, point) = (self.axis.file_axes(), self.own(point));
         std::array::from_fn(|g| self.along(g, point[axes[g]]))
     }
 
     /// Calls `each` with the cells of points inside the box, in order.
     #[inline]
     pub fn cells_of<T: Coordinate>(&self, points: &[[T; 3]], each: impl FnMut(Cell)) {
+        if self.turn.is_some() {
+            return points.iter().map(|p| self.cell_of(p.map(Into::into))).for_each(each);
+        }
         // What is the same for all points is settled here, for the loop to be short.
         match self.axis {
             Axis::X => self.cells_along::<T, 2, 0, 1>(points, each),
@@ -249,7 +321,7 @@ impl Grid {
     #[inline]
     pub fn place_of(&self, point: [f64; 3]) -> (Cell, [f64; 3]) {
         let cell = self.cell_of(point);
-        let axes = self.axis.file_axes();
+        let (axes, point) = (self.axis.file_axes(), self.own(point));
         let within = std::array::from_fn(|g| {
             let along = (point[axes[g]] - self.bounds.min[axes[g]]) * self.inverse;
             (along - f64::from(cell[g])).clamp(0.0, 1.0)
@@ -260,7 +332,25 @@ impl Grid {
     /// The slice of a point inside the box.
     #[inline]
     pub fn slice_of(&self, point: [f64; 3]) -> u32 {
-        self.along(1, point[self.axis.index()])
+        self.along(1, self.own(point)[self.axis.index()])
+    }
+
+    /// How far along the slicing axis a place lies, in slices.
+    #[inline]
+    pub fn height_of(&self, place: [f64; 3]) -> f64 {
+        let a = self.axis.index();
+        (self.own(place)[a] - self.bounds.min[a]) * self.inverse
+    }
+
+    /// A box of the file's coordinates that holds the grid: its lowest corner, and cells along the grid's axes, each taken for the file's that it is unless turned.
+    pub fn file_box(&self) -> ([f64; 3], Cell) {
+        let Some(turn) = self.turn else { return (self.bounds.min, self.cells) };
+        let Bounds { min, max } = self.bounds;
+        let corner = |i: usize| turn.back(std::array::from_fn(|a| if i >> a & 1 == 1 { max[a] } else { min[a] }));
+        let corners = (0..8).map(corner).map(|corner| Bounds { min: corner, max: corner });
+        let held = corners.fold(Bounds::EMPTY, Bounds::union);
+        let extent = held.extent();
+        (held.min, self.axis.file_axes().map(|a| ((extent[a] * self.inverse) as u32).min(CELLS_LIMIT - 1) + 1))
     }
 
     /// The cell coordinate along grid axis `g`. The cast saturates, so rounding below zero stays in cell 0.
@@ -277,13 +367,15 @@ impl Grid {
         for (g, &a) in self.axis.file_axes().iter().enumerate() {
             out[a] = self.bounds.min[a] + self.w * q[g];
         }
-        out
+        self.turn.map_or(out, |turn| turn.back(out))
     }
 
     /// How far, in cells, rounding can move a point or a vertex: a distance bound must be relaxed by this.
     pub fn slack(&self) -> f64 {
         let far = self.bounds.min.iter().chain(&self.bounds.max).fold(0.0f64, |m, c| m.max(c.abs()));
-        1e-9 + 16.0 * f64::EPSILON * far * self.inverse
+        // Turning there and back rounds some more.
+        let roundings = if self.turn.is_some() { 64.0 } else { 16.0 };
+        1e-9 + roundings * f64::EPSILON * far * self.inverse
     }
 }
 

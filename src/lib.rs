@@ -12,6 +12,7 @@ pub mod grid;
 pub mod input;
 pub mod machine;
 pub mod mesh;
+pub mod open;
 pub mod output;
 pub mod partition;
 pub mod pipeline;
@@ -31,6 +32,7 @@ pub mod spool;
 pub mod stage;
 pub mod stitch;
 pub mod survey;
+pub mod trim;
 pub mod whole;
 pub mod window;
 

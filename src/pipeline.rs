@@ -11,8 +11,9 @@ use crate::error::{Error, Result};
 use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
+use crate::open::Open;
 use crate::partition::{halo, slab_count, slices_of};
-use crate::plan::{Load, MemoryPlan};
+use crate::plan::{ColumnLoad, Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
 use crate::rehearsal::rehearse;
@@ -21,12 +22,12 @@ use crate::sketch::Sketch;
 use crate::slab::{Fit, SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
 use crate::stage::component::{Components, Least};
-
+use crate::stage::ground;
 use crate::stage::plane;
 use crate::stage::raster::{Counted, Occupancy, Sampled};
 use crate::stage::seal::Trial;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
-use crate::survey::{Survey, sampling_distance, survey};
+use crate::survey::{Survey, sampling_distance, survey, turned_bounds};
 
 /// The cell size that `--cell-size auto` takes, in sampling distances: the finest that keeps handles and holes as they are.
 ///
@@ -75,6 +76,8 @@ pub struct Settings {
     pub min_component: Option<Least>,
     /// What is done to the surface.
     pub surface: SurfaceOptions,
+    /// What is asked of a surface that is not closed; `None` for one that is.
+    pub open: Option<Open>,
 }
 
 impl Default for Settings {
@@ -87,6 +90,7 @@ impl Default for Settings {
             min_points: 1,
             min_component: None,
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
+            open: None,
         }
     }
 }
@@ -107,6 +111,10 @@ impl Settings {
         }
         if self.surface.smooth > 100 {
             return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
+        }
+        if self.open.is_some() && self.min_component.is_some() {
+            let message = "--min-component: a surface that is seen from one side has no components; --min-points thins out strays";
+            return Err(Error::Usage(message.into()));
         }
         Ok(())
     }
@@ -150,10 +158,25 @@ pub fn survey_cloud(
             (Resolution::Cell(distance.map_or(1.0, |d| d * AUTO_CELL)), distance)
         }
     };
-    let grid = Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?;
+    let grid = match &settings.open {
+        None => Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?,
+        Some(open) => {
+            let turn = open.facing.turn(&survey.bounds)?;
+            let bounds = turn.map_or(Ok(survey.bounds), |turn| turned_bounds(cloud, turn, workers, in_flight))?;
+            let grid = open.grid(survey.points, &bounds, resolution, settings.axis, settings.surface.smooth)?;
+            match turn {
+                Some(turn) => grid.turned(turn),
+                None => grid,
+            }
+        }
+    };
     progress.end();
     let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
-    let load = load.with_attributes(cloud.schema().stride());
+    let mut load = load.with_attributes(cloud.schema().stride());
+    if let Some(open) = &settings.open {
+        let of_slice = grid.cells()[open.up(&grid).across()];
+        load = load.with_columns(ColumnLoad { of_slice, bridge: open.bridge(&grid) });
+    }
     Ok(Surveyed { survey, grid, sampling, sketch, load })
 }
 
@@ -168,6 +191,10 @@ pub fn rehearsed(
     workspace: &Workspace,
     budget: u64,
 ) -> Result<Surveyed> {
+    if settings.open.is_some() {
+        // The box alone lets expect more faces than one side of it has.
+        return Ok(surveyed);
+    }
     let Surveyed { load, sketch, grid, .. } = &surveyed;
     let load = rehearse(load, sketch, grid, settings, workers, workspace, budget)?;
     Ok(Surveyed { load, ..surveyed })
@@ -207,6 +234,8 @@ pub struct Reconstruction {
     pub sparse: u64,
     /// What was found and left out, if small components were to be.
     pub components: Option<Components>,
+    /// The columns of a surface that is seen from one side.
+    pub columns: Option<ground::Found>,
     /// Solid cells.
     pub solid: u64,
     /// What became of the vertices.
@@ -263,7 +292,11 @@ fn reconstruct_as<T: Coordinate>(
     progress.begin(Phase::Seal, None);
     let (occupied, sparse) = (occupancy.occupied, occupancy.sparse);
     let asked = Asked { seal: settings.seal, window: settings.window, min_component: settings.min_component };
-    let closed = closing::close(occupancy, grid.cell_size(), asked, context, |slices| progress.add(u64::from(slices)))?;
+    let done = |slices: u32| progress.add(u64::from(slices));
+    let closed = match &settings.open {
+        None => closing::close(occupancy, grid.cell_size(), asked, context, done)?,
+        Some(open) => closing::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?,
+    };
     let Closed { solid, occupancy, .. } = &closed;
 
     progress.begin(Phase::Surface, Some(slices));
@@ -285,7 +318,13 @@ fn reconstruct_as<T: Coordinate>(
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, cloud.schema().clone(), memory.mesh_quota);
     let frame = Frame { origin, precision: T::PRECISION };
-    let mut stitcher = Stitcher::new(grid, halo(smooth), frame, mesh);
+    let mut stitcher = Stitcher::new(
+        grid,
+        halo(smooth),
+        frame,
+        mesh,
+        closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
+    );
     context.workers.in_order_range(
         jobs.in_flight(),
         slabs as usize,
@@ -307,6 +346,7 @@ fn reconstruct_as<T: Coordinate>(
         occupied,
         sparse,
         components: closed.components,
+        columns: closed.solid.ground.as_ref().map(|ground| ground.found),
         solid: closed.solid.volume,
         counts,
         memory,

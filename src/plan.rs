@@ -21,6 +21,7 @@ use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices, smooth_halo
 use crate::points::Precision;
 use crate::slice::Bits;
 use crate::stage::dilate::Dilation;
+use crate::stage::ground;
 
 /// The process itself: code, small things, what the allocator keeps; and for each thread its stack and its part of that.
 const PROCESS: u64 = 10 << 20;
@@ -54,6 +55,12 @@ const RETREATING: u64 = 184;
 /// The bytes that remain when the slab waits for its seam.
 const WAITING: u64 = 134;
 
+/// Bytes for each face of a surface that is trimmed: of triangles, whether they are kept, of vertices, whether they are written, now and of the slab after.
+const TRIMMED: u64 = 6;
+
+/// Bytes for each column while heights are found (extents, heights, tops, flags), and while slabs are made.
+const COLUMN: (u64, u64) = (17, 5);
+
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some tens of milliseconds.
 const GIVEN_BACK: (u64, u64) = (210, 24 << 20);
 
@@ -83,6 +90,17 @@ pub struct Load {
     slabs: Vec<u64>,
     /// Whether a ball falls, which takes more stores of slices.
     falls: bool,
+    /// The columns of a surface that is seen from one side.
+    columns: Option<ColumnLoad>,
+}
+
+/// What the plan must know of columns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColumnLoad {
+    /// Columns of a slice.
+    pub of_slice: u32,
+    /// Radius of the disc that bridges holes, in cells.
+    pub bridge: u32,
 }
 
 impl Load {
@@ -97,7 +115,21 @@ impl Load {
         let faces = (2 * (x * y + y * z + z * x) * 4 / 3).min(x.saturating_mul(y).saturating_mul(z).saturating_mul(6));
         let slabs = slab_count(smooth, cells[1]);
         let share = faces.div_ceil(u64::from(slabs));
-        Load { points, precision, attributes: 0, cells, smooth, slabs: vec![share; slabs as usize], falls: false }
+        Load {
+            points,
+            precision,
+            attributes: 0,
+            cells,
+            smooth,
+            slabs: vec![share; slabs as usize],
+            falls: false,
+            columns: None,
+        }
+    }
+
+    /// The load of a surface that is seen from one side.
+    pub fn with_columns(self, columns: ColumnLoad) -> Load {
+        Load { columns: Some(columns), ..self }
     }
 
     /// The same load with other numbers of faces, one for each slab; `falls` says whether a ball falls to close the cells.
@@ -154,13 +186,23 @@ impl Load {
     pub fn slice_bytes(&self) -> u64 {
         let [_, y, z] = self.cells.map(u64::from);
         let sealing = (y * z * 28 + self.faces() * 8) * 4 / 3 + y * 200;
-        if self.falls { sealing * 3 } else { sealing }
+        (if self.falls { sealing * 3 } else { sealing }) + y * self.columns_of_slice() * COLUMN.0
     }
 
     /// Of these, the bytes that remain while slabs are made: occupied and solid cells.
     fn standing_slice_bytes(&self) -> u64 {
         let [_, y, z] = self.cells.map(u64::from);
-        y * z * 8 + self.faces() * 6
+        y * z * 8 + self.faces() * 6 + y * self.columns_of_slice() * COLUMN.1
+    }
+
+    /// Columns of a slice, if there are any.
+    fn columns_of_slice(&self) -> u64 {
+        self.columns.map_or(0, |columns| u64::from(columns.of_slice))
+    }
+
+    /// Bytes for each face beside those of a closed surface.
+    fn more(&self) -> u64 {
+        self.attributes + if self.columns.is_some() { TRIMMED } else { 0 }
     }
 
     /// Temporary disk to expect when nothing is kept in memory.
@@ -179,7 +221,7 @@ impl Load {
         let [x, _, z] = self.cells;
         let bits = Bits::bytes(x + 2, z + 2);
         let planes = u64::from(slab_slices(self.smooth) + 2 * smooth_halo(self.smooth) + 1);
-        planes * (bits * 3 / 2 + 4 * u64::from(z)) + 3 * bits
+        planes * (bits * 3 / 2 + 4 * u64::from(z)) + 3 * bits + (planes + 2) * self.columns_of_slice() * COLUMN.1
     }
 
     /// Bytes of bits that one slab's job holds while it is fitted: the index of points.
@@ -360,6 +402,7 @@ impl MemoryPlan {
         Dilation::bytes(radius, x + pad, z + pad)
             + 4 * Bits::bytes(x + pad, z + pad)
             + u64::from(CHUNK_SLICES + 2) * u64::from(z + pad) * (2 * (4 + 3 * 8) + 3 * 16)
+            + load.columns.map_or(0, |columns| ground::bytes(columns.of_slice, columns.bridge, load.smooth))
     }
 
     /// Chunks in flight for a ball of radius `radius`, at least one.
@@ -446,15 +489,15 @@ impl SlabJobs {
             let fitting = load.fitting_raster() + points + faces * FITTING;
             let carrying = if load.attributes > 0 { faces * (FITTING + CARRYING + 2 * load.attributes) } else { 0 };
             let given_back = (faces * GIVEN_BACK.0).min(GIVEN_BACK.1);
-            extraction.max(fitting).max(carrying).max(faces * (RETREATING + load.attributes) + given_back)
+            extraction.max(fitting).max(carrying).max(faces * (RETREATING + load.more()) + given_back)
         };
         let one = load.widest(1);
         // While the calling thread waits for a slab, the one before waits for its seam. While it is at a seam, the slab it came with is still in flight.
-        let idle = self.running as u64 * making(one) + load.widest(1 + self.ahead) * (WAITING + load.attributes);
+        let waiting = WAITING + load.more();
+        let idle = self.running as u64 * making(one) + load.widest(1 + self.ahead) * waiting;
         let others = self.in_flight() - 1;
         let (made, finished) = (others.min(self.running), others.saturating_sub(self.running));
-        let busy = made as u64 * making(one) + load.widest(2 + finished) * (WAITING + load.attributes);
-        let busy = busy + one * (WRITING + load.attributes);
+        let busy = made as u64 * making(one) + load.widest(2 + finished) * waiting + one * (WRITING + load.attributes);
         idle.max(busy)
     }
 }

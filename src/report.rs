@@ -10,6 +10,7 @@ use crate::closing::Sealing;
 use crate::grid::{Bounds, Grid};
 use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
+use crate::open::{Kind, Open};
 use crate::partition::REACH;
 use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
 use crate::plan::MemoryPlan;
@@ -17,6 +18,7 @@ use crate::points::Precision;
 use crate::progress::{Phase, thousands};
 use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::component::{Components, Least};
+use crate::stage::ground::Found as Columns;
 use crate::stage::seal::Trial;
 use crate::stitch::Counts;
 
@@ -81,6 +83,8 @@ pub struct Parameters {
     pub min_component: Option<Least>,
     /// What was done to the surface.
     pub surface: SurfaceOptions,
+    /// What was asked of a surface that is not closed.
+    pub open: Option<Open>,
 }
 
 /// The points.
@@ -132,6 +136,8 @@ pub struct Closing {
     pub sparse_cells: u64,
     /// What was found and left out, if small components were to be.
     pub components: Option<Components>,
+    /// The columns of a surface that is seen from one side.
+    pub columns: Option<Columns>,
     /// Solid cells.
     pub solid_cells: u64,
 }
@@ -173,8 +179,8 @@ impl Parameters {
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
             Fineness::Sampling => {}
         }
-        let Settings { seal, window, min_points, min_component, surface, .. } = *settings;
-        Parameters { k, slices, cell_size, seal, window, min_points, min_component, surface }
+        let Settings { seal, window, min_points, min_component, surface, open, .. } = *settings;
+        Parameters { k, slices, cell_size, seal, window, min_points, min_component, surface, open }
     }
 }
 
@@ -224,6 +230,7 @@ impl Closing {
             occupied_cells: made.occupied,
             sparse_cells: made.sparse,
             components: made.components,
+            columns: made.columns,
             solid_cells: made.solid,
         }
     }
@@ -284,7 +291,18 @@ impl fmt::Display for Report {
         }
         writeln!(f)?;
         writeln!(f, "grid     {}", self.grid)?;
-        writeln!(f, "closing  {}", self.closing.verdict())?;
+        match (&self.parameters.open, self.closing.columns) {
+            (Some(open), Some(columns)) => {
+                let kind = match open.kind {
+                    Kind::Sheet => "sheet",
+                    Kind::Terrain => "terrain",
+                };
+                let (data, bridged) = (thousands(columns.data), thousands(columns.bridged));
+                let facing = open.facing;
+                writeln!(f, "surface  {kind}, seen from {facing}: {data} columns with points, {bridged} bridged")?;
+            }
+            _ => writeln!(f, "closing  {}", self.closing.verdict())?,
+        }
         if let Some(left_out) = self.closing.left_out() {
             writeln!(f, "left out {left_out}")?;
         }
@@ -295,7 +313,14 @@ impl fmt::Display for Report {
             Some(check) => {
                 let genus = check.genus.map_or_else(String::new, |genus| format!(", genus {genus}"));
                 let parts = if check.components == 1 { "component" } else { "components" };
-                writeln!(f, "; closed, oriented, manifold; {} {parts}{genus}", thousands(check.components))?;
+                let loops = if check.boundary_loops == 1 { "loop" } else { "loops" };
+                let boundary = thousands(check.boundary_loops);
+                let closed = if check.closed {
+                    "closed".to_owned()
+                } else {
+                    format!("open on purpose, {boundary} boundary {loops}")
+                };
+                writeln!(f, "; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components))?;
                 writeln!(f, "         area {}, volume {}", short(check.area), short(check.volume))?;
             }
         }

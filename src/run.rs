@@ -201,7 +201,8 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
         let budget = made.memory.working;
         let report = check(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done))?;
-        if !report.is_closed_oriented_manifold() {
+        let open = job.settings.open.is_some_and(|open| open.base.is_none());
+        if !report.is_sound(open) {
             return Err(Error::CheckFailed(report.to_string()));
         }
         checked = Some(report);
@@ -254,7 +255,7 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
     let grid = &surveyed.grid;
     let surface = job.settings.surface;
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
-    MeshHeader {
+    let mut header = MeshHeader {
         crs: cloud.crs().cloned(),
         origin: made.origin,
         comments: vec![
@@ -269,5 +270,15 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
                 words(&surface.fit)
             ),
         ],
+    };
+    if let Some(open) = &job.settings.open {
+        let base = open.base.map_or_else(String::new, |base| format!(" base {base}"));
+        let hole = 2 * open.bridge(grid);
+        header.comments.push(format!(
+            "surface {} facing {} max_hole {hole} cells{base}",
+            words(&open.kind),
+            open.facing
+        ));
     }
+    header
 }

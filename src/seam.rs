@@ -90,9 +90,8 @@ impl<'a> Seam<'a> {
     /// slab's.
     pub fn strayed(&self, grid: &Grid) -> Vec<u32> {
         let plane = f64::from(self.upper.slices.start);
-        let (axis, inverse) = (grid.axis().index(), 1.0 / grid.cell_size());
         // In cells; what is just about on the plane counts as beyond it, whichever way it was rounded.
-        let height = |slab: &SlabMesh, v: u32| (slab.position(v)[axis] - grid.bounds().min[axis]) * inverse - plane;
+        let height = |slab: &SlabMesh, v: u32| grid.height_of(slab.position(v)) - plane;
         let lives = |slab: &SlabMesh, v: &u32| slab.fate[*v as usize] != Fate::Gone;
         let of_lower = (0..self.lower.own()).filter(|v| lives(self.lower, v) && height(self.lower, *v) > -0.01);
         let of_upper = (0..self.upper.own()).filter(|v| lives(self.upper, v) && height(self.upper, *v) < 0.01);
@@ -185,7 +184,9 @@ impl<'a> Seam<'a> {
         }
         let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| self.triangle(t).map(|v| local[&v])).collect();
         let mut fans = Fans::new(&triangles, vertices.len(), vertices.len());
-        let groups = Groups { group: &group, distance: &distance };
+        let is_trimmed = !(self.lower.kept.is_empty() && self.upper.kept.is_empty());
+        let kept: Vec<bool> = patch.iter().filter(|_| is_trimmed).map(|&t| self.is_kept(t)).collect();
+        let groups = Groups { group: &group, distance: &distance, kept: &kept };
         let mut out = Vec::new();
         contract(&mut triangles, &mut fans, groups, |dead, survivor| {
             out.push((vertices[dead as usize], vertices[survivor as usize]));
@@ -303,6 +304,11 @@ impl Piece for Seam<'_> {
 
     fn is_settled(&self, v: u32) -> bool {
         v < self.settled || v >= BEFORE
+    }
+
+    fn is_kept(&self, t: u32) -> bool {
+        let first = self.upper_triangles();
+        if t < first { self.lower.is_kept(t) } else { self.upper.is_kept(t - first) }
     }
 
     fn fate(&self, v: u32) -> Fate {

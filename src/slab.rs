@@ -10,7 +10,7 @@ use crate::partition::{halo, slices_of, smooth_halo};
 use crate::points::Coordinate;
 use crate::stage::attributes::attributes;
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
-use crate::stage::extract::{Diagonals, Surface};
+use crate::stage::extract::{Diagonals, Kind, Surface, Triangles};
 use crate::stage::fate::{Fate, SHARES};
 use crate::stage::fit::{Fitted, Task, fit};
 use crate::stage::near::{BLOCK, Near, Places};
@@ -63,6 +63,8 @@ pub struct SlabMesh {
     pub attributes: Vec<u8>,
     /// Of each vertex: what became of it.
     pub fate: Vec<Fate>,
+    /// Of each triangle, whether it is written in the end; empty if all are.
+    pub kept: Vec<bool>,
     /// Triangles, in order; where contraction took one away, two of its corners are the same.
     pub triangles: Vec<[u32; 3]>,
     /// The triangles at each of the slab's vertices and of the next slab's that it names.
@@ -107,7 +109,7 @@ impl SlabMesh {
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
 
         // The top plane of the last slab lies above its last slice and holds only faces perpendicular to y.
-        let mut triangles = surface.triangles(planes.clone(), &q, options.diagonals);
+        let Triangles { corners: mut triangles, kept } = surface.triangles(planes.clone(), &q, options.diagonals);
         for corner in triangles.as_flattened_mut() {
             *corner -= own.start;
         }
@@ -126,7 +128,7 @@ impl SlabMesh {
         let reach = halo(options.smooth);
         let slices_near = planes.start.saturating_sub(reach)..(planes.end + reach).min(solid.cells[1]);
         let nearest = || fit(sampled, &Task { surface: &surface, q: &q, planes: planes.clone(), halo: reach }, piece);
-        let fitted = match options.fit {
+        let mut fitted = match options.fit {
             Fit::None => Fitted::none(own.len()),
             Fit::Plane => {
                 let mut fitted = Fitted::none(own.len());
@@ -143,6 +145,16 @@ impl SlabMesh {
         let stride = sampled.buckets.stride();
         // Vertices that are moved elsewhere, or not at all, have the attributes of their nearest points all the same.
         let nearest = if options.fit == Fit::Nearest || stride == 0 { None } else { Some(nearest()?) };
+        if let Some(columns) = surface.columns() {
+            for v in 0..own.len() {
+                let (vertex, mut q) = (&surface.vertices[own.start as usize + v], q[own.start as usize + v]);
+                if let Some(height) = columns.bridge(vertex.corner).filter(|_| matches!(vertex.kind, Kind::Sheet(_))) {
+                    q[columns.up().axis] = height;
+                    fitted.put(v, grid.position(q));
+                    fate[v] = Fate::Bridged;
+                }
+            }
+        }
         drop(surface);
         let smoothed = to_world(q);
         let attributes = match stride {
@@ -160,6 +172,7 @@ impl SlabMesh {
             fitted,
             attributes,
             fate,
+            kept,
             triangles,
             fans,
             seam,
@@ -182,7 +195,7 @@ impl SlabMesh {
         if self.slices.start > 0 {
             group[..self.seam as usize].fill(NONE);
         }
-        let groups = Groups { group: &group, distance: &self.fitted.distance };
+        let groups = Groups { group: &group, distance: &self.fitted.distance, kept: &self.kept };
         let fate = &mut self.fate;
         contract(&mut self.triangles, &mut self.fans, groups, |dead, _| fate[dead as usize] = Fate::Gone);
     }
@@ -221,7 +234,7 @@ impl SlabMesh {
     pub fn position(&self, v: u32) -> [f64; 3] {
         let (smoothed, target) = (self.smoothed[v as usize], self.fitted.target[v as usize]);
         match self.fate[v as usize] {
-            Fate::Fitted | Fate::Projected => target,
+            Fate::Fitted | Fate::Projected | Fate::Bridged => target,
             Fate::Pulled => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
             Fate::Stays | Fate::Gone => smoothed,
             Fate::Rest => self.rest_of(v),
@@ -234,6 +247,18 @@ impl SlabMesh {
 
     fn rest_of(&self, v: u32) -> [f64; 3] {
         *self.rest.get(v as usize).unwrap_or(&self.smoothed[v as usize])
+    }
+
+    /// Whether a triangle is written, if it is left.
+    #[inline]
+    pub fn is_kept(&self, t: u32) -> bool {
+        self.kept.get(t as usize).copied().unwrap_or(true)
+    }
+
+    /// The triangles that are written: left, and kept.
+    pub fn triangles_written(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        let triangles = (0u32..).zip(&self.triangles);
+        triangles.filter(|(t, triangle)| self.is_kept(*t) && !is_gone(**triangle)).map(|(_, triangle)| *triangle)
     }
 
     /// The triangles that are left.
@@ -309,6 +334,11 @@ impl Piece for Inside<'_> {
 
     fn is_settled(&self, _: u32) -> bool {
         false
+    }
+
+    #[inline]
+    fn is_kept(&self, t: u32) -> bool {
+        self.slab.is_kept(t)
     }
 
     fn fate(&self, v: u32) -> Fate {

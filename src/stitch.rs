@@ -22,6 +22,7 @@ use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::fate::Fate;
 use crate::stage::near::Near;
 use crate::stage::retreat::retreat;
+use crate::trim::{Trim, Trimmed};
 
 /// The largest number of vertices: what a PLY file's `int` can index.
 pub const VERTEX_LIMIT: u64 = i32::MAX as u64;
@@ -40,6 +41,8 @@ pub struct Stitcher<'a> {
     base: u64,
     /// Numbers of the vertices of the slab before the waiting one.
     before: Vec<u32>,
+    /// What is left out, if the surface is not closed.
+    trim: Option<Trim>,
     /// The waiting slab's vertices `0..settled` must stay as they are: the slab before names them.
     settled: u32,
     vertices: Vec<[f64; 3]>,
@@ -59,6 +62,8 @@ pub struct Counts {
     pub pulled: u64,
     /// Vertices that stay where smoothing put them: no point within reach, or not to be fitted.
     pub unfitted: u64,
+    /// Vertices where a hole is bridged, at the height interpolated there.
+    pub bridged: u64,
     /// Vertices contracted into others.
     pub contracted: u64,
     /// Vertices that went back towards rest because triangles there would intersect.
@@ -66,13 +71,31 @@ pub struct Counts {
     /// Pairs of triangles that intersect still: none, unless cells are too small for the precision of coordinates, or a chain of
     /// retreats would have to reach through a whole slab.
     pub tangled: u64,
-    /// Area of the triangles that bridge a hole: all three vertices stay where smoothing put them, for want of a point within reach.
+    /// Area of the triangles that bridge a hole: all three vertices stay where smoothing put them, for want of a point within reach, or lie at an
+    /// interpolated height.
     pub bridged_area: f64,
 }
 
+impl Counts {
+    /// Counts a vertex that is written, or that was contracted.
+    fn count(&mut self, fate: Fate) {
+        let count = match fate {
+            Fate::Gone => &mut self.contracted,
+            Fate::Fitted => &mut self.fitted,
+            Fate::Projected => &mut self.projected,
+            Fate::Bridged => &mut self.bridged,
+            Fate::Pulled => &mut self.pulled,
+            Fate::Stays => &mut self.unfitted,
+            Fate::Back(_) | Fate::Rest => &mut self.retreated,
+        };
+        *count += 1;
+    }
+}
+
 impl<'a> Stitcher<'a> {
-    /// A stitcher that appends to `mesh`, whose positions are to be written in `frame`; `halo` as in [`crate::partition::halo`].
-    pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool) -> Stitcher<'a> {
+    /// A stitcher that appends to `mesh`, whose positions are to be written in `frame`; `halo` as in [`crate::partition::halo`]. If the surface is `trimmed`,
+    /// only triangles that are kept are written.
+    pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool, trimmed: bool) -> Stitcher<'a> {
         Stitcher {
             grid,
             halo,
@@ -82,6 +105,7 @@ impl<'a> Stitcher<'a> {
             waiting: None,
             base: 0,
             before: Vec::new(),
+            trim: trimmed.then(Trim::default),
             settled: 0,
             vertices: Vec::new(),
             attributes: Vec::new(),
@@ -124,34 +148,36 @@ impl<'a> Stitcher<'a> {
         self.vertices.clear();
         self.attributes.clear();
         let stride = self.mesh.schema().stride();
+        self.faces.clear();
+        self.counts.tangled += slab.tangled;
+        self.counts.bridged_area += bridged_area(slab, next);
+        if let Some(trim) = &mut self.trim {
+            let Trimmed { written, triangles, settled } = trim.slab(slab, next, self.base as u32);
+            for ((v, written), fate) in (0..).zip(written).zip(&slab.fate) {
+                if written {
+                    self.vertices.push(self.frame.place(slab.position(v)));
+                    self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
+                }
+                if written || *fate == Fate::Gone {
+                    self.counts.count(*fate);
+                }
+            }
+            self.faces.extend(triangles.into_iter().map(FaceRecord::new));
+            self.settled = settled;
+            let after = self.base + self.vertices.len() as u64;
+            return self.append(after);
+        }
         let numbers = number(slab, self.base);
         for v in 0..slab.own() {
-            match slab.fate[v as usize] {
-                Fate::Gone => {
-                    self.counts.contracted += 1;
-                    continue;
-                }
-                Fate::Fitted => self.counts.fitted += 1,
-                Fate::Projected => self.counts.projected += 1,
-                Fate::Pulled => self.counts.pulled += 1,
-                Fate::Stays => self.counts.unfitted += 1,
-                Fate::Back(_) | Fate::Rest => self.counts.retreated += 1,
+            let fate = slab.fate[v as usize];
+            self.counts.count(fate);
+            if fate != Fate::Gone {
+                self.vertices.push(self.frame.place(slab.position(v)));
+                self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
             }
-            self.vertices.push(self.frame.place(slab.position(v)));
-            self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
         }
-        self.counts.tangled += slab.tangled;
         let after = self.base + self.vertices.len() as u64;
-        if after > VERTEX_LIMIT {
-            return Err(Error::TooManyElements {
-                count: after,
-                what: "vertices",
-                limit: VERTEX_LIMIT,
-                carrier: "a mesh file's int",
-            });
-        }
         let numbers_after = next.map_or_else(Vec::new, |next| number(next, after));
-        self.faces.clear();
         self.faces.extend(slab.triangles_left().map(|t| {
             FaceRecord::new(t.map(|v| {
                 if v >= BEFORE {
@@ -163,26 +189,38 @@ impl<'a> Stitcher<'a> {
                 }
             }))
         }));
-        self.counts.bridged_area += bridged_area(slab, next);
         let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
         self.settled = named.map_or(0, |v| v - slab.own() + 1);
+        self.before = numbers;
+        self.append(after)
+    }
+
+    /// Appends the vertices, up to number `after`, and the triangles of a slab to the mesh.
+    fn append(&mut self, after: u64) -> Result<()> {
+        if after > VERTEX_LIMIT {
+            return Err(Error::TooManyElements {
+                count: after,
+                what: "vertices",
+                limit: VERTEX_LIMIT,
+                carrier: "a mesh file's int",
+            });
+        }
         self.mesh.append_vertices(&self.vertices)?;
         self.mesh.append_attributes(&self.attributes)?;
         self.mesh.append_faces(&self.faces)?;
         self.base = after;
-        self.before = numbers;
         Ok(())
     }
 }
 
-/// The area of a slab's triangles whose vertices all stay. Vertices of the slab before are named only by triangles that were contracted onto a point.
+/// The area of a slab's triangles that are written and whose vertices all stay, or lie at an interpolated height. Vertices of the slab before are named only by triangles that were contracted onto a point.
 fn bridged_area(slab: &SlabMesh, next: Option<&SlabMesh>) -> f64 {
     let place = |v: u32| -> Option<DVec3> {
         let (mesh, v) = if v < slab.own() { (slab, v) } else { (next?, v.checked_sub(slab.own())?) };
-        let stays = *mesh.fate.get(v as usize)? == Fate::Stays;
+        let stays = matches!(mesh.fate.get(v as usize)?, Fate::Stays | Fate::Bridged);
         stays.then(|| DVec3::from(mesh.position(v)))
     };
-    let corners = slab.triangles_left().filter_map(|[a, b, c]| Some([place(a)?, place(b)?, place(c)?]));
+    let corners = slab.triangles_written().filter_map(|[a, b, c]| Some([place(a)?, place(b)?, place(c)?]));
     corners.map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use crate::error::{Error, Result};
-use crate::grid::Bounds;
+use crate::grid::{Bounds, Turn};
 use crate::input::{Carried, Cloud};
 use crate::points::{Batch, Coordinate, Points};
 use crate::schedule::Workers;
@@ -86,6 +86,34 @@ fn bounds_of<T: Coordinate>(points: &[[T; 3]]) -> Bounds {
         }
     }
     Bounds { min: min.map(Into::into), max: max.map(Into::into) }
+}
+
+/// The box of the points in turned coordinates.
+///
+/// # Errors
+/// Those of reading the input; [`Error::Interrupted`].
+pub fn turned_bounds(cloud: &Cloud, turn: Turn, workers: &Workers, in_flight: usize) -> Result<Bounds> {
+    fn turned<T: Coordinate>(points: &[[T; 3]], turn: Turn) -> Bounds {
+        let places = points.iter().map(|p| turn.of(p.map(Into::into)));
+        places.map(|p| Bounds { min: p, max: p }).fold(Bounds::EMPTY, Bounds::union)
+    }
+    let mut total = Bounds::EMPTY;
+    cloud.for_each_batch(
+        workers,
+        in_flight,
+        Carried::Coordinates,
+        |batch| {
+            Ok(match &batch.points {
+                Points::Single(points) => turned(points, turn),
+                Points::Double(points) => turned(points, turn),
+            })
+        },
+        |part| {
+            total = total.union(part);
+            Ok(())
+        },
+    )?;
+    Ok(total)
 }
 
 /// Cells kept to count distinct ones: the count is good to about 1/√1024, three per cent.

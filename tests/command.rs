@@ -366,6 +366,40 @@ fn check_tells_a_good_mesh_from_a_broken_one() {
 }
 
 #[test]
+fn terrain_is_open_on_purpose_and_a_base_closes_it() {
+    let f = Folder::new();
+    f.ok("generate terrain 20k --size 100 -o t.bin");
+    let answer = f.ok("t.bin --surface terrain --cell-size auto -o t.ply --report r.json");
+    for words in
+        ["surface  terrain, seen from +z: ", "open on purpose, 1 boundary loop, oriented, manifold; 1 component"]
+    {
+        assert!(answer.err.contains(words), "{words}: {}", answer.err);
+    }
+    let report = report(&f, "r.json");
+    assert_eq!(report["check"]["boundary_loops"], 1);
+    assert_eq!(report["parameters"]["open"]["kind"], "terrain");
+    assert_eq!(report["parameters"]["open"]["facing"], "+z");
+    assert!(report["closing"]["columns"]["data"].as_u64().unwrap() > 1000);
+    let answer = f.ok("check t.ply --open");
+    let verdict = "open, with 1 boundary loop, consistently oriented, manifold, free of self-intersections\n";
+    assert!(answer.out.ends_with(verdict), "{}", answer.out);
+    f.fails("check t.ply", 4, &[]);
+    f.ok("t.bin --surface sheet --facing +z --cell-size auto -o s.ply");
+    f.ok("t.bin --surface terrain --base -60 --cell-size auto -o b.ply");
+    f.ok("check b.ply");
+    f.ok("plan t.bin --surface terrain");
+
+    f.fails("t.bin --surface terrain --axis z -o x.ply", 2, &["--axis z: a slice must hold whole columns"]);
+    f.fails("t.bin --surface terrain --base 60 -o x.ply", 2, &["--base 60: must not lie above the lowest point"]);
+    f.fails("t.bin --surface terrain --facing -z -o x.ply", 2, &["terrain is seen from +z"]);
+    f.fails("t.bin --surface terrain --min-component 5 -o x.ply", 2, &["--min-component: a surface that is seen"]);
+    f.fails("t.bin --surface sheet -o x.ply", 2, &["--facing must say"]);
+    f.fails("t.bin --surface sheet --facing up -o x.ply", 2, &["expected +x, -x, +y, -y, +z or -z"]);
+    f.fails("t.bin --max-hole 3 -o x.ply", 2, &["--max-hole: is for --surface sheet and terrain"]);
+    f.fails("t.bin --base 3 -o x.ply", 2, &["--base: is for --surface terrain"]);
+}
+
+#[test]
 fn plan_and_info_look_and_write_nothing() {
     let f = Folder::new();
     f.knot(5000);

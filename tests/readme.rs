@@ -68,8 +68,8 @@ fn other_subcommands_take_options_of_the_table() {
     let names = |command: &str| {
         let flags = flags(program.find_subcommand(command).unwrap());
         for [flag, default] in &flags {
-            // The only flag of its own; README's text names it.
-            if flag == "`--no-intersections`" {
+            // The only flags of its own; README's text names them.
+            if ["`--no-intersections`", "`--open`"].contains(&flag.as_str()) {
                 assert!(README.contains(flag));
                 continue;
             }
@@ -85,7 +85,7 @@ fn other_subcommands_take_options_of_the_table() {
     assert_eq!(names("info"), info);
     let mut check: Vec<String> = table[table.len() - 3..].to_vec();
     check.splice(0..0, table.iter().filter(|f| f.contains("--report") || f.contains("--quiet")).cloned());
-    check.insert(0, "`--no-intersections`".to_owned());
+    check.splice(0..0, ["`--open`", "`--no-intersections`"].map(str::to_owned));
     assert_eq!(names("check"), check);
     for command in program.get_subcommands().filter(|c| c.get_name() != "help") {
         assert!(README.contains(&format!("asra-stream {}", command.get_name())), "{}", command.get_name());

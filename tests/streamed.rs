@@ -6,9 +6,10 @@ use std::path::Path;
 
 use asra_stream::closing::Sealing;
 use asra_stream::error::Error;
-use asra_stream::grid::{Axis, AxisChoice, Resolution};
+use asra_stream::grid::{Axis, AxisChoice, Bounds, Resolution};
 use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
+use asra_stream::open::{Facing, Hole, Kind, Open};
 use asra_stream::partition::slab_slices;
 use asra_stream::pipeline::{Fineness, Reconstruction, Settings, Surveyed, context, reconstruct, survey_cloud};
 use asra_stream::plan::MemoryPlan;
@@ -96,6 +97,14 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
     let grid = &run.surveyed.grid;
     let params = twin::Params {
         axis: [twin::Axis::X, twin::Axis::Y, twin::Axis::Z][grid.axis().index()],
+        turn: settings.open.and_then(|open| match open.facing {
+            Facing::Along { .. } => None,
+            Facing::Direction(direction) => Some(twin::grid::turned_up(direction)),
+            Facing::Position(place) => {
+                let Bounds { min, max } = run.surveyed.survey.bounds;
+                Some(twin::grid::turned_up([0, 1, 2].map(|a| place[a] - min[a].midpoint(max[a]))))
+            }
+        }),
         min: grid.bounds().min,
         w: grid.cell_size(),
         cells: grid.cells(),
@@ -119,6 +128,17 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
             Fit::Plane => twin::Fit::Plane,
             Fit::None => twin::Fit::None,
         },
+        open: settings.open.map(|open| twin::Open {
+            up: open.up(grid).axis,
+            positive: open.facing.axis().1,
+            bridge: open.bridge(grid) as i32,
+            ball: match settings.seal {
+                Sealing::Cells(radius) => (if radius == 1 { 3 } else { radius * radius }) as i32,
+                _ => 2,
+            },
+            base: open.base.is_some(),
+            smooth: settings.surface.smooth,
+        }),
         slab_slices: slab_slices(settings.surface.smooth),
         origin: run.made.origin,
         single,
@@ -162,8 +182,116 @@ fn settings() -> impl Strategy<Value = Settings> {
             min_points,
             min_component,
             surface: SurfaceOptions { smooth, diagonals, fit },
+            open: None,
         },
     )
+}
+
+/// Settings for surfaces that are seen from one side, with cells of side 1.
+fn open_settings() -> impl Strategy<Value = Settings> {
+    let facing = prop::sample::select(vec![
+        "+z",
+        "+z",
+        "-z",
+        "+x",
+        "-x",
+        "+y",
+        "-y",
+        "0.3,0,1",
+        "-1,0.2,0.5",
+        "0,-3,0",
+        "@20,7,30",
+    ]);
+    let seal = prop_oneof![3 => Just(Sealing::Auto), 1 => (1u32..=3).prop_map(Sealing::Cells)];
+    let base = prop_oneof![3 => Just(None), 1 => (-3.0f64..=0.0).prop_map(Some)];
+    (settings(), facing, seal, 0u32..=7, base, any::<bool>()).prop_map(|(settings, facing, seal, hole, base, fixed)| {
+        let facing: Facing = facing.parse().unwrap();
+        let base = base.filter(|_| facing == Facing::UP);
+        let kind = if facing == Facing::UP { Kind::Terrain } else { Kind::Sheet };
+        let axis = match facing.axis().0 {
+            _ if !fixed => AxisChoice::Longest,
+            Axis::X => AxisChoice::Fixed(Axis::Z),
+            Axis::Y => AxisChoice::Fixed(Axis::X),
+            Axis::Z => AxisChoice::Fixed(Axis::X),
+        };
+        Settings {
+            fineness: Fineness::Given(Resolution::Cell(1.0)),
+            axis,
+            seal,
+            window: None,
+            min_component: None,
+            surface: SurfaceOptions { smooth: settings.surface.smooth.min(2), ..settings.surface },
+            open: Some(Open { kind, facing, max_hole: Hole::Cells(hole), base }),
+            ..settings
+        }
+    })
+}
+
+/// Ground with holes, and things that stand and lie on it, hang over it or below.
+fn landscape() -> impl Strategy<Value = Vec<[f64; 3]>> {
+    let size = (1u32..=9, 1u32..=24);
+    let hole = (0u32..9, 0u32..24, 0u32..5);
+    let block = (0u32..9, 0u32..24, 1u32..5, 0u32..5, 0u32..5);
+    let strays = prop::collection::vec([0.0f32..9.0, 0.0f32..24.0, 0.0f32..5.0], 0..12);
+    let jitter = prop::collection::vec([0.0f32..1.0, 0.0f32..1.0, 0.0f32..1.0], 24 * 9);
+    (size, prop::collection::vec(hole, 0..4), prop::collection::vec(block, 0..3), strays, jitter, 0.0f64..0.4).prop_map(
+        |((wide, long), holes, blocks, strays, jitter, slope)| {
+            let mut points: Vec<[f64; 3]> = strays.iter().map(|p| p.map(f64::from)).collect();
+            for x in 0..wide {
+                for y in 0..long {
+                    let inside = |(a, b, size): &(u32, u32, u32)| x.abs_diff(*a) < *size && y.abs_diff(*b) < *size;
+                    if holes.iter().any(inside) {
+                        continue;
+                    }
+                    let [a, b, c] = jitter[(x * 24 + y) as usize].map(f64::from);
+                    points.push([f64::from(x) + a, f64::from(y) + b, slope * f64::from(x) + c]);
+                    for (_, _, _, low, high) in blocks.iter().filter(|(a, b, size, ..)| inside(&(*a, *b, *size))) {
+                        points.push([f64::from(x) + b, f64::from(y) + c, f64::from(low + high) + a]);
+                    }
+                }
+            }
+            points.push([0.5, 0.5, 0.5]);
+            // Exact in single precision.
+            points.into_iter().map(|p| p.map(|c| f64::from(c as f32))).collect()
+        },
+    )
+}
+
+fn assert_same_open(points: &[[f64; 3]], single: bool, settings: &Settings) -> Result<(), TestCaseError> {
+    let run = match stream(points, single, settings, Means::Ample) {
+        Err(Error::Usage(_)) if settings.min_points > 1 => return Ok(()),
+        run => run.unwrap(),
+    };
+    prop_assume!(run.surveyed.grid.cells().iter().map(|c| u64::from(*c)).product::<u64>() < 25_000);
+    let closed = settings.open.is_some_and(|open| open.base.is_some());
+    let loops = twin::check::check_open(run.mesh.0.len(), &run.mesh.1).map_err(TestCaseError::fail)?;
+    prop_assert!(!closed || loops == 0);
+    let expected = naive(points, single, settings, &run);
+    prop_assert_eq!(run.mesh.0.len(), expected.0.len(), "number of vertices");
+    prop_assert_eq!(&run.mesh.1, &expected.1);
+    prop_assert!(run.mesh.0 == expected.0);
+    let places: Vec<[f64; 3]> = run.mesh.0.iter().map(|v| v.map(f64::from_bits)).collect();
+    // The flat sides of a closed body are too much for exact sums.
+    let met = if closed { Vec::new() } else { twin::intersect::pairs(&run.mesh.1, &|v| places[v as usize]) };
+    prop_assert!(met.is_empty() && run.made.counts.tangled == 0, "{} intersections: {:?}", met.len(), met.first());
+    assert_means_do_not_show(points, single, settings, &run)
+}
+
+/// Neither memory, threads nor the order of points show in the mesh.
+fn assert_means_do_not_show(
+    points: &[[f64; 3]],
+    single: bool,
+    settings: &Settings,
+    run: &Run,
+) -> Result<(), TestCaseError> {
+    for means in [Means::Least { threads: 1, piece: 3 }, Means::Least { threads: 7, piece: 1000 }] {
+        let other = stream(points, single, settings, means).unwrap();
+        prop_assert!(other.mesh == run.mesh, "{:?} changes the mesh", means);
+    }
+    let mut reversed = points.to_vec();
+    reversed.reverse();
+    prop_assert!(stream(&reversed, single, settings, Means::Ample).unwrap().mesh == run.mesh, "order changes the mesh");
+    Ok(())
 }
 
 /// Clouds on grids that the twin cannot hold are left out.
@@ -200,14 +328,7 @@ fn assert_same(points: &[[f64; 3]], single: bool, settings: &Settings) -> Result
         let met = twin::intersect::pairs(&run.mesh.1, &|v| places[v as usize]);
         prop_assert!(met.is_empty() && run.made.counts.tangled == 0, "{} intersections: {:?}", met.len(), met.first());
     }
-    for means in [Means::Least { threads: 1, piece: 3 }, Means::Least { threads: 7, piece: 1000 }] {
-        let other = stream(points, single, settings, means).unwrap();
-        prop_assert!(other.mesh == run.mesh, "{:?} changes the mesh", means);
-    }
-    let mut reversed = points.to_vec();
-    reversed.reverse();
-    prop_assert!(stream(&reversed, single, settings, Means::Ample).unwrap().mesh == run.mesh, "order changes the mesh");
-    Ok(())
+    assert_means_do_not_show(points, single, settings, &run)
 }
 
 /// Whether settings ask for what not every cloud can give: cells that are full enough, components that are large enough, room for a ball.
@@ -292,6 +413,96 @@ proptest! {
         let params = twin::Params { min: [0.0; 3], w: 1.0, cells, ..setting.params(&cloud) };
         prop_assume!(params.axis == twin::Axis::Y);
         assert_same_solid(&points, &params)?;
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, max_global_rejects: 100_000, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_landscape_gives_the_twins_sheet(points in landscape(), settings in open_settings(), single in any::<bool>()) {
+        assert_same_open(&points, single, &settings)?;
+    }
+}
+
+/// Points of a surface, half a cell apart over `size` cells of side 1; `heights` gives those of a place.
+fn sampled<I: IntoIterator<Item = f64>>(size: [u32; 2], heights: impl Fn(f64, f64) -> I) -> Vec<[f64; 3]> {
+    let places =
+        (0..2 * size[0]).flat_map(|i| (0..2 * size[1]).map(move |j| [i, j].map(|c| f64::from(c) * 0.5 + 0.25)));
+    places.flat_map(|[x, y]| heights(x, y).into_iter().map(move |z| [x, y, z]).collect::<Vec<_>>()).collect()
+}
+
+/// The loops of the boundary of the one sheet that these points become. Unfitted, no triangle looks away.
+fn loops_of(what: &str, points: &[[f64; 3]], open: Open) -> usize {
+    let settings = Settings {
+        fineness: Fineness::Given(Resolution::Cell(1.0)),
+        open: Some(open),
+        surface: SurfaceOptions { fit: Fit::None, ..Settings::default().surface },
+        ..Settings::default()
+    };
+    let bare = stream(points, false, &settings, Means::Ample).unwrap();
+    let places: Vec<[f64; 3]> = bare.mesh.0.iter().map(|v| v.map(f64::from_bits)).collect();
+    let (up, positive) = open.facing.axis();
+    let (up, sign) = (up.index(), if positive { 1.0 } else { -1.0 });
+    // A body has a bottom.
+    let faces = if open.base.is_some() { &[] } else { &bare.mesh.1[..] };
+    for face in faces {
+        let [a, b, c] = face.map(|v| places[v as usize]);
+        let [x, y] = [(up + 1) % 3, (up + 2) % 3];
+        let looks = (b[x] - a[x]) * (c[y] - a[y]) - (b[y] - a[y]) * (c[x] - a[x]);
+        assert!(sign * looks > -1e-9, "{what}: a triangle at {a:?} looks away");
+    }
+    let settings = Settings { surface: Settings::default().surface, ..settings };
+    let fitted = stream(points, false, &settings, Means::Ample).unwrap();
+    assert_eq!(fitted.made.counts.tangled, 0, "{what}");
+    let [unfitted, loops] = [&bare, &fitted]
+        .map(|run| twin::check::check_open(run.mesh.0.len(), &run.mesh.1).unwrap_or_else(|e| panic!("{what}: {e}")));
+    assert_eq!(unfitted, loops, "{what}");
+    loops
+}
+
+#[test]
+fn never_a_double_wall() {
+    let terrain = Open { max_hole: Hole::Cells(8), ..Open::TERRAIN };
+    let size = [40, 36];
+    let wave = |x: f64, y: f64| 2.0 * (x * 0.3).sin() + 1.5 * (y * 0.2).cos() + 0.1 * x;
+    let within = |c: f64, from: f64, to: f64| (from..to).contains(&c);
+    assert_eq!(loops_of("a plane", &sampled(size, |_, _| [3.0]), terrain), 1);
+    assert_eq!(loops_of("waves", &sampled(size, |x, y| [wave(x, y)]), terrain), 1);
+    let building = |x, y| within(x, 8.0, 16.0) && within(y, 10.0, 22.0);
+    let roof = |x: f64, y: f64| if building(x, y) { [12.0] } else { [wave(x, y)] };
+    assert_eq!(loops_of("a building", &sampled(size, roof), terrain), 1);
+    let canopy = |x: f64, y: f64| {
+        let above = if within(x, 20.0, 30.0) && within(y, 5.0, 30.0) { 9.0 } else { wave(x, y) };
+        [wave(x, y), above]
+    };
+    assert_eq!(loops_of("a roof over ground", &sampled(size, canopy), terrain), 1);
+    let with_hole = |side: f64| {
+        let hole = move |x: f64, y: f64| within(x, 12.0, 12.0 + side) && within(y, 11.0, 11.0 + side);
+        sampled(size, move |x, y| (!hole(x, y)).then(|| wave(x, y)))
+    };
+    assert_eq!(loops_of("a small hole", &with_hole(7.0), terrain), 1);
+    assert_eq!(loops_of("a wide hole", &with_hole(14.0), terrain), 2);
+    let wider = Open { max_hole: Hole::Length(14.0), ..terrain };
+    assert_eq!(loops_of("a hole as wide as may be", &with_hole(14.0), wider), 1);
+    let based = Open { base: Some(-9.0), ..terrain };
+    assert_eq!(loops_of("a body with a hole", &with_hole(14.0), based), 0);
+
+    // The same on end: a wall with windows, seen from where x falls.
+    for facing in ["-x", "+x", "-y", "+y", "-z"] {
+        let facing: Facing = facing.parse().unwrap();
+        let turn = |points: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
+            let axis = facing.axis().0.index();
+            let turned = |[a, b, depth]: [f64; 3]| {
+                let mut p = [0.0; 3];
+                (p[(axis + 1) % 3], p[(axis + 2) % 3], p[axis]) = (a, b, depth);
+                p
+            };
+            points.into_iter().map(turned).collect()
+        };
+        let sheet = Open { kind: Kind::Sheet, facing, ..terrain };
+        assert_eq!(loops_of("a wall", &turn(with_hole(7.0)), sheet), 1, "{facing}");
+        assert_eq!(loops_of("a wall with a window", &turn(with_hole(14.0)), sheet), 2, "{facing}");
     }
 }
 

@@ -37,6 +37,8 @@ fn unit_params(cells: [u32; 3], slab_slices: u32) -> Params {
         cells,
         min_points: 1,
         keep: None,
+        turn: None,
+        open: None,
         rho: 1,
         level: 0,
         falls: false,

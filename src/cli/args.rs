@@ -7,9 +7,11 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use super::sizes;
 use crate::attribute::Wanted;
 use crate::closing::Sealing;
+use crate::error::{Error, Result};
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
 use crate::input::{Filter, InputOptions, Layout, Returns, Withheld};
+use crate::open::{Facing, Hole, Kind, Open};
 use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
 use crate::run::{Check, Job, Means};
@@ -143,6 +145,18 @@ pub struct CloudArguments {
     /// Cells of a component, at least: a number, a share of the largest's such as 1%, or `largest` [default: all are kept]
     #[arg(long, value_name = "N|P%|largest", allow_negative_numbers = true, help_heading = "Surface")]
     pub min_component: Option<Least>,
+    /// A closed surface; or one that is open where the points end: of what was scanned from one side, or of ground seen from above
+    #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
+    pub surface: SurfaceWord,
+    /// Where a sheet's points were seen from: +x, -x, +y, -y, +z or -z; a direction such as 0.3,0,1; or a position such as @2,0.5,1
+    #[arg(long, value_name = "FROM", allow_hyphen_values = true, help_heading = "Surface")]
+    pub facing: Option<Facing>,
+    /// The widest hole that is bridged in a sheet or terrain, a length or cells as in `8c` [default: 16c]
+    #[arg(long, value_name = "WIDTH", allow_negative_numbers = true, help_heading = "Surface")]
+    pub max_hole: Option<Hole>,
+    /// Close terrain into a body with a flat bottom at this height
+    #[arg(long, value_name = "Z", allow_negative_numbers = true, help_heading = "Surface")]
+    pub base: Option<f64>,
     /// Steps of smoothing: the first is the paper's, those after it do not shrink the surface
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Surface")]
     pub smooth: u32,
@@ -195,6 +209,9 @@ pub struct InfoArguments {
 pub struct CheckArguments {
     /// The mesh: .ply, .stl, .obj or .glb
     pub mesh: PathBuf,
+    /// Accept a mesh that is open: a manifold with a boundary
+    #[arg(long)]
+    pub open: bool,
     /// Do not look for triangles that intersect
     #[arg(long)]
     pub no_intersections: bool,
@@ -245,7 +262,7 @@ pub struct GenerateArguments {
 }
 
 /// A way to close holes, as typed.
-fn sealing(text: &str) -> Result<Sealing, String> {
+fn sealing(text: &str) -> std::result::Result<Sealing, String> {
     let expected = || format!("expected auto, off, a length, or a number of cells such as 8c, found {text:?}");
     match (text, text.strip_suffix('c')) {
         ("auto", _) => Ok(Sealing::Auto),
@@ -282,6 +299,18 @@ pub enum AxisWord {
     Z,
 }
 
+/// The kind of surface as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum SurfaceWord {
+    /// Closed everywhere: the surface of a body.
+    #[default]
+    Closed,
+    /// One layer, seen from one side.
+    Sheet,
+    /// One layer, seen from above.
+    Terrain,
+}
+
 /// The byte order as typed.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum EndianWord {
@@ -293,14 +322,14 @@ pub enum EndianWord {
     Big,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+fn positive(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
         _ => Err(format!("expected a number above 0, found {text:?}")),
     }
 }
 
-fn cell_size(text: &str) -> Result<Fineness, String> {
+fn cell_size(text: &str) -> std::result::Result<Fineness, String> {
     if text == "auto" {
         return Ok(Fineness::Sampling);
     }
@@ -309,7 +338,7 @@ fn cell_size(text: &str) -> Result<Fineness, String> {
         .map_err(|_| format!("expected a length above 0, or `auto`, found {text:?}"))
 }
 
-fn bounds(text: &str) -> Result<Bounds, String> {
+fn bounds(text: &str) -> std::result::Result<Bounds, String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
     let bounds = match numbers.as_deref() {
         Some(&[x, y, to_x, to_y]) => Bounds { min: [x, y, f64::NEG_INFINITY], max: [to_x, to_y, f64::INFINITY] },
@@ -323,7 +352,7 @@ fn bounds(text: &str) -> Result<Bounds, String> {
     }
 }
 
-fn triple(text: &str) -> Result<Coordinates, String> {
+fn triple(text: &str) -> std::result::Result<Coordinates, String> {
     let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
     match numbers.try_into() {
         Ok(numbers) if text.split(',').count() == 3 => Ok(Coordinates(numbers)),
@@ -332,7 +361,32 @@ fn triple(text: &str) -> Result<Coordinates, String> {
 }
 
 impl CloudArguments {
-    fn settings(&self) -> Settings {
+    /// What is asked of a surface that is not closed.
+    fn open(&self) -> Result<Option<Open>> {
+        let wrong = |message: &str| Err(Error::Usage(message.into()));
+        let max_hole = self.max_hole.unwrap_or(Hole::DEFAULT);
+        match self.surface {
+            SurfaceWord::Closed => match (self.facing, self.max_hole, self.base) {
+                (None, None, None) => Ok(None),
+                (Some(_), ..) => wrong("--facing: is for --surface sheet"),
+                (_, Some(_), _) => {
+                    wrong("--max-hole: is for --surface sheet and terrain; --seal closes the holes of a closed surface")
+                }
+                _ => wrong("--base: is for --surface terrain"),
+            },
+            SurfaceWord::Sheet if self.base.is_some() => wrong("--base: is for --surface terrain"),
+            SurfaceWord::Sheet => match self.facing {
+                Some(facing) => Ok(Some(Open { kind: Kind::Sheet, facing, max_hole, base: None })),
+                None => wrong("--surface sheet: --facing must say where the points were seen from"),
+            },
+            SurfaceWord::Terrain => match self.facing {
+                None | Some(Facing::UP) => Ok(Some(Open { max_hole, base: self.base, ..Open::TERRAIN })),
+                Some(_) => wrong("--facing: terrain is seen from +z; --surface sheet is for other directions"),
+            },
+        }
+    }
+
+    fn settings(&self) -> Result<Settings> {
         let given = |resolution| Fineness::Given(resolution);
         let fineness = match (self.k, self.slices, self.cell_size) {
             (Some(k), ..) => given(Resolution::K(k)),
@@ -348,7 +402,8 @@ impl CloudArguments {
         };
         let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
         let (min_points, min_component) = (self.min_points, self.min_component);
-        Settings { fineness, axis, seal: self.seal, window: self.window, min_points, min_component, surface }
+        let (seal, window, open) = (self.seal, self.window, self.open()?);
+        Ok(Settings { fineness, axis, seal, window, min_points, min_component, surface, open })
     }
 
     fn input(&self) -> InputOptions {
@@ -381,30 +436,45 @@ impl MeansArguments {
 
 impl ReconstructArguments {
     /// The job they describe.
-    pub fn job(&self) -> Job {
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that contradict each other.
+    pub fn job(&self) -> Result<Job> {
         let check = if self.no_check { Check::Never } else { Check::Always };
         let output = self.output.clone();
         let positions = if self.ply_double { Positions::Absolute } else { Positions::Shifted };
-        Job { output, overwrite: overwrite(self.overwrite), positions, check, ..job(&self.cloud, self.means.means()) }
+        Ok(Job {
+            output,
+            overwrite: overwrite(self.overwrite),
+            positions,
+            check,
+            ..job(&self.cloud, self.means.means())?
+        })
     }
 }
 
 impl PlanArguments {
     /// The job they describe.
-    pub fn job(&self) -> Job {
+    ///
+    /// # Errors
+    /// As [`ReconstructArguments::job`].
+    pub fn job(&self) -> Result<Job> {
         job(&self.cloud, self.means.means())
     }
 }
 
 impl InfoArguments {
     /// The job they describe.
-    pub fn job(&self) -> Job {
+    ///
+    /// # Errors
+    /// As [`ReconstructArguments::job`].
+    pub fn job(&self) -> Result<Job> {
         job(&self.cloud, Means { threads: self.threads.map(usize::from), ..Means::default() })
     }
 }
 
-fn job(cloud: &CloudArguments, means: Means) -> Job {
-    Job { input: cloud.input(), settings: cloud.settings(), means, ..Job::new(&cloud.inputs) }
+fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
+    Ok(Job { input: cloud.input(), settings: cloud.settings()?, means, ..Job::new(&cloud.inputs) })
 }
 
 /// What the flag `--overwrite` means.
@@ -436,7 +506,7 @@ mod tests {
     #[test]
     fn a_reconstruction_needs_no_word_for_it() {
         let arguments = Arguments::try_parse_from(["asra-stream", "huge.bin", "--window", "3"]).unwrap();
-        let job = arguments.reconstruct.job();
+        let job = arguments.reconstruct.job().unwrap();
         assert_eq!(job.inputs, [PathBuf::from("huge.bin")]);
         assert_eq!(job.settings, Settings { window: Some(3), ..Settings::default() });
     }

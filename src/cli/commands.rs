@@ -40,7 +40,7 @@ fn show(quiet: bool) -> Show {
 }
 
 fn reconstruct(arguments: &ReconstructArguments) -> Result<Exit> {
-    let job = arguments.job();
+    let job = arguments.job()?;
     let workers = job.means.workers()?;
     stop_on_signal(&workers)?;
     let report_file = json_file(arguments.report.as_deref())?;
@@ -54,7 +54,7 @@ fn reconstruct(arguments: &ReconstructArguments) -> Result<Exit> {
 }
 
 fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
-    let job = arguments.job();
+    let job = arguments.job()?;
     let workers = job.means.workers()?;
     stop_on_signal(&workers)?;
     let mut progress = Progress::new(Show::fitting());
@@ -86,7 +86,7 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
 }
 
 fn show_info(arguments: &InfoArguments) -> Result<Exit> {
-    let job = arguments.job();
+    let job = arguments.job()?;
     let workers = job.means.workers()?;
     stop_on_signal(&workers)?;
     let mut progress = Progress::new(Show::fitting());
@@ -143,7 +143,7 @@ fn check(arguments: &CheckArguments) -> Result<Exit> {
     if let Some(file) = report_file {
         write_json(file, &report)?;
     }
-    Ok(if report.is_sound() { Exit::Done } else { Exit::NotSound })
+    Ok(if report.is_sound(arguments.open) { Exit::Done } else { Exit::NotSound })
 }
 
 fn generate_cloud(arguments: &GenerateArguments) -> Result<Exit> {

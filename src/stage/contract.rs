@@ -82,6 +82,8 @@ pub struct Groups<'a> {
     pub group: &'a [u32],
     /// The squared distance of each vertex to its point.
     pub distance: &'a [f64],
+    /// Of each triangle, whether it is kept; empty if all are. Where kept triangles meet others lies the *rim*.
+    pub kept: &'a [bool],
 }
 
 /// Contracts edges inside groups until none can be contracted any more.
@@ -149,8 +151,22 @@ fn first_contractible(
     same_group.iter().copied().find(|&u| {
         collect_neighbours(triangles, fans, u, of_u);
         let common = of_u.iter().filter(|x| of_v.contains(x)).count();
-        common == 2 && !(of_u.len() == 3 && of_v.len() == 3)
+        common == 2 && !(of_u.len() == 3 && of_v.len() == 3) && keeps_rim(triangles, fans, groups.kept, u, v)
     })
+}
+
+/// Whether a contraction leaves the rim one line: not if both ends lie on it, and the edge between them does not.
+fn keeps_rim(triangles: &[[u32; 3]], fans: &Fans, kept: &[bool], u: u32, v: u32) -> bool {
+    if kept.is_empty() {
+        return true;
+    }
+    let on_rim = |v: u32| {
+        let mut at = fans.at(v, triangles).map(|(t, _)| kept[t]);
+        let first = at.next();
+        at.any(|kept| Some(kept) != first)
+    };
+    let at_edge = || fans.at(v, triangles).filter(|(t, _)| triangles[*t].contains(&u)).map(|(t, _)| kept[t]);
+    at_edge().any(|kept| kept) && at_edge().any(|kept| !kept) || !(on_rim(u) && on_rim(v))
 }
 
 /// The neighbours of `v`: in a closed fan each is the next corner of exactly one triangle.

@@ -45,7 +45,7 @@ impl Ball {
     }
 
     /// The half width of the row at this offset along the two other axes, if the ball has one there.
-    fn half_width(&self, dy: u32, dz: u32) -> Option<u32> {
+    pub fn half_width(&self, dy: u32, dz: u32) -> Option<u32> {
         self.squared.checked_sub(dy * dy + dz * dz).map(u32::isqrt)
     }
 }

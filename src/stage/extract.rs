@@ -16,8 +16,9 @@
 //! bit 7 − 2^a.
 
 use crate::error::Result;
-use crate::slice::{Bits, Runs};
+use crate::slice::{Bits, Runs, words_for};
 use crate::stage::corner::{CORNERS, NO_SHEET, neighbours, quadrant};
+use crate::stage::ground::{Columns, KEPT, LIVE_COLUMN};
 use crate::stage::solid::Solid;
 use crate::window::Window;
 
@@ -80,6 +81,17 @@ pub struct Surface {
     lowest: u32,
     /// Of each plane: the vertices before it; one entry more than planes.
     starts: Vec<u32>,
+    /// The columns of the slices round the planes, if it is not closed: only corners of live ones are there.
+    columns: Option<Columns>,
+}
+
+/// The triangles of some slices.
+#[derive(Debug, Default)]
+pub struct Triangles {
+    /// Their vertices.
+    pub corners: Vec<[u32; 3]>,
+    /// Of each, whether it is written in the end; empty if all are.
+    pub kept: Vec<bool>,
 }
 
 impl Surface {
@@ -96,13 +108,17 @@ impl Surface {
         let expected: usize =
             (lowest..=highest).filter_map(|y| solid.faces.get(y as usize)).map(|faces| *faces as usize).sum();
         let vertices = Vec::with_capacity(expected + expected / 32);
-        let mut out = Surface { vertices, planes: Vec::new(), lowest: lowest as u32, starts: vec![0] };
+        let mut out = Surface { vertices, planes: Vec::new(), lowest: lowest as u32, starts: vec![0], columns: None };
+        if let Some(ground) = &solid.ground {
+            out.columns = Some(ground.columns(lowest - 1..highest + 2)?);
+        }
+        let trimmed = out.columns.as_ref().filter(|columns| columns.trimmed());
         let mut window = Window::new(3, || Bits::new(width + 2, rows + 2));
         let mut runs = Runs::default();
         for j in lowest..=highest {
             window.slide_to(j - 1, |y, bits| solid.paint(y, bits, &mut runs))?;
             let around = [window.get(j - 1), window.get(j), window.get(j + 1)];
-            let plane = Plane::find(around, j as u32, &mut out.vertices);
+            let plane = Plane::find(around, j as u32, trimmed, &mut out.vertices);
             out.planes.push(plane);
             out.starts.push(out.vertices.len() as u32);
         }
@@ -135,6 +151,16 @@ impl Surface {
         plane.masks[plane.ordinal(i, k)]
     }
 
+    /// Whether a corner is one of the surface's. Its plane must be held.
+    pub fn has(&self, [i, j, k]: [u32; 3]) -> bool {
+        self.planes[(j - self.lowest) as usize].corners.get(i64::from(i), i64::from(k))
+    }
+
+    /// The columns round the surface, if it is not closed.
+    pub fn columns(&self) -> Option<&Columns> {
+        self.columns.as_ref()
+    }
+
     /// Gives back the memory of what [`Surface::vertex`], [`Surface::triangles`] and smoothing need; the vertices stay.
     pub fn drop_lookups(&mut self) {
         self.planes = Vec::new();
@@ -153,10 +179,11 @@ impl Surface {
     }
 
     /// The triangles of slices `slices`, given the smoothed positions of all vertices, in cells.
-    pub fn triangles(&self, slices: std::ops::Range<u32>, q: &[[f64; 3]], diagonals: Diagonals) -> Vec<[u32; 3]> {
+    pub fn triangles(&self, slices: std::ops::Range<u32>, q: &[[f64; 3]], diagonals: Diagonals) -> Triangles {
         let planes = slices.clone().map(|y| &self.planes[(y - self.lowest) as usize]);
         let faces: usize = planes.flat_map(|plane| &plane.masks).map(|mask| faces_at(*mask)).sum();
-        let mut out = Vec::with_capacity(2 * faces);
+        let mut out = Triangles { corners: Vec::with_capacity(2 * faces), kept: Vec::new() };
+        let trimmed = self.columns.as_ref().filter(|columns| columns.trimmed());
         for y in slices {
             let plane = &self.planes[(y - self.lowest) as usize];
             for row in plane.rows.windows(2) {
@@ -165,9 +192,16 @@ impl Surface {
                     for ordinal in row.clone() {
                         let mask = plane.masks[ordinal];
                         let (cell, predecessor) = (mask >> 7, mask >> (7 - (1 << axis)) & 1);
-                        if cell != predecessor {
-                            let corner = self.vertices[plane.first[ordinal] as usize].corner;
-                            self.face(corner, axis, predecessor == 1, q, diagonals, &mut out);
+                        if cell == predecessor {
+                            continue;
+                        }
+                        let corner = self.vertices[plane.first[ordinal] as usize].corner;
+                        let flags = trimmed.map_or(KEPT | LIVE_COLUMN, |columns| columns.of_face(corner, axis));
+                        if flags & LIVE_COLUMN != 0 {
+                            self.face(corner, axis, predecessor == 1, q, diagonals, &mut out.corners);
+                        }
+                        if trimmed.is_some() {
+                            out.kept.resize(out.corners.len(), flags & KEPT != 0);
                         }
                     }
                 }
@@ -258,9 +292,10 @@ fn split([a, b, c]: [u32; 3], [ab, bc, ca]: [Option<u32>; 3], out: &mut Vec<[u32
 
 impl Plane {
     /// Finds plane `j`'s corners and appends its vertices. `around` are the slices j − 1, j and j + 1, each moved by one cell and row.
-    fn find(around: [&Bits; 3], j: u32, vertices: &mut Vec<Vertex>) -> Plane {
+    fn find(around: [&Bits; 3], j: u32, trimmed: Option<&Columns>, vertices: &mut Vec<Vertex>) -> Plane {
         let [low, high, _] = around;
         let (width, rows) = (low.width() - 1, low.row_count() - 1);
+        let live = trimmed.map(|columns| Live::of(columns, j, width, rows));
         let mut out = Plane {
             corners: Bits::new(width, rows),
             before: Vec::new(),
@@ -272,7 +307,8 @@ impl Plane {
         let words = out.corners.row(0).len();
         for k in 0..rows {
             let cells = [low.lit_row(k), high.lit_row(k), low.lit_row(k + 1), high.lit_row(k + 1)];
-            if cells.iter().all(Option::is_none) {
+            let live = live.as_ref().map(|live| live.row(k));
+            if cells.iter().all(Option::is_none) || live.is_some_and(|live| live.is_none()) {
                 out.before.extend(std::iter::repeat_n(out.masks.len() as u32, words));
                 out.rows.push(out.masks.len() as u32);
                 continue;
@@ -289,7 +325,8 @@ impl Plane {
                 let c: [u64; 8] = std::array::from_fn(|i| word(i & 1, cells[i >> 1]));
                 let any = c.iter().fold(0, |a, b| a | b);
                 let all = c.iter().fold(u64::MAX, |a, b| a & b);
-                let mut surface = any & !all;
+                let live = live.flatten().map_or(u64::MAX, |live| live[w]);
+                let mut surface = any & !all & live;
                 if surface == 0 {
                     continue;
                 }
@@ -308,12 +345,12 @@ impl Plane {
             }
             out.rows.push(out.masks.len() as u32);
         }
-        out.add_middles(around, vertices);
+        out.add_middles(around, trimmed, vertices);
         out
     }
 
     /// Appends the middles of doubled edges whose lower end lies in the plane: along x and z first, then along y.
-    fn add_middles(&mut self, around: [&Bits; 3], vertices: &mut Vec<Vertex>) {
+    fn add_middles(&mut self, around: [&Bits; 3], trimmed: Option<&Columns>, vertices: &mut Vec<Vertex>) {
         let doubled: Vec<usize> =
             (0..self.masks.len()).filter(|&o| CORNERS[usize::from(self.masks[o])].doubled & 0b10_1010 != 0).collect();
         for axes in [&[0u8, 2][..], &[1]] {
@@ -324,7 +361,9 @@ impl Plane {
                     let upper_mask = mask_at(around, vertex.corner, m);
                     let both = CORNERS[usize::from(vertex.mask)].doubled >> (2 * m + 1)
                         & CORNERS[usize::from(upper_mask)].doubled >> (2 * m);
-                    if both & 1 == 1 {
+                    let mut upper = vertex.corner;
+                    upper[m] += 1;
+                    if both & 1 == 1 && trimmed.is_none_or(|columns| columns.holds(upper)) {
                         let [i, _, k] = vertex.corner;
                         self.middles.push(((k, i, axis), vertices.len() as u32));
                         vertices.push(Vertex { kind: Kind::Middle(axis), ..vertex });
@@ -342,6 +381,32 @@ impl Plane {
         debug_assert!(row[w] >> bit & 1 == 1, "not a corner of the surface");
         let within = (row[w] & ((1 << bit) - 1)).count_ones();
         (self.before[k as usize * row.len() + w] + within) as usize
+    }
+}
+
+/// The corners of a plane that belong to live columns, and do not lie on the bottom of the grid: those that are made.
+struct Live {
+    rows: Vec<bool>,
+    words: Vec<u64>,
+}
+
+impl Live {
+    fn of(columns: &Columns, j: u32, width: u32, rows: u32) -> Live {
+        // Columns lie side by side along x or along z: whether a corner's are live depends on one of the two, whether it lies at the bottom on the other.
+        let made = |corner: [u32; 3]| columns.is_live(j.into(), corner[columns.up().across()].into());
+        let above = |corner: [u32; 3]| !columns.at_bottom(corner);
+        let (along_x, along_z): (&dyn Fn([u32; 3]) -> bool, &dyn Fn([u32; 3]) -> bool) =
+            if columns.up().across() == 0 { (&made, &above) } else { (&above, &made) };
+        let mut words = vec![0; words_for(width)];
+        for i in (0..width).filter(|i| along_x([*i, j, 0])) {
+            words[i as usize / 64] |= 1u64 << (i % 64);
+        }
+        Live { rows: (0..rows).map(|k| along_z([0, j, k])).collect(), words }
+    }
+
+    /// The words of row `k`, if any of its corners is made.
+    fn row(&self, k: u32) -> Option<&[u64]> {
+        self.rows[k as usize].then_some(&self.words)
     }
 }
 

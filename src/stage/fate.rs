@@ -9,6 +9,8 @@ pub enum Fate {
     Fitted,
     /// It moves into the plane of the points round it.
     Projected,
+    /// It lies where a hole is bridged, at the height that is interpolated there.
+    Bridged,
     /// Another vertex took the point's place; it goes most of the way.
     Pulled,
     /// It was contracted into another.
@@ -27,7 +29,7 @@ impl Fate {
     /// What becomes of a vertex whose triangles intersect others.
     pub fn after_retreat(self) -> Fate {
         match self {
-            Fate::Fitted | Fate::Projected | Fate::Pulled => Fate::Back(0),
+            Fate::Fitted | Fate::Projected | Fate::Bridged | Fate::Pulled => Fate::Back(0),
             Fate::Back(step) if usize::from(step) + 1 < SHARES.len() => Fate::Back(step + 1),
             Fate::Back(_) | Fate::Stays | Fate::Rest => Fate::Rest,
             Fate::Gone => Fate::Gone,

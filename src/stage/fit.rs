@@ -46,6 +46,11 @@ impl Fitted {
             target: vec![[0.0; 3]; vertices],
         }
     }
+
+    /// Gives vertex `v` a place of its own to go to, instead of a point.
+    pub fn put(&mut self, v: usize, target: [f64; 3]) {
+        (self.point[v], self.distance[v], self.target[v]) = (NONE, f64::INFINITY, target);
+    }
 }
 
 /// Which vertices to fit, and how far from their planes their points may lie.

@@ -96,7 +96,8 @@ impl Solid {
     fn filled(&self, labels: &Labels, context: &Context) -> Result<Solid> {
         let [width, slices, rows] = self.cells;
         let store = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut filled = Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize) };
+        let mut filled =
+            Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize), ground: None };
         let mut jobs = chunks(slices);
         context.workers.in_order(
             context.memory.chunks_for(&context.load, 1),

@@ -13,6 +13,7 @@ pub mod extract;
 pub mod fan;
 pub mod fate;
 pub mod fit;
+pub mod ground;
 pub mod hollow;
 pub mod label;
 pub mod lone;

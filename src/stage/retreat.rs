@@ -35,6 +35,8 @@ pub trait Piece: Places {
     fn is_whole(&self, v: u32) -> bool;
     /// Whether `v` must stay as it is.
     fn is_settled(&self, v: u32) -> bool;
+    /// Whether triangle `t` is written in the end.
+    fn is_kept(&self, t: u32) -> bool;
     /// What became of `v`.
     fn fate(&self, v: u32) -> Fate;
     /// Gives the corners that were `v`'s to `survivor`, and sets the rest of its state.
@@ -184,10 +186,12 @@ fn cluster<P: Piece>(piece: &P, v: u32) -> impl Iterator<Item = u32> {
     std::iter::successors(Some(v), |v| Some(piece.also(*v)).filter(|v| *v != NONE))
 }
 
-/// If the link of `v` is not one simple cycle of at least three vertices, appends the clusters to blame: its own, and those that occur in the link
+/// If the link of `v` is not one simple cycle of at least three vertices, or kept triangles are more than one stretch of it, appends the clusters to blame: its own, and those that occur in the link
 /// more than once, or all if it is too short.
 fn find_unsound<P: Piece>(piece: &P, v: u32, out: &mut Vec<u32>) {
     let mut link: Vec<(u32, u32)> = Vec::new();
+    // Where a kept triangle begins and ends, seen from the other side of its edges.
+    let (mut begins, mut ends): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
     let mut member = v;
     while member != NONE {
         for corner in piece.corners(member) {
@@ -195,6 +199,10 @@ fn find_unsound<P: Piece>(piece: &P, v: u32, out: &mut Vec<u32>) {
             if !is_gone(triangle) {
                 let at = corner as usize % 3;
                 link.push((triangle[(at + 1) % 3], triangle[(at + 2) % 3]));
+                if piece.is_kept(corner / 3) {
+                    begins.push(triangle[(at + 1) % 3]);
+                    ends.push(triangle[(at + 2) % 3]);
+                }
             }
         }
         member = piece.also(member);
@@ -220,7 +228,8 @@ fn find_unsound<P: Piece>(piece: &P, v: u32, out: &mut Vec<u32>) {
                     break;
                 }
             }
-            sound = steps == link.len();
+            let stretches = begins.iter().filter(|begin| !ends.contains(begin)).count();
+            sound = steps == link.len() && stretches <= 1;
         }
     }
     if !sound && is_cluster(&v) {

@@ -92,7 +92,8 @@ fn step(surface: &Surface, before: &[[f64; 3]], part: f64) -> Vec<[f64; 3]> {
             let (m, s) = (edge / 2, edge % 2);
             let mut place = vertex.corner;
             place[m] = place[m].wrapping_add_signed(if s == 1 { 1 } else { -1 });
-            if !held.contains(&place[1]) {
+            // On the border of what is made of an open surface, a neighbour may be missing, too.
+            if !held.contains(&place[1]) || surface.columns().is_some() && !surface.has(place) {
                 whole = false;
                 break;
             }

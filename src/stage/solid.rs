@@ -10,6 +10,7 @@ use crate::grid::Cell;
 use crate::slice::{Bits, Runs, SliceStore, Slices, clip, words_for};
 use crate::stage::dilate::Ball;
 use crate::stage::exterior::{Exterior, Padded, Scratch};
+use crate::stage::ground::Ground;
 use crate::stage::raster::Occupancy;
 use crate::stage::sides::Sides;
 
@@ -24,6 +25,8 @@ pub struct Solid {
     pub volume: u64,
     /// Of each slice: the faces that the slice owns (on its lower plane and within it).
     pub faces: Vec<u32>,
+    /// The columns, if it is the ground below a surface that is not closed.
+    pub ground: Option<Ground>,
 }
 
 struct Chunk {
@@ -132,6 +135,7 @@ impl Solid {
             store: SliceStore::new(&context.workspace, context.memory.store_quota),
             volume: 0,
             faces: Vec::with_capacity(cells[1] as usize),
+            ground: None,
         };
         let mut jobs = chunks(cells[1]);
         context.workers.in_order(

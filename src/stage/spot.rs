@@ -108,12 +108,13 @@ impl Scale {
     /// For places in `grid` that are less `origin`. Those outside are taken to its border.
     pub fn new(grid: &Grid, origin: [f64; 3]) -> Scale {
         let [along, layer, row] = grid.axis().file_axes();
-        let [x, y, z] = grid.cells().map(|c| (f64::from(c) / COARSE) as u32 + 1);
+        let (low, cells) = grid.file_box();
+        let [x, y, z] = cells.map(|c| (f64::from(c) / COARSE) as u32 + 1);
         // As fine as the numbers go; the highest one is the empty box's.
         let units = ((1 << BITS) - 1) / x.max(y).max(z);
         let units = units.ilog2();
         Scale {
-            low: std::array::from_fn(|a| grid.bounds().min[a] - origin[a]),
+            low: std::array::from_fn(|a| low[a] - origin[a]),
             inverse: f64::from(1u32 << units) / (COARSE * grid.cell_size()),
             axes: [layer, row, along],
             top: [y, z, x].map(|cells| (cells << units) - 1),

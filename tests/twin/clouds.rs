@@ -59,6 +59,8 @@ impl Setting {
             cells,
             min_points: 1,
             keep: None,
+            turn: None,
+            open: None,
             rho: self.rho,
             level: 0,
             falls: false,

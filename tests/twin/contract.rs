@@ -6,8 +6,12 @@ use std::collections::BTreeSet;
 #[derive(Debug, Clone)]
 pub struct Contraction {
     original: Vec<[u32; 3]>,
+    /// Of each triangle, whether it is written in the end.
+    kept: Vec<bool>,
     /// What each vertex has become.
     into: Vec<u32>,
+    /// The vertices that have become each vertex, in order.
+    clusters: Vec<Vec<u32>>,
     /// `None` where a triangle is gone.
     triangles: Vec<Option<[u32; 3]>>,
     /// The living triangles at each vertex; empty if the vertex is gone.
@@ -18,7 +22,7 @@ pub struct Contraction {
 
 impl Contraction {
     /// Starts from a closed mesh.
-    pub fn new(triangles: &[[u32; 3]], nearest: &[Option<(usize, f64)>]) -> Contraction {
+    pub fn new(triangles: &[[u32; 3]], kept: &[bool], nearest: &[Option<(usize, f64)>]) -> Contraction {
         let mut around = vec![BTreeSet::new(); nearest.len()];
         for (index, triangle) in triangles.iter().enumerate() {
             for &v in triangle {
@@ -27,19 +31,21 @@ impl Contraction {
         }
         let original = triangles.to_vec();
         let into = (0..nearest.len() as u32).collect();
+        let clusters = (0..nearest.len() as u32).map(|v| vec![v]).collect();
         let triangles = triangles.iter().copied().map(Some).collect();
-        Contraction { original, into, triangles, around, nearest: nearest.to_vec() }
+        Contraction { original, kept: kept.to_vec(), into, clusters, triangles, around, nearest: nearest.to_vec() }
     }
 
     /// The vertices that have become `v`.
     pub fn cluster(&self, v: u32) -> Vec<u32> {
-        (0..self.into.len() as u32).filter(|&u| self.into[u as usize] == v).collect()
+        self.clusters[v as usize].clone()
     }
 
     /// Makes the vertices of a cluster vertices of their own again.
     pub fn take_apart(&mut self, v: u32) {
         for u in self.cluster(v) {
             self.into[u as usize] = u;
+            self.clusters[u as usize] = vec![u];
         }
         self.around.iter_mut().for_each(BTreeSet::clear);
         for (index, triangle) in self.original.iter().enumerate() {
@@ -65,6 +71,34 @@ impl Contraction {
             }
         };
         self.around[v as usize].iter().map(opposite).collect()
+    }
+
+    /// The living triangles that are written, in order.
+    pub fn written(&self) -> Vec<[u32; 3]> {
+        self.triangles.iter().zip(&self.kept).filter(|(_, kept)| **kept).filter_map(|(t, _)| *t).collect()
+    }
+
+    /// Whether a vertex has triangles of both kinds.
+    fn on_rim(&self, v: u32) -> bool {
+        let kept = |wanted: bool| self.around[v as usize].iter().any(|t| self.kept[*t] == wanted);
+        kept(true) && kept(false)
+    }
+
+    /// Into how many stretches the written triangles round a vertex fall, if there are others.
+    pub fn stretches(&self, v: u32) -> usize {
+        let written: Vec<usize> = self.around[v as usize].iter().copied().filter(|t| self.kept[*t]).collect();
+        let turned = |t: &usize| {
+            let [a, b, c] = self.triangles[*t].expect("a triangle at a vertex lives");
+            if a == v {
+                [b, c]
+            } else if b == v {
+                [c, a]
+            } else {
+                [a, b]
+            }
+        };
+        let edges: Vec<[u32; 2]> = written.iter().map(turned).collect();
+        edges.iter().filter(|begin| !edges.iter().any(|end| end[1] == begin[0])).count()
     }
 
     /// The living triangles of the first triangles that were.
@@ -133,7 +167,10 @@ impl Contraction {
         opposite.remove(&v);
         let (of_u, of_v) = (self.neighbours(u), self.neighbours(v));
         let common: BTreeSet<u32> = of_u.intersection(&of_v).copied().collect();
-        common == opposite && !(of_u.len() == 3 && of_v.len() == 3)
+        let at_edge: Vec<bool> =
+            self.around[u as usize].intersection(&self.around[v as usize]).map(|t| self.kept[*t]).collect();
+        let across = !(at_edge.contains(&true) && at_edge.contains(&false)) && self.on_rim(u) && self.on_rim(v);
+        common == opposite && !(of_u.len() == 3 && of_v.len() == 3) && !across
     }
 
     /// Makes the two one: the survivor is the one with the smaller distance, or the earlier one.
@@ -141,11 +178,11 @@ impl Contraction {
         let d2 = |v: u32| self.nearest[v as usize].expect("only fitted vertices are contracted").1;
         let v_survives = d2(v) < d2(u) || (d2(v) == d2(u) && v < u);
         let (survivor, victim) = if v_survives { (v, u) } else { (u, v) };
-        for into in &mut self.into {
-            if *into == victim {
-                *into = survivor;
-            }
+        for member in std::mem::take(&mut self.clusters[victim as usize]) {
+            self.into[member as usize] = survivor;
+            self.clusters[survivor as usize].push(member);
         }
+        self.clusters[survivor as usize].sort_unstable();
         for t in std::mem::take(&mut self.around[victim as usize]) {
             let triangle = self.triangles[t].expect("a triangle at a vertex lives");
             if triangle.contains(&survivor) {

@@ -49,6 +49,8 @@ pub enum State {
     Fitted,
     /// In the plane of the points round it.
     Projected,
+    /// Where a hole is bridged.
+    Bridged,
     /// Most of the way to its point, which another has.
     Pulled,
     /// So many tenths of the way from rest to its point.
@@ -78,6 +80,9 @@ pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMe
     let mut contraction = fitting.start();
     let is_projected = |place: &Option<[f64; 3]>| if place.is_some() { State::Projected } else { State::Smoothed };
     let mut states: Vec<State> = fitting.projected.iter().map(is_projected).collect();
+    for (state, _) in states.iter_mut().zip(&surface.bridged).filter(|(_, bridged)| bridged.is_some()) {
+        *state = State::Bridged;
+    }
     let slabs = slabs(params);
     let plane = |v: u32| surface.planes[v as usize];
     for &slab in &slabs {
@@ -119,16 +124,11 @@ impl Fitting {
         let targets: Vec<[f64; 3]> = surface.positions.iter().map(|&q| to_file(q, params)).collect();
         let rest = surface.rest.iter().map(|&q| to_file(q, params)).collect();
         let sorted = sorted(points);
-        let nearest = targets
-            .iter()
-            .zip(&surface.middle)
-            .map(
-                |(&t, &middle)| {
-                    if params.fit == Fit::Nearest && !middle { nearest(t, &sorted, params.w) } else { None }
-                },
-            )
+        let finds_point = |v: usize| params.fit == Fit::Nearest && !surface.middle[v] && surface.bridged[v].is_none();
+        let nearest = (0..targets.len())
+            .map(|v| if finds_point(v) { nearest(targets[v], &sorted, params.w) } else { None })
             .collect();
-        let projected: Vec<Option<[f64; 3]>> = match params.fit {
+        let mut projected: Vec<Option<[f64; 3]>> = match params.fit {
             Fit::Plane => {
                 let means = Means::of(points, params);
                 let place = |&q: &[f64; 3]| means.projected(q).map(|q| to_file(q, params));
@@ -136,21 +136,29 @@ impl Fitting {
             }
             Fit::Nearest | Fit::None => vec![None; targets.len()],
         };
+        for (v, bridged) in surface.bridged.iter().enumerate() {
+            if let Some(height) = bridged {
+                let mut q = surface.positions[v];
+                q[params.open.expect("a surface that is not closed").up] = *height;
+                projected[v] = Some(to_file(q, params));
+            }
+        }
         Fitting { projected, surface: surface.clone(), params: params.clone(), sorted, targets, rest, nearest }
     }
 
     /// Nothing contracted yet.
     pub fn start(&self) -> Contraction {
-        Contraction::new(&self.surface.triangles, &self.nearest)
+        Contraction::new(&self.surface.triangles, &self.surface.kept, &self.nearest)
     }
 
     /// The triangles of one slab and nothing else, nothing contracted yet.
     pub fn start_slab(&self, (start, end): (u32, u32)) -> Contraction {
         let last = if end == self.params.cells[1] { end } else { end - 1 };
         let slices = self.surface.slices.iter();
-        let of_slab = slices.zip(&self.surface.triangles).filter(|(slice, _)| (start..=last).contains(slice));
-        let triangles: Vec<[u32; 3]> = of_slab.map(|(_, &triangle)| triangle).collect();
-        Contraction::new(&triangles, &self.nearest)
+        let triangles = slices.zip(self.surface.triangles.iter().zip(&self.surface.kept));
+        let of_slab = triangles.filter(|(slice, _)| (start..=last).contains(slice));
+        let (triangles, kept): (Vec<[u32; 3]>, Vec<bool>) = of_slab.map(|(_, (t, kept))| (*t, *kept)).unzip();
+        Contraction::new(&triangles, &kept, &self.nearest)
     }
 
     /// Phase 1: the fitted vertices of a slab but those on its first plane, unless it is the first slab.
@@ -213,7 +221,7 @@ impl Fitting {
         };
         match state {
             State::Smoothed => t,
-            State::Fitted | State::Projected => point(),
+            State::Fitted | State::Projected | State::Bridged => point(),
             State::Pulled => [0, 1, 2].map(|a| t[a] + 0.9 * (point()[a] - t[a])),
             State::Back(tenths) => {
                 let share = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9][usize::from(tenths)];
@@ -221,6 +229,11 @@ impl Fitting {
             }
             State::Rest => rest,
         }
+    }
+
+    /// Whether a vertex is where one step of smoothing puts it, and has no other contracted into it.
+    pub fn is_at_rest(&self, v: u32, state: State) -> bool {
+        state == State::Rest || state == State::Smoothed && self.targets[v as usize] == self.rest[v as usize]
     }
 
     /// The position of a vertex as it is written.
@@ -235,11 +248,13 @@ impl Fitting {
     fn place(&self, contraction: &Contraction, states: &[State]) -> TwinMesh {
         let mut mesh = TwinMesh { vertices: Vec::new(), faces: Vec::new() };
         let mut number = BTreeMap::new();
-        for v in contraction.living() {
+        let triangles = contraction.written();
+        let named: BTreeSet<u32> = triangles.iter().flatten().copied().collect();
+        for v in named {
             number.insert(v, mesh.vertices.len() as u32);
             mesh.vertices.push(self.written(v, states[v as usize]));
         }
-        mesh.faces = contraction.triangles().into_iter().map(|t| t.map(|v| number[&v])).collect();
+        mesh.faces = triangles.into_iter().map(|t| t.map(|v| number[&v])).collect();
         mesh
     }
 }

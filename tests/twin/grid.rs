@@ -66,8 +66,35 @@ pub fn grid_for(points: &[[f64; 3]], axis: Option<Axis>, slices: u32) -> (Axis, 
     (axis, min, w, cells)
 }
 
+/// The axes of a grid that is turned so that the third points in a direction: the first is at right angles to it and to the file axis least along it.
+pub fn turned_up(d: [f64; 3]) -> [[f64; 3]; 3] {
+    let unit = |v: [f64; 3]| {
+        let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+        [v[0] / length, v[1] / length, v[2] / length]
+    };
+    let up = unit(d);
+    let [a, b, c] = up.map(f64::abs);
+    let across = if a <= b && a <= c {
+        [0.0, -up[2], up[1]]
+    } else if b <= c {
+        [up[2], 0.0, -up[0]]
+    } else {
+        [-up[1], up[0], 0.0]
+    };
+    let first = unit(across);
+    let second = [0, 1, 2].map(|i| {
+        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+        up[j] * first[k] - up[k] * first[j]
+    });
+    [first, second, up]
+}
+
 /// The cell of a point, along the grid's axes.
 pub fn cell_of(p: [f64; 3], params: &Params) -> [i32; 3] {
+    let p = match params.turn {
+        Some(turn) => turn.map(|axis| axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]),
+        None => p,
+    };
     let inv = 1.0 / params.w;
     let mut cell = [0; 3];
     for (g, f) in params.axis.permutation().into_iter().enumerate() {
@@ -83,5 +110,8 @@ pub fn to_file(q: [f64; 3], params: &Params) -> [f64; 3] {
     for (g, f) in params.axis.permutation().into_iter().enumerate() {
         t[f] = params.min[f] + params.w * q[g];
     }
-    t
+    match params.turn {
+        Some([x, y, z]) => [0, 1, 2].map(|a| x[a] * t[0] + y[a] * t[1] + z[a] * t[2]),
+        None => t,
+    }
 }

@@ -142,16 +142,31 @@ pub fn intersect(a: [u32; 3], b: [u32; 3], at: &dyn Fn(u32) -> Point) -> bool {
 
 /// The pairs of triangles that intersect.
 pub fn pairs(triangles: &[[u32; 3]], at: &dyn Fn(u32) -> Point) -> Vec<([u32; 3], [u32; 3])> {
+    pairs_but(triangles, at, &|_| false)
+}
+
+/// The same, given that no two of the triangles that are `still` do.
+pub fn pairs_but(
+    triangles: &[[u32; 3]],
+    at: &dyn Fn(u32) -> Point,
+    still: &dyn Fn([u32; 3]) -> bool,
+) -> Vec<([u32; 3], [u32; 3])> {
+    let still: Vec<bool> = triangles.iter().map(|t| still(*t)).collect();
     let ends = |t: &[u32; 3]| {
         let [p, q, r] = t.map(at);
         [0, 1, 2].map(|i| [p[i].min(q[i]).min(r[i]), p[i].max(q[i]).max(r[i])])
     };
     let boxes: Vec<[[f64; 2]; 3]> = triangles.iter().map(ends).collect();
     let mut pairs = Vec::new();
-    for (i, one) in boxes.iter().enumerate() {
-        for (j, other) in boxes[..i].iter().enumerate() {
+    // In the order of their ends along y, where most clouds are longest: what begins behind the end of a box does not meet it.
+    let mut order: Vec<usize> = (0..boxes.len()).collect();
+    order.sort_by(|i, j| boxes[*i][1][0].total_cmp(&boxes[*j][1][0]));
+    for (at_i, &i) in order.iter().enumerate() {
+        let one = boxes[i];
+        for &j in order[at_i + 1..].iter().take_while(|j| boxes[**j][1][0] <= one[1][1]) {
+            let other = boxes[j];
             let meet = (0..3).all(|a| one[a][0] <= other[a][1] && other[a][0] <= one[a][1]);
-            if meet && intersect(triangles[i], triangles[j], at) {
+            if meet && !(still[i] && still[j]) && intersect(triangles[i], triangles[j], at) {
                 pairs.push((triangles[i], triangles[j]));
             }
         }

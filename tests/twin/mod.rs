@@ -20,6 +20,7 @@ pub mod contract;
 pub mod corner;
 pub mod fit;
 pub mod grid;
+pub mod ground;
 pub mod intersect;
 pub mod plane;
 pub mod retreat;
@@ -28,6 +29,7 @@ pub mod solid;
 pub mod surface;
 
 pub use grid::{Axis, grid_for};
+pub use ground::{Ground, Open};
 pub use surface::{Diagonals, Surface};
 
 use solid::Cells;
@@ -59,7 +61,9 @@ pub enum Fit {
 pub struct Params {
     /// The slicing axis.
     pub axis: Axis,
-    /// Lower end of the box, in the file's axes.
+    /// The axes of a grid that is turned; else they are the file's.
+    pub turn: Option<[[f64; 3]; 3]>,
+    /// Lower end of the box, in the file's axes, or the turned ones.
     pub min: [f64; 3],
     /// Cell size.
     pub w: f64,
@@ -81,6 +85,8 @@ pub struct Params {
     pub diagonals: Diagonals,
     /// What vertices are moved onto.
     pub fit: Fit,
+    /// What is asked of a surface that is not closed.
+    pub open: Option<ground::Open>,
     /// Slices of a slab, at least 1.
     pub slab_slices: u32,
     /// Taken off every position when it is written.
@@ -107,6 +113,15 @@ impl TwinMesh {
 
 /// The whole way from points to mesh.
 pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
+    if let Some(open) = params.open {
+        let ground = Ground::of(&solid::occupied(points, params), open);
+        let solid = ground.solid();
+        let mut surface = surface::surface(&solid, params.smooth, params.diagonals);
+        surface.kept = surface.faces.iter().map(|face| ground.keeps(face)).collect();
+        surface.bridged =
+            surface.corners.iter().map(|corner| corner.and_then(|corner| ground.bridge(corner))).collect();
+        return fit::finish(&surface, &solid::counted(points, &solid, params), params);
+    }
     let solid = solid::solid_cells(points, params);
     let surface = surface::surface(&solid, params.smooth, params.diagonals);
     fit::finish(&surface, &solid::counted(points, &solid, params), params)

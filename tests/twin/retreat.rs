@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::contract::Contraction;
 use super::fit::{Fitting, State};
-use super::intersect::pairs;
+use super::intersect::pairs_but;
 
 /// Lets vertices retreat until no two of the triangles `among` accepts intersect. Vertices below `settled` must stay: a round that would
 /// move one is not done, and is the last.
@@ -18,7 +18,9 @@ pub fn retreat(
     loop {
         let triangles: Vec<[u32; 3]> = contraction.triangles().into_iter().filter(|t| among(*t)).collect();
         let places: Vec<[f64; 3]> = (0..states.len() as u32).map(|v| fitting.written(v, states[v as usize])).collect();
-        let tangled: BTreeSet<u32> = pairs(&triangles, &|v| places[v as usize])
+        // At rest no two triangles intersect.
+        let still = |t: [u32; 3]| t.iter().all(|&v| fitting.is_at_rest(v, states[v as usize]));
+        let tangled: BTreeSet<u32> = pairs_but(&triangles, &|v| places[v as usize], &still)
             .into_iter()
             .flat_map(|(a, b)| a.into_iter().chain(b))
             .filter(|&v| states[v as usize] != State::Rest)
@@ -42,7 +44,7 @@ fn step_back(contraction: &mut Contraction, states: &mut [State], tangled: &BTre
             return false;
         }
         match states[v as usize] {
-            State::Fitted | State::Projected | State::Pulled => states[v as usize] = State::Back(9),
+            State::Fitted | State::Projected | State::Bridged | State::Pulled => states[v as usize] = State::Back(9),
             State::Back(tenths) if tenths > 1 => states[v as usize] = State::Back(tenths - 1),
             _ => {
                 apart.insert(v);
@@ -88,6 +90,9 @@ fn unsound(contraction: &Contraction) -> BTreeSet<u32> {
             }
             steps
         };
+        if contraction.stretches(v) > 1 && is_cluster(&v) {
+            blamed.insert(v);
+        }
         if link.len() < 3 || !twice.is_empty() || walk() < link.len() {
             blamed.extend(clusters);
             if is_cluster(&v) {

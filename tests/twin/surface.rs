@@ -31,6 +31,14 @@ pub struct Surface {
     pub triangles: Vec<[u32; 3]>,
     /// The slice each triangle belongs to; `cells_y` for those on the topmost plane.
     pub slices: Vec<u32>,
+    /// The face each triangle belongs to.
+    pub faces: Vec<Face>,
+    /// Of each triangle, whether it is written in the end.
+    pub kept: Vec<bool>,
+    /// The corner of a vertex that is not a middle.
+    pub corners: Vec<Option<Corner>>,
+    /// Where a vertex lies along the up axis if it bridges a hole.
+    pub bridged: Vec<Option<f64>>,
 }
 
 /// Who is who before there are triangles.
@@ -175,10 +183,13 @@ pub fn surface(solid: &Cells, smooth: u32, diagonals: Diagonals) -> Surface {
         rest: vertices.positions(1),
         planes: vec![0; count],
         middle: vec![false; count],
+        corners: vec![None; count],
+        bridged: vec![None; count],
         ..Surface::default()
     };
     for ((corner, _), &number) in &vertices.number {
         surface.planes[number as usize] = corner[1] as u32;
+        surface.corners[number as usize] = Some(*corner);
     }
     for ((_, corner), &(number, ..)) in &vertices.middles {
         surface.planes[number as usize] = corner[1] as u32;
@@ -196,6 +207,8 @@ pub fn surface(solid: &Cells, smooth: u32, diagonals: Diagonals) -> Surface {
                         for triangle in triangles(face, solid, &vertices, &surface.positions, diagonals) {
                             surface.triangles.push(triangle);
                             surface.slices.push(y as u32);
+                            surface.faces.push(face);
+                            surface.kept.push(true);
                         }
                     }
                 }

@@ -28,6 +28,8 @@ pub(super) struct Tally {
     pub edges: u64,
     /// Edges of one triangle.
     pub boundary: u64,
+    /// Vertices with an edge of one triangle.
+    pub at_boundary: u64,
     /// Edges of more than two triangles.
     pub nonmanifold_edges: u64,
     /// Edges of two triangles that both run the same way.
@@ -46,6 +48,7 @@ impl Tally {
         self.used += other.used;
         self.edges += other.edges;
         self.boundary += other.boundary;
+        self.at_boundary += other.at_boundary;
         self.nonmanifold_edges += other.nonmanifold_edges;
         self.inconsistent += other.inconsistent;
         self.unbalanced += other.unbalanced;
@@ -87,6 +90,8 @@ pub(super) struct Examiner {
     /// Union-find over corners: the fans.
     fans: Vec<u32>,
     pairs: Vec<[u32; 2]>,
+    /// Edges of one triangle, from their smaller vertex, since it was emptied.
+    pub boundary: Vec<[u32; 2]>,
 }
 
 impl Examiner {
@@ -102,6 +107,7 @@ impl Examiner {
         }
         self.ends.sort_unstable();
         let mut unions = 0;
+        let mut at_boundary = false;
         for edge in self.ends.chunk_by(|a, b| a.0 == b.0) {
             let u = edge[0].0;
             neighbour(u);
@@ -112,11 +118,15 @@ impl Examiner {
                     unions += 1;
                 }
             }
+            at_boundary |= edge.len() == 1;
             if u > v {
                 let outward = edge.iter().filter(|(_, end)| end % 2 == 0).count();
                 tally.edges += 1;
                 match edge.len() {
-                    1 => tally.boundary += 1,
+                    1 => {
+                        tally.boundary += 1;
+                        self.boundary.push([v, u]);
+                    }
                     2 => tally.inconsistent += u64::from(outward != 1),
                     _ => tally.nonmanifold_edges += 1,
                 }
@@ -124,6 +134,7 @@ impl Examiner {
             }
         }
         tally.used += 1;
+        tally.at_boundary += u64::from(at_boundary);
         tally.nonmanifold_vertices += u64::from(corners.len() - unions > 1);
         self.pairs.clear();
         self.pairs.extend(corners.iter().filter(|c| c[0] > v && c[1] > v).map(|&[a, b]| [a.min(b), a.max(b)]));
@@ -169,7 +180,7 @@ mod tests {
             assert!(!is_simple_cycle(&mut corners.to_vec()), "{corners:?}");
         }
         assert_eq!(tally(0, &two_cycles), Tally { used: 1, edges: 6, nonmanifold_vertices: 1, ..Tally::default() });
-        assert_eq!(tally(0, &open), Tally { used: 1, edges: 4, boundary: 2, ..Tally::default() });
+        assert_eq!(tally(0, &open), Tally { used: 1, edges: 4, boundary: 2, at_boundary: 1, ..Tally::default() });
         let flipped = Tally { used: 1, edges: 3, inconsistent: 2, unbalanced: 2, ..Tally::default() };
         assert_eq!(tally(0, &one_flipped), flipped);
         assert_eq!(tally(0, &pillow), Tally { used: 1, edges: 2, duplicates: 1, ..Tally::default() });

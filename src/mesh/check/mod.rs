@@ -148,6 +148,7 @@ impl Check<'_> {
             triangles,
             edges: tally.edges,
             boundary_edges: tally.boundary,
+            boundary_loops: found.loops,
             nonmanifold_edges: tally.nonmanifold_edges,
             inconsistent_edges: tally.inconsistent,
             nonmanifold_vertices: tally.nonmanifold_vertices,

@@ -18,6 +18,8 @@ pub struct CheckReport {
     pub edges: u64,
     /// Edges of one triangle.
     pub boundary_edges: u64,
+    /// Closed lines of such edges: sets that hang together at vertices.
+    pub boundary_loops: u64,
     /// Edges of more than two triangles.
     pub nonmanifold_edges: u64,
     /// Edges whose two triangles run them the same way.
@@ -56,16 +58,22 @@ pub struct CheckReport {
 }
 
 impl CheckReport {
-    /// Whether this is a closed, consistently oriented 2-manifold of sound triangles and finite vertices.
-    pub fn is_closed_oriented_manifold(&self) -> bool {
+    /// Whether this is a consistently oriented 2-manifold of sound triangles and finite vertices, which may have a boundary; and there is a triangle.
+    pub fn is_oriented_manifold(&self) -> bool {
         let sound = self.degenerate_triangles == 0 && self.duplicate_triangles == 0 && self.nonfinite_vertices == 0;
-        self.closed && self.oriented && self.manifold && sound
+        self.edges > 0 && self.oriented && self.manifold && sound
     }
 
-    /// Whether, as far as it was looked for, nothing is wrong with the mesh: it is a closed, oriented manifold and, if
+    /// Whether it is one without a boundary.
+    pub fn is_closed_oriented_manifold(&self) -> bool {
+        self.closed && self.is_oriented_manifold()
+    }
+
+    /// Whether, as far as it was looked for, nothing is wrong with the mesh: it is an oriented manifold, closed unless it may be `open`, and, if
     /// intersections were looked for, known to be free of them.
-    pub fn is_sound(&self) -> bool {
-        self.is_closed_oriented_manifold() && self.intersections.as_ref().is_none_or(Intersections::none)
+    pub fn is_sound(&self, open: bool) -> bool {
+        let manifold = self.is_oriented_manifold() && (open || self.closed);
+        manifold && self.intersections.as_ref().is_none_or(Intersections::none)
     }
 }
 
@@ -107,7 +115,12 @@ impl fmt::Display for CheckReport {
             )?;
         }
         let verdict = |holds, yes, no| if holds { yes } else { no };
-        let closed = verdict(self.closed, "closed", "not closed");
+        let closed = match (self.closed, self.boundary_loops) {
+            (true, _) => "closed".to_owned(),
+            (false, 0) => "not closed".to_owned(),
+            (false, 1) => "open, with 1 boundary loop".to_owned(),
+            (false, loops) => format!("open, with {loops} boundary loops"),
+        };
         let oriented = verdict(self.oriented, "consistently oriented", "not consistently oriented");
         let manifold = verdict(self.manifold, "manifold", "not manifold");
         write!(f, "{closed}, {oriented}, {manifold}")?;

@@ -9,6 +9,7 @@ use super::components::{Components, root};
 use super::link::{Tally, is_simple_cycle};
 use super::{Check, Scratch};
 use crate::error::Result;
+use crate::mesh::queue::Queue;
 use crate::schedule::Spares;
 
 /// Blocks may be read this often on average before larger ranges are preferred.
@@ -36,6 +37,10 @@ pub(super) struct Found {
     pub bounds: Bounds,
     /// Sets of the range's vertices that are joined by edges within it.
     pub sets: u64,
+    /// Sets of edges of one triangle that hang together at vertices.
+    pub loops: u64,
+    /// Edges of one triangle.
+    boundary: Vec<[u32; 2]>,
     /// Edges that leave the range upwards, from the root of their lower end's set.
     leaving: Vec<[u32; 2]>,
     /// Vertices that edges reach from below, with their set's root, where they are not that themselves.
@@ -67,9 +72,12 @@ impl Check<'_> {
             nonfinite: 0,
             bounds: Bounds::EMPTY,
             sets: 0,
+            loops: 0,
+            boundary: Vec::new(),
             leaving: Vec::new(),
             reached: Vec::new(),
         };
+        let mut boundary = Queue::new(self.workspace, self.plan.components / 8);
         let mut done = 0;
         let look = |number: usize| {
             let start = number as u64 * u64::from(range);
@@ -85,11 +93,17 @@ impl Check<'_> {
             for [a, b] in found.leaving.into_iter().chain(found.reached) {
                 components.join(u64::from(a), u64::from(b))?;
             }
+            found.boundary.into_iter().try_for_each(|edge| boundary.push(edge))?;
             done += 1;
             progress((u128::from(self.mesh.face_count()) * done / ranges as u128) as u64);
             Ok(())
         })?;
         all.sets -= components.merges()?;
+        if all.tally.boundary > 0 {
+            let mut components = Components::new(vertices, self.plan.components, self.workspace);
+            boundary.read(|[a, b]| components.join(u64::from(a), u64::from(b)))?;
+            all.loops = all.tally.at_boundary - components.merges()?;
+        }
         Ok(all)
     }
 
@@ -145,7 +159,8 @@ impl Check<'_> {
             }
         }
         let (nonfinite, bounds) = self.positions(&range, used, positions)?;
-        Ok(Found { nonfinite, bounds, sets: tally.used - unions, tally, leaving, reached: tied })
+        let (sets, boundary) = (tally.used - unions, std::mem::take(&mut examiner.boundary));
+        Ok(Found { nonfinite, bounds, sets, loops: 0, boundary, tally, leaving, reached: tied })
     }
 
     /// Counts the range's vertices that are not finite; the box holds the others that are used.

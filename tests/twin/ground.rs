@@ -1,0 +1,215 @@
+//! Surfaces that are seen from one side: columns, their heights, and which are kept.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::corner::{Corner, Face};
+use super::solid::Cells;
+
+/// What is asked of such a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Open {
+    /// Grid axis that points up: 0 or 2.
+    pub up: usize,
+    /// Whether it points up, not down.
+    pub positive: bool,
+    /// Radius of the disc that bridges holes.
+    pub bridge: i32,
+    /// Squared radius of the ball that rolls over the surface.
+    pub ball: i32,
+    /// Whether it is closed at the bottom.
+    pub base: bool,
+    /// Steps of smoothing.
+    pub smooth: u32,
+}
+
+/// A column: its number within its slice, and the slice.
+type Place = [i32; 2];
+
+/// All columns.
+#[derive(Debug, Clone)]
+pub struct Ground {
+    open: Open,
+    cells: [u32; 3],
+    /// Columns with points.
+    data: BTreeSet<Place>,
+    /// Heights of columns that are kept, or near one that is.
+    height: BTreeMap<Place, f32>,
+    /// Columns that are kept.
+    kept: BTreeSet<Place>,
+    /// How many cells of each column are solid.
+    solid: BTreeMap<Place, i32>,
+}
+
+fn near(a: Place, b: Place, radius: i32) -> bool {
+    let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
+    dx * dx + dy * dy <= radius * radius
+}
+
+impl Ground {
+    /// Finds the columns.
+    pub fn of(occupied: &Cells, open: Open) -> Ground {
+        let cells = occupied.cells;
+        let [columns, slices] = [cells[2 - open.up] as i32, cells[1] as i32];
+        let all = |beyond: i32| -> Vec<Place> {
+            let across = -beyond..columns + beyond;
+            across.flat_map(|x| (-beyond..slices + beyond).map(move |y| [x, y])).collect()
+        };
+        let (mut floor, mut top) = (BTreeMap::new(), BTreeMap::new());
+        for cell in occupied.all().into_iter().filter(|cell| occupied.get(*cell)) {
+            let along = if open.positive { cell[open.up] } else { cells[open.up] as i32 - 1 - cell[open.up] };
+            let place = [cell[2 - open.up], cell[1]];
+            let lowest = floor.entry(place).or_insert(along);
+            *lowest = along.min(*lowest);
+            let highest = top.entry(place).or_insert(along);
+            *highest = along.max(*highest);
+        }
+        let data: BTreeSet<Place> = floor.keys().copied().collect();
+
+        let beyond = open.bridge + 2;
+        let reached: BTreeSet<Place> =
+            all(2 * beyond).into_iter().filter(|p| data.iter().any(|d| near(*p, *d, open.bridge))).collect();
+        let offsets: Vec<Place> = (-open.bridge..=open.bridge)
+            .flat_map(|x| (-open.bridge..=open.bridge).map(move |y| [x, y]))
+            .filter(|d| near(*d, [0, 0], open.bridge))
+            .collect();
+        let closed = |p: &Place| offsets.iter().all(|d| reached.contains(&[p[0] + d[0], p[1] + d[1]]));
+        let closed: BTreeSet<Place> = all(beyond).into_iter().filter(closed).collect();
+        let kept = without_pinches(&closed);
+
+        let reach = 7 + 2 * (open.smooth.max(1) as i32 - 1);
+        let lattice = Lattice::new(&floor, [columns, slices], 2 * (open.bridge + reach + 1));
+        let mut height = BTreeMap::new();
+        let mut tops = BTreeMap::new();
+        for p in all(0) {
+            if let Some(floor) = floor.get(&p) {
+                height.insert(p, *floor as f32 + 0.5);
+                tops.insert(p, top[&p] + 1);
+            } else if kept.iter().any(|k| near(*k, p, reach)) {
+                let h = lattice.between(0, p).expect("there are points near") as f32;
+                height.insert(p, h);
+                tops.insert(p, h as i32 + 1);
+            }
+        }
+        let ball: Vec<(Place, i32)> = (-open.ball..=open.ball)
+            .flat_map(|x| (-open.ball..=open.ball).map(move |y| [x, y]))
+            .filter(|[x, y]| x * x + y * y <= open.ball)
+            .map(|[x, y]| ([x, y], (open.ball - x * x - y * y).isqrt()))
+            .collect();
+        let over = |p: Place, d: &Place| [p[0] + d[0], p[1] + d[1]];
+        let higher = |p: Place| ball.iter().map(|(d, h)| tops.get(&over(p, d)).unwrap_or(&0) + h).max().unwrap();
+        let higher: BTreeMap<Place, i32> = all(open.ball).into_iter().map(|p| (p, higher(p))).collect();
+        let lower = |p: Place| ball.iter().map(|(d, h)| higher[&over(p, d)] - h).min().unwrap();
+        let cut = |p: &Place| !open.base || kept.contains(p);
+        let solid = all(0).into_iter().map(|p| (p, if cut(&p) { lower(p) } else { 0 })).collect();
+        Ground { open, cells, data, height, kept, solid }
+    }
+
+    /// The solid cells.
+    pub fn solid(&self) -> Cells {
+        let mut out = Cells::none(self.cells, 0);
+        for (&[x, y], &top) in &self.solid {
+            for along in 0..top {
+                let mut cell = [0, y, 0];
+                cell[2 - self.open.up] = x;
+                cell[self.open.up] =
+                    if self.open.positive { along } else { self.cells[self.open.up] as i32 - 1 - along };
+                out.set(cell);
+            }
+        }
+        out
+    }
+
+    /// Whether the triangles of a face are written.
+    pub fn keeps(&self, face: &Face) -> bool {
+        if self.open.base {
+            return true;
+        }
+        let bottom = if self.open.positive { 0 } else { self.cells[self.open.up] as i32 };
+        if face.axis == self.open.up && face.cell[self.open.up] == bottom {
+            return false;
+        }
+        let kept = |cell: [i32; 3]| self.kept.contains(&[cell[2 - self.open.up], cell[1]]);
+        face.sides().into_iter().all(kept)
+    }
+
+    /// The height, along the grid's axis, of a vertex at a corner that bridges a hole.
+    pub fn bridge(&self, corner: Corner) -> Option<f64> {
+        let (x, y) = (corner[2 - self.open.up], corner[1]);
+        let at = |p: Place| if self.data.contains(&p) { None } else { self.height.get(&p).map(|h| f64::from(*h)) };
+        let (a, b, c, d) = (at([x - 1, y - 1])?, at([x, y - 1])?, at([x - 1, y])?, at([x, y])?);
+        let mean = ((a + b) + (c + d)) * 0.25;
+        let turned = |h: f64| if self.open.positive { h } else { f64::from(self.cells[self.open.up]) - h };
+        (turned(f64::from(corner[self.open.up])) == mean.floor() + 1.0).then(|| turned(mean))
+    }
+}
+
+/// Without what is in no square of two by two, and with the rest of squares of which two at a diagonal are in.
+fn without_pinches(set: &BTreeSet<Place>) -> BTreeSet<Place> {
+    let square = |[x, y]: Place| [[x, y], [x + 1, y], [x, y + 1], [x + 1, y + 1]];
+    let squares = |set: &BTreeSet<Place>| -> BTreeSet<Place> {
+        set.iter().flat_map(|[x, y]| [[*x, *y], [x - 1, *y], [*x, y - 1], [x - 1, y - 1]]).collect()
+    };
+    let full = squares(set).into_iter().map(square).filter(|square| square.iter().all(|p| set.contains(p)));
+    let mut out: BTreeSet<Place> = full.flatten().collect();
+    for _ in 0..2 {
+        let pinched = |square: &[Place; 4]| {
+            let [a, b, c, d] = square.map(|p| out.contains(&p));
+            (a && d && !b && !c) || (!a && !d && b && c)
+        };
+        let more: Vec<Place> = squares(&out).into_iter().map(square).filter(pinched).flatten().collect();
+        out.extend(more);
+    }
+    out
+}
+
+/// Floors on ever coarser lattices.
+struct Lattice {
+    /// Of each level from 1 on: what is known of its cells.
+    levels: Vec<BTreeMap<Place, f64>>,
+}
+
+impl Lattice {
+    fn new(floor: &BTreeMap<Place, i32>, size: Place, side: i32) -> Lattice {
+        let mut levels = vec![floor.iter().map(|(p, floor)| (*p, f64::from(*floor) + 0.5)).collect()];
+        let top = (side as u32).next_power_of_two().ilog2() as usize;
+        for _ in 0..top {
+            let below: &BTreeMap<Place, f64> = levels.last().unwrap();
+            let parents: BTreeSet<Place> = below.keys().map(|p| p.map(|c| c.div_euclid(2))).collect();
+            let mean = |[x, y]: Place| {
+                let four = [[2 * x, 2 * y], [2 * x + 1, 2 * y], [2 * x, 2 * y + 1], [2 * x + 1, 2 * y + 1]];
+                let known: Vec<f64> = four.iter().filter_map(|p| below.get(p)).copied().collect();
+                known.iter().fold(0.0, |sum, v| sum + v) / known.len() as f64
+            };
+            levels.push(parents.into_iter().map(|p| (p, mean(p))).collect());
+        }
+        let mut lattice = Lattice { levels };
+        for level in (1..top).rev() {
+            let cells = size.map(|n| (n + (1 << level) - 1) >> level);
+            for x in 0..cells[0] {
+                for y in 0..cells[1] {
+                    if !lattice.levels[level].contains_key(&[x, y])
+                        && let Some(value) = lattice.between(level, [x, y])
+                    {
+                        lattice.levels[level].insert([x, y], value);
+                    }
+                }
+            }
+        }
+        lattice
+    }
+
+    /// What the level above says of a place of `level`.
+    fn between(&self, level: usize, [x, y]: Place) -> Option<f64> {
+        let nearer = |at: i32| if at % 2 == 0 { at / 2 - 1 } else { at / 2 + 1 };
+        let (x0, y0, x1, y1) = (x / 2, y / 2, nearer(x), nearer(y));
+        let weighed = [([x0, y0], 9.0), ([x1, y0], 3.0), ([x0, y1], 3.0), ([x1, y1], 1.0)];
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (place, weight) in weighed {
+            if let Some(value) = self.levels[level + 1].get(&place) {
+                sum += weight * value;
+                weights += weight;
+            }
+        }
+        (weights > 0.0).then(|| sum / weights)
+    }
+}
