@@ -154,9 +154,7 @@ def main():
             mesh = open3d.io.read_triangle_mesh(path)
             colours = numpy.asarray(mesh.vertex_colors) * 255 if kind in ("ply", "obj") and mesh.has_vertex_colors() else None
             are = "as they were" if kind == "ply" else "corners" if kind == "stl" else "in another order"
-            # It leaves out where a node lies.
-            moved = expected if kind == "glb" else placed
-            compare(findings, f"open3d {kind}", mesh.vertices, mesh.triangles, colours, moved, numpy, are)
+            compare(findings, f"open3d {kind}", mesh.vertices, mesh.triangles, colours, placed, numpy, are)
             loaded = pymeshlab.MeshSet()
             loaded.load_new_mesh(path)
             mesh = loaded.current_mesh()
