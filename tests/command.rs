@@ -75,10 +75,10 @@ fn a_raw_file_is_told_by_side_car_flag_or_numbers_or_refused() {
 #[test]
 fn foreign_formats_are_refused_by_name() {
     let f = Folder::new();
-    f.write("a.bin", [b"LASF".as_slice(), &[0; 300]].concat());
-    f.fails("a.bin", 1, &["a.bin: this is a LAS or LAZ file", "pdal translate"]);
-    f.write("a.e57", [b"ASTM-E57".as_slice(), &[0; 300]].concat());
-    f.fails("a.e57", 1, &["an E57 file"]);
+    f.write("a.bin", [b"CCB2".as_slice(), &[0; 300]].concat());
+    f.fails("a.bin", 1, &["a.bin: this is a CloudCompare project", "save the cloud as PLY"]);
+    f.write("a.ply", [b"BZh".as_slice(), &[0; 300]].concat());
+    f.fails("a.ply", 1, &["a bzip2-compressed file"]);
 }
 
 // ---- Output ----

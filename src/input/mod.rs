@@ -199,7 +199,7 @@ impl Cloud {
     /// `in_flight` blocks are held.
     ///
     /// # Errors
-    /// Those of reading the files, of `work` and of `sink`; [`Error::Interrupted`](crate::Error::Interrupted).
+    /// Those of reading the files, of `work` and of `sink`; [`Error::Interrupted`].
     pub fn for_each_batch<R: Send>(
         &self,
         workers: &Workers,
@@ -289,7 +289,7 @@ impl Block {
     /// saves its allocation.
     ///
     /// # Errors
-    /// [`Error::Malformed`](crate::Error::Malformed) if the bytes are not what the format promises.
+    /// [`Error::Malformed`] if the bytes are not what the format promises.
     pub fn decode(&self, batch: &mut Batch) -> Result<()> {
         match (&mut batch.points, self.precision) {
             (Points::Single(points), Precision::Single) => points.clear(),

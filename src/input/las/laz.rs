@@ -12,22 +12,25 @@
 //! after the other while they are cut, and jobs get records.
 //!
 //! The decompressor (the crate `laz`) takes layers into memory as long as they claim to be, and fails badly at streams that begin with 32 set bits, which no
-//! encoder writes. So both are looked at beforehand.
+//! encoder writes. So both are looked at beforehand. What cannot be seen from outside: its GPS times of layered chunks call themselves for every change of
+//! sequence, so that a file that was made for it can use up the stack, which ends the process. For those of pointwise chunks see `gps.rs`.
 
 use std::fmt;
-use std::io::{Cursor as IoCursor, ErrorKind, Read, Result as IoResult};
+use std::io::{Cursor as IoCursor, ErrorKind, Read, Result as IoResult, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use byteorder::{ByteOrder, LE};
 use laz::decoders::ArithmeticDecoder;
 use laz::decompressors::{IntegerDecompressor, IntegerDecompressorBuilder};
+use laz::las::{v1, v2};
 use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
 use laz::{DecompressionSelection, LazItem, LazItemRecordBuilder, LazItemType, LazVlr};
 
 use super::super::mapped::{Bytes, Mapped};
 use super::super::{BLOCK_RECORDS, BlockCutter, Decode};
 use super::fields::{Decoding, Field, length};
+use super::gps::GpsTimes;
 use super::header::Header;
 use super::records_of_a_block;
 use super::window::Window;
@@ -184,6 +187,41 @@ impl Packed {
         Ok(Ok(()))
     }
 
+    /// The decompressor of a pointwise chunk.
+    fn pointwise<'a, R: Read + 'a>(&self, input: R) -> SequentialPointRecordDecompressor<'a, R> {
+        let mut fields = SequentialPointRecordDecompressor::new(input);
+        for item in &self.items {
+            match (item.item_type(), item.version()) {
+                (LazItemType::Point10, 1) => fields.add_field_decompressor(v1::LasPoint0Decompressor::default()),
+                (LazItemType::Point10, _) => fields.add_field_decompressor(v2::LasPoint0Decompressor::default()),
+                (LazItemType::GpsTime, 1) => fields.add_field_decompressor(v1::LasGpsTimeDecompressor::default()),
+                (LazItemType::GpsTime, _) => fields.add_field_decompressor(GpsTimes::default()),
+                (LazItemType::RGB12, 1) => fields.add_field_decompressor(v1::LasRGBDecompressor::default()),
+                (LazItemType::RGB12, _) => fields.add_field_decompressor(v2::LasRGBDecompressor::default()),
+                (LazItemType::Byte(n), 1) => fields.add_field_decompressor(v1::LasExtraByteDecompressor::new(n.into())),
+                (LazItemType::Byte(n), _) => fields.add_field_decompressor(v2::LasExtraByteDecompressor::new(n.into())),
+                // There is no other version of it.
+                (LazItemType::WavePacket13, _) => {
+                    fields.add_field_decompressor(v1::LasWavepacketDecompressor::default())
+                }
+                (other, _) => unreachable!("{other:?} in a pointwise chunk, whose items were checked"),
+            }
+        }
+        fields
+    }
+
+    /// The decompressor of a layered chunk, for the layers that are wanted.
+    fn layered<'a, R: Read + Seek + 'a>(
+        &self,
+        input: R,
+        wanted: DecompressionSelection,
+    ) -> IoResult<LayeredPointRecordDecompressor<'a, R>> {
+        let mut layered = LayeredPointRecordDecompressor::new(input);
+        layered.set_fields_from(&self.items).map_err(std::io::Error::other)?;
+        layered.set_selection(wanted);
+        Ok(layered)
+    }
+
     /// Decompresses the chunk that `input` begins with: `skip` points that are passed over, then `take`, which `sink` gets in pieces.
     fn decompress(
         &self,
@@ -194,10 +232,10 @@ impl Packed {
         sink: impl FnMut(&[u8]),
     ) -> Stopped {
         match self.layers {
-            None => self.points_of(&mut SequentialPointRecordDecompressor::new(input), wanted, skip, take, sink),
+            None => self.points_of(&mut self.pointwise(input), skip, take, sink),
             Some(_) => {
-                let input = IoCursor::new(input);
-                self.points_of(&mut LayeredPointRecordDecompressor::new(input), wanted, skip, take, sink)
+                let layered = self.layered(IoCursor::new(input), wanted);
+                self.points_of(&mut layered.map_err(|error| (0, error))?, skip, take, sink)
             }
         }
     }
@@ -205,14 +243,11 @@ impl Packed {
     fn points_of<R>(
         &self,
         decompressor: &mut impl RecordDecompressor<R>,
-        wanted: DecompressionSelection,
         skip: u64,
         take: u64,
         mut sink: impl FnMut(&[u8]),
     ) -> Stopped {
         let at = |done: u64| move |error: std::io::Error| (done, error);
-        decompressor.set_fields_from(&self.items).map_err(|e| (0, std::io::Error::other(e)))?;
-        decompressor.set_selection(wanted);
         let mut piece = vec![0; (PIECE / self.record).max(1) * self.record];
         for passed in 0..skip {
             decompressor.decompress_next(&mut piece[..self.record]).map_err(at(passed))?;
@@ -505,12 +540,10 @@ impl Running {
         chunk: Chunk,
         end: Option<u64>,
     ) -> Result<Running> {
-        let mut decompressor: Box<dyn RecordDecompressor<Window> + Send> = match packed.layers {
-            None => Box::new(SequentialPointRecordDecompressor::new(window)),
-            Some(_) => Box::new(LayeredPointRecordDecompressor::new(window)),
+        let decompressor: Box<dyn RecordDecompressor<Window> + Send> = match packed.layers {
+            None => Box::new(packed.pointwise(window)),
+            Some(_) => Box::new(packed.layered(window, wanted).map_err(|e| packed.broken(chunk, e))?),
         };
-        decompressor.set_fields_from(&packed.items).map_err(|e| packed.broken(chunk, e))?;
-        decompressor.set_selection(wanted);
         Ok(Running { decompressor, chunk, done: 0, end })
     }
 

@@ -12,6 +12,7 @@
 
 mod extra;
 mod fields;
+mod gps;
 mod header;
 mod laz;
 #[cfg(test)]
