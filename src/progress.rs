@@ -9,6 +9,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Phase {
+    /// Unpacking compressed files, reading standard input.
+    Unpack,
     /// Counting points and finding their box.
     Survey,
     /// Sorting points into buckets.
@@ -33,6 +35,7 @@ impl Phase {
     /// The phase's name and the unit it counts in.
     fn words(self) -> (&'static str, &'static str) {
         match self {
+            Phase::Unpack => ("unpack", "bytes"),
             Phase::Survey => ("survey", "points"),
             Phase::Bucket => ("bucket", "points"),
             Phase::Raster => ("raster", "slices"),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::error::{Error, Result};
-use crate::input::{Cloud, InputOptions};
+use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
 use crate::output::{Positions, Target};
@@ -20,7 +20,7 @@ use crate::whole::Overwrite;
 /// Everything a run is told.
 #[derive(Debug, Clone)]
 pub struct Job {
-    /// Files, patterns or folders.
+    /// Files, patterns, folders, or `-` for standard input.
     pub inputs: Vec<PathBuf>,
     /// How raw files are laid out.
     pub input: InputOptions,
@@ -89,24 +89,25 @@ impl Means {
         Workers::new(self.threads.unwrap_or_else(machine::processors))
     }
 
-    /// The work directory, `beside` a file unless told otherwise. The system's temporary folder is no default: it is often kept in memory.
+    /// The work directory, `beside` a file unless told otherwise.
     ///
     /// # Errors
     /// As [`Workspace::new`].
     pub fn workspace(&self, beside: &Path) -> Result<Workspace> {
-        let told = self.temp_dir.clone().or_else(|| std::env::var_os("TMPDIR").map(PathBuf::from));
-        Workspace::new(told.unwrap_or_else(|| match beside.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
-            _ => PathBuf::from("."),
-        }))
+        Workspace::new(self.folder(beside))
+    }
+
+    fn folder(&self, beside: &Path) -> PathBuf {
+        self.temp_dir.clone().unwrap_or_else(|| Workspace::folder_beside(beside))
     }
 }
 
-/// The default output: the first input's name with `.mesh.ply` for its extension, beside it. If that input is a pattern, its
-/// first file's name counts.
-pub fn default_output(inputs: &[PathBuf], cloud: &Cloud) -> PathBuf {
-    let named = inputs.first().filter(|input| input.exists() && input.file_name().is_some());
-    named.unwrap_or(&cloud.sources()[0].path).with_extension("mesh.ply")
+/// The default output: the first input's name with `.mesh.ply` for its extension, beside it. If that input is a pattern, the first
+/// of its `files` counts; if a file is compressed, the name it has without that.
+fn default_output(inputs: &[PathBuf], files: &[PathBuf]) -> PathBuf {
+    let named = inputs.first().filter(|input| input.exists() && input.file_name().is_some()).unwrap_or(&files[0]);
+    let bare = Packing::named(named).filter(|_| named.is_file()).map(|(_, bare)| bare);
+    bare.as_ref().unwrap_or(named).with_extension("mesh.ply")
 }
 
 /// What is known of a job before its first point is sorted.
@@ -127,29 +128,56 @@ pub struct Planned {
 /// # Errors
 /// Those of opening and reading the input, of laying the grid and of the plan.
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
-    let cloud = open(job)?;
+    let files = files(job)?;
+    let workspace = job.means.workspace(&default_output(&job.inputs, &files))?;
+    let cloud = open(job, &files, &workspace, workers, progress)?;
     describe(&cloud, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
-    let workspace = job.means.workspace(&default_output(&job.inputs, &cloud))?;
     let budget = job.means.budget();
     let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget)?;
     let memory = pipeline::plan(&surveyed, workers, budget)?;
     Ok(Planned { cloud, surveyed, workspace, memory })
 }
 
-/// Looks at the input and surveys it; asks for no memory beyond that.
+/// Looks at the input and surveys it; asks for no memory beyond that, and for no temporary disk unless something must be unpacked.
 ///
 /// # Errors
 /// Those of opening and reading the input and of laying the grid.
 pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<(Cloud, Surveyed)> {
-    let cloud = open(job)?;
+    let files = files(job)?;
+    let workspace = Workspace::unchecked(job.means.folder(&default_output(&job.inputs, &files)));
+    let cloud = open(job, &files, &workspace, workers, progress)?;
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     Ok((cloud, surveyed))
 }
 
-fn open(job: &Job) -> Result<Cloud> {
+/// The input's files, once the settings are found to be in order.
+fn files(job: &Job) -> Result<Vec<PathBuf>> {
     job.settings.validate()?;
-    Cloud::open(&job.inputs, &job.input)
+    expand(&job.inputs)
+}
+
+fn open(
+    job: &Job,
+    files: &[PathBuf],
+    workspace: &Workspace,
+    workers: &Workers,
+    progress: &mut Progress,
+) -> Result<Cloud> {
+    let mut begun = false;
+    let watch = &mut |bytes| {
+        workers.check_cancelled()?;
+        if !std::mem::replace(&mut begun, true) {
+            progress.begin(Phase::Unpack, None);
+        }
+        progress.set(bytes);
+        Ok(())
+    };
+    let cloud = Cloud::open_in(files, &job.input, Opening { workspace, memory: job.means.budget(), watch });
+    if begun {
+        progress.end();
+    }
+    cloud
 }
 
 /// Says how every file was understood.
@@ -163,12 +191,12 @@ fn describe(cloud: &Cloud, progress: &Progress) {
 }
 
 /// No mesh takes the place of the points it is made from.
-fn refuse_input_as_output(cloud: &Cloud, output: &Path) -> Result<()> {
+fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
     let same = |path: &Path| matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    match cloud.sources().iter().find(|source| same(&source.path)) {
-        Some(source) => Err(Error::Usage(format!(
+    match files.iter().find(|file| same(file)) {
+        Some(file) => Err(Error::Usage(format!(
             "{}: is an input, which the mesh would replace; choose another --output",
-            source.path.display()
+            file.display()
         ))),
         None => Ok(()),
     }
@@ -180,12 +208,19 @@ fn refuse_input_as_output(cloud: &Cloud, output: &Path) -> Result<()> {
 /// All of [`Error`]. Whatever happens, no temporary file stays, and the output exists only if it is whole.
 pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Report> {
     let start = Instant::now();
-    let cloud = open(job)?;
-    let output = job.output.clone().unwrap_or_else(|| default_output(&job.inputs, &cloud));
-    refuse_input_as_output(&cloud, &output)?;
+    let files = files(job)?;
+    let output = match &job.output {
+        Some(output) => output.clone(),
+        None if job.inputs[0] == Path::new(STANDARD_INPUT) => {
+            return Err(Error::Usage("standard input has no name that the mesh could have; pass --output".to_string()));
+        }
+        None => default_output(&job.inputs, &files),
+    };
+    refuse_input_as_output(&files, &output)?;
     // What can fail for want of room or rights fails now, not after the work.
     let target = Target::prepare(&output, job.overwrite, job.positions)?;
     let workspace = job.means.workspace(&output)?;
+    let cloud = open(job, &files, &workspace, workers, progress)?;
 
     describe(&cloud, progress);
     let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;

@@ -1,7 +1,7 @@
 //! Temporary storage: append-only byte stores that begin in memory and move to disk when they outgrow it.
 //!
-//! A [`Workspace`] names the folder; a [`Spool`] is one store in it, written by one thread, and [`Slots`] is one that all
-//! threads write to. Files are unlinked as soon as they are opened, so
+//! A [`Workspace`] names the folder; a [`Spool`] is one store in it, written by one thread, [`Slots`] is one that all
+//! threads write to, and [`Temporary`] is a file as such. Files are unlinked as soon as they are opened, so
 //! nothing is left behind on success, on error, on Ctrl-C or when the process is killed. What a spool holds is private
 //! to the process that wrote it: native byte order, no version. Results never depend on where the bytes lay.
 
@@ -10,6 +10,8 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 
@@ -29,9 +31,23 @@ impl Workspace {
     /// # Errors
     /// [`Error::Io`] if no file can be created there: the work fails in its first second, not after hours.
     pub fn new(dir: impl Into<PathBuf>) -> Result<Workspace> {
-        let dir = dir.into();
-        tempfile::tempfile_in(&dir).map_err(Error::io(&dir, "create a temporary file"))?;
-        Ok(Workspace { dir: Arc::new(dir), on_disk: Arc::default(), peak: Arc::default() })
+        let workspace = Workspace::unchecked(dir);
+        workspace.file()?;
+        Ok(workspace)
+    }
+
+    /// Uses `dir` for temporary files, which may turn out to be impossible when the first is needed: for work that hardly ever needs one.
+    pub fn unchecked(dir: impl Into<PathBuf>) -> Workspace {
+        Workspace { dir: Arc::new(dir.into()), on_disk: Arc::default(), peak: Arc::default() }
+    }
+
+    /// The folder for temporary files of work on `file`, unless told otherwise: `TMPDIR`, or else the folder of `file`. The system's temporary
+    /// folder is no default: it is often kept in memory.
+    pub fn folder_beside(file: &Path) -> PathBuf {
+        std::env::var_os("TMPDIR").map(PathBuf::from).unwrap_or_else(|| match file.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
+            _ => PathBuf::from("."),
+        })
     }
 
     /// The folder.
@@ -69,6 +85,19 @@ impl Workspace {
             slot,
             taken: AtomicU32::new(0),
             on_disk: AtomicU64::new(0),
+        })
+    }
+
+    /// A new file without a name, on disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if no file can be created.
+    pub fn temporary(&self) -> Result<Temporary> {
+        Ok(Temporary {
+            file: self.file()?,
+            workspace: self.clone(),
+            written: AtomicU64::new(0),
+            promised: AtomicU64::new(0),
         })
     }
 
@@ -230,6 +259,64 @@ impl Drop for Slots {
     }
 }
 
+/// Bytes between two looks at the free space; and as many stay free, at least.
+const LOOK: u64 = 16 << 20;
+
+/// A file without a name whose length nobody knows beforehand. It takes what is free on its disk, and stops before it is full.
+#[derive(Debug)]
+pub struct Temporary {
+    workspace: Workspace,
+    file: File,
+    written: AtomicU64,
+    /// Bytes that may be written before the free space is looked at again.
+    promised: AtomicU64,
+}
+
+impl Temporary {
+    /// Writes at a position; each is written once.
+    ///
+    /// # Errors
+    /// [`Error::Disk`] if hardly any space is left; [`Error::Io`] if the work directory fails.
+    pub fn write_at(&self, bytes: &[u8], at: u64) -> Result<()> {
+        let more = bytes.len() as u64;
+        if self.promised.load(Ordering::Relaxed) < more {
+            let available = self.workspace.available()?;
+            let written = self.written.load(Ordering::Relaxed);
+            let promise = promise(available, more).ok_or_else(|| Error::Disk {
+                path: self.workspace.dir().to_path_buf(),
+                // Of all that was free at first, and for all that is to be written: more may come yet.
+                available: ByteSize(written + available),
+                needed: ByteSize(written + more + LOOK),
+            })?;
+            self.promised.store(promise, Ordering::Relaxed);
+        }
+        self.file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;
+        self.promised.fetch_sub(more, Ordering::Relaxed);
+        self.written.fetch_add(more, Ordering::Relaxed);
+        self.workspace.grow(more);
+        Ok(())
+    }
+
+    /// Another handle of the file, to read from.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the process has too many files open.
+    pub fn handle(&self) -> Result<File> {
+        self.file.try_clone().map_err(self.workspace.failed("open temporary data"))
+    }
+}
+
+/// How many bytes may be written, `more` of them now, where `available` are free; `None` if that leaves too little.
+fn promise(available: u64, more: u64) -> Option<u64> {
+    (available >= more + LOOK).then(|| more.max(LOOK.min(available - LOOK)))
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        self.workspace.on_disk.fetch_sub(*self.written.get_mut(), Ordering::Relaxed);
+    }
+}
+
 impl Workspace {
     fn failed(&self, action: &'static str) -> impl FnOnce(std::io::Error) -> Error + use<> {
         Error::io(self.dir.to_path_buf(), action)
@@ -308,6 +395,26 @@ mod tests {
         assert_eq!(workspace.peak_on_disk(), 3 * (0..50).sum::<u64>());
         drop(slots);
         assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
+    }
+
+    #[test]
+    fn a_temporary_file_is_counted_and_leaves_the_disk_some_room() {
+        let dir = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(dir.path()).unwrap();
+        let file = workspace.temporary().unwrap();
+        file.write_at(b"abc", 0).unwrap();
+        file.write_at(b"de", 100).unwrap();
+        let mut back = [0; 2];
+        file.handle().unwrap().read_exact_at(&mut back, 100).unwrap();
+        assert_eq!((&back, workspace.peak_on_disk()), (b"de", 5));
+        drop(file);
+        assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        assert_eq!(promise(1 << 40, 7), Some(LOOK));
+        assert_eq!(promise(1 << 40, 3 * LOOK), Some(3 * LOOK));
+        assert_eq!(promise(LOOK + 9, 7), Some(9));
+        assert_eq!(promise(LOOK + 6, 7), None);
+        assert_eq!(promise(0, 7), None);
     }
 
     #[test]

@@ -81,6 +81,179 @@ fn foreign_formats_are_refused_by_name() {
     f.fails("a.ply", 1, &["a bzip2-compressed file"]);
 }
 
+// ---- Compressed files, standard input, other programs' formats ----
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    use std::io::Write;
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// Runs it with these bytes on standard input.
+fn fed(f: &Folder, line: &str, bytes: &[u8]) -> Answer {
+    use std::io::Write;
+    let mut child = f.command(line).stdin(std::process::Stdio::piped()).spawn().unwrap();
+    let mut input = child.stdin.take().unwrap();
+    let bytes = bytes.to_vec();
+    // It may refuse to read all of it.
+    let feeding = std::thread::spawn(move || drop(input.write_all(&bytes)));
+    let answer = Answer::of(child.wait_with_output().unwrap());
+    feeding.join().unwrap();
+    answer
+}
+
+#[test]
+fn compressed_files_and_standard_input_give_the_same_mesh() {
+    let f = Folder::new();
+    let points = f.knot(20_000);
+    f.ok("k.ply -o a.ply");
+    let expected = f.read("a.ply");
+    let plain = f.read("k.ply");
+    let zstandard = zstd::bulk::compress(&plain, 3).unwrap();
+    f.make("tmp");
+    for (name, content) in [("k.ply.gz", gzip(&plain)), ("k.zst", zstandard.clone())] {
+        f.write(name, content);
+        let answer = f.ok(&format!("{name} -o b.ply --overwrite --report r.json --temp-dir tmp"));
+        assert!(answer.err.contains("PLY binary little-endian, 20000 vertices"), "{}", answer.err);
+        assert!(f.read("b.ply") == expected, "{name}");
+        assert_eq!(report(&f, "r.json")["memory"]["peak_disk"], plain.len());
+        assert_eq!(report(&f, "r.json")["inputs"][0]["bytes"], f.read(name).len());
+        let info = f.ok(&format!("info {name} --temp-dir tmp")).out;
+        assert!(info.contains("points             20,000"), "{info}");
+        let plan = f.ok(&format!("plan {name}")).out;
+        assert!(plan.contains("unpacked input    234.5 KiB, part of that"), "{plan}");
+        assert_eq!(f.names("tmp").len(), 0);
+    }
+    for bytes in [&plain, &zstandard] {
+        let answer = fed(&f, "- -o b.ply --overwrite", bytes);
+        assert!(answer.code == 0 && answer.err.contains("standard input: PLY binary"), "{}", answer.err);
+        assert!(f.read("b.ply") == expected);
+        let info = fed(&f, "info -", bytes);
+        assert!(info.code == 0 && info.out.contains("points             20,000"), "{}{}", info.out, info.err);
+        assert_eq!(fed(&f, "plan -", bytes).code, 0);
+    }
+    // Together with a file, and raw.
+    f.write("half.ply", ply(&points[..9_000]));
+    let half = fed(&f, "half.ply - -o b.ply --overwrite --layout xyz", bytemuck::cast_slice(&points[9_000..]));
+    assert_eq!(half.code, 0, "{}", half.err);
+    assert!(f.read("b.ply") == expected);
+}
+
+#[test]
+fn the_default_output_is_named_without_the_compression() {
+    let f = Folder::new();
+    f.knot(2000);
+    f.write("c.ply.gz", gzip(&f.read("k.ply")));
+    f.ok("c.ply.gz");
+    f.ok("k.ply -o k.mesh.ply");
+    assert_eq!(f.read("c.mesh.ply"), f.read("k.mesh.ply"));
+    f.make("tiles");
+    f.write("tiles/c.ply.gz", f.read("c.ply.gz"));
+    f.write("tiles/c.mesh.ply.gz", "no cloud");
+    f.ok("tiles");
+    assert_eq!(f.read("tiles.mesh.ply"), f.read("k.mesh.ply"));
+}
+
+#[test]
+fn standard_input_that_is_no_cloud_is_refused() {
+    let f = Folder::new();
+    let before = f.names("");
+    let refused = |line: &str, bytes: &[u8], code: i32, says: &str| {
+        let answer = fed(&f, line, bytes);
+        assert!(answer.code == code && answer.err.contains(says), "{line}: {}", answer.err);
+        assert_eq!(f.names(""), before);
+    };
+    refused("-", b"1 2 3\n", 2, "standard input has no name that the mesh could have; pass --output");
+    refused("- -o m.ply", b"", 1, "standard input: length: expected points, found an empty file");
+    refused("- -o m.ply", b"PK\x03\x04", 1, "standard input: this is a ZIP archive");
+    refused(
+        "- -o m.ply",
+        &gzip(b"1 2 3\n")[..20],
+        1,
+        "standard input: compressed byte 20: expected gzip data, found the end of the file",
+    );
+    refused("./-", b"", 1, "./-: cannot open");
+}
+
+/// The mesh's name is refused, and the folder for temporary files, before anything is read or unpacked.
+#[test]
+fn what_cannot_be_written_is_refused_before_anything_is_unpacked() {
+    let f = Folder::new();
+    f.write("m.ply", "precious");
+    f.write("k.gz", &gzip(b"1 2 3\n")[..20]);
+    f.fails("k.gz -o m.ply", 2, &["m.ply: exists already"]);
+    f.fails("k.gz -o n.ply --temp-dir no", 1, &["no: cannot create a temporary file"]);
+    f.fails("info k.gz --temp-dir no", 1, &["no: cannot create a temporary file"]);
+    f.fails("k.gz -o n.ply", 1, &["k.gz: compressed byte 20: expected gzip data, found the end of the file"]);
+}
+
+#[test]
+fn ctrl_c_ends_the_wait_for_standard_input() {
+    use std::io::Write;
+    let f = Folder::new();
+    let mut child = f.command("- -o m.ply").stdin(std::process::Stdio::piped()).spawn().unwrap();
+    let mut input = child.stdin.take().unwrap();
+    // More than a pipe holds: when all is written, some was read.
+    input.write_all("1 2 3\n".repeat(200_000).as_bytes()).unwrap();
+    let id = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    drop(input);
+    assert_eq!(f.names("").len(), 0);
+}
+
+#[test]
+fn a_disk_that_fills_up_while_unpacking_is_reported() {
+    let f = Folder::new();
+    f.make("tmp");
+    f.write("k.xyz.gz", gzip("1 2 3\n".repeat(200_000).as_bytes()));
+    let program = f.command("").get_program().to_owned();
+    let mut shell = Command::new("sh");
+    shell.arg("-c").arg("trap '' XFSZ; ulimit -f 1000; exec \"$0\" k.xyz.gz -o m.ply --temp-dir tmp").arg(program);
+    let answer = Answer::of(shell.current_dir(f.path("")).env_remove("TMPDIR").output().unwrap());
+    assert!(
+        answer.code == 1 && answer.err.contains("tmp: cannot write temporary data: File too large"),
+        "{}",
+        answer.err
+    );
+    assert_eq!((f.names("tmp").len(), f.names("").len()), (0, 2));
+}
+
+#[test]
+fn the_formats_of_other_programs_give_the_same_mesh() {
+    let f = Folder::new();
+    let points = f.knot(20_000);
+    f.ok("k.ply -o a.ply");
+    let bytes = f.read("k.ply").split_off(f.read("k.ply").len() - 240_000);
+    let pcd = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 20000\nHEIGHT 1\nPOINTS 20000\nDATA binary\n";
+    f.write("a.pcd", [pcd.as_bytes(), &bytes].concat());
+    let npy = "{'descr': '<f4', 'fortran_order': False, 'shape': (20000, 3), }\n";
+    let length = (npy.len() as u16).to_le_bytes();
+    f.write("a.npy", [b"\x93NUMPY\x01\x00".as_slice(), &length, npy.as_bytes(), &bytes].concat());
+    let mut stl = [[0; 80].as_slice(), &6667u32.to_le_bytes()].concat();
+    // The last facet's last corner is the first point once more.
+    for facet in points.iter().chain(&points[..1]).collect::<Vec<_>>().chunks(3) {
+        stl.extend([0; 12]);
+        facet.iter().copied().flatten().for_each(|v| stl.extend(v.to_le_bytes()));
+        stl.extend([0; 2]);
+    }
+    f.write("b.stl", stl);
+    for name in ["a.pcd", "a.npy"] {
+        f.ok(&format!("{name} -o b.ply --overwrite"));
+        assert!(f.read("b.ply") == f.read("a.ply"), "{name}");
+    }
+    f.write("k.xyz", points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect::<String>());
+    f.write("k.obj", points.iter().map(|[x, y, z]| format!("v {x} {y} {z}\n")).collect::<String>() + "f 1 2 3\n");
+    f.ok("k.xyz -o text.ply");
+    f.ok("k.obj -o obj.ply");
+    assert!(f.read("obj.ply") == f.read("text.ply"));
+    // One point more, so only the grid's count may differ.
+    f.ok("k.ply -o a.ply --overwrite --slices 90");
+    f.ok("b.stl -o b.ply --overwrite --slices 90");
+    assert!(body(&f.read("b.ply")) == body(&f.read("a.ply")));
+}
+
 // ---- Output ----
 
 #[test]

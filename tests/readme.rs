@@ -81,7 +81,7 @@ fn other_subcommands_take_options_of_the_table() {
     let from_layout = table.iter().position(|flag| flag.contains("--layout")).unwrap();
     assert_eq!(names("plan"), table[from_layout..]);
     let mut info = table[from_layout..].to_vec();
-    info.retain(|flag| !flag.contains("--max-memory") && !flag.contains("--temp-dir"));
+    info.retain(|flag| !flag.contains("--max-memory"));
     assert_eq!(names("info"), info);
     let mut check: Vec<String> = table[table.len() - 3..].to_vec();
     check.splice(0..0, table.iter().filter(|f| f.contains("--report") || f.contains("--quiet")).cloned());

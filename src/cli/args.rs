@@ -85,7 +85,8 @@ pub struct ReconstructArguments {
 /// The cloud and how it is meshed.
 #[derive(Debug, Args)]
 pub struct CloudArguments {
-    /// Point clouds: .ply, text (.xyz .txt .csv .pts .asc) or raw binary; several files, patterns and folders are one cloud
+    /// Point clouds: .ply, .pcd, .npy, .obj, .stl, text (.xyz .txt .csv .pts .asc) or raw binary, also as .gz and .zst; several files, patterns and folders are one
+    /// cloud; - is standard input
     #[arg(value_name = "INPUT", required = true)]
     pub inputs: Vec<PathBuf>,
     /// Record layout of raw files: xyz, xyzi, xyzir, xyzrgb, xyz:f64, x:f64,y:f64,z:f64,i:u16,_:6 [default: the side-car's, else detected]
@@ -202,6 +203,9 @@ pub struct InfoArguments {
     /// Worker threads [default: one for each processor]
     #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Means")]
     pub threads: Option<u16>,
+    /// Folder for temporary files [default: TMPDIR, else the mesh's folder]
+    #[arg(long, value_name = "DIR", help_heading = "Means")]
+    pub temp_dir: Option<PathBuf>,
 }
 
 /// Arguments of `check`.
@@ -469,7 +473,8 @@ impl InfoArguments {
     /// # Errors
     /// As [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
-        job(&self.cloud, Means { threads: self.threads.map(usize::from), ..Means::default() })
+        let (threads, temp_dir) = (self.threads.map(usize::from), self.temp_dir.clone());
+        job(&self.cloud, Means { threads, temp_dir, ..Means::default() })
     }
 }
 

@@ -62,6 +62,7 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
     let load = &surveyed.load;
     let least = MemoryPlan::least(load, workers.threads());
     let in_memory = |quota: u64, bytes: u64| if quota >= bytes { "in memory" } else { "on disk" };
+    let unpacked = cloud.unpacked();
     let mut lines: Vec<(&str, String)> = Vec::new();
     lines.extend(cloud.crs_line().map(|line| ("reference system", line)));
     lines.extend([
@@ -73,7 +74,12 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
         ("least memory", ByteSize(least.next_multiple_of(1 << 20)).to_string()),
         (
             "temporary disk",
-            format!("{} at most, of {} free", ByteSize(memory.predicted_disk), ByteSize(workspace.available()?)),
+            // What is unpacked lies there already.
+            format!(
+                "{} at most, of {} free",
+                ByteSize(memory.predicted_disk + unpacked),
+                ByteSize(workspace.available()? + unpacked)
+            ),
         ),
         ("temporary folder", workspace.dir().display().to_string()),
         ("points kept", in_memory(memory.buckets_quota, load.bucket_bytes()).to_owned()),
@@ -82,6 +88,10 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
         ("in flight", format!("{} blocks, {} chunks of slices", memory.blocks_in_flight, memory.chunks_in_flight)),
         ("fitted at once", format!("{} points of a slab", thousands(memory.piece_points as u64))),
     ]);
+    if unpacked > 0 {
+        let at = lines.iter().position(|(name, _)| *name == "temporary folder").unwrap_or(0);
+        lines.insert(at, ("unpacked input", format!("{}, part of that", ByteSize(unpacked))));
+    }
     print(&lines)
 }
 

@@ -1,20 +1,19 @@
-//! Which format a file is: its first bytes decide, its name does not.
+//! Which format a file is: its first bytes decide, its name only where they cannot.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::mapped::Mapped;
+use super::mapped::{Content, Mapped};
 use super::raw::{self, Description};
-use super::{InputOptions, PointFormat, Source, e57, las, ply, text};
+use super::unpack::{Packing, STANDARD_INPUT, Unpacking};
+use super::{InputOptions, PointFormat, Source, e57, las, npy, obj, pcd, ply, stl, text};
 use crate::error::{Error, Result};
 
 /// Bytes looked at: the longest signature, and enough to tell text from numbers.
 const HEAD: u64 = 4096;
 
 /// Formats that are recognised and not read: signature, where it stands, name, advice.
-const FOREIGN: [(&[u8], usize, &str, &str); 13] = [
-    (b"# .PCD", 0, "a PCD file", "convert it to PLY, for example with pcl_pcd2ply"),
-    (b"VERSION .7", 0, "a PCD file", "convert it to PLY, for example with pcl_pcd2ply"),
+const FOREIGN: [(&[u8], usize, &str, &str); 9] = [
     (b"CCB2", 0, "a CloudCompare project", "open it in CloudCompare and save the cloud as PLY"),
     (
         &970_401i32.to_le_bytes(),
@@ -22,10 +21,8 @@ const FOREIGN: [(&[u8], usize, &str, &str); 13] = [
         "a TerraSolid file",
         "convert it to PLY, for example with PDAL (readers.terrasolid)",
     ),
-    (b"\x93NUMPY", 0, "a NumPy array", "write its numbers with array.tofile() and pass --layout"),
-    (b"\x1f\x8b\x08", 0, "a gzip-compressed file", "unpack it first: gunzip FILE"),
-    (b"\x28\xb5\x2f\xfd", 0, "a Zstandard-compressed file", "unpack it first: unzstd FILE"),
     (b"PK\x03\x04", 0, "a ZIP archive", "unpack it first"),
+    (b"ustar", 257, "a tar archive", "unpack it first"),
     (b"BZh", 0, "a bzip2-compressed file", "unpack it first: bunzip2 FILE"),
     (b"\xfd7zXZ\0", 0, "an xz-compressed file", "unpack it first: unxz FILE"),
     (b"\x89HDF\r\n\x1a\n", 0, "an HDF5 file", "write its points as PLY or as raw numbers"),
@@ -33,44 +30,107 @@ const FOREIGN: [(&[u8], usize, &str, &str); 13] = [
     (b"ncols", 0, "an ESRI ASCII grid", "convert it to x y z text, for example with gdal_translate -of XYZ"),
 ];
 
-/// Finds out what the file is and opens it.
+/// Finds out what the file is and opens it; what is compressed, and standard input, is unpacked first.
 ///
 /// # Errors
-/// [`Error::ForeignFormat`] if it is known and not read; otherwise as its format's `open`.
-pub fn open(path: &Path, options: &InputOptions) -> Result<(Source, Arc<dyn PointFormat>)> {
-    let file = Mapped::unmapped(path)?;
-    let head = file.read(0..file.len().min(HEAD))?;
+/// [`Error::ForeignFormat`] if it is known and not read; otherwise as its format's `open`, and those of unpacking.
+pub fn open(path: &Path, options: &InputOptions, unpacking: &mut Unpacking) -> Result<(Source, Arc<dyn PointFormat>)> {
+    let (own, mut names) = if path == Path::new(STANDARD_INPUT) {
+        (unpacking.standard_input()?, Vec::new())
+    } else {
+        (Content::named(path), vec![path.to_path_buf()])
+    };
+    let file = own.unmapped()?;
+    let named = Packing::named(path);
+    // Whoever skips a header by hand knows what it is, unless the name says it, too.
+    let by_hand = options.skip_bytes.is_some() && !names.is_empty() && named.is_none();
+    let Some(packing) = Packing::of(&head(&file)?).filter(|_| !by_hand) else {
+        return open_unpacked(&own, &names, options, unpacking);
+    };
+    names.extend(named.map(|(_, bare)| bare));
+    let content = packing.unpack(&own, unpacking)?;
+    let (source, format) = open_unpacked(&content, &names, options, unpacking)?;
+    let description = format!("{}; from {}", source.description, packing.name());
+    Ok((Source { description, bytes: file.len(), ..source }, format))
+}
+
+/// Opens a file that lies there as it is; `names` are those it may have a side-car by, the last one with its extension.
+fn open_unpacked(
+    content: &Content,
+    names: &[PathBuf],
+    options: &InputOptions,
+    unpacking: &mut Unpacking,
+) -> Result<(Source, Arc<dyn PointFormat>)> {
+    let file = content.unmapped()?;
+    let head = head(&file)?;
     if head.is_empty() {
-        return Err(Error::malformed(path, "length", "points", "an empty file"));
+        return Err(Error::malformed(content.name(), "length", "points", "an empty file"));
     }
     if ply::is_ply(&head) {
-        return ply::open(path);
+        return ply::open(content);
     }
-    if las::is_las(&head) && options.skip_bytes.is_none() {
-        return las::open(path);
-    }
-    if e57::is_e57(&head) && options.skip_bytes.is_none() {
-        return e57::open(path);
-    }
-    let description = Description::of(path, options)?;
     // Whoever skips a header by hand knows what it is.
+    if options.skip_bytes.is_none() {
+        if las::is_las(&head) {
+            return las::open(content);
+        }
+        if e57::is_e57(&head) {
+            return e57::open(content);
+        }
+        if pcd::is_pcd(&head) {
+            return pcd::open(content, unpacking);
+        }
+        if head.starts_with(npy::SIGNATURE) {
+            return npy::open(content);
+        }
+    }
+    let description = Description::of(names, options)?;
     if options.skip_bytes.is_none()
         && let Some((format, advice)) = foreign(&head, file.len())
     {
-        return Err(Error::ForeignFormat { path: path.to_path_buf(), format, advice });
+        return Err(Error::ForeignFormat { path: content.name().to_path_buf(), format, advice });
     }
-    if description == Description::Unknown && options.skip_bytes.is_none() && is_text(&head) {
-        return text::open(path);
+    if description == Description::Unknown && options.skip_bytes.is_none() {
+        let extension =
+            names.last().and_then(|name| name.extension()).map(|e| e.to_string_lossy().to_ascii_lowercase());
+        let is = |name: &str| extension.as_deref() == Some(name);
+        if is_text(&head) {
+            return match () {
+                () if is("obj") || obj::is_obj(&head) => obj::open(content),
+                () if is("stl") || stl::is_text(&head) => stl::open_text(content),
+                () => text::open(content),
+            };
+        }
+        if is("stl") || stl::is_binary(&head, file.len()) {
+            return stl::open_binary(content);
+        }
     }
     raw::open(&file, description, options)
 }
 
+fn head(file: &Mapped) -> Result<Vec<u8>> {
+    file.read(0..file.len().min(HEAD))
+}
+
 fn foreign(head: &[u8], len: u64) -> Option<(&'static str, &'static str)> {
+    if is_npz(head) {
+        return Some(("an NPZ archive", "save the array alone, with numpy.save"));
+    }
+    if Packing::of(head).is_some() {
+        return Some(("a file that is compressed twice", "unpack it once"));
+    }
     let known = FOREIGN.iter().find(|(signature, at, ..)| head.get(*at..).is_some_and(|h| h.starts_with(signature)));
     if let Some((_, _, format, advice)) = known {
         return Some((format, advice));
     }
     is_unity_viewer(head, len).then_some(("a UnityPointCloudViewer file", "export the cloud as PLY instead"))
+}
+
+/// Whether it is a ZIP archive of arrays: the name of its first file, 30 bytes from the beginning, says so.
+fn is_npz(head: &[u8]) -> bool {
+    let length = |head: &[u8]| Some(usize::from(u16::from_le_bytes([*head.get(26)?, *head.get(27)?])));
+    let name = length(head).and_then(|length| head.get(30..30 + length));
+    head.starts_with(b"PK\x03\x04") && name.is_some_and(|name| name.ends_with(b".npy"))
 }
 
 /// UnityPointCloudViewer's first version has no signature: a version byte, the number of points as `i32`, a byte that
@@ -109,12 +169,15 @@ mod tests {
     #[test]
     fn known_formats_are_refused_by_name() {
         for (signature, at, name, advice) in FOREIGN {
-            let mut content = vec![0; 120];
+            let mut content = vec![0; 600];
             content[at..at + signature.len()].copy_from_slice(signature);
             let (_dir, path) = file("cloud.bin", &content);
             let error = collect(&path, &InputOptions::default()).unwrap_err().to_string();
             assert!(error.contains(name) && error.contains(advice), "{error}");
         }
+        let npz = [b"PK\x03\x04".as_slice(), &[0; 22], &[7, 0, 0, 0], b"arr.npy", &[0; 90]].concat();
+        let (_dir, path) = file("cloud.npz", &npz);
+        assert!(collect(&path, &InputOptions::default()).unwrap_err().to_string().contains("an NPZ archive"));
         let mut unity = vec![1, 10, 0, 0, 0, 0];
         unity.resize(6 + 120, 1);
         let (_dir, path) = file("cloud.bin", &unity);

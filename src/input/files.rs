@@ -3,13 +3,15 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use super::unpack::{Packing, STANDARD_INPUT};
 use crate::error::{Error, Result};
 
-/// Extensions that are taken for point files when a whole folder is given.
-const POINT_FILES: [&str; 14] =
-    ["ply", "las", "laz", "e57", "xyz", "txt", "csv", "pts", "asc", "bin", "xyz32", "raw", "f32", "dat"];
+/// Extensions that are taken for point files when a whole folder is given; also with that of a compressed file behind them. Files that are
+/// meshes as a rule (`.obj`, `.stl`) must be named.
+const POINT_FILES: [&str; 16] =
+    ["ply", "las", "laz", "e57", "xyz", "txt", "csv", "pts", "asc", "bin", "xyz32", "raw", "f32", "dat", "pcd", "npy"];
 
-/// The files the arguments stand for, in the arguments' order, each once.
+/// The files the arguments stand for (files, patterns, folders, `-` for standard input), in the arguments' order, each once.
 ///
 /// # Errors
 /// [`Error::Usage`] if there is no argument, or a pattern or folder holds no point file; [`Error::Io`] if an argument
@@ -22,8 +24,10 @@ pub fn expand(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for input in inputs {
         for file in stands_for(input)? {
-            // Links and `./` must not let a file count twice.
-            if seen.insert(file.canonicalize().map_err(Error::io(&file, "open"))?) {
+            // Links and `./` must not let a file count twice. A file by the name of standard input is `./-`.
+            let standard_input = file == Path::new(STANDARD_INPUT);
+            let one = if standard_input { Ok(file.clone()) } else { file.canonicalize() };
+            if seen.insert(one.map_err(Error::io(&file, "open"))?) {
                 files.push(file);
             }
         }
@@ -32,6 +36,9 @@ pub fn expand(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 fn stands_for(input: &Path) -> Result<Vec<PathBuf>> {
+    if input == Path::new(STANDARD_INPUT) {
+        return Ok(vec![input.to_path_buf()]);
+    }
     if input.is_dir() {
         return point_files_in(input);
     }
@@ -55,7 +62,7 @@ fn point_files_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder, "list"))? {
         let path = entry.map_err(Error::io(folder, "list"))?.path();
-        if path.is_file() && has_extension(&path, &POINT_FILES) && !is_own_mesh(&path) {
+        if path.is_file() && has_extension(&bare(&path), &POINT_FILES) && !is_own_mesh(&path) {
             files.push(path);
         }
     }
@@ -65,7 +72,12 @@ fn point_files_in(folder: &Path) -> Result<Vec<PathBuf>> {
 
 /// Whether the file has the name that a mesh gets by default: the mesh of an earlier run is no part of the cloud beside it.
 fn is_own_mesh(path: &Path) -> bool {
-    path.to_str().is_some_and(|name| name.ends_with(".mesh.ply"))
+    bare(path).to_str().is_some_and(|name| name.ends_with(".mesh.ply"))
+}
+
+/// The name without the extension of a compressed file.
+fn bare(path: &Path) -> PathBuf {
+    Packing::named(path).map_or_else(|| path.to_path_buf(), |(_, bare)| bare)
 }
 
 fn has_extension(path: &Path, extensions: &[&str]) -> bool {
@@ -83,7 +95,22 @@ mod tests {
     #[test]
     fn patterns_folders_and_names_give_each_file_once() {
         let dir = tempfile::tempdir().unwrap();
-        for name in ["b.ply", "a.ply", "c.bin", "c.bin.json", "notes.md", "[odd].xyz", "a.mesh.ply"] {
+        for name in [
+            "b.ply",
+            "a.ply",
+            "c.bin",
+            "c.bin.json",
+            "notes.md",
+            "[odd].xyz",
+            "a.mesh.ply",
+            "a.mesh.ply.gz",
+            "b.obj",
+            "b.STL",
+            "c.gz",
+            "d.tar.zst",
+            "e.pcd.GZ",
+            "f.npy.zst",
+        ] {
             std::fs::write(dir.path().join(name), "x").unwrap();
         }
         let names = |inputs: &[&str]| {
@@ -95,8 +122,10 @@ mod tests {
         };
         assert_eq!(names(&["*.ply"]).unwrap(), ["a.ply", "b.ply"]);
         assert_eq!(names(&["b.ply", "?.ply", "./a.ply"]).unwrap(), ["b.ply", "a.ply"]);
-        assert_eq!(names(&["c.*"]).unwrap(), ["c.bin"], "side-cars are not points");
-        assert_eq!(names(&[""]).unwrap(), ["[odd].xyz", "a.ply", "b.ply", "c.bin"]);
+        assert_eq!(names(&["c.*"]).unwrap(), ["c.bin", "c.gz"], "side-cars are not points");
+        assert_eq!(names(&[""]).unwrap(), ["[odd].xyz", "a.ply", "b.ply", "c.bin", "e.pcd.GZ", "f.npy.zst"]);
+        let standard_input = [PathBuf::from("-"), PathBuf::from("-")];
+        assert_eq!(expand(&standard_input).unwrap(), standard_input[..1]);
         assert_eq!(names(&["[odd].xyz"]).unwrap(), ["[odd].xyz"], "an existing file is no pattern");
         assert_eq!(names(&["a.mesh.ply"]).unwrap(), ["a.mesh.ply"], "a mesh counts if it is named");
         assert!(names(&["*.las"]).unwrap_err().to_string().contains("matches no file"));

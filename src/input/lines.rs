@@ -130,7 +130,7 @@ mod tests {
         let path = dir.path().join("lines");
         std::fs::write(&path, content).unwrap();
         // The map outlives the name.
-        Mapped::open(&path).unwrap()
+        super::super::mapped::Content::named(&path).open().unwrap()
     }
 
     #[test]

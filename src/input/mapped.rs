@@ -7,6 +7,9 @@
 //! rewritten in place gives mixed points, as it would with plain reads. Temporary files are unlinked on creation, so
 //! nothing is left behind even then.
 //!
+//! A file's bytes are its [`Content`]: what lies under its name, or what was unpacked from that, and lies in a stretch of a temporary file.
+//! Nothing but this module knows the difference.
+//!
 //! Resident memory: pages count as the process's own while they are mapped in. [`Bytes`] gives its pages back when it
 //! is dropped, so a pass over a file of any size holds about as many bytes as there are blocks in flight.
 #![allow(unsafe_code)]
@@ -17,36 +20,61 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use memmap2::{Advice, Mmap, UncheckedAdvice};
+use memmap2::{Advice, Mmap, MmapOptions, UncheckedAdvice};
 
 use crate::error::{Error, Result};
+use crate::spool::Temporary;
 
 /// Linux maps pages round a fault in aligned windows of this size (`fault_around_bytes`), so pages are given back in
 /// such windows too; smaller pieces would be mapped in again by the neighbouring block.
-const FAULT_WINDOW: usize = 64 << 10;
+pub const FAULT_WINDOW: usize = 64 << 10;
 
-/// An open file whose bytes can be read at any position, from several threads at once.
-#[derive(Debug)]
-pub struct Mapped {
-    path: PathBuf,
-    file: File,
-    len: u64,
-    /// `None` where the file cannot be mapped: a pipe, an empty file, a file system without maps.
-    map: Option<Mmap>,
+/// The bytes of a point file, to be opened for each pass over them.
+#[derive(Debug, Clone)]
+pub struct Content {
+    name: PathBuf,
+    unpacked: Option<Unpacked>,
 }
 
-impl Mapped {
-    /// Opens the file, for one sequential pass.
+/// A stretch of a temporary file.
+#[derive(Debug, Clone)]
+struct Unpacked {
+    file: Arc<Temporary>,
+    /// A multiple of [`FAULT_WINDOW`].
+    start: u64,
+    len: u64,
+}
+
+impl Content {
+    /// What lies under `path`.
+    pub fn named(path: &Path) -> Content {
+        Content { name: path.to_path_buf(), unpacked: None }
+    }
+
+    /// What was unpacked from the file that messages call `name`: `len` bytes from `start` on, a multiple of [`FAULT_WINDOW`].
+    pub fn unpacked(name: &Path, file: Arc<Temporary>, start: u64, len: u64) -> Content {
+        Content { name: name.to_path_buf(), unpacked: Some(Unpacked { file, start, len }) }
+    }
+
+    /// The file's name, as the user knows it.
+    pub fn name(&self) -> &Path {
+        &self.name
+    }
+
+    /// Opens it for one sequential pass.
     ///
     /// # Errors
     /// [`Error::Io`] if it cannot be opened, or is not a regular file.
-    pub fn open(path: &Path) -> Result<Arc<Mapped>> {
-        let mapped = Mapped::unmapped(path)?;
+    pub fn open(&self) -> Result<Arc<Mapped>> {
+        let mapped = self.unmapped()?;
+        let Ok(len) = usize::try_from(mapped.len) else { return Ok(Arc::new(mapped)) };
+        let mut options = MmapOptions::new();
+        options.offset(mapped.start).len(len);
         // SAFETY: the map is read-only and private to this module, which lends its bytes only as `Bytes` and after
         // checking the file's present length. Soundness still rests on other processes not shortening or rewriting
         // the file while a block is decoded; the module's introduction says what happens if they do. No bytes from
-        // the map are trusted: every decoder takes them for arbitrary data.
-        let map = unsafe { Mmap::map(&mapped.file) }.ok();
+        // the map are trusted: every decoder takes them for arbitrary data. Of a temporary file, no byte that is mapped is written again.
+        let map = unsafe { options.map(&mapped.file) }.ok();
         if let Some(map) = &map {
             // Only a hint for read-ahead: failure costs speed, not correctness.
             drop(map.advise(Advice::Sequential));
@@ -54,12 +82,15 @@ impl Mapped {
         Ok(Arc::new(Mapped { map, ..mapped }))
     }
 
-    /// Opens the file for plain reads only: the fallback of [`Mapped::open`], and the choice for a look at a few
-    /// places.
+    /// Opens it for plain reads only: the fallback of [`Content::open`], and the choice for a look at a few places.
     ///
     /// # Errors
-    /// As [`Mapped::open`].
-    pub fn unmapped(path: &Path) -> Result<Mapped> {
+    /// As [`Content::open`].
+    pub fn unmapped(&self) -> Result<Mapped> {
+        if let Some(Unpacked { file, start, len }) = &self.unpacked {
+            return Ok(Mapped { content: self.clone(), file: file.handle()?, start: *start, len: *len, map: None });
+        }
+        let path = &self.name;
         // Asked first: opening a pipe would wait for a writer.
         let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
         if !metadata.is_file() {
@@ -68,12 +99,31 @@ impl Mapped {
         }
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let metadata = file.metadata().map_err(Error::io(path, "read the length of"))?;
-        Ok(Mapped { path: path.to_path_buf(), file, len: metadata.len(), map: None })
+        Ok(Mapped { content: self.clone(), file, start: 0, len: metadata.len(), map: None })
+    }
+}
+
+/// An open file whose bytes can be read at any position, from several threads at once.
+#[derive(Debug)]
+pub struct Mapped {
+    content: Content,
+    file: File,
+    /// Where in the file the content begins, and its length.
+    start: u64,
+    len: u64,
+    /// `None` where the file cannot be mapped: a pipe, an empty file, a file system without maps.
+    map: Option<Mmap>,
+}
+
+impl Mapped {
+    /// What was opened, to be opened again.
+    pub fn content(&self) -> &Content {
+        &self.content
     }
 
     /// The file's path.
     pub fn path(&self) -> &Path {
-        &self.path
+        self.content.name()
     }
 
     /// The file's length when it was opened.
@@ -93,8 +143,8 @@ impl Mapped {
         if self.map.is_none() {
             return Ok(Bytes(Hold::Owned(self.read(range)?)));
         }
-        let now = self.file.metadata().map_err(Error::io(&self.path, "read the length of"))?.len();
-        if now < range.end {
+        let now = self.file.metadata().map_err(Error::io(self.path(), "read the length of"))?.len();
+        if now < self.start + range.end {
             return Err(self.shrunk(now));
         }
         let range = range.start as usize..range.end as usize;
@@ -107,16 +157,16 @@ impl Mapped {
     /// As [`Mapped::bytes`].
     pub fn read(&self, range: Range<u64>) -> Result<Vec<u8>> {
         let mut bytes = vec![0; (range.end - range.start) as usize];
-        self.file.read_exact_at(&mut bytes, range.start).map_err(|e| match e.kind() {
+        self.file.read_exact_at(&mut bytes, self.start + range.start).map_err(|e| match e.kind() {
             std::io::ErrorKind::UnexpectedEof => self.shrunk(self.file.metadata().map_or(0, |m| m.len())),
-            _ => Error::io(&self.path, "read")(e),
+            _ => Error::io(self.path(), "read")(e),
         })?;
         Ok(bytes)
     }
 
     fn shrunk(&self, now: u64) -> Error {
         Error::malformed(
-            &self.path,
+            self.path(),
             "length",
             format_args!("{} bytes as when it was opened", self.len),
             format_args!("{now} bytes; another program is changing the file"),
@@ -180,8 +230,8 @@ mod tests {
     #[test]
     fn map_and_plain_reads_give_the_same_bytes() {
         let (_dir, path, content) = sample(300_000);
-        let mapped = Mapped::open(&path).unwrap();
-        let plain = Arc::new(Mapped::unmapped(&path).unwrap());
+        let mapped = Content::named(&path).open().unwrap();
+        let plain = Arc::new(Content::named(&path).unmapped().unwrap());
         assert!(mapped.map.is_some());
         for range in [0..0, 0..300_000, 1..77_777, 65_535..65_537, 299_999..300_000] {
             let expected = &content[range.start as usize..range.end as usize];
@@ -196,7 +246,7 @@ mod tests {
     #[test]
     fn a_file_cut_between_blocks_is_an_error() {
         let (_dir, path, _) = sample(300_000);
-        for file in [Mapped::open(&path).unwrap(), Arc::new(Mapped::unmapped(&path).unwrap())] {
+        for file in [Content::named(&path).open().unwrap(), Arc::new(Content::named(&path).unmapped().unwrap())] {
             drop(file.bytes(0..100_000).unwrap());
             File::options().write(true).open(&path).unwrap().set_len(150_000).unwrap();
             let error = file.bytes(100_000..200_000).unwrap_err().to_string();
@@ -208,9 +258,9 @@ mod tests {
     #[test]
     fn folders_are_refused_and_empty_files_are_empty() {
         let dir = tempfile::tempdir().unwrap();
-        assert!(Mapped::open(dir.path()).unwrap_err().to_string().contains("not a regular file"));
+        assert!(Content::named(dir.path()).open().unwrap_err().to_string().contains("not a regular file"));
         let empty = dir.path().join("empty");
         File::create(&empty).unwrap();
-        assert!(Mapped::open(&empty).unwrap().bytes(0..0).unwrap().is_empty());
+        assert!(Content::named(&empty).open().unwrap().bytes(0..0).unwrap().is_empty());
     }
 }

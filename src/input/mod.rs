@@ -3,6 +3,7 @@
 //! ```text
 //!  arguments --files.rs--> files --open--> [PointFormat] --cut--> Block, Block, … --decode--> Batch
 //!                           detect.rs says which          one thread, cheap        any thread, in parallel
+//!                           (unpack.rs: what is compressed, and standard input, first)
 //! ```
 //!
 //! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line), or a compressed chunk of them. Blocks come in
@@ -11,6 +12,7 @@
 //!
 //! A new format is a module that implements `PointFormat` and a line in `detect.rs`.
 
+mod columns;
 mod detect;
 mod e57;
 mod files;
@@ -18,29 +20,42 @@ mod filter;
 mod las;
 mod layout;
 mod lines;
+mod lzf;
 mod mapped;
+mod npy;
+mod obj;
+mod pcd;
 mod ply;
 mod raw;
 mod records;
+mod rows;
 mod sidecar;
+mod statements;
 mod statistics;
+mod stl;
 mod text;
+mod unpack;
 
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use self::filter::Sieve;
+use self::unpack::Unpacking;
 use crate::attribute::{Attribute, Schema, Wanted};
 use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::points::{Batch, Points, Precision};
 use crate::scalar::Endian;
 use crate::schedule::{Spares, Workers};
+use crate::spool::Workspace;
 
+pub use files::expand;
 pub use filter::{Filter, Returns, Withheld};
 pub use layout::{Field, Layout, MAX_STRIDE};
 pub(crate) use sidecar::Sidecar;
+pub use unpack::Opening;
+pub(crate) use unpack::{Packing, STANDARD_INPUT};
 
 /// The length a block of records aims at: large against the cost of handing it to another thread, small enough for a
 /// core's cache and for dozens in flight.
@@ -48,6 +63,9 @@ pub const BLOCK_BYTES: usize = 1 << 20;
 
 /// The most records in a block, so that a decoded block is bounded as well: 1.5 MiB of `f64` coordinates.
 pub const BLOCK_RECORDS: usize = 1 << 16;
+
+/// Memory for opening where nobody names a budget.
+const OPENING_MEMORY: u64 = 64 << 20;
 
 /// What the command line says about the input.
 #[derive(Debug, Clone, Default)]
@@ -73,12 +91,13 @@ pub struct Cloud {
     schema: Schema,
     filter: Filter,
     crs: Option<Crs>,
+    unpacked: u64,
 }
 
 /// One file of a cloud, as it was understood.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Source {
-    /// The file.
+    /// The file; "standard input" if it is that.
     pub path: PathBuf,
     /// The format's name: "raw", "PLY", "LAZ", "text".
     pub format: &'static str,
@@ -86,7 +105,7 @@ pub struct Source {
     pub description: String,
     /// Number of records, where the format tells.
     pub records: Option<u64>,
-    /// Length of the file.
+    /// Length of the file, as it lies there.
     pub bytes: u64,
     /// The coordinate reference system, where the file tells.
     pub crs: Option<Crs>,
@@ -124,16 +143,36 @@ impl Cloud {
     ///
     /// An argument that is no file is taken as a pattern (`tiles/*.ply`); a folder stands for the point files in it;
     /// neither for meshes by default names (`*.mesh.ply`). A file that is named more than once counts once. The order is that of the arguments, by name within an argument.
+    /// `-` is standard input, which is read whole, now. That, and what is compressed, lies in a temporary file without a name as long as the cloud
+    /// lives: in `TMPDIR`, or the first file's folder. [`Cloud::open_in`] says otherwise.
     ///
     /// # Errors
     /// If an argument or pattern matches nothing, a file cannot be opened, is malformed or of a format that is not
     /// supported, or the layout of a raw file cannot be told; [`Error::Usage`] if files tell different coordinate reference systems.
     pub fn open(inputs: &[PathBuf], options: &InputOptions) -> Result<Cloud> {
-        let (schema, filter) = (Schema::default(), options.filter.clone());
-        let mut cloud =
-            Cloud { sources: Vec::new(), formats: Vec::new(), precision: Precision::Single, schema, filter, crs: None };
-        for path in files::expand(inputs)? {
-            let (source, format) = detect::open(&path, options)?;
+        let files = expand(inputs)?;
+        let workspace = Workspace::unchecked(Workspace::folder_beside(&files[0]));
+        let opening = Opening { workspace: &workspace, memory: OPENING_MEMORY, watch: &mut |_| Ok(()) };
+        Cloud::open_in(&files, options, opening)
+    }
+
+    /// Looks at files, as [`expand`] gives them, and unpacks what cannot be read in place with the means of `opening`.
+    ///
+    /// # Errors
+    /// As [`Cloud::open`]; [`Error::Disk`] before the disk is full; what `opening.watch` says.
+    pub fn open_in(files: &[PathBuf], options: &InputOptions, opening: Opening) -> Result<Cloud> {
+        let mut cloud = Cloud {
+            sources: Vec::new(),
+            formats: Vec::new(),
+            precision: Precision::Single,
+            schema: Schema::default(),
+            filter: options.filter.clone(),
+            crs: None,
+            unpacked: 0,
+        };
+        let mut unpacking = Unpacking::new(opening);
+        for path in files {
+            let (source, format) = detect::open(path, options, &mut unpacking)?;
             if let Err(missing) = options.filter.check(format.attributes()) {
                 let path = path.display();
                 return Err(Error::Usage(format!("{path}: its points have no {missing}, which the filter asks for")));
@@ -143,6 +182,7 @@ impl Cloud {
             cloud.formats.push(format);
         }
         cloud.crs = common_crs(&cloud.sources)?;
+        cloud.unpacked = unpacking.bytes();
         cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
         Ok(cloud)
     }
@@ -155,6 +195,11 @@ impl Cloud {
     /// The widest precision of the files, which all decoded points have.
     pub fn precision(&self) -> Precision {
         self.precision
+    }
+
+    /// Bytes of temporary disk that unpacked files take.
+    pub fn unpacked(&self) -> u64 {
+        self.unpacked
     }
 
     /// The attributes that are carried to the mesh.

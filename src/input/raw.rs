@@ -1,6 +1,6 @@
 //! Raw files: records of numbers and nothing else, described by the command line, a side-car, or their statistics.
 
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::layout::Layout;
@@ -23,15 +23,20 @@ pub enum Description {
 }
 
 impl Description {
-    /// What is known about the raw file at `path`. A given layout goes before a side-car, which is then not read.
+    /// What is known about a raw file that goes by `names`. A given layout goes before a side-car, which is then not read.
     ///
     /// # Errors
     /// If there is a side-car and it is malformed.
-    pub fn of(path: &Path, options: &InputOptions) -> Result<Description> {
+    pub fn of(names: &[PathBuf], options: &InputOptions) -> Result<Description> {
         if let Some(layout) = &options.layout {
             return Ok(Description::Given(layout.clone()));
         }
-        Ok(Sidecar::beside(path)?.map_or(Description::Unknown, Description::Sidecar))
+        for name in names {
+            if let Some(sidecar) = Sidecar::beside(name)? {
+                return Ok(Description::Sidecar(sidecar));
+            }
+        }
+        Ok(Description::Unknown)
     }
 }
 

@@ -3,13 +3,12 @@
 //! Blocks are lent from the memory map. Where the three coordinates lie side by side in the cloud's own precision and
 //! this machine's byte order, decoding is a copy.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use bytemuck::Zeroable;
 
 use super::layout::Layout;
-use super::mapped::{Bytes, Mapped};
+use super::mapped::{Bytes, Content, Mapped};
 use super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::attribute::{Attribute, Carrying, Schema};
 use crate::error::{Error, Result};
@@ -108,7 +107,7 @@ impl RecordShape {
 #[derive(Debug)]
 pub struct FixedRecords {
     /// The file.
-    path: PathBuf,
+    content: Content,
     /// The length the file had when it was looked at; it must still have it when it is read.
     pub len: u64,
     /// Where the first record begins.
@@ -124,9 +123,9 @@ pub struct FixedRecords {
 impl FixedRecords {
     /// `count` records from byte `start` of `file` on, which are within it.
     pub fn new(file: &Mapped, start: u64, count: u64, shape: RecordShape) -> FixedRecords {
-        let (path, len) = (file.path().to_path_buf(), file.len());
+        let (content, len) = (file.content().clone(), file.len());
         let attributes = shape.attributes.iter().map(|(attribute, _)| attribute.clone()).collect();
-        FixedRecords { path, len, start, count, shape: Arc::new(shape), attributes }
+        FixedRecords { content, len, start, count, shape: Arc::new(shape), attributes }
     }
 }
 
@@ -140,7 +139,7 @@ impl PointFormat for FixedRecords {
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
-        let file = Mapped::open(&self.path)?;
+        let file = self.content.open()?;
         same_length(&file, self.len)?;
         let (shape, carrying) = (Arc::clone(&self.shape), Arc::new(self.shape.carrying(schema)));
         Ok(Box::new(RecordCutter { file, at: self.start, left: self.count, shape, carrying }))

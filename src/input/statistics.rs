@@ -211,7 +211,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.bin");
         std::fs::write(&path, bytes).unwrap();
-        let file = Mapped::unmapped(&path)?;
+        let file = super::super::mapped::Content::named(&path).unmapped()?;
         detect(&file, 0, Endian::Little).map(|layout| layout.to_string())
     }
 

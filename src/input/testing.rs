@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use super::{BLOCK_RECORDS, Carried, Cloud, InputOptions};
+use crate::attribute::Wanted;
 use crate::error::Result;
 use crate::points::{Batch, Points, Precision};
-use crate::scalar::{Endian, reader};
+use crate::scalar::{Endian, Scalar, reader};
 
 /// All points of one file, widened, and the number of dropped records.
 pub fn collect(path: &Path, options: &InputOptions) -> Result<(Vec<[f64; 3]>, u64)> {
@@ -71,4 +72,54 @@ impl WithAttributes {
         let read = reader(column.scalar, Endian::NATIVE);
         self.records.chunks_exact(self.cloud.schema().stride()).map(|record| read(&record[column.offset..])).collect()
     }
+}
+
+/// A file of one format, read with all its attributes.
+#[derive(Debug, PartialEq)]
+pub struct Read {
+    /// What was understood.
+    pub description: String,
+    /// Its points' precision.
+    pub precision: Precision,
+    /// The points that are finite, widened.
+    pub points: Vec<[f64; 3]>,
+    /// The records that were dropped.
+    pub dropped: u64,
+    /// The attributes: name, type, and the value of each point.
+    pub attributes: Vec<(String, Scalar, Vec<f64>)>,
+}
+
+/// Reads a file that is called `name` and holds `content`.
+pub fn read(name: &str, content: &[u8]) -> Result<Read> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(name);
+    std::fs::write(&path, content).unwrap();
+    let options = InputOptions { attributes: Wanted::All, ..InputOptions::default() };
+    let cloud = Cloud::open(&[path], &options)?;
+    let mut blocks = cloud.blocks(Carried::Attributes);
+    let mut batch = Batch::new(cloud.precision());
+    let (mut points, mut dropped, mut records) = (Vec::new(), 0, Vec::new());
+    while let Some(block) = blocks.next()? {
+        block.decode(&mut batch)?;
+        dropped += batch.dropped;
+        records.extend_from_slice(&batch.attributes);
+        match &batch.points {
+            Points::Single(single) => points.extend(single.iter().map(|p| p.map(f64::from))),
+            Points::Double(double) => points.extend_from_slice(double),
+        }
+    }
+    let schema = cloud.schema();
+    let values = |name: &str| {
+        let column = schema.column(name).unwrap();
+        let read = reader(column.scalar, Endian::NATIVE);
+        records.chunks_exact(schema.stride()).map(|record| read(&record[column.offset..])).collect()
+    };
+    let attributes = schema.attributes().iter().map(|a| (a.name.clone(), a.scalar, values(&a.name))).collect();
+    let description = cloud.sources()[0].description.clone();
+    Ok(Read { description, precision: cloud.precision(), points, dropped, attributes })
+}
+
+/// What is said of a file that cannot be read.
+pub fn refused(name: &str, content: &[u8]) -> String {
+    read(name, content).unwrap_err().to_string()
 }

@@ -13,11 +13,11 @@
 //!
 //! Coordinates are taken as `f64`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::lines::{LineBlock, LineCutter, lines, number, quoted};
-use super::mapped::Mapped;
+use super::mapped::Content;
 use super::records::same_length;
 use super::{BlockCutter, Decode, PointFormat, Source};
 use crate::attribute::{Attribute, Placing, Schema, canonical};
@@ -71,7 +71,7 @@ struct Dialect {
 
 #[derive(Debug)]
 struct Text {
-    path: PathBuf,
+    content: Content,
     len: u64,
     dialect: Dialect,
     /// Byte and number of the first line of data.
@@ -87,10 +87,10 @@ struct Text {
 /// # Errors
 /// [`Error::Malformed`] if there is no line of three numbers near its beginning, or a header names only some of the
 /// coordinates; [`Error::ForeignFormat`] for PTX scans.
-pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
-    let file = Mapped::unmapped(path)?;
+pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
+    let (file, path) = (content.unmapped()?, content.name());
     let head = file.read(0..file.len().min(MAX_HEADER))?;
-    let text = find_data(path, &head, file.len())?;
+    let text = find_data(content, &head, file.len())?;
     let Dialect { separator, columns: [x, y, z], .. } = text.dialect;
     let separator = match separator {
         Separator::Blanks => "blanks",
@@ -108,7 +108,8 @@ pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
     Ok((source, Arc::new(text)))
 }
 
-fn find_data(path: &Path, head: &[u8], len: u64) -> Result<Text> {
+fn find_data(content: &Content, head: &[u8], len: u64) -> Result<Text> {
+    let path = content.name();
     let mark = if head.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
     let mut header = Header::default();
     let mut counts = 0;
@@ -132,8 +133,8 @@ fn find_data(path: &Path, head: &[u8], len: u64) -> Result<Text> {
             let dialect = Dialect { separator, decimal, columns, counts };
             let own = header.attributes(&dialect, &head[mark + range.start..]);
             let attributes = own.iter().map(|(attribute, _)| attribute.clone()).collect();
-            let (path, start, first_line) = (path.to_path_buf(), (mark + range.start) as u64, number_of_line + 1);
-            return Ok(Text { path, len, dialect, start, first_line, own, attributes });
+            let (content, start, first_line) = (content.clone(), (mark + range.start) as u64, number_of_line + 1);
+            return Ok(Text { content, len, dialect, start, first_line, own, attributes });
         } else if is_count(line) {
             counts += 1;
         } else {
@@ -331,7 +332,7 @@ impl PointFormat for Text {
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
-        let file = Mapped::open(&self.path)?;
+        let file = self.content.open()?;
         same_length(&file, self.len)?;
         let lines = LineCutter::new(file, self.start, self.first_line);
         let read: Vec<&(Attribute, usize)> =
@@ -341,7 +342,7 @@ impl PointFormat for Text {
         let places: Vec<_> = read.iter().zip(3..).map(|((attribute, _), index)| (attribute.clone(), index)).collect();
         let mut names: Vec<String> = ["x", "y", "z"].map(str::to_string).to_vec();
         names.extend(read.iter().map(|(attribute, _)| attribute.name.clone()));
-        let (path, dialect) = (self.path.clone(), self.dialect);
+        let (path, dialect) = (self.content.name().to_path_buf(), self.dialect);
         let reading = Reading { path, dialect, columns, names, placing: Placing::new(schema, &places) };
         Ok(Box::new(TextCutter { lines, reading: Arc::new(reading) }))
     }

@@ -20,7 +20,6 @@ mod scan;
 mod tests;
 mod xml;
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use byteorder::{ByteOrder, LE};
@@ -28,7 +27,7 @@ use byteorder::{ByteOrder, LE};
 use self::paged::Pages;
 use self::scan::{Reading, Scan};
 use self::xml::Tree;
-use super::mapped::Mapped;
+use super::mapped::{Content, Mapped};
 use super::records::same_length;
 use super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat, Source};
 use crate::attribute::{Attribute, Schema, Wanted};
@@ -49,8 +48,8 @@ pub fn is_e57(head: &[u8]) -> bool {
 ///
 /// # Errors
 /// [`Error::Malformed`] if its header or XML is not as it should be.
-pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
-    let file = Mapped::open(path)?;
+pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
+    let (file, path) = (content.open()?, content.name());
     let wrong = |place: &str, expected: &dyn std::fmt::Display, found: &dyn std::fmt::Display| {
         Error::malformed(path, format_args!("E57 {place}"), expected, found)
     };
@@ -106,14 +105,14 @@ pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
         bytes: file.len(),
         crs,
     };
-    let (path, len) = (path.to_path_buf(), file.len());
-    Ok((source, Arc::new(E57File { path, len, scans: scans.into(), attributes, wide })))
+    let (content, len) = (content.clone(), file.len());
+    Ok((source, Arc::new(E57File { content, len, scans: scans.into(), attributes, wide })))
 }
 
 /// An E57 file.
 #[derive(Debug)]
 struct E57File {
-    path: PathBuf,
+    content: Content,
     /// The length the file had when it was looked at.
     len: u64,
     scans: Arc<[Scan]>,
@@ -132,7 +131,7 @@ impl PointFormat for E57File {
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
-        let file = Mapped::open(&self.path)?;
+        let file = self.content.open()?;
         same_length(&file, self.len)?;
         let (scans, schema) = (Arc::clone(&self.scans), schema.clone());
         Ok(Box::new(Cutter { file, scans, schema, wide: self.wide, next: 0, open: None }))

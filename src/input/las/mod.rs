@@ -19,12 +19,11 @@ mod laz;
 mod tests;
 mod window;
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use self::fields::{Decoding, Field};
 use self::header::Header;
-use super::mapped::{Bytes, Mapped};
+use super::mapped::{Bytes, Content, Mapped};
 use super::records::{Transform, same_length};
 use super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat, Source};
 use crate::attribute::{Attribute, Schema};
@@ -40,8 +39,8 @@ pub fn is_las(head: &[u8]) -> bool {
 ///
 /// # Errors
 /// [`Error::Malformed`] if its header is not as it should be, or it holds fewer points than it says.
-pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
-    let file = Mapped::open(path)?;
+pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
+    let (file, path) = (content.open()?, content.name());
     let header = Header::read(&file)?;
     let Header { minor, point_format, record, count, transform, .. } = header;
     let packing = if header.compressed {
@@ -74,14 +73,14 @@ pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
         crs: header.crs,
     };
     let attributes = header.fields.iter().map(|field| field.attribute.clone()).collect();
-    let (path, len, start, fields) = (path.to_path_buf(), file.len(), header.start, header.fields);
-    Ok((source, Arc::new(LasFile { path, len, start, count, record, transform, fields, attributes, packing })))
+    let (content, len, start, fields) = (content.clone(), file.len(), header.start, header.fields);
+    Ok((source, Arc::new(LasFile { content, len, start, count, record, transform, fields, attributes, packing })))
 }
 
 /// A LAS or LAZ file.
 #[derive(Debug)]
 struct LasFile {
-    path: PathBuf,
+    content: Content,
     /// The length the file had when it was looked at.
     len: u64,
     /// Where the points begin.
@@ -115,7 +114,7 @@ impl PointFormat for LasFile {
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
-        let file = Mapped::open(&self.path)?;
+        let file = self.content.open()?;
         same_length(&file, self.len)?;
         let decoding = Arc::new(Decoding::new(self.record, self.transform, &self.fields, schema));
         Ok(match &self.packing {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::super::mapped::{Bytes, Mapped};
+use super::super::mapped::{Bytes, Content, Mapped};
 use super::super::records::same_length;
 use super::super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use super::header::{Element, PropertyKind};
@@ -135,6 +135,7 @@ pub fn skip(file: &Arc<Mapped>, element: &Element, start: u64, endian: Endian) -
 /// Vertices with lists.
 #[derive(Debug)]
 pub struct ListRecords {
+    content: Content,
     len: u64,
     start: u64,
     count: u64,
@@ -155,7 +156,16 @@ impl ListRecords {
         own: Vec<(Attribute, usize)>,
     ) -> ListRecords {
         let attributes = own.iter().map(|(attribute, _)| attribute.clone()).collect();
-        ListRecords { len: file.len(), start, count, shape: Arc::new(shape), coordinates, own, attributes }
+        ListRecords {
+            content: file.content().clone(),
+            len: file.len(),
+            start,
+            count,
+            shape: Arc::new(shape),
+            coordinates,
+            own,
+            attributes,
+        }
     }
 }
 
@@ -170,7 +180,7 @@ impl PointFormat for ListRecords {
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
-        let file = Mapped::open(&self.shape.path)?;
+        let file = self.content.open()?;
         same_length(&file, self.len)?;
         let (at, count) = (self.start, self.count);
         Ok(Box::new(ListCutter {

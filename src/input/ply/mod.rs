@@ -4,7 +4,6 @@
 //! over. Vertices without lists have one length each and are read like raw records. The header's counts are checked
 //! against the file, never trusted.
 
-mod ascii;
 mod header;
 mod lists;
 
@@ -12,11 +11,11 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
-use self::ascii::AsciiVertices;
-use self::header::{Element, Encoding, Header, MAX_HEADER};
+use self::header::{Element, Encoding, Header, MAX_HEADER, PropertyKind};
 use self::lists::{ListRecords, ListShape};
-use super::mapped::Mapped;
+use super::mapped::{Content, Mapped};
 use super::records::{FixedRecords, RecordShape};
+use super::rows::{Item, RowShape, Rows};
 use super::{PointFormat, Source};
 use crate::attribute::Attribute;
 use crate::error::{Error, Result};
@@ -32,8 +31,8 @@ pub fn is_ply(head: &[u8]) -> bool {
 ///
 /// # Errors
 /// [`Error::Malformed`] if the header is wrong, has no vertices with x, y and z, or promises more than the file holds.
-pub fn open(path: &Path) -> Result<(Source, Arc<dyn PointFormat>)> {
-    let file = Mapped::open(path)?;
+pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
+    let (file, path) = (content.open()?, content.name());
     let header = Header::parse(path, &file.bytes(0..file.len().min(MAX_HEADER))?)?;
     let vertex = header.elements.iter().position(|element| element.name == "vertex").ok_or_else(|| {
         Error::malformed(
@@ -87,9 +86,12 @@ fn ascii(
     before: &[Element],
     vertices: &Element,
     coordinates: [(usize, Scalar); 3],
-) -> AsciiVertices {
-    AsciiVertices {
-        path: file.path().to_path_buf(),
+) -> Rows {
+    let item = |kind| match kind {
+        PropertyKind::Number(_) => Item::Number,
+        PropertyKind::List { .. } => Item::List,
+    };
+    Rows {
         len: file.len(),
         start: header.len,
         first_line: header.lines + 1,
@@ -97,9 +99,10 @@ fn ascii(
         lines_before: before.iter().filter(|e| !e.properties.is_empty()).fold(0, |sum, e| sum.saturating_add(e.count)),
         count: vertices.count,
         attributes: attributes(vertices).map(|(attribute, _)| attribute).collect(),
-        shape: Arc::new(ascii::LineShape {
-            path: file.path().to_path_buf(),
-            kinds: vertices.properties.iter().map(|property| property.kind).collect(),
+        shape: Arc::new(RowShape {
+            content: file.content().clone(),
+            points: "vertices",
+            items: vertices.properties.iter().map(|property| item(property.kind)).collect(),
             coordinates: coordinates.map(|(index, _)| index),
             attributes: attributes(vertices).collect(),
             precision: coordinates.iter().map(|(_, scalar)| scalar.precision()).max().unwrap_or(Precision::Double),
