@@ -78,6 +78,8 @@ pub struct Load {
     slabs: Vec<u64>,
     /// Whether a ball falls, which takes more stores of slices.
     falls: bool,
+    /// The most points of a slab and its halo, if they have been counted.
+    slab_points: Option<u64>,
 }
 
 impl Load {
@@ -92,7 +94,7 @@ impl Load {
         let faces = (2 * (x * y + y * z + z * x) * 4 / 3).min(x.saturating_mul(y).saturating_mul(z).saturating_mul(6));
         let slabs = slab_count(smooth, cells[1]);
         let share = faces.div_ceil(u64::from(slabs));
-        Load { points, precision, cells, smooth, slabs: vec![share; slabs as usize], falls: false }
+        Load { points, precision, cells, smooth, slabs: vec![share; slabs as usize], falls: false, slab_points: None }
     }
 
     /// The same load with other numbers of faces, one for each slab; `falls` says whether a ball falls to close the cells.
@@ -102,6 +104,11 @@ impl Load {
     pub fn with_faces(&self, slabs: Vec<u64>, falls: bool) -> Load {
         assert_eq!(slabs.len(), self.slabs.len(), "a number of faces for each slab");
         Load { slabs, falls, ..self.clone() }
+    }
+
+    /// The same load with the most points that a slab and its halo have.
+    pub fn with_slab_points(self, most: u64) -> Load {
+        Load { slab_points: Some(most), ..self }
     }
 
     /// Bytes of a point in a bucket.
@@ -183,8 +190,11 @@ impl Load {
         self.slabs.windows(slabs.clamp(1, self.slabs.len())).map(|slabs| slabs.iter().sum()).max().unwrap_or(0)
     }
 
-    /// The most points of a slab and its halo, to expect, if points lie where faces do.
+    /// The most points of a slab and its halo: as counted, or to expect if points lie where faces do.
     fn slab_points(&self) -> u64 {
+        if let Some(points) = self.slab_points {
+            return points;
+        }
         let share = self.widest(1) as f64 / self.faces().max(1) as f64;
         let reach = 1.0 + f64::from(2 * halo(self.smooth)) / f64::from(slab_slices(self.smooth));
         ((self.points as f64 * share * reach) as u64 + 1).min(self.points)
@@ -297,7 +307,7 @@ impl MemoryPlan {
             buckets_quota: kept.buckets,
             store_quota: kept.slices / STORES,
             mesh_quota,
-            piece_points: (for_points / point_bytes(load)).clamp(PIECE.1, PIECE.0) as usize,
+            piece_points: piece_in(load, for_points).clamp(PIECE.1, PIECE.0) as usize,
             working,
             predicted: 0,
             predicted_disk: 0,
@@ -368,8 +378,8 @@ impl MemoryPlan {
         for (running, ahead) in beside.into_iter().chain(fewer) {
             let jobs = SlabJobs { running, ahead, piece_points: 0 };
             let making = jobs.running as u64;
-            let room = self.working.saturating_sub(jobs.bytes(load, 0) + making * means) / making / point_bytes(load);
-            let piece_points = room.min(self.piece_points as u64);
+            let room = self.working.saturating_sub(jobs.bytes(load, 0) + making * means) / making;
+            let piece_points = piece_in(load, room).min(self.piece_points as u64);
             // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
             let enough = if running > 1 { GOOD_PIECE } else { PIECE.1 };
             if piece_points >= enough.min(self.piece_points as u64).min(load.slab_points()) {
@@ -398,9 +408,21 @@ fn checking(load: &Load, threads: usize) -> u64 {
     (CHECKING.0 * (threads as u64 + 1)).min(load.mesh_bytes() * CHECKING.1)
 }
 
-/// Bytes that a point takes while a slab is fitted: read, sorted by slice, and sorted by cell a window at a time, of about a third of the slices.
-fn point_bytes(load: &Load) -> u64 {
-    load.record() * 2 + (load.record() + 16) / 3 + 3
+/// Bytes that a point takes while a slab is fitted, in pieces of `piece`: read, sorted by slice, and those of a window of slices sorted by cell, a slice at
+/// a time. The smaller a piece, the fewer slices its points are of.
+fn point_bytes(load: &Load, piece: u64) -> u64 {
+    let window = 2 * halo(load.smooth);
+    let slices = load.cells[1].min(slab_slices(load.smooth) + window);
+    let in_pieces = load.slab_points().div_ceil(piece.max(1)).max(1);
+    let of_piece = |some: u32| (f64::from(some) / f64::from(slices) * in_pieces as f64).min(1.0);
+    let sorted = of_piece(window) * (load.record() + 4) as f64 + of_piece(1) * 16.0;
+    load.record() * 2 + sorted as u64 + 3
+}
+
+/// The most points of a slab that can be held at once in `room` bytes: all of them, or a piece.
+fn piece_in(load: &Load, room: u64) -> u64 {
+    let all = load.slab_points();
+    if room / point_bytes(load, all) >= all { room / point_bytes(load, all) } else { room / point_bytes(load, 1) }
 }
 
 /// How many slabs exist at a time.
@@ -427,7 +449,8 @@ impl SlabJobs {
 
     /// Bytes of all slabs of a load at a time, with the points of one, as far as they are held at once.
     fn bytes(&self, load: &Load, points: u64) -> u64 {
-        let points = points.min(self.piece_points as u64) * point_bytes(load);
+        let piece = self.piece_points as u64;
+        let points = points.min(piece) * point_bytes(load, piece);
         let making = |faces: u64| {
             // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
             let beside = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED / u64::from(slab_slices(load.smooth));
