@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use rustc_hash::FxHashMap;
-
 use crate::error::Result;
 use crate::mesh::spool::Frame;
 use crate::partition::{halo, slices_of, smooth_halo};
@@ -165,20 +163,20 @@ impl SlabMesh {
 
     /// Of the vertices that have the same point, the nearest takes its place; the others are pulled.
     fn choose_fitted(&mut self) {
-        let mut nearest: FxHashMap<u32, u32> = FxHashMap::default();
-        for v in 0..self.own() {
-            let point = self.fitted.point[v as usize];
-            if self.fate[v as usize] == Fate::Gone || point == NONE {
-                continue;
+        // By point, then by number.
+        let lives = |v: &u32| self.fate[*v as usize] != Fate::Gone && self.fitted.point[*v as usize] != NONE;
+        let key = |v: u32| u64::from(self.fitted.point[v as usize]) << 32 | u64::from(v);
+        let mut on_points: Vec<u64> = (0..self.own()).filter(lives).map(key).collect();
+        on_points.sort_unstable();
+        for same in on_points.chunk_by(|a, b| a >> 32 == b >> 32) {
+            let mut nearest = same[0] as u32;
+            for v in same.iter().map(|key| *key as u32) {
+                self.fate[v as usize] = Fate::Pulled;
+                if self.fitted.distance[v as usize] < self.fitted.distance[nearest as usize] {
+                    nearest = v;
+                }
             }
-            self.fate[v as usize] = Fate::Pulled;
-            let best = nearest.entry(point).or_insert(v);
-            if self.fitted.distance[v as usize] < self.fitted.distance[*best as usize] {
-                *best = v;
-            }
-        }
-        for v in nearest.into_values() {
-            self.fate[v as usize] = Fate::Fitted;
+            self.fate[nearest as usize] = Fate::Fitted;
         }
     }
 
