@@ -16,7 +16,7 @@ use crate::plan::{Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
 use crate::rehearsal::rehearse;
-use crate::schedule::Workers;
+use crate::schedule::{Spares, Workers};
 use crate::sketch::Sketch;
 use crate::slab::{Fit, SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
@@ -291,13 +291,18 @@ fn reconstruct_as<T: Coordinate>(
     let mesh = MeshSpool::new(&context.workspace, T::PRECISION, memory.mesh_quota);
     let frame = Frame { origin, precision: T::PRECISION };
     let mut stitcher = Stitcher::new(grid, halo(smooth), frame, mesh);
+    let (written, most) = (Spares::default(), load.faces_of_widest() as usize);
     context.workers.in_order_range(
         jobs.in_flight(),
         slabs as usize,
-        |number| SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs.piece_points),
+        |number| {
+            let room = written.take().unwrap_or_else(|| SlabMesh::with_room(most));
+            SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs.piece_points, room)
+        },
         |slab| {
             progress.add(slab.slices.len() as u64);
-            stitcher.add(slab)
+            stitcher.add(slab)?.into_iter().for_each(|slab| written.give(slab));
+            Ok(())
         },
     )?;
     let (mesh, counts) = stitcher.finish()?;

@@ -185,6 +185,11 @@ impl Load {
         u64::from(2 * halo(self.smooth)) * Bits::bytes(x + 2, z + 2) * 3 / 2
     }
 
+    /// The most faces of a slab.
+    pub fn faces_of_widest(&self) -> u64 {
+        self.widest(1)
+    }
+
     /// The most faces that so many consecutive slabs have together.
     fn widest(&self, slabs: usize) -> u64 {
         self.slabs.windows(slabs.clamp(1, self.slabs.len())).map(|slabs| slabs.iter().sum()).max().unwrap_or(0)

@@ -184,7 +184,7 @@ impl<'a> Seam<'a> {
             }
         }
         let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| self.triangle(t).map(|v| local[&v])).collect();
-        let mut fans = Fans::new(&triangles, vertices.len(), vertices.len());
+        let mut fans = Fans::new(&triangles, vertices.len(), vertices.len(), Fans::default());
         let groups = Groups { group: &group, distance: &distance };
         let mut out = Vec::new();
         contract(&mut triangles, &mut fans, groups, |dead, survivor| {

@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::mesh::spool::Frame;
 use crate::partition::{halo, slices_of, smooth_halo};
 use crate::points::Coordinate;
+use crate::schedule::refill;
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::extract::{Diagonals, Surface};
 use crate::stage::fate::{Fate, SHARES};
@@ -46,7 +47,7 @@ pub enum Fit {
 ///
 /// Triangles name vertices by number: `0..own()` are the slab's, `own() + n` is vertex n of the next slab, and from
 /// [`BEFORE`] on, `BEFORE + n` is vertex n of the slab before (only where the seam below was closed over it).
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct SlabMesh {
     /// The slab's slices.
     pub slices: Range<u32>,
@@ -81,7 +82,26 @@ impl SlabMesh {
         self.fate.len() as u32
     }
 
-    /// Makes the mesh of slab `number`.
+    /// Room for a slab of so many faces: what it does not fill is not touched.
+    pub fn with_room(faces: usize) -> SlabMesh {
+        // A surface has about as many vertices as faces; those of the plane above are there for a while.
+        let (vertices, triangles) = (faces + faces / 8, 2 * faces + faces / 16);
+        SlabMesh {
+            smoothed: Vec::with_capacity(vertices),
+            fitted: Fitted {
+                point: Vec::with_capacity(vertices),
+                distance: Vec::with_capacity(vertices),
+                target: Vec::with_capacity(vertices),
+            },
+            fate: Vec::with_capacity(vertices),
+            triangles: Vec::with_capacity(triangles),
+            fans: Fans::with_room(vertices, triangles),
+            spots: Vec::with_capacity(vertices),
+            ..SlabMesh::default()
+        }
+    }
+
+    /// Makes the mesh of slab `number`, in the memory of `room`: of a slab that is done with.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -92,17 +112,18 @@ impl SlabMesh {
         options: SurfaceOptions,
         frame: Frame,
         piece: usize,
+        room: SlabMesh,
     ) -> Result<SlabMesh> {
         let slices = slices_of(number, options.smooth, solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
         let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
-        let q = smooth(&surface, options.smooth);
+        let q = smooth(&surface, options.smooth, room.smoothed);
         let planes = slices.start..slices.end + u32::from(last);
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
 
         // The top plane of the last slab lies above its last slice and holds only faces perpendicular to y.
-        let mut triangles = surface.triangles(planes.clone(), &q, options.diagonals);
+        let mut triangles = surface.triangles(planes.clone(), &q, options.diagonals, room.triangles);
         for corner in triangles.as_flattened_mut() {
             *corner -= own.start;
         }
@@ -114,14 +135,15 @@ impl SlabMesh {
             q.drain(..own.start as usize);
             q.into_iter().map(|q| grid.position(q)).collect()
         };
-        let rest = if options.smooth == 1 { Vec::new() } else { to_world(smooth(&surface, 1)) };
+        let rest = if options.smooth == 1 { Vec::new() } else { to_world(smooth(&surface, 1, room.rest)) };
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
-        let mut fate = vec![Fate::Stays; own.len()];
+        let mut fate = room.fate;
+        refill(&mut fate, own.len(), Fate::Stays);
         let fitted = match options.fit {
-            Fit::None => Fitted::none(own.len()),
+            Fit::None => Fitted::none(own.len(), room.fitted),
             Fit::Plane => {
-                let mut fitted = Fitted::none(own.len());
+                let mut fitted = Fitted::none(own.len(), room.fitted);
                 let places = project(sampled, &surface, &q, planes.clone(), options.smooth, piece)?;
                 for ((fate, target), place) in fate.iter_mut().zip(&mut fitted.target).zip(places) {
                     if let Some(place) = place {
@@ -132,14 +154,14 @@ impl SlabMesh {
             }
             Fit::Nearest => {
                 let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(options.smooth) };
-                fit(sampled, &task, piece)?
+                fit(sampled, &task, piece, room.fitted)?
             }
         };
         drop(surface);
         let smoothed = to_world(q);
-        let fans = Fans::new(&triangles, named as usize, own.len());
-        let blocks = vec![Extent::EMPTY; triangles.len().div_ceil(BLOCK)];
-        let (spots, tangled) = (Vec::new(), 0);
+        let fans = Fans::new(&triangles, named as usize, own.len(), room.fans);
+        let (spots, mut blocks, tangled) = (room.spots, room.blocks, 0);
+        refill(&mut blocks, triangles.len().div_ceil(BLOCK), Extent::EMPTY);
         let mut mesh = SlabMesh { slices, smoothed, rest, fitted, fate, triangles, fans, seam, spots, blocks, tangled };
         if options.fit == Fit::Nearest {
             mesh.contract_inside();
@@ -185,7 +207,9 @@ impl SlabMesh {
         let first = if self.slices.start > 0 { self.seam } else { 0 };
         let scale = near.scale();
         let places: Vec<[f64; 3]> = (0..self.own()).map(|v| frame.place(self.position(v))).collect();
-        self.spots = places.iter().map(|&place| scale.spot(place)).collect();
+        self.spots.clear();
+        self.spots.reserve_exact(places.len());
+        self.spots.extend(places.iter().map(|&place| scale.spot(place)));
         let mut inside = Inside { first, places, frame, scale, slab: self };
         let tangled = retreat(&mut inside, near, None);
         self.tangled = tangled;

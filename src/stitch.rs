@@ -26,6 +26,9 @@ use crate::stage::retreat::retreat;
 /// The largest number of vertices: what a PLY file's `int` can index.
 pub const VERTEX_LIMIT: u64 = i32::MAX as u64;
 
+/// Vertices or triangles that are written at a time.
+const PIECE: usize = 1 << 15;
+
 /// Takes slabs in order and writes the mesh.
 #[derive(Debug)]
 pub struct Stitcher<'a> {
@@ -88,23 +91,24 @@ impl<'a> Stitcher<'a> {
         }
     }
 
-    /// Takes the next slab.
+    /// Takes the next slab; gives one that is written, for its memory.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::TooManyElements`] past [`VERTEX_LIMIT`].
-    pub fn add(&mut self, mut slab: SlabMesh) -> Result<()> {
-        if let Some(mut lower) = self.waiting.take() {
-            let mut seam = Seam::of(&mut lower, &mut slab, self.settled, self.frame, self.near.scale());
+    pub fn add(&mut self, mut slab: SlabMesh) -> Result<Option<SlabMesh>> {
+        let mut lower = self.waiting.take();
+        if let Some(lower) = &mut lower {
+            let mut seam = Seam::of(lower, &mut slab, self.settled, self.frame, self.near.scale());
             let mut changed = seam.close();
             changed.extend(seam.choose_fitted(self.grid, self.halo));
             changed.extend(seam.strayed(self.grid));
             let suspects = seam.triangles_around(changed);
             self.counts.tangled += retreat(&mut seam, &mut self.near, Some(suspects));
             seam.give_back_blocks();
-            self.write(&lower, Some(&slab))?;
+            self.write(lower, Some(&slab))?;
         }
         self.waiting = Some(slab);
-        Ok(())
+        Ok(lower)
     }
 
     /// Writes the last slab and gives the mesh.
@@ -119,7 +123,15 @@ impl<'a> Stitcher<'a> {
     }
 
     fn write(&mut self, slab: &SlabMesh, next: Option<&SlabMesh>) -> Result<()> {
-        self.vertices.clear();
+        let after = self.base + slab.fate.iter().filter(|fate| **fate != Fate::Gone).count() as u64;
+        if after > VERTEX_LIMIT {
+            return Err(Error::TooManyElements {
+                count: after,
+                what: "vertices",
+                limit: VERTEX_LIMIT,
+                carrier: "a mesh file's int",
+            });
+        }
         let numbers = number(slab, self.base);
         for v in 0..slab.own() {
             match slab.fate[v as usize] {
@@ -134,21 +146,17 @@ impl<'a> Stitcher<'a> {
                 Fate::Back(_) | Fate::Rest => self.counts.retreated += 1,
             }
             self.vertices.push(self.frame.place(slab.position(v)));
+            if self.vertices.len() == PIECE {
+                self.mesh.append_vertices(&self.vertices)?;
+                self.vertices.clear();
+            }
         }
+        self.mesh.append_vertices(&self.vertices)?;
+        self.vertices.clear();
         self.counts.tangled += slab.tangled;
-        let after = self.base + self.vertices.len() as u64;
-        if after > VERTEX_LIMIT {
-            return Err(Error::TooManyElements {
-                count: after,
-                what: "vertices",
-                limit: VERTEX_LIMIT,
-                carrier: "a mesh file's int",
-            });
-        }
         let numbers_after = next.map_or_else(Vec::new, |next| number(next, after));
-        self.faces.clear();
-        self.faces.extend(slab.triangles_left().map(|t| {
-            FaceRecord::new(t.map(|v| {
+        for triangle in slab.triangles_left() {
+            self.faces.push(FaceRecord::new(triangle.map(|v| {
                 if v >= BEFORE {
                     self.before[(v - BEFORE) as usize]
                 } else if v >= slab.own() {
@@ -156,13 +164,17 @@ impl<'a> Stitcher<'a> {
                 } else {
                     numbers[v as usize]
                 }
-            }))
-        }));
+            })));
+            if self.faces.len() == PIECE {
+                self.mesh.append_faces(&self.faces)?;
+                self.faces.clear();
+            }
+        }
+        self.mesh.append_faces(&self.faces)?;
+        self.faces.clear();
         self.counts.bridged_area += bridged_area(slab, next);
         let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
         self.settled = named.map_or(0, |v| v - slab.own() + 1);
-        self.mesh.append_vertices(&self.vertices)?;
-        self.mesh.append_faces(&self.faces)?;
         self.base = after;
         self.before = numbers;
         Ok(())

@@ -152,11 +152,19 @@ impl Surface {
         [self.vertex(vertex.corner, lower_quadrant), self.vertex(upper, upper_quadrant)]
     }
 
-    /// The triangles of slices `slices`, given the smoothed positions of all vertices, in cells.
-    pub fn triangles(&self, slices: std::ops::Range<u32>, q: &[[f64; 3]], diagonals: Diagonals) -> Vec<[u32; 3]> {
+    /// The triangles of slices `slices`, given the smoothed positions of all vertices, in cells; in the memory of `room`.
+    pub fn triangles(
+        &self,
+        slices: std::ops::Range<u32>,
+        q: &[[f64; 3]],
+        diagonals: Diagonals,
+        room: Vec<[u32; 3]>,
+    ) -> Vec<[u32; 3]> {
         let planes = slices.clone().map(|y| &self.planes[(y - self.lowest) as usize]);
         let faces: usize = planes.flat_map(|plane| &plane.masks).map(|mask| faces_at(*mask)).sum();
-        let mut out = Vec::with_capacity(2 * faces);
+        let mut out = room;
+        out.clear();
+        out.reserve_exact(2 * faces);
         for y in slices {
             let plane = &self.planes[(y - self.lowest) as usize];
             for row in plane.rows.windows(2) {

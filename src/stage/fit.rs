@@ -20,6 +20,7 @@ use crate::error::Result;
 use crate::grid::Grid;
 use crate::partition::{REACH, buckets_of};
 use crate::points::Coordinate;
+use crate::schedule::refill;
 use crate::stage::contract::NONE;
 use crate::stage::extract::{Kind, Surface};
 use crate::stage::ranked::Ranked;
@@ -27,7 +28,7 @@ use crate::stage::raster::Sampled;
 use crate::window::Window;
 
 /// The nearest points of a slab's vertices.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Fitted {
     /// Of each vertex, a number of its point, or [`NONE`]. Equal numbers mean equal coordinates, and the reverse, within the slab.
     pub point: Vec<u32>,
@@ -38,13 +39,13 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// Nothing fitted.
-    pub fn none(vertices: usize) -> Fitted {
-        Fitted {
-            point: vec![NONE; vertices],
-            distance: vec![f64::INFINITY; vertices],
-            target: vec![[0.0; 3]; vertices],
-        }
+    /// Nothing fitted, in the memory of `room`.
+    pub fn none(vertices: usize, room: Fitted) -> Fitted {
+        let Fitted { mut point, mut distance, mut target } = room;
+        refill(&mut point, vertices, NONE);
+        refill(&mut distance, vertices, f64::INFINITY);
+        refill(&mut target, vertices, [0.0; 3]);
+        Fitted { point, distance, target }
     }
 }
 
@@ -61,17 +62,17 @@ pub struct Task<'a> {
     pub halo: u32,
 }
 
-/// Finds the nearest point of every vertex on the task's planes; `Fitted` is indexed from the first of them.
+/// Finds the nearest point of every vertex on the task's planes; `Fitted` is indexed from the first of them, and takes the memory of `room`.
 ///
 /// Ties go to the smaller (x, y, z). Memory: `piece` points (twice), and the index of `2 halo` slices.
 ///
 /// # Errors
 /// [`crate::Error::Io`].
-pub fn fit<T: Coordinate>(sampled: &Sampled<'_, T>, task: &Task<'_>, piece: usize) -> Result<Fitted> {
+pub fn fit<T: Coordinate>(sampled: &Sampled<'_, T>, task: &Task<'_>, piece: usize, room: Fitted) -> Result<Fitted> {
     let Sampled { buckets, grid, .. } = sampled;
     let first = task.surface.on_plane(task.planes.start).start;
     let end = task.surface.on_plane(task.planes.end - 1).end;
-    let mut search = Search { grid, task, first, found: Fitted::none((end - first) as usize), searched: 0 };
+    let mut search = Search { grid, task, first, found: Fitted::none((end - first) as usize, room), searched: 0 };
     let slices = task.planes.start.saturating_sub(task.halo)..(task.planes.end + task.halo).min(grid.cells()[1]);
     let buckets_near = buckets_of(slices.clone());
     let near: u64 = buckets_near.clone().map(|bucket| buckets.points_in(bucket as usize)).sum();
