@@ -38,11 +38,12 @@ const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 /// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
 const GOOD_PIECE: u64 = 256 << 10;
 
-/// Bytes of a slab's mesh for each face while it is made. While it is extracted: a vertex as found (21), smoothed (24), two triangles (24).
-const EXTRACTING: u64 = 75;
+/// Bytes of a slab's mesh for each face while it is made, in the memory of an earlier one, which is as large as that waits ([`WAITING`]). While it is extracted, a
+/// vertex as found (21) beside that.
+const EXTRACTING: u64 = WAITING + 26;
 
-/// While it is fitted: the vertex without its look-ups (16), smoothed and fitted (60), two triangles.
-const FITTING: u64 = 107;
+/// While it is fitted: the vertex without its look-ups (16).
+const FITTING: u64 = WAITING + 20;
 
 /// While its vertices retreat, where it is largest: smoothed and fitted, triangles, fans and fates (34), places (24), spots (8), what is seen of fans (1),
 /// triangles by layer (20). The rest, here as above, is what vectors and the allocator leave unused.
@@ -52,7 +53,7 @@ const RETREATING: u64 = 184;
 const WAITING: u64 = 134;
 
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some tens of milliseconds.
-const GIVEN_BACK: (u64, u64) = (210, 24 << 20);
+const GIVEN_BACK: (u64, u64) = (140, 14 << 20);
 
 /// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
 const CHECKING: (u64, u64) = (13 << 20, 2);
@@ -60,8 +61,8 @@ const CHECKING: (u64, u64) = (13 << 20, 2);
 /// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
 const SMOOTHED: u64 = 69;
 
-/// Bytes for each face of a slab while it is written: positions (24, and 12 narrowed), triangles (26), numbers (8).
-const WRITING: u64 = 75;
+/// Bytes for each face of a slab while it is written: numbers of its vertices, the next one's and those of the one before.
+const WRITING: u64 = 14;
 
 /// What the plan is made from.
 #[derive(Debug, Clone, PartialEq)]
