@@ -176,11 +176,12 @@ impl Slab {
         let slices = slices_of(number, SMOOTH, solid.cells[1]);
         let planes = slices.start..slices.end + u32::from(slices.end == solid.cells[1]);
         let surface = find(number, solid);
-        let q = smooth(&surface, SMOOTH);
+        let q = smooth(&surface, SMOOTH, Vec::new());
         let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(SMOOTH) };
-        let fitted = fit(sampled, &task, piece).expect("points");
+        let fitted = fit(sampled, &task, piece, Fitted::default()).expect("points");
         let options = SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None };
-        let unfitted = SlabMesh::make(number, solid, sampled, options, FRAME, piece).expect("a slab");
+        let unfitted =
+            SlabMesh::make(number, solid, sampled, options, FRAME, piece, SlabMesh::default()).expect("a slab");
         let mut group = fitted.point.clone();
         if slices.start > 0 {
             group[..unfitted.seam as usize].fill(NONE);
@@ -210,17 +211,18 @@ fn within_slabs(
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(find(slab.number, solid)))));
     });
     group.bench_function("smooth", |b| {
-        b.iter(|| slabs.iter().for_each(|slab| drop(black_box(smooth(&slab.surface, SMOOTH)))));
+        b.iter(|| slabs.iter().for_each(|slab| drop(black_box(smooth(&slab.surface, SMOOTH, Vec::new())))));
     });
     group.bench_function("triangles", |b| {
-        let triangles = |slab: &Slab| slab.surface.triangles(slab.planes.clone(), &slab.q, Default::default());
+        let triangles =
+            |slab: &Slab| slab.surface.triangles(slab.planes.clone(), &slab.q, Default::default(), Vec::new());
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(triangles(slab)))));
     });
     group.bench_function("fit", |b| {
         let fit = |slab: &Slab| {
             let Slab { surface, q, planes, .. } = slab;
             let task = Task { surface, q, planes: planes.clone(), halo: halo(SMOOTH) };
-            fit(sampled, &task, piece).expect("points")
+            fit(sampled, &task, piece, Fitted::default()).expect("points")
         };
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(fit(slab)))));
     });
@@ -228,7 +230,7 @@ fn within_slabs(
     let triangles: Vec<_> = slabs.iter_mut().map(|slab| std::mem::take(&mut slab.triangles)).collect();
     group.bench_function("contract", |b| {
         let contract = |(slab, triangles): (&Slab, &mut Vec<[u32; 3]>)| {
-            let mut fans = Fans::new(triangles, slab.named, slab.group.len());
+            let mut fans = Fans::new(triangles, slab.named, slab.group.len(), Fans::default());
             let groups = Groups { group: &slab.group, distance: &slab.fitted.distance, kept: &[] };
             contract(triangles, &mut fans, groups, |_, _| ());
         };
@@ -252,7 +254,8 @@ fn slabs_to_mesh(
     let count = slab_count(SMOOTH, solid.cells[1]);
     let make = || {
         let mut slabs = Vec::new();
-        let make = |number: usize| SlabMesh::make(number as u32, solid, sampled, options, FRAME, piece);
+        let make =
+            |number: usize| SlabMesh::make(number as u32, solid, sampled, options, FRAME, piece, SlabMesh::default());
         let keep = |slab| {
             slabs.push(slab);
             Ok(())
@@ -263,7 +266,9 @@ fn slabs_to_mesh(
     let stitch = |slabs: Vec<SlabMesh>| {
         let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
         let mut stitcher = Stitcher::new(sampled.grid, halo(SMOOTH), FRAME, mesh, false);
-        slabs.into_iter().for_each(|slab| stitcher.add(slab).expect("room"));
+        for slab in slabs {
+            stitcher.add(slab).expect("room");
+        }
         stitcher.finish().expect("room").0
     };
     let slabs = make();

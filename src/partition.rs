@@ -53,6 +53,11 @@ pub fn slices_of(number: u32, smooth: u32, slices: u32) -> Range<u32> {
     number * size..((number + 1) * size).min(slices)
 }
 
+/// The buckets that slices lie in.
+pub fn buckets_of(slices: Range<u32>) -> Range<u32> {
+    slices.start / BUCKET_SLICES..slices.end.div_ceil(BUCKET_SLICES)
+}
+
 /// Number of slabs.
 pub fn slab_count(smooth: u32, slices: u32) -> u32 {
     slices.div_ceil(slab_slices(smooth))

@@ -12,12 +12,12 @@ use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::open::Open;
-use crate::partition::{halo, slab_count, slices_of};
+use crate::partition::{buckets_of, halo, slab_count, slices_of};
 use crate::plan::{ColumnLoad, Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
 use crate::rehearsal::rehearse;
-use crate::schedule::Workers;
+use crate::schedule::{Spares, Workers};
 use crate::sketch::Sketch;
 use crate::slab::{Fit, SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
@@ -311,6 +311,12 @@ fn reconstruct_as<T: Coordinate>(
         Fit::Nearest | Fit::None => 0,
     };
     let load = load.with_faces((0..slabs).map(faces_of_slab).collect(), closed.falls);
+    let points_near = |number: u32| {
+        let slab = slices_of(number, smooth, solid.cells[1]);
+        let near = slab.start.saturating_sub(halo(smooth))..(slab.end + halo(smooth)).min(solid.cells[1]);
+        buckets_of(near).map(|bucket| buckets.points_in(bucket as usize)).sum::<u64>()
+    };
+    let load = load.with_slab_points((0..slabs).map(points_near).max().unwrap_or(0));
     let memory = context.memory.with_surface(&load, means)?;
     let jobs = memory.slab_jobs(&load, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
@@ -325,13 +331,18 @@ fn reconstruct_as<T: Coordinate>(
         mesh,
         closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
     );
+    let (written, most) = (Spares::default(), load.faces_of_widest() as usize);
     context.workers.in_order_range(
         jobs.in_flight(),
         slabs as usize,
-        |number| SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs.piece_points),
+        |number| {
+            let room = written.take().unwrap_or_else(|| SlabMesh::with_room(most));
+            SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs.piece_points, room)
+        },
         |slab| {
             progress.add(slab.slices.len() as u64);
-            stitcher.add(slab)
+            stitcher.add(slab)?.into_iter().for_each(|slab| written.give(slab));
+            Ok(())
         },
     )?;
     let (mesh, counts) = stitcher.finish()?;

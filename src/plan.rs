@@ -39,11 +39,12 @@ const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 /// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
 const GOOD_PIECE: u64 = 256 << 10;
 
-/// Bytes of a slab's mesh for each face while it is made. While it is extracted: a vertex as found (21), smoothed (24), two triangles (24).
-const EXTRACTING: u64 = 75;
+/// Bytes of a slab's mesh for each face while it is made, in the memory of an earlier one, which is as large as that waits ([`WAITING`]). While it is extracted, a
+/// vertex as found (21) beside that.
+const EXTRACTING: u64 = WAITING + 26;
 
-/// While it is fitted: the vertex without its look-ups (16), smoothed and fitted (60), two triangles.
-const FITTING: u64 = 107;
+/// While it is fitted: the vertex without its look-ups (16).
+const FITTING: u64 = WAITING + 20;
 
 /// While its points' attributes are found: where each point's coordinates stand in a table (36, and as many free), what is known.
 const CARRYING: u64 = 80;
@@ -62,7 +63,7 @@ const TRIMMED: u64 = 6;
 const COLUMN: (u64, u64) = (17, 5);
 
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some tens of milliseconds.
-const GIVEN_BACK: (u64, u64) = (210, 24 << 20);
+const GIVEN_BACK: (u64, u64) = (140, 14 << 20);
 
 /// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
 const CHECKING: (u64, u64) = (13 << 20, 2);
@@ -70,8 +71,8 @@ const CHECKING: (u64, u64) = (13 << 20, 2);
 /// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
 const SMOOTHED: u64 = 69;
 
-/// Bytes for each face of a slab while it is written: positions (24, and 12 narrowed), triangles (26), numbers (8).
-const WRITING: u64 = 75;
+/// Bytes for each face of a slab while it is written: numbers of its vertices, the next one's and those of the one before.
+const WRITING: u64 = 14;
 
 /// What the plan is made from.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,6 +91,8 @@ pub struct Load {
     slabs: Vec<u64>,
     /// Whether a ball falls, which takes more stores of slices.
     falls: bool,
+    /// The most points of a slab and its halo, if they have been counted.
+    slab_points: Option<u64>,
     /// The columns of a surface that is seen from one side.
     columns: Option<ColumnLoad>,
 }
@@ -123,6 +126,7 @@ impl Load {
             smooth,
             slabs: vec![share; slabs as usize],
             falls: false,
+            slab_points: None,
             columns: None,
         }
     }
@@ -139,6 +143,11 @@ impl Load {
     pub fn with_faces(&self, slabs: Vec<u64>, falls: bool) -> Load {
         assert_eq!(slabs.len(), self.slabs.len(), "a number of faces for each slab");
         Load { slabs, falls, ..self.clone() }
+    }
+
+    /// The same load with the most points that a slab and its halo have.
+    pub fn with_slab_points(self, most: u64) -> Load {
+        Load { slab_points: Some(most), ..self }
     }
 
     /// The same load with attributes of so many bytes on every point.
@@ -230,13 +239,21 @@ impl Load {
         u64::from(2 * halo(self.smooth)) * Bits::bytes(x + 2, z + 2) * 3 / 2
     }
 
+    /// The most faces of a slab.
+    pub fn faces_of_widest(&self) -> u64 {
+        self.widest(1)
+    }
+
     /// The most faces that so many consecutive slabs have together.
     fn widest(&self, slabs: usize) -> u64 {
         self.slabs.windows(slabs.clamp(1, self.slabs.len())).map(|slabs| slabs.iter().sum()).max().unwrap_or(0)
     }
 
-    /// The most points of a slab and its halo, to expect, if points lie where faces do.
+    /// The most points of a slab and its halo: as counted, or to expect if points lie where faces do.
     fn slab_points(&self) -> u64 {
+        if let Some(points) = self.slab_points {
+            return points;
+        }
         let share = self.widest(1) as f64 / self.faces().max(1) as f64;
         let reach = 1.0 + f64::from(2 * halo(self.smooth)) / f64::from(slab_slices(self.smooth));
         ((self.points as f64 * share * reach) as u64 + 1).min(self.points)
@@ -349,7 +366,7 @@ impl MemoryPlan {
             buckets_quota: kept.buckets,
             store_quota: kept.slices / STORES,
             mesh_quota,
-            piece_points: (for_points / point_bytes(load)).clamp(PIECE.1, PIECE.0) as usize,
+            piece_points: piece_in(load, for_points).clamp(PIECE.1, PIECE.0) as usize,
             working,
             predicted: 0,
             predicted_disk: 0,
@@ -421,8 +438,8 @@ impl MemoryPlan {
         for (running, ahead) in beside.into_iter().chain(fewer) {
             let jobs = SlabJobs { running, ahead, piece_points: 0 };
             let making = jobs.running as u64;
-            let room = self.working.saturating_sub(jobs.bytes(load, 0) + making * means) / making / point_bytes(load);
-            let piece_points = room.min(self.piece_points as u64);
+            let room = self.working.saturating_sub(jobs.bytes(load, 0) + making * means) / making;
+            let piece_points = piece_in(load, room).min(self.piece_points as u64);
             // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
             let enough = if running > 1 { GOOD_PIECE } else { PIECE.1 };
             if piece_points >= enough.min(self.piece_points as u64).min(load.slab_points()) {
@@ -451,10 +468,22 @@ fn checking(load: &Load, threads: usize) -> u64 {
     (CHECKING.0 * (threads as u64 + 1)).min(load.mesh_bytes() * CHECKING.1)
 }
 
-/// Bytes that a point takes while a slab is fitted: read, sorted by slice, and sorted by cell a window at a time, of about a third of the slices.
-fn point_bytes(load: &Load) -> u64 {
+/// Bytes that a point takes while a slab is fitted, in pieces of `piece`: read, sorted by slice, and those of a window of slices sorted by cell, a slice at
+/// a time. The smaller a piece, the fewer slices its points are of.
+fn point_bytes(load: &Load, piece: u64) -> u64 {
     let coordinates = load.record() - load.attributes;
-    coordinates * 2 + (coordinates + 16) / 3 + 3
+    let window = 2 * halo(load.smooth);
+    let slices = load.cells[1].min(slab_slices(load.smooth) + window);
+    let in_pieces = load.slab_points().div_ceil(piece.max(1)).max(1);
+    let of_piece = |some: u32| (f64::from(some) / f64::from(slices) * in_pieces as f64).min(1.0);
+    let sorted = of_piece(window) * (coordinates + 4) as f64 + of_piece(1) * 16.0;
+    coordinates * 2 + sorted as u64 + 3
+}
+
+/// The most points of a slab that can be held at once in `room` bytes: all of them, or a piece.
+fn piece_in(load: &Load, room: u64) -> u64 {
+    let all = load.slab_points();
+    if room / point_bytes(load, all) >= all { room / point_bytes(load, all) } else { room / point_bytes(load, 1) }
 }
 
 /// How many slabs exist at a time.
@@ -481,7 +510,8 @@ impl SlabJobs {
 
     /// Bytes of all slabs of a load at a time, with the points of one, as far as they are held at once.
     fn bytes(&self, load: &Load, points: u64) -> u64 {
-        let points = points.min(self.piece_points as u64) * point_bytes(load);
+        let piece = self.piece_points as u64;
+        let points = points.min(piece) * point_bytes(load, piece);
         let making = |faces: u64| {
             // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
             let beside = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED / u64::from(slab_slices(load.smooth));

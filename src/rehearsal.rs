@@ -13,6 +13,9 @@
 //! ```
 //!
 //! What a rehearsal cannot see: points too few or too noisy for the grid's cells. It is for plans; when the solid is known, its faces are counted.
+//!
+//! Where there is no surface (strays by the million, all over the box), the growth from cell to cell is no guide: nothing is refused on its account, as long as
+//! as many faces as the coarse cells have would do.
 
 use crate::closing::{Asked, Sealing, close};
 use crate::context::Context;
@@ -53,8 +56,8 @@ pub fn rehearse(
     let (low, extent) = sketch.extent();
     let cells = axes.map(|a| extent[a]);
     let small = Load::in_cells(1, Precision::Single, cells, 1);
-    let budget = budget.max(MemoryPlan::least(&small, workers.threads()));
-    let memory = MemoryPlan::for_budget(budget, &small, workers.threads())?;
+    let own = budget.max(MemoryPlan::least(&small, workers.threads()));
+    let memory = MemoryPlan::for_budget(own, &small, workers.threads())?;
     let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory, load: small };
     let mut coarse = Occupancy::of_cells(sketch.cells().map(|cell| axes.map(|a| cell[a])), cells, &context)?;
     let (mut side, w) = (sketch.side(), grid.cell_size());
@@ -75,20 +78,30 @@ pub fn rehearse(
     };
     let area = |faces: &[u32], side: f64| faces.iter().map(|f| f64::from(*f)).sum::<f64>() * side * side;
     let growth = growth(area(&found, side) / area(&half, 2.0 * side).max(f64::MIN_POSITIVE), side / w);
-    let to_faces = (side / w).powi(2) * growth * (1.0 + DOUBT);
     // Slices of the grid begin at the box's lowest place, coarse ones at a multiple of their side.
     let along = axes[1];
     let bottom = grid.bounds().min[along] / side - low[along] as f64 * sketch.side() / side;
-    let slab = |number: u32| {
+    let slabs = slab_count(load.smooth, load.cells[1]);
+    let share = |number: u32| {
         let slices = slices_of(number, load.smooth, load.cells[1]);
         let [from, to] = [slices.start, slices.end].map(|y| bottom + f64::from(y) * w / side);
         let first = from.max(0.0) as usize;
         let shared =
             |(i, faces): (usize, &u32)| f64::from(*faces) * (to.min((i + 1) as f64) - from.max(i as f64)).max(0.0);
-        let faces: f64 = found.iter().enumerate().skip(first).take((to - from) as usize + 2).map(shared).sum();
-        (faces * to_faces).ceil() as u64
+        found.iter().enumerate().skip(first).take((to - from) as usize + 2).map(shared).sum::<f64>()
     };
-    Ok(load.with_faces((0..slab_count(load.smooth, load.cells[1])).map(slab).collect(), falls))
+    let shares: Vec<f64> = (0..slabs).map(share).collect();
+    // The slabs have all faces, also where they are thinner than the coarse slices they lie in.
+    let all = found.iter().map(|f| f64::from(*f)).sum::<f64>() / shares.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    let with = |factor: f64| {
+        let of_slab = |share: &f64| (share * all * factor * (1.0 + DOUBT)).ceil() as u64;
+        load.with_faces(shares.iter().map(of_slab).collect(), falls)
+    };
+    let expected = with((side / w).powi(2) * growth);
+    if growth >= ROUGHEST && budget < MemoryPlan::least(&expected, workers.threads()) {
+        return Ok(with(1.0));
+    }
+    Ok(expected)
 }
 
 /// What is asked of the closing of coarse cells, of which `scale` come to a cell of the grid.

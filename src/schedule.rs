@@ -128,19 +128,39 @@ impl Workers {
     }
 }
 
+const NO_PANIC: &str = "nothing panics while the list is held";
+
 /// Working memory that jobs hand on to later ones: as many as ever were at work at a time.
 #[derive(Debug, Default)]
 pub struct Spares<T>(Mutex<Vec<T>>);
 
+impl<T> Spares<T> {
+    /// Working memory that is not in use, if there is any.
+    pub fn take(&self) -> Option<T> {
+        self.0.lock().expect(NO_PANIC).pop()
+    }
+
+    /// Gives back what is no longer in use.
+    pub fn give(&self, spare: T) {
+        self.0.lock().expect(NO_PANIC).push(spare);
+    }
+}
+
 impl<T: Default> Spares<T> {
     /// Lends a job working memory that an earlier one may have used.
     pub fn lend<R>(&self, job: impl FnOnce(&mut T) -> R) -> R {
-        const NO_PANIC: &str = "nothing panics while the list is held";
-        let mut spare = self.0.lock().expect(NO_PANIC).pop().unwrap_or_default();
+        let mut spare = self.take().unwrap_or_default();
         let result = job(&mut spare);
-        self.0.lock().expect(NO_PANIC).push(spare);
+        self.give(spare);
         result
     }
+}
+
+/// Fills a vector that was used before with `count` values, with no more room than that if it has to grow.
+pub fn refill<T: Clone>(used: &mut Vec<T>, count: usize, value: T) {
+    used.clear();
+    used.reserve_exact(count);
+    used.resize(count, value);
 }
 
 #[cfg(test)]

@@ -183,7 +183,7 @@ impl<'a> Seam<'a> {
             }
         }
         let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| self.triangle(t).map(|v| local[&v])).collect();
-        let mut fans = Fans::new(&triangles, vertices.len(), vertices.len());
+        let mut fans = Fans::new(&triangles, vertices.len(), vertices.len(), Fans::default());
         let is_trimmed = !(self.lower.kept.is_empty() && self.upper.kept.is_empty());
         let kept: Vec<bool> = patch.iter().filter(|_| is_trimmed).map(|&t| self.is_kept(t)).collect();
         let groups = Groups { group: &group, distance: &distance, kept: &kept };

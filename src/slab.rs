@@ -2,12 +2,11 @@
 
 use std::ops::Range;
 
-use rustc_hash::FxHashMap;
-
 use crate::error::Result;
 use crate::mesh::spool::Frame;
 use crate::partition::{halo, slices_of, smooth_halo};
 use crate::points::Coordinate;
+use crate::schedule::refill;
 use crate::stage::attributes::attributes;
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::extract::{Diagonals, Kind, Surface, Triangles};
@@ -49,7 +48,7 @@ pub enum Fit {
 ///
 /// Triangles name vertices by number: `0..own()` are the slab's, `own() + n` is vertex n of the next slab, and from
 /// [`BEFORE`] on, `BEFORE + n` is vertex n of the slab before (only where the seam below was closed over it).
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct SlabMesh {
     /// The slab's slices.
     pub slices: Range<u32>,
@@ -88,7 +87,26 @@ impl SlabMesh {
         self.fate.len() as u32
     }
 
-    /// Makes the mesh of slab `number`.
+    /// Room for a slab of so many faces: what it does not fill is not touched.
+    pub fn with_room(faces: usize) -> SlabMesh {
+        // A surface has about as many vertices as faces; those of the plane above are there for a while.
+        let (vertices, triangles) = (faces + faces / 8, 2 * faces + faces / 16);
+        SlabMesh {
+            smoothed: Vec::with_capacity(vertices),
+            fitted: Fitted {
+                point: Vec::with_capacity(vertices),
+                distance: Vec::with_capacity(vertices),
+                target: Vec::with_capacity(vertices),
+            },
+            fate: Vec::with_capacity(vertices),
+            triangles: Vec::with_capacity(triangles),
+            fans: Fans::with_room(vertices, triangles),
+            spots: Vec::with_capacity(vertices),
+            ..SlabMesh::default()
+        }
+    }
+
+    /// Makes the mesh of slab `number`, in the memory of `room`: of a slab that is done with.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -99,17 +117,19 @@ impl SlabMesh {
         options: SurfaceOptions,
         frame: Frame,
         piece: usize,
+        room: SlabMesh,
     ) -> Result<SlabMesh> {
         let slices = slices_of(number, options.smooth, solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
         let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
-        let q = smooth(&surface, options.smooth);
+        let q = smooth(&surface, options.smooth, room.smoothed);
         let planes = slices.start..slices.end + u32::from(last);
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
 
         // The top plane of the last slab lies above its last slice and holds only faces perpendicular to y.
-        let Triangles { corners: mut triangles, kept } = surface.triangles(planes.clone(), &q, options.diagonals);
+        let Triangles { corners: mut triangles, kept } =
+            surface.triangles(planes.clone(), &q, options.diagonals, room.triangles);
         for corner in triangles.as_flattened_mut() {
             *corner -= own.start;
         }
@@ -121,17 +141,19 @@ impl SlabMesh {
             q.drain(..own.start as usize);
             q.into_iter().map(|q| grid.position(q)).collect()
         };
-        let rest = if options.smooth == 1 { Vec::new() } else { to_world(smooth(&surface, 1)) };
+        let rest = if options.smooth == 1 { Vec::new() } else { to_world(smooth(&surface, 1, room.rest)) };
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
-        let mut fate = vec![Fate::Stays; own.len()];
+        let mut fate = room.fate;
+        refill(&mut fate, own.len(), Fate::Stays);
         let reach = halo(options.smooth);
         let slices_near = planes.start.saturating_sub(reach)..(planes.end + reach).min(solid.cells[1]);
-        let nearest = || fit(sampled, &Task { surface: &surface, q: &q, planes: planes.clone(), halo: reach }, piece);
+        let nearest =
+            |room| fit(sampled, &Task { surface: &surface, q: &q, planes: planes.clone(), halo: reach }, piece, room);
         let mut fitted = match options.fit {
-            Fit::None => Fitted::none(own.len()),
+            Fit::None => Fitted::none(own.len(), room.fitted),
             Fit::Plane => {
-                let mut fitted = Fitted::none(own.len());
+                let mut fitted = Fitted::none(own.len(), room.fitted);
                 let places = project(sampled, &surface, &q, planes.clone(), options.smooth, piece)?;
                 for ((fate, target), place) in fate.iter_mut().zip(&mut fitted.target).zip(places) {
                     if let Some(place) = place {
@@ -140,11 +162,11 @@ impl SlabMesh {
                 }
                 fitted
             }
-            Fit::Nearest => nearest()?,
+            Fit::Nearest => nearest(room.fitted)?,
         };
         let stride = sampled.buckets.stride();
         // Vertices that are moved elsewhere, or not at all, have the attributes of their nearest points all the same.
-        let nearest = if options.fit == Fit::Nearest || stride == 0 { None } else { Some(nearest()?) };
+        let nearest = if options.fit == Fit::Nearest || stride == 0 { None } else { Some(nearest(Fitted::default())?) };
         if let Some(columns) = surface.columns() {
             for v in 0..own.len() {
                 let (vertex, mut q) = (&surface.vertices[own.start as usize + v], q[own.start as usize + v]);
@@ -162,9 +184,9 @@ impl SlabMesh {
             _ => attributes(sampled, slices_near, nearest.as_ref().unwrap_or(&fitted), &smoothed, &triangles)?,
         };
         drop(nearest);
-        let fans = Fans::new(&triangles, named as usize, own.len());
-        let blocks = vec![Extent::EMPTY; triangles.len().div_ceil(BLOCK)];
-        let (spots, tangled) = (Vec::new(), 0);
+        let fans = Fans::new(&triangles, named as usize, own.len(), room.fans);
+        let (spots, mut blocks, tangled) = (room.spots, room.blocks, 0);
+        refill(&mut blocks, triangles.len().div_ceil(BLOCK), Extent::EMPTY);
         let mut mesh = SlabMesh {
             slices,
             smoothed,
@@ -202,20 +224,20 @@ impl SlabMesh {
 
     /// Of the vertices that have the same point, the nearest takes its place; the others are pulled.
     fn choose_fitted(&mut self) {
-        let mut nearest: FxHashMap<u32, u32> = FxHashMap::default();
-        for v in 0..self.own() {
-            let point = self.fitted.point[v as usize];
-            if self.fate[v as usize] == Fate::Gone || point == NONE {
-                continue;
+        // By point, then by number.
+        let lives = |v: &u32| self.fate[*v as usize] != Fate::Gone && self.fitted.point[*v as usize] != NONE;
+        let key = |v: u32| u64::from(self.fitted.point[v as usize]) << 32 | u64::from(v);
+        let mut on_points: Vec<u64> = (0..self.own()).filter(lives).map(key).collect();
+        on_points.sort_unstable();
+        for same in on_points.chunk_by(|a, b| a >> 32 == b >> 32) {
+            let mut nearest = same[0] as u32;
+            for v in same.iter().map(|key| *key as u32) {
+                self.fate[v as usize] = Fate::Pulled;
+                if self.fitted.distance[v as usize] < self.fitted.distance[nearest as usize] {
+                    nearest = v;
+                }
             }
-            self.fate[v as usize] = Fate::Pulled;
-            let best = nearest.entry(point).or_insert(v);
-            if self.fitted.distance[v as usize] < self.fitted.distance[*best as usize] {
-                *best = v;
-            }
-        }
-        for v in nearest.into_values() {
-            self.fate[v as usize] = Fate::Fitted;
+            self.fate[nearest as usize] = Fate::Fitted;
         }
     }
 
@@ -224,7 +246,9 @@ impl SlabMesh {
         let first = if self.slices.start > 0 { self.seam } else { 0 };
         let scale = near.scale();
         let places: Vec<[f64; 3]> = (0..self.own()).map(|v| frame.place(self.position(v))).collect();
-        self.spots = places.iter().map(|&place| scale.spot(place)).collect();
+        self.spots.clear();
+        self.spots.reserve_exact(places.len());
+        self.spots.extend(places.iter().map(|&place| scale.spot(place)));
         let mut inside = Inside { first, places, frame, scale, slab: self };
         let tangled = retreat(&mut inside, near, None);
         self.tangled = tangled;

@@ -27,6 +27,9 @@ use crate::trim::{Trim, Trimmed};
 /// The largest number of vertices: what a PLY file's `int` can index.
 pub const VERTEX_LIMIT: u64 = i32::MAX as u64;
 
+/// Vertices or triangles that are written at a time.
+const PIECE: usize = 1 << 15;
+
 /// Takes slabs in order and writes the mesh.
 #[derive(Debug)]
 pub struct Stitcher<'a> {
@@ -114,23 +117,24 @@ impl<'a> Stitcher<'a> {
         }
     }
 
-    /// Takes the next slab.
+    /// Takes the next slab; gives one that is written, for its memory.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::TooManyElements`] past [`VERTEX_LIMIT`].
-    pub fn add(&mut self, mut slab: SlabMesh) -> Result<()> {
-        if let Some(mut lower) = self.waiting.take() {
-            let mut seam = Seam::of(&mut lower, &mut slab, self.settled, self.frame, self.near.scale());
+    pub fn add(&mut self, mut slab: SlabMesh) -> Result<Option<SlabMesh>> {
+        let mut lower = self.waiting.take();
+        if let Some(lower) = &mut lower {
+            let mut seam = Seam::of(lower, &mut slab, self.settled, self.frame, self.near.scale());
             let mut changed = seam.close();
             changed.extend(seam.choose_fitted(self.grid, self.halo));
             changed.extend(seam.strayed(self.grid));
             let suspects = seam.triangles_around(changed);
             self.counts.tangled += retreat(&mut seam, &mut self.near, Some(suspects));
             seam.give_back_blocks();
-            self.write(&lower, Some(&slab))?;
+            self.write(lower, Some(&slab))?;
         }
         self.waiting = Some(slab);
-        Ok(())
+        Ok(lower)
     }
 
     /// Writes the last slab and gives the mesh.
@@ -145,58 +149,56 @@ impl<'a> Stitcher<'a> {
     }
 
     fn write(&mut self, slab: &SlabMesh, next: Option<&SlabMesh>) -> Result<()> {
-        self.vertices.clear();
-        self.attributes.clear();
-        let stride = self.mesh.schema().stride();
-        self.faces.clear();
         self.counts.tangled += slab.tangled;
         self.counts.bridged_area += bridged_area(slab, next);
-        if let Some(trim) = &mut self.trim {
+        let after = if let Some(trim) = &mut self.trim {
             let Trimmed { written, triangles, settled } = trim.slab(slab, next, self.base as u32);
+            let after = self.number_after(written.iter().filter(|written| **written).count())?;
             for ((v, written), fate) in (0..).zip(written).zip(&slab.fate) {
                 if written {
-                    self.vertices.push(self.frame.place(slab.position(v)));
-                    self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
+                    self.put_vertex(slab, v)?;
                 }
                 if written || *fate == Fate::Gone {
                     self.counts.count(*fate);
                 }
             }
-            self.faces.extend(triangles.into_iter().map(FaceRecord::new));
+            triangles.into_iter().try_for_each(|triangle| self.put_face(triangle))?;
             self.settled = settled;
-            let after = self.base + self.vertices.len() as u64;
-            return self.append(after);
-        }
-        let numbers = number(slab, self.base);
-        for v in 0..slab.own() {
-            let fate = slab.fate[v as usize];
-            self.counts.count(fate);
-            if fate != Fate::Gone {
-                self.vertices.push(self.frame.place(slab.position(v)));
-                self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
-            }
-        }
-        let after = self.base + self.vertices.len() as u64;
-        let numbers_after = next.map_or_else(Vec::new, |next| number(next, after));
-        self.faces.extend(slab.triangles_left().map(|t| {
-            FaceRecord::new(t.map(|v| {
-                if v >= BEFORE {
-                    self.before[(v - BEFORE) as usize]
-                } else if v >= slab.own() {
-                    numbers_after[(v - slab.own()) as usize]
-                } else {
-                    numbers[v as usize]
+            after
+        } else {
+            let after = self.number_after(slab.fate.iter().filter(|fate| **fate != Fate::Gone).count())?;
+            let numbers = number(slab, self.base);
+            for (v, fate) in (0..).zip(&slab.fate) {
+                self.counts.count(*fate);
+                if *fate != Fate::Gone {
+                    self.put_vertex(slab, v)?;
                 }
-            }))
-        }));
-        let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
-        self.settled = named.map_or(0, |v| v - slab.own() + 1);
-        self.before = numbers;
-        self.append(after)
+            }
+            let numbers_after = next.map_or_else(Vec::new, |next| number(next, after));
+            for triangle in slab.triangles_left() {
+                self.put_face(triangle.map(|v| {
+                    if v >= BEFORE {
+                        self.before[(v - BEFORE) as usize]
+                    } else if v >= slab.own() {
+                        numbers_after[(v - slab.own()) as usize]
+                    } else {
+                        numbers[v as usize]
+                    }
+                }))?;
+            }
+            let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
+            self.settled = named.map_or(0, |v| v - slab.own() + 1);
+            self.before = numbers;
+            after
+        };
+        self.hand_on()?;
+        self.base = after;
+        Ok(())
     }
 
-    /// Appends the vertices, up to number `after`, and the triangles of a slab to the mesh.
-    fn append(&mut self, after: u64) -> Result<()> {
+    /// The number of the first vertex after `more` others.
+    fn number_after(&self, more: usize) -> Result<u64> {
+        let after = self.base + more as u64;
         if after > VERTEX_LIMIT {
             return Err(Error::TooManyElements {
                 count: after,
@@ -205,10 +207,29 @@ impl<'a> Stitcher<'a> {
                 carrier: "a mesh file's int",
             });
         }
+        Ok(after)
+    }
+
+    fn put_vertex(&mut self, slab: &SlabMesh, v: u32) -> Result<()> {
+        let stride = self.mesh.schema().stride();
+        self.vertices.push(self.frame.place(slab.position(v)));
+        self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
+        if self.vertices.len() == PIECE { self.hand_on() } else { Ok(()) }
+    }
+
+    fn put_face(&mut self, vertices: [u32; 3]) -> Result<()> {
+        self.faces.push(FaceRecord::new(vertices));
+        if self.faces.len() == PIECE { self.hand_on() } else { Ok(()) }
+    }
+
+    /// Hands what is gathered to the mesh.
+    fn hand_on(&mut self) -> Result<()> {
         self.mesh.append_vertices(&self.vertices)?;
         self.mesh.append_attributes(&self.attributes)?;
         self.mesh.append_faces(&self.faces)?;
-        self.base = after;
+        self.vertices.clear();
+        self.attributes.clear();
+        self.faces.clear();
         Ok(())
     }
 }

@@ -8,6 +8,8 @@
 //!        d                     d
 //! ```
 
+use crate::schedule::refill;
+
 /// "No point", "no vertex", "no corner".
 pub const NONE: u32 = u32::MAX;
 
@@ -22,7 +24,7 @@ pub fn is_gone([a, b, c]: [u32; 3]) -> bool {
 ///
 /// A contraction writes the survivor into the dead vertex's corners and joins the two lists of vertices, so that the survivor's fan is those of all
 /// vertices of its list, and the contraction can be taken back.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Fans {
     head: Vec<u32>,
     next: Vec<u32>,
@@ -31,10 +33,18 @@ pub struct Fans {
 }
 
 impl Fans {
-    /// The fans of `vertices` vertices of a mesh of `triangles`; of those, the first `own` may be contracted.
-    pub fn new(triangles: &[[u32; 3]], vertices: usize, own: usize) -> Fans {
-        let (head, next) = (vec![NONE; vertices], vec![NONE; 3 * triangles.len()]);
-        let mut fans = Fans { head, next, also: vec![NONE; own] };
+    /// Fans with room for so many vertices and triangles.
+    pub fn with_room(vertices: usize, triangles: usize) -> Fans {
+        let (head, next) = (Vec::with_capacity(vertices), Vec::with_capacity(3 * triangles));
+        Fans { head, next, also: Vec::with_capacity(vertices) }
+    }
+
+    /// The fans of `vertices` vertices of a mesh of `triangles`, in the memory of `room`; of those, the first `own` may be contracted.
+    pub fn new(triangles: &[[u32; 3]], vertices: usize, own: usize, room: Fans) -> Fans {
+        let mut fans = room;
+        refill(&mut fans.head, vertices, NONE);
+        refill(&mut fans.next, 3 * triangles.len(), NONE);
+        refill(&mut fans.also, own, NONE);
         for (corner, &v) in triangles.as_flattened().iter().enumerate() {
             fans.next[corner] = fans.head[v as usize];
             fans.head[v as usize] = corner as u32;

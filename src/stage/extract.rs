@@ -178,11 +178,19 @@ impl Surface {
         [self.vertex(vertex.corner, lower_quadrant), self.vertex(upper, upper_quadrant)]
     }
 
-    /// The triangles of slices `slices`, given the smoothed positions of all vertices, in cells.
-    pub fn triangles(&self, slices: std::ops::Range<u32>, q: &[[f64; 3]], diagonals: Diagonals) -> Triangles {
+    /// The triangles of slices `slices`, given the smoothed positions of all vertices, in cells; in the memory of `room`.
+    pub fn triangles(
+        &self,
+        slices: std::ops::Range<u32>,
+        q: &[[f64; 3]],
+        diagonals: Diagonals,
+        room: Vec<[u32; 3]>,
+    ) -> Triangles {
         let planes = slices.clone().map(|y| &self.planes[(y - self.lowest) as usize]);
         let faces: usize = planes.flat_map(|plane| &plane.masks).map(|mask| faces_at(*mask)).sum();
-        let mut out = Triangles { corners: Vec::with_capacity(2 * faces), kept: Vec::new() };
+        let mut out = Triangles { corners: room, kept: Vec::new() };
+        out.corners.clear();
+        out.corners.reserve_exact(2 * faces);
         let trimmed = self.columns.as_ref().filter(|columns| columns.trimmed());
         for y in slices {
             let plane = &self.planes[(y - self.lowest) as usize];

@@ -18,8 +18,9 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::partition::{BUCKET_SLICES, REACH};
+use crate::partition::{REACH, buckets_of};
 use crate::points::Coordinate;
+use crate::schedule::refill;
 use crate::stage::contract::NONE;
 use crate::stage::extract::{Kind, Surface};
 use crate::stage::ranked::Ranked;
@@ -27,7 +28,7 @@ use crate::stage::raster::Sampled;
 use crate::window::Window;
 
 /// The nearest points of a slab's vertices.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Fitted {
     /// Of each vertex, a number of its point, or [`NONE`]. Equal numbers mean equal coordinates, and the reverse, within the slab.
     pub point: Vec<u32>,
@@ -38,13 +39,13 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// Nothing fitted.
-    pub fn none(vertices: usize) -> Fitted {
-        Fitted {
-            point: vec![NONE; vertices],
-            distance: vec![f64::INFINITY; vertices],
-            target: vec![[0.0; 3]; vertices],
-        }
+    /// Nothing fitted, in the memory of `room`.
+    pub fn none(vertices: usize, room: Fitted) -> Fitted {
+        let Fitted { mut point, mut distance, mut target } = room;
+        refill(&mut point, vertices, NONE);
+        refill(&mut distance, vertices, f64::INFINITY);
+        refill(&mut target, vertices, [0.0; 3]);
+        Fitted { point, distance, target }
     }
 
     /// Gives vertex `v` a place of its own to go to, instead of a point.
@@ -66,19 +67,19 @@ pub struct Task<'a> {
     pub halo: u32,
 }
 
-/// Finds the nearest point of every vertex on the task's planes; `Fitted` is indexed from the first of them.
+/// Finds the nearest point of every vertex on the task's planes; `Fitted` is indexed from the first of them, and takes the memory of `room`.
 ///
 /// Ties go to the smaller (x, y, z). Memory: `piece` points (twice), and the index of `2 halo` slices.
 ///
 /// # Errors
 /// [`crate::Error::Io`].
-pub fn fit<T: Coordinate>(sampled: &Sampled<'_, T>, task: &Task<'_>, piece: usize) -> Result<Fitted> {
+pub fn fit<T: Coordinate>(sampled: &Sampled<'_, T>, task: &Task<'_>, piece: usize, room: Fitted) -> Result<Fitted> {
     let Sampled { buckets, grid, .. } = sampled;
     let first = task.surface.on_plane(task.planes.start).start;
     let end = task.surface.on_plane(task.planes.end - 1).end;
-    let mut search = Search { grid, task, first, found: Fitted::none((end - first) as usize), searched: 0 };
+    let mut search = Search { grid, task, first, found: Fitted::none((end - first) as usize, room), searched: 0 };
     let slices = task.planes.start.saturating_sub(task.halo)..(task.planes.end + task.halo).min(grid.cells()[1]);
-    let buckets_near = slices.start / BUCKET_SLICES..slices.end.div_ceil(BUCKET_SLICES);
+    let buckets_near = buckets_of(slices.clone());
     let near: u64 = buckets_near.clone().map(|bucket| buckets.points_in(bucket as usize)).sum();
     let mut held: Vec<[T; 3]> = Vec::with_capacity(piece.min(near as usize));
     for bucket in buckets_near {
@@ -120,6 +121,7 @@ impl Search<'_> {
         let halo = i64::from(self.task.halo);
         let [width, _, rows] = self.grid.cells();
         let mut window = Window::new(2 * halo as usize, || SliceIndex::new(width, rows));
+        let mut sorting = Sorting::default();
         for plane in self.task.planes.clone() {
             window.slide_to(i64::from(plane) - halo, |y, index| {
                 let inside = y >= i64::from(slices.start) && y < i64::from(slices.end);
@@ -129,7 +131,7 @@ impl Search<'_> {
                 } else {
                     0..0
                 };
-                index.build(&sorted, range, self.grid);
+                index.build(&sorted, range, self.grid, &mut sorting);
                 Ok(())
             })?;
             for v in self.task.surface.on_plane(plane) {
@@ -235,28 +237,24 @@ struct SliceIndex<T> {
     occupied: Ranked,
     /// Of each occupied cell: the points before it; one entry more than cells.
     first: Vec<u32>,
+}
+
+/// What one slice at a time is sorted with.
+#[derive(Debug, Default)]
+struct Sorting {
     keys: Vec<(u32, u32)>,
+    by_x: Vec<u32>,
     order: Vec<u32>,
     counts: Vec<u32>,
 }
 
 impl<T: Coordinate> SliceIndex<T> {
     fn new(width: u32, rows: u32) -> SliceIndex<T> {
-        SliceIndex {
-            points: Vec::new(),
-            base: 0,
-            width,
-            rows,
-            occupied: Ranked::new(width, rows),
-            first: Vec::new(),
-            keys: Vec::new(),
-            order: Vec::new(),
-            counts: Vec::new(),
-        }
+        SliceIndex { points: Vec::new(), base: 0, width, rows, occupied: Ranked::new(width, rows), first: Vec::new() }
     }
 
     /// Takes the points `range` of `sorted`.
-    fn build(&mut self, sorted: &[[T; 3]], range: Range<usize>, grid: &Grid) {
+    fn build(&mut self, sorted: &[[T; 3]], range: Range<usize>, grid: &Grid, sorting: &mut Sorting) {
         self.base = range.start as u32;
         let points = &sorted[range];
         let had_points = !self.points.is_empty();
@@ -266,18 +264,19 @@ impl<T: Coordinate> SliceIndex<T> {
             return;
         }
         self.occupied.clear();
-        self.keys.clear();
-        self.keys.extend(points.iter().map(|p| {
+        let Sorting { keys, by_x, order, counts } = sorting;
+        keys.clear();
+        keys.extend(points.iter().map(|p| {
             let [x, _, z] = grid.cell_of(p.map(Into::into));
             (x, z)
         }));
         // Two stable counting sorts, the less significant key first.
-        let by_x = counting_sort(&mut self.counts, self.width, 0..points.len() as u32, |i| self.keys[i as usize].0);
-        self.order = counting_sort(&mut self.counts, self.rows, by_x.into_iter(), |i| self.keys[i as usize].1);
-        self.points.extend(self.order.iter().map(|&i| points[i as usize]));
+        counting_sort(counts, self.width, 0..points.len() as u32, |i| keys[i as usize].0, by_x);
+        counting_sort(counts, self.rows, by_x.iter().copied(), |i| keys[i as usize].1, order);
+        self.points.extend(order.iter().map(|&i| points[i as usize]));
         let mut last = None;
-        for (number, &i) in self.order.iter().enumerate() {
-            let (x, z) = self.keys[i as usize];
+        for (number, &i) in order.iter().enumerate() {
+            let (x, z) = keys[i as usize];
             if last != Some((x, z)) {
                 self.first.push(number as u32);
                 self.occupied.set(x, z);
@@ -296,13 +295,14 @@ impl<T: Coordinate> SliceIndex<T> {
     }
 }
 
-/// A stable counting sort of `items` by `key`, which is less than `keys`.
+/// A stable counting sort of `items` by `key`, which is less than `keys`, into `out`.
 fn counting_sort(
     counts: &mut Vec<u32>,
     keys: u32,
     items: impl ExactSizeIterator<Item = u32> + Clone,
     key: impl Fn(u32) -> u32,
-) -> Vec<u32> {
+    out: &mut Vec<u32>,
+) {
     counts.clear();
     counts.resize(keys as usize, 0);
     for item in items.clone() {
@@ -312,13 +312,13 @@ fn counting_sort(
     for count in counts.iter_mut() {
         next += std::mem::replace(count, next);
     }
-    let mut out = vec![0; items.len()];
+    out.clear();
+    out.resize(items.len(), 0);
     for item in items {
         let at = &mut counts[key(item) as usize];
         out[*at as usize] = item;
         *at += 1;
     }
-    out
 }
 
 /// The points by slice, and where each slice starts.

@@ -12,6 +12,8 @@
 //!
 //! Boxes are those of `stage/spot.rs`; what counts is which of them meet, not how far they reach.
 
+use std::ops::Range;
+
 use crate::grid::Grid;
 use crate::slice::set_range;
 use crate::stage::spot::{Extent, Scale, Spot};
@@ -19,10 +21,13 @@ use crate::stage::spot::{Extent, Scale, Spot};
 /// Triangles with consecutive numbers that share a box of their own.
 pub const BLOCK: usize = 64;
 
+/// Entries of a layer that are looked at together, about: a layer with more is done in bands of rows.
+const BAND: usize = 1 << 17;
+
 /// Triangles by number, and where their corners are.
 pub trait Places {
     /// The numbers that triangles have, as two stretches; the second begins at a multiple of [`BLOCK`].
-    fn stretches(&self) -> [std::ops::Range<u32>; 2];
+    fn stretches(&self) -> [Range<u32>; 2];
     /// The corners of a triangle.
     fn triangle(&self, t: u32) -> [u32; 3];
     /// Whether the places of all corners of a triangle are known.
@@ -69,7 +74,7 @@ impl Entry {
 
 /// Finds pairs of triangles whose boxes meet. Keeps its buffers.
 ///
-/// Memory: some 3 bytes for each triangle, and some 70 for each of one layer's.
+/// Memory: some 3 bytes for each triangle, and some 70 for each of one layer's, of 300,000 at most.
 #[derive(Debug)]
 pub struct Near {
     scale: Scale,
@@ -107,38 +112,47 @@ impl Near {
             Suspects::All => self.layers_of_all(of),
             Suspects::Some(suspects) => self.layers_near(of, suspects),
         };
+        let all_rows = self.scale.rows();
         for (layer, triangles) in layers {
-            self.entries.clear();
-            // Both are sorted.
-            let mut to_come = match suspects {
-                Suspects::All => [].as_slice(),
-                Suspects::Some(suspects) => suspects,
-            };
-            for first in triangles {
-                let both = [of.known(first), of.known(first + 1)];
-                let each = both.map(|triangle| triangle.map_or(Extent::EMPTY, |triangle| extent(of, triangle)));
-                let whole = each[0].union(each[1]);
-                let number = self.entries.len() as u32;
-                let sure = match corners(both) {
-                    Some(corners) => corners.map(|v| if is_ring(v) { v } else { !number }),
-                    None => [!number; 4],
+            let rows = all_rows.div_ceil(triangles.len().div_ceil(BAND).max(1));
+            for band in (0..all_rows).step_by(rows).map(|row| row..(row + rows).min(all_rows)) {
+                self.entries.clear();
+                // Both are sorted.
+                let mut to_come = match suspects {
+                    Suspects::All => [].as_slice(),
+                    Suspects::Some(suspects) => suspects,
                 };
-                // The two themselves are a pair, where they first appear.
-                if let [Some(one), Some(other)] = both
-                    && sure == [!number; 4]
-                    && each[0].meets(&each[1])
-                    && self.scale.layers(&whole)[0] == layer
-                {
-                    found(of, one, other);
+                for &first in &triangles {
+                    let both = [of.known(first), of.known(first + 1)];
+                    let each = both.map(|triangle| triangle.map_or(Extent::EMPTY, |triangle| extent(of, triangle)));
+                    let whole = each[0].union(each[1]);
+                    let [lowest, highest] = self.scale.rows_of(&whole);
+                    if lowest >= band.end || highest < band.start {
+                        continue;
+                    }
+                    let number = self.entries.len() as u32;
+                    let sure = match corners(both) {
+                        Some(corners) => corners.map(|v| if is_ring(v) { v } else { !number }),
+                        None => [!number; 4],
+                    };
+                    // The two themselves are a pair, where they first appear.
+                    if let [Some(one), Some(other)] = both
+                        && sure == [!number; 4]
+                        && each[0].meets(&each[1])
+                        && self.scale.layers(&whole)[0] == layer
+                        && band.contains(&lowest)
+                    {
+                        found(of, one, other);
+                    }
+                    while to_come.first().is_some_and(|t| *t < first) {
+                        to_come = &to_come[1..];
+                    }
+                    let suspect = matches!(suspects, Suspects::All) || to_come.first().is_some_and(|t| *t <= first + 1);
+                    self.entries.push(Entry { whole, each, sure, first, suspect });
                 }
-                while to_come.first().is_some_and(|t| *t < first) {
-                    to_come = &to_come[1..];
-                }
-                let suspect = matches!(suspects, Suspects::All) || to_come.first().is_some_and(|t| *t <= first + 1);
-                self.entries.push(Entry { whole, each, sure, first, suspect });
+                self.list(&band);
+                self.sweep(layer, &band, |a, b| found(of, of.triangle(a), of.triangle(b)));
             }
-            self.list();
-            self.sweep(layer, |a, b| found(of, of.triangle(a), of.triangle(b)));
         }
     }
 
@@ -203,13 +217,17 @@ impl Near {
         layers.0
     }
 
-    /// Lists the layer's entries by row: afterwards row z's are those from `ends[z]` to `ends[z + 1]`.
-    fn list(&mut self) {
+    /// Lists the entries by row of the band: afterwards those of its row z are those from `ends[z]` to `ends[z + 1]`, counted from the band's first row.
+    fn list(&mut self, band: &Range<usize>) {
         let mut ends = std::mem::take(&mut self.ends);
         ends.clear();
-        ends.resize(self.scale.rows() + 2, 0);
-        for entry in &self.entries {
+        ends.resize(band.len() + 2, 0);
+        let rows_of = |entry: &Entry| {
             let [first, last] = self.scale.rows_of(&entry.whole);
+            [first.max(band.start) - band.start, last.min(band.end - 1) - band.start]
+        };
+        for entry in &self.entries {
+            let [first, last] = rows_of(entry);
             for end in &mut ends[first + 2..=last + 2] {
                 *end += 1;
             }
@@ -218,9 +236,9 @@ impl Near {
             ends[z] += ends[z - 1];
         }
         self.listed.clear();
-        self.listed.resize(ends[self.scale.rows() + 1] as usize, 0);
+        self.listed.resize(ends[band.len() + 1] as usize, 0);
         for (number, entry) in self.entries.iter().enumerate() {
-            let [first, last] = self.scale.rows_of(&entry.whole);
+            let [first, last] = rows_of(entry);
             for end in &mut ends[first + 1..=last + 1] {
                 self.listed[*end as usize] = number as u32;
                 *end += 1;
@@ -229,9 +247,9 @@ impl Near {
         self.ends = ends;
     }
 
-    /// The pairs of the layer that is listed: along each row, from where one box begins to where it ends, others begin.
-    fn sweep(&mut self, layer: usize, mut found: impl FnMut(u32, u32)) {
-        for z in 0..self.scale.rows() {
+    /// The pairs of the band that is listed: along each row, from where one box begins to where it ends, others begin.
+    fn sweep(&mut self, layer: usize, band: &Range<usize>, mut found: impl FnMut(u32, u32)) {
+        for z in 0..band.len() {
             let listed = &self.listed[self.ends[z] as usize..self.ends[z + 1] as usize];
             let begins = |number: u32| self.entries[number as usize].whole.begin();
             self.order.clear();
@@ -239,7 +257,7 @@ impl Near {
             self.order.sort_unstable();
             self.row.clear();
             self.row.extend(self.order.iter().map(|key| (self.entries[*key as u32 as usize].whole, *key as u32)));
-            let cell = self.scale.cell(layer, z);
+            let cell = self.scale.cell(layer, band.start + z);
             for (i, (one, number)) in self.row.iter().enumerate() {
                 let end = one.end();
                 for (other, other_number) in self.row[i + 1..].iter().take_while(|(other, _)| other.begin() <= end) {

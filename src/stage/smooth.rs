@@ -28,19 +28,19 @@ const OUTWARDS: f64 = 7.0 / 11.0;
 /// How far smoothing may move a vertex from its corner along an axis, in cells: fitting counts on it.
 const FARTHEST: f64 = 1.0;
 
-/// The positions q′, in cells, of all vertices of a surface after `steps` steps.
+/// The positions q′, in cells, of all vertices of a surface after `steps` steps, in the memory of `room`.
 ///
 /// On the lowest and highest [`crate::partition::smooth_halo`] planes of the surface (where the solid goes on beyond them) the result is not the
 /// true one.
-pub fn smooth(surface: &Surface, steps: u32) -> Vec<[f64; 3]> {
+pub fn smooth(surface: &Surface, steps: u32, room: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
     let vertices = &surface.vertices;
-    let mut q: Vec<[f64; 3]> = vertices
-        .iter()
-        .map(|v| match v.kind {
-            Kind::Sheet(sheet) if steps > 0 => CORNERS[usize::from(v.mask)].displacement(usize::from(sheet)),
-            _ => [0.0; 3],
-        })
-        .collect();
+    let mut q = room;
+    q.clear();
+    q.reserve_exact(vertices.len());
+    q.extend(vertices.iter().map(|v| match v.kind {
+        Kind::Sheet(sheet) if steps > 0 => CORNERS[usize::from(v.mask)].displacement(usize::from(sheet)),
+        _ => [0.0; 3],
+    }));
     for _ in 1..steps {
         q = step(surface, &q, INWARDS);
         q = step(surface, &q, -OUTWARDS);
