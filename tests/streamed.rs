@@ -506,7 +506,7 @@ fn never_a_double_wall() {
         assert_eq!(loops_of("a wall with a window", &turn(with_hole(14.0)), sheet), 2, "{facing}");
         // In front of the wall by more than a hole's width: no walls join them, and round the wall's hole there is a boundary, too.
         let sign = if facing.axis().1 { 1.0 } else { -1.0 };
-        let post = |x: f64, y: f64| if building(x, y) { [sign * 12.0] } else { [wave(x, y)] };
+        let post = |x: f64, y: f64| if building(x, y) { [sign * 20.0] } else { [wave(x, y)] };
         assert_eq!(loops_of("a box before a wall", &turn(sampled(size, post)), sheet), 3, "{facing}");
     }
 }

@@ -419,7 +419,7 @@ impl Level {
 
 /// The columns with a set one within `radius`, both in rows of `width`.
 fn near(set: &[bool], width: usize, radius: u32) -> Vec<bool> {
-    let (rows, squared) = (set.len() / width, radius * radius);
+    let (rows, squared) = (set.len() / width, u64::from(radius).pow(2));
     // How far along slices the nearest set column lies, upwards and downwards.
     let mut away = vec![u32::MAX; set.len()];
     for step in [false, true] {
@@ -438,7 +438,7 @@ fn near(set: &[bool], width: usize, radius: u32) -> Vec<bool> {
         // The end of the stretch that is near, as far as it is known; stretches begin in order of their columns, less the radius.
         let mut starts = vec![0i32; width + 1];
         for (x, away) in away.iter().enumerate().filter(|(_, away)| **away <= radius) {
-            let half = (squared - away * away).isqrt() as usize;
+            let half = (squared - u64::from(*away).pow(2)).isqrt() as usize;
             starts[x.saturating_sub(half)] += 1;
             starts[(x + half + 1).min(width)] -= 1;
         }
