@@ -140,8 +140,14 @@ pub fn close_below(
     mut progress: impl FnMut(u32),
 ) -> Result<Closed> {
     let ball = open.ball(asked.seal, asked.window, grid.cell_size());
-    let ground =
-        ground::Asked { up: open.up(grid), bridge: open.bridge(grid), ball, base: open.base.is_some(), smooth };
+    let ground = ground::Asked {
+        up: open.up(grid),
+        bridge: open.bridge(grid),
+        ball,
+        base: open.base.is_some(),
+        jump: open.jump(grid),
+        smooth,
+    };
     let solid = ground::solid(&occupancy, ground, context)?;
     progress(grid.cells()[1]);
     let closing = Closing { level: 0, radius: ball.radius() };

@@ -223,6 +223,11 @@ impl Open {
         self.max_hole.radius(grid.cell_size()).min(f64::from(longest)) as u32
     }
 
+    /// The highest step, in cells, whose wall a sheet keeps: as wide as the widest hole.
+    pub fn jump(&self, grid: &Grid) -> Option<u32> {
+        (self.kind == Kind::Sheet).then(|| 2 * self.bridge(grid))
+    }
+
     /// The ball that rolls over the surface: of radius 1.5, unless another is asked for.
     pub fn ball(&self, seal: Sealing, window: Option<u32>, cell_size: f64) -> Ball {
         let most = window.map_or(u32::MAX, |w| (w - 1) / 2);

@@ -137,6 +137,7 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
                 _ => 2,
             },
             base: open.base.is_some(),
+            jump: open.jump(grid).map(|jump| jump as i32),
             smooth: settings.surface.smooth,
         }),
         slab_slices: slab_slices(settings.surface.smooth),
@@ -503,6 +504,10 @@ fn never_a_double_wall() {
         let sheet = Open { kind: Kind::Sheet, facing, ..terrain };
         assert_eq!(loops_of("a wall", &turn(with_hole(7.0)), sheet), 1, "{facing}");
         assert_eq!(loops_of("a wall with a window", &turn(with_hole(14.0)), sheet), 2, "{facing}");
+        // In front of the wall by more than a hole's width: no walls join them, and round the wall's hole there is a boundary, too.
+        let sign = if facing.axis().1 { 1.0 } else { -1.0 };
+        let post = |x: f64, y: f64| if building(x, y) { [sign * 20.0] } else { [wave(x, y)] };
+        assert_eq!(loops_of("a box before a wall", &turn(sampled(size, post)), sheet), 3, "{facing}");
     }
 }
 

@@ -74,6 +74,8 @@ pub struct Asked {
     pub ball: Ball,
     /// Whether the kept columns alone are solid, down to the bottom of the grid, and the mesh is closed.
     pub base: bool,
+    /// The highest step, in cells, whose wall is kept; all are if there is none.
+    pub jump: Option<u32>,
     /// Steps of smoothing.
     pub smooth: u32,
 }
@@ -194,19 +196,21 @@ pub fn solid(occupancy: &Occupancy, asked: Asked, context: &Context) -> Result<S
         },
     )?;
     drop(extents);
+    let mut flags = Lines::new(columns, context);
     let store = SliceStore::new(&context.workspace, context.memory.store_quota);
     let mut solid = Solid { cells, store, volume: 0, faces: Vec::with_capacity(cells[1] as usize), ground: None };
     context.workers.in_order(
         context.memory.chunks_in_flight,
         jobs(CHUNK_SLICES),
         |slices| filled(&levels, &ground, slices, cells, asked),
-        |(slices, volume, faces)| {
+        |(slices, volume, faces, left)| {
+            flags.append(&left)?;
             solid.volume += volume;
             solid.faces.extend(faces);
             solid.store.extend(&slices)
         },
     )?;
-    solid.ground = Some(ground);
+    solid.ground = Some(Ground { flags, ..ground });
     Ok(solid)
 }
 
@@ -415,7 +419,7 @@ impl Level {
 
 /// The columns with a set one within `radius`, both in rows of `width`.
 fn near(set: &[bool], width: usize, radius: u32) -> Vec<bool> {
-    let (rows, squared) = (set.len() / width, radius * radius);
+    let (rows, squared) = (set.len() / width, u64::from(radius).pow(2));
     // How far along slices the nearest set column lies, upwards and downwards.
     let mut away = vec![u32::MAX; set.len()];
     for step in [false, true] {
@@ -434,7 +438,7 @@ fn near(set: &[bool], width: usize, radius: u32) -> Vec<bool> {
         // The end of the stretch that is near, as far as it is known; stretches begin in order of their columns, less the radius.
         let mut starts = vec![0i32; width + 1];
         for (x, away) in away.iter().enumerate().filter(|(_, away)| **away <= radius) {
-            let half = (squared - away * away).isqrt() as usize;
+            let half = (squared - u64::from(*away).pow(2)).isqrt() as usize;
             starts[x.saturating_sub(half)] += 1;
             starts[(x + half + 1).min(width)] -= 1;
         }
@@ -478,15 +482,22 @@ fn filled(
     slices: Range<u32>,
     cells: Cell,
     asked: Asked,
-) -> Result<(Slices, u64, Vec<u32>)> {
+) -> Result<(Slices, u64, Vec<u32>, Vec<u8>)> {
     let (columns, reach) = (levels.width, i64::from(asked.ball.radius()));
-    let (first, end) = (i64::from(slices.start), i64::from(slices.end));
-    // A slice below the first, for its faces.
-    let tops = levels.read(first - 1 - 2 * reach..end + 2 * reach, 0)?;
-    let flags = ground.flags.read(first - 1..end, 0)?;
+    // A slice below the first, for its faces; and as many as tell what is cut off.
+    let beside = if asked.jump.is_some() { CUT } else { 1 };
+    let (first, end) = (i64::from(slices.start) - beside, i64::from(slices.end) + beside);
+    let tops = levels.read(first - 2 * reach..end + 2 * reach, 0)?;
+    let mut flags = ground.flags.read(first..end, 0)?;
     let mut tops = closed(&tops, columns, asked.ball);
+    if let Some(jump) = asked.jump {
+        cut(&mut flags, &tops, columns, jump);
+    }
+    let behind = (beside - 1) as usize * columns;
+    let held = behind..behind + (slices.len() + 1) * columns;
+    let (mut tops, flags) = (tops.drain(held.clone()).collect::<Vec<_>>(), &flags[held]);
     if asked.base {
-        tops.iter_mut().zip(&flags).filter(|(_, flag)| **flag & KEPT == 0).for_each(|(top, _)| *top = 0);
+        tops.iter_mut().zip(flags).filter(|(_, flag)| **flag & KEPT == 0).for_each(|(top, _)| *top = 0);
     }
     let (mut out, mut volume, mut faces) = (Slices::default(), 0, Vec::with_capacity(slices.len()));
     let mut bits = Bits::new(cells[0], cells[2]);
@@ -529,7 +540,26 @@ fn filled(
         ));
         out.push(&bits);
     }
-    Ok((out, volume, faces))
+    Ok((out, volume, faces, flags[columns..].to_vec()))
+}
+
+/// Lines on either side that tell whether a column is cut off: its neighbour's, and those of squares of squares.
+const CUT: i64 = 4;
+
+/// Keeps no columns any more at the foot of what stands before them by more than `jump` cells, so that no wall joins the two.
+fn cut(flags: &mut [u8], tops: &[u32], width: usize, jump: u32) {
+    let kept = |i: usize| flags[i] & KEPT != 0;
+    let stays = |i: usize| {
+        let x = i % width;
+        let beside = [x > 0, x + 1 < width, i >= width, i + width < tops.len()];
+        let beside = beside.into_iter().zip([i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width]);
+        let mut neighbours = beside.filter(|(exists, _)| *exists).map(|(_, neighbour)| neighbour);
+        kept(i) && !neighbours.any(|neighbour| kept(neighbour) && tops[neighbour] > tops[i] + jump)
+    };
+    let left: Vec<bool> = (0..tops.len()).map(stays).collect();
+    for (flag, kept) in flags.iter_mut().zip(without_pinches(&left, width)) {
+        *flag = *flag & !KEPT | if kept { KEPT } else { 0 };
+    }
 }
 
 /// The faces of a slice's columns of these heights that are made: on top, to the columns before them and to those of the slice below, and, of a closed

@@ -18,6 +18,8 @@ pub struct Open {
     pub ball: i32,
     /// Whether it is closed at the bottom.
     pub base: bool,
+    /// The highest step whose wall is kept.
+    pub jump: Option<i32>,
     /// Steps of smoothing.
     pub smooth: u32,
 }
@@ -100,7 +102,15 @@ impl Ground {
         let higher: BTreeMap<Place, i32> = all(open.ball).into_iter().map(|p| (p, higher(p))).collect();
         let lower = |p: Place| ball.iter().map(|(d, h)| higher[&over(p, d)] - h).min().unwrap();
         let cut = |p: &Place| !open.base || kept.contains(p);
-        let solid = all(0).into_iter().map(|p| (p, if cut(&p) { lower(p) } else { 0 })).collect();
+        let solid: BTreeMap<Place, i32> = all(0).into_iter().map(|p| (p, if cut(&p) { lower(p) } else { 0 })).collect();
+        let foot = |p: &Place, jump: i32| {
+            let beside = [[-1, 0], [1, 0], [0, -1], [0, 1]].map(|d| over(*p, &d));
+            beside.iter().any(|q| kept.contains(q) && solid.contains_key(p) && solid[q] > solid[p] + jump)
+        };
+        let kept = match open.jump {
+            None => kept,
+            Some(jump) => without_pinches(&kept.iter().copied().filter(|p| !foot(p, jump)).collect()),
+        };
         Ground { open, cells, data, height, kept, solid }
     }
 
