@@ -266,7 +266,7 @@ fn slabs_to_mesh(
     let stitch = |slabs: Vec<SlabMesh>| {
         let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
         let mut stitcher = Stitcher::new(sampled.grid, halo(SMOOTH), FRAME, mesh);
-        slabs.into_iter().for_each(|slab| stitcher.add(slab).expect("room"));
+        slabs.into_iter().for_each(|slab| drop(stitcher.add(slab).expect("room")));
         stitcher.finish().expect("room").0
     };
     let slabs = make();
