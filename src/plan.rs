@@ -439,7 +439,14 @@ impl MemoryPlan {
             let jobs = SlabJobs { running, ahead, piece_points: 0 };
             let making = jobs.running as u64;
             let room = self.working.saturating_sub(jobs.bytes(load, 0) + making * means) / making;
-            let piece_points = piece_in(load, room).min(self.piece_points as u64);
+            // What retreat needs more than fitting is room for points, too.
+            let fits = |piece: &u64| {
+                let jobs = SlabJobs { piece_points: *piece as usize, ..jobs };
+                jobs.bytes(load, *piece) + making * means <= self.working
+            };
+            let doubled = std::iter::successors(Some(PIECE.1), |piece| Some(2 * piece));
+            let beside = doubled.take_while(|piece| *piece <= PIECE.0 && fits(piece)).last().unwrap_or(0);
+            let piece_points = piece_in(load, room).max(beside).min(self.piece_points as u64);
             // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
             let enough = if running > 1 { GOOD_PIECE } else { PIECE.1 };
             if piece_points >= enough.min(self.piece_points as u64).min(load.slab_points()) {
