@@ -403,7 +403,8 @@ impl Live {
         // Columns lie side by side along x or along z: whether a corner's are live depends on one of the two, whether it lies at the bottom on the other.
         let made = |corner: [u32; 3]| columns.is_live(j.into(), corner[columns.up().across()].into());
         let above = |corner: [u32; 3]| !columns.at_bottom(corner);
-        let (along_x, along_z): (&dyn Fn([u32; 3]) -> bool, &dyn Fn([u32; 3]) -> bool) =
+        type Test<'a> = &'a dyn Fn([u32; 3]) -> bool;
+        let (along_x, along_z): (Test<'_>, Test<'_>) =
             if columns.up().across() == 0 { (&made, &above) } else { (&above, &made) };
         let mut words = vec![0; words_for(width)];
         for i in (0..width).filter(|i| along_x([*i, j, 0])) {

@@ -546,15 +546,19 @@ fn filled(
 /// Lines on either side that tell whether a column is cut off: its neighbour's, and those of squares of squares.
 const CUT: i64 = 4;
 
-/// Keeps no columns any more at the foot of what stands before them by more than `jump` cells, so that no wall joins the two.
+/// The steepest that a sheet's bridges may be, in cells for each column.
+const STEEPEST: u32 = 4;
+
+/// Keeps no columns any more at the foot of what stands before them by more than `jump` cells, so that no wall joins the two, and no steep bridges.
 fn cut(flags: &mut [u8], tops: &[u32], width: usize, jump: u32) {
     let kept = |i: usize| flags[i] & KEPT != 0;
     let stays = |i: usize| {
-        let x = i % width;
-        let beside = [x > 0, x + 1 < width, i >= width, i + width < tops.len()];
-        let beside = beside.into_iter().zip([i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width]);
-        let mut neighbours = beside.filter(|(exists, _)| *exists).map(|(_, neighbour)| neighbour);
-        kept(i) && !neighbours.any(|neighbour| kept(neighbour) && tops[neighbour] > tops[i] + jump)
+        let (x, y) = (i % width, i / width);
+        let lines = y.saturating_sub(1)..(y + 2).min(tops.len() / width);
+        let mut around = lines.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(width)).map(move |x| y * width + x));
+        let is_bridge = flags[i] & DATA == 0;
+        let breaks = |other: u32| other > tops[i] + jump || is_bridge && other.abs_diff(tops[i]) > STEEPEST;
+        kept(i) && !around.any(|other| kept(other) && breaks(tops[other]))
     };
     let left: Vec<bool> = (0..tops.len()).map(stays).collect();
     for (flag, kept) in flags.iter_mut().zip(without_pinches(&left, width)) {

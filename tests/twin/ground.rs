@@ -104,8 +104,10 @@ impl Ground {
         let cut = |p: &Place| !open.base || kept.contains(p);
         let solid: BTreeMap<Place, i32> = all(0).into_iter().map(|p| (p, if cut(&p) { lower(p) } else { 0 })).collect();
         let foot = |p: &Place, jump: i32| {
-            let beside = [[-1, 0], [1, 0], [0, -1], [0, 1]].map(|d| over(*p, &d));
-            beside.iter().any(|q| kept.contains(q) && solid.contains_key(p) && solid[q] > solid[p] + jump)
+            let beside: Vec<Place> = (-1..=1).flat_map(|x| (-1..=1).map(move |y| [p[0] + x, p[1] + y])).collect();
+            let steep = |q: &Place| !data.contains(p) && (solid[q] - solid[p]).abs() > 4;
+            let breaks = |q: &Place| kept.contains(q) && (solid[q] > solid[p] + jump || steep(q));
+            solid.contains_key(p) && beside.iter().any(breaks)
         };
         let kept = match open.jump {
             None => kept,
