@@ -22,6 +22,10 @@ use crate::stage::ground::Found as Columns;
 use crate::stage::seal::Trial;
 use crate::stitch::Counts;
 
+/// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
+/// hundred; of a cloud with one point a thousand times as far away as the others, nearly all points share a cell.
+const CROWDED: f64 = 1000.0;
+
 /// Everything about a finished run.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct Report {
@@ -35,6 +39,8 @@ pub struct Report {
     pub points: PointsReport,
     /// The grid.
     pub grid: GridReport,
+    /// Points to an occupied cell, on average.
+    pub points_to_a_cell: f64,
     /// The closing.
     pub closing: Closing,
     /// What became of the vertices.
@@ -291,6 +297,14 @@ impl fmt::Display for Report {
         }
         writeln!(f)?;
         writeln!(f, "grid     {}", self.grid)?;
+        if self.points_to_a_cell > CROWDED {
+            let crowd = thousands(self.points_to_a_cell as u64);
+            writeln!(
+                f,
+                "         {crowd} points to an occupied cell, on average: too coarse to show what they are of. Points far away may stretch the\n         \
+                 box; --bounds leaves them out, and --cell-size makes cells finer"
+            )?;
+        }
         match (&self.parameters.open, self.closing.columns) {
             (Some(open), Some(columns)) => {
                 let kind = match open.kind {

@@ -254,6 +254,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         parameters: Parameters::of(&job.settings),
         points: PointsReport::of(&cloud, &surveyed),
         grid: GridReport::of(&surveyed.grid),
+        points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
         closing: Closing::of(&made),
         vertices: made.counts,
         check: checked,

@@ -102,7 +102,7 @@ proptest! {
             ..Settings::default()
         };
         let report = run_job(&Job { settings, ..job(std::slice::from_ref(&whole), &here, 2, 1 << 30) });
-        prop_assert_eq!(&report.points.attributes, &["intensity", "class"].map(|n| asra_stream::attribute::canonical(n)));
+        prop_assert_eq!(&report.points.attributes, &["intensity", "classification"]);
         let records = least_records(&samples);
         let all: BTreeSet<&Vec<u8>> = records.values().collect();
         let mut fitted = 0;

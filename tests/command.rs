@@ -494,6 +494,22 @@ fn order_files_and_formats_of_the_points_do_not_show_in_the_mesh() {
     assert!(f.read("reversed.ply") == f.read("text.ply"));
 }
 
+#[test]
+fn points_that_share_a_few_cells_are_told_of() {
+    let f = Folder::new();
+    let mut points = f.knot(8000);
+    let answer = f.ok("k.ply -o even.ply");
+    assert!(!answer.err.contains("points to an occupied cell"), "{}", answer.err);
+    points.push([1e6; 3]);
+    f.write("far.ply", ply(&points));
+    let answer = f.ok("far.ply -o far.mesh.ply --report r.json");
+    assert!(answer.err.contains("points to an occupied cell, on average: too coarse"), "{}", answer.err);
+    assert!(report(&f, "r.json")["points_to_a_cell"].as_f64().unwrap() > 1000.0);
+    // As it says: without the stray, it is the cloud it was.
+    f.ok("far.ply -o near.ply --bounds -9,-9,-9,9,9,9");
+    assert_eq!(f.read("near.ply"), f.read("even.ply"));
+}
+
 // ---- Subcommands ----
 
 const TETRAHEDRON: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
