@@ -80,7 +80,7 @@ fn every_writer_is_read_back() {
         }
     }
     let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
-    assert_eq!(left.len(), 4, "temporary files are gone");
+    assert_eq!(left.len(), 5, "four meshes and a side-car: temporary files are gone");
 }
 
 #[test]
