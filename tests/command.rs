@@ -570,7 +570,7 @@ fn terrain_is_open_on_purpose_and_a_base_closes_it() {
     assert_eq!(report["parameters"]["open"]["facing"], "+z");
     assert!(report["closing"]["columns"]["data"].as_u64().unwrap() > 1000);
     let answer = f.ok("check t.ply --open");
-    let verdict = "open, with 1 boundary loop, consistently oriented, manifold, free of self-intersections\n";
+    let verdict = "not closed (1 boundary loop), consistently oriented, manifold, free of self-intersections\n";
     assert!(answer.out.ends_with(verdict), "{}", answer.out);
     f.fails("check t.ply", 4, &[]);
     f.ok("t.bin --surface sheet --facing +z --cell-size auto -o s.ply");

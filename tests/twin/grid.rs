@@ -89,12 +89,17 @@ pub fn turned_up(d: [f64; 3]) -> [[f64; 3]; 3] {
     [first, second, up]
 }
 
-/// The cell of a point, along the grid's axes.
-pub fn cell_of(p: [f64; 3], params: &Params) -> [i32; 3] {
-    let p = match params.turn {
+/// A point's coordinates along the axes that the box has: the file's, or turned ones.
+pub fn own(p: [f64; 3], params: &Params) -> [f64; 3] {
+    match params.turn {
         Some(turn) => turn.map(|axis| axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]),
         None => p,
-    };
+    }
+}
+
+/// The cell of a point, along the grid's axes.
+pub fn cell_of(p: [f64; 3], params: &Params) -> [i32; 3] {
+    let p = own(p, params);
     let inv = 1.0 / params.w;
     let mut cell = [0; 3];
     for (g, f) in params.axis.permutation().into_iter().enumerate() {

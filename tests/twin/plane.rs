@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Params;
-use super::grid::cell_of;
+use super::grid::{cell_of, own};
 
 /// A cell's points: their mean, in cells along the grid's axes, and their number.
 struct Cell {
@@ -27,7 +27,7 @@ impl Means {
             let (count, offsets) = sums.entry([cell[1], cell[2], cell[0]]).or_default();
             *count += 1;
             for (g, f) in params.axis.permutation().into_iter().enumerate() {
-                let within = (p[f] - params.min[f]) * inv - f64::from(cell[g]);
+                let within = (own(p, params)[f] - params.min[f]) * inv - f64::from(cell[g]);
                 offsets[g] += (within.clamp(0.0, 1.0) * QUANTA).floor() as u64;
             }
         }

@@ -118,8 +118,8 @@ impl fmt::Display for CheckReport {
         let closed = match (self.closed, self.boundary_loops) {
             (true, _) => "closed".to_owned(),
             (false, 0) => "not closed".to_owned(),
-            (false, 1) => "open, with 1 boundary loop".to_owned(),
-            (false, loops) => format!("open, with {loops} boundary loops"),
+            (false, 1) => "not closed (1 boundary loop)".to_owned(),
+            (false, loops) => format!("not closed ({loops} boundary loops)"),
         };
         let oriented = verdict(self.oriented, "consistently oriented", "not consistently oriented");
         let manifold = verdict(self.manifold, "manifold", "not manifold");
