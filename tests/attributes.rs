@@ -183,7 +183,7 @@ fn filters_choose_points_and_are_told_of() {
         run_job(&job);
         vertices(&mesh, &[]);
     }
-    let mut job = job(&[all], &mesh, 2, 1 << 30);
+    let mut job = job(&[all], &dir.path().join("none.ply"), 2, 1 << 30);
     job.input.filter.returns = asra_stream::input::Returns::First;
     let error = run(&job, &Workers::new(1).unwrap(), &mut Progress::new(Show::Nothing)).unwrap_err().to_string();
     assert!(error.contains("all.bin: its points have no return_number"), "{error}");

@@ -662,11 +662,11 @@ fn large_coordinates_keep_their_place() {
     let f = Folder::new();
     f.ok("generate torus 5000 -o t.ply --size 10 --offset 500000,5400000,200");
     for format in ["ply", "obj", "glb", "stl"] {
-        f.ok(&format!("t.ply -o m.{format} --report r.json"));
+        f.ok(&format!("t.ply -o {format}.{format} --report r.json"));
         let report = report(&f, "r.json");
         let least = report["check"]["bounds"][0][1].as_f64().unwrap() + report["output"]["origin"][1].as_f64().unwrap();
         assert!((least - 5_399_995.0).abs() < 0.1, "{least}");
-        f.ok(&format!("check m.{format} -q"));
+        f.ok(&format!("check {format}.{format} -q"));
     }
 }
 
