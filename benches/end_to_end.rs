@@ -53,6 +53,7 @@ impl Bench<'_> {
             input: InputOptions::default(),
             settings: Settings::default(),
             output: Some(self.dir.join("knot.ply")),
+            tile: None,
             overwrite: Overwrite::Replace,
             positions: Positions::Shifted,
             means: Means {

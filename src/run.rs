@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
-use crate::output::{Positions, Target};
+use crate::output::{Positions, Target, Tiles};
 use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
 use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress};
@@ -28,6 +28,8 @@ pub struct Job {
     pub settings: Settings,
     /// The mesh file; by default beside the first input.
     pub output: Option<PathBuf>,
+    /// The side of square tiles, in the input's units, if the mesh is to be a folder of them.
+    pub tile: Option<f64>,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
     /// Which coordinates the mesh file has.
@@ -46,6 +48,7 @@ impl Job {
             input: InputOptions::default(),
             settings: Settings::default(),
             output: None,
+            tile: None,
             overwrite: Overwrite::Refuse,
             positions: Positions::default(),
             means: Means::default(),
@@ -218,7 +221,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     };
     refuse_input_as_output(&files, &output)?;
     // What can fail for want of room or rights fails now, not after the work.
-    let target = Target::prepare(&output, job.overwrite, job.positions)?;
+    let target = match job.tile {
+        None => Place::File(Target::prepare(&output, job.overwrite, job.positions)?),
+        Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, job.positions)?),
+    };
     let workspace = job.means.workspace(&output)?;
     let cloud = open(job, &files, &workspace, workers, progress)?;
 
@@ -245,7 +251,15 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let elements = made.mesh.vertex_count() + made.mesh.face_count();
     progress.begin(Phase::Write, Some(elements));
     let header = header(&cloud, &surveyed, job, &made);
-    let written = target.write(&made.mesh, &header, workers, &mut |done| progress.set(done))?;
+    let mut told = |done| progress.set(done);
+    let (path, written) = match target {
+        Place::File(target) => (output, target.write(&made.mesh, &header, workers, &mut told)?),
+        Place::Tiles(tiles) => {
+            let memory = made.memory.working;
+            let written = tiles.write(&made.mesh, &header, memory, workers, &workspace, &mut told)?;
+            (Tiles::path(&output), written)
+        }
+    };
     progress.end();
 
     Ok(Report {
@@ -259,7 +273,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         vertices: made.counts,
         check: checked,
         output: OutputReport {
-            path: output,
+            path,
             bytes: written.bytes,
             vertices: made.mesh.vertex_count(),
             triangles: made.mesh.face_count(),
@@ -273,6 +287,12 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             peak_disk: workspace.peak_on_disk(),
         },
     })
+}
+
+/// Where the mesh goes.
+enum Place {
+    File(Target),
+    Tiles(Tiles),
 }
 
 /// The files of a cloud, for the report.

@@ -682,6 +682,24 @@ fn the_scan_in_the_repository_becomes_a_closed_mesh() {
     );
 }
 
+#[test]
+fn a_mesh_is_written_in_tiles() {
+    let f = Folder::new();
+    f.ok("generate torus 8000 -o t.ply --size 10 --offset 500000,5400000,200");
+    let answer = f.ok("t.ply -o city.glb --tile 4 --report r.json");
+    assert!(answer.err.contains("output   city.tiles, "), "{}", answer.err);
+    let index: serde_json::Value = serde_json::from_slice(&f.read("city.tiles/index.json")).unwrap();
+    let tiles = index["tiles"].as_array().unwrap();
+    assert_eq!(
+        tiles.iter().map(|t| t["triangles"].as_u64().unwrap()).sum::<u64>(),
+        report(&f, "r.json")["output"]["triangles"]
+    );
+    assert!(tiles.iter().any(|t| t["file"] == "125000_1349999.glb") && !f.path("city.glb").exists());
+    f.fails("t.ply -o city.glb --tile 4", 2, &["city.tiles: exists already"]);
+    f.ok("t.ply -o city.glb --tile 4 --overwrite -q");
+    f.fails("t.ply -o city.stl --tile 4", 2, &["--tile: city.stl names no PLY or GLB files"]);
+}
+
 // ---- Words ----
 
 #[test]

@@ -65,6 +65,9 @@ pub struct ReconstructArguments {
     /// Replace the output if it exists
     #[arg(long)]
     pub overwrite: bool,
+    /// Write a file for each square of this side, in the input's units, and an index, in the folder city.tiles for city.ply: PLY and GLB
+    #[arg(long, value_name = "SIDE", value_parser = positive, allow_negative_numbers = true)]
+    pub tile: Option<f64>,
     /// Write the input's own coordinates in double precision, without an origin: PLY only
     #[arg(long)]
     pub ply_double: bool,
@@ -449,6 +452,7 @@ impl ReconstructArguments {
         let positions = if self.ply_double { Positions::Absolute } else { Positions::Shifted };
         Ok(Job {
             output,
+            tile: self.tile,
             overwrite: overwrite(self.overwrite),
             positions,
             check,

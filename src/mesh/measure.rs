@@ -58,6 +58,11 @@ impl Corners {
         self.pick(mesh)
     }
 
+    /// The vertices of the table, in ascending order, if no window was read.
+    pub fn numbers(&self) -> &[u32] {
+        &self.numbers
+    }
+
     /// Replaces each vertex number by its rank among the distinct ones, which are left in `numbers`.
     fn renumber(&mut self, faces: &mut [[u32; 3]]) {
         let corners = faces.as_flattened_mut();

@@ -20,6 +20,7 @@ mod sidecar;
 mod stl;
 #[cfg(test)]
 mod tests;
+mod tiles;
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -64,6 +65,8 @@ impl Format {
         }
     }
 }
+
+pub use tiles::Tiles;
 
 /// Which coordinates vertices are written with, where the format has a choice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -172,3 +172,65 @@ fn where_a_mesh_lies_is_told_in_it_or_beside_it() {
     assert_eq!(absolute, (moved, faces));
     assert!(matches!(write("a.glb", Positions::Absolute), Err(Error::Usage(_))));
 }
+
+#[test]
+fn tiles_hold_every_triangle_once_with_the_same_bits() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let header = MeshHeader { origin: [500_000.25, -0.1, 0.0], ..MeshHeader::default() };
+    let (mut vertices, faces) = strip(30_000);
+    // Several squares along y, too, and triangles in an order that jumps between them.
+    vertices.iter_mut().enumerate().for_each(|(i, v)| v[1] += (i % 7) as f64 * 1e3);
+    let mesh = spool(&(vertices, faces), Precision::Double, &workspace);
+    let corners = |(vertices, faces): &Elements| -> Vec<[[u64; 3]; 3]> {
+        faces.iter().map(|face| face.map(|v| vertices[v as usize].map(f64::to_bits))).collect()
+    };
+    let mut expected = corners(&elements(&mesh));
+    expected.sort_unstable();
+    let output = dir.path().join("city.ply");
+    let write = |side: f64, overwrite, threads: usize, memory: u64| {
+        let workers = Workers::new(threads).unwrap();
+        let tiles = Tiles::prepare(&output, side, overwrite, Positions::Shifted)?;
+        tiles.write(&mesh, &header, memory, &workers, &workspace, &mut |_| ())
+    };
+    let folder = dir.path().join("city.tiles");
+    let contents = || -> std::collections::BTreeMap<String, Vec<u8>> {
+        let files = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
+        files.map(|f| (f.file_name().unwrap().to_str().unwrap().to_owned(), std::fs::read(f).unwrap())).collect()
+    };
+    let written = write(1e3, Overwrite::Refuse, 1, 1 << 30).unwrap();
+    let first = contents();
+    assert_eq!(written.bytes, first.values().map(|bytes| bytes.len() as u64).sum::<u64>());
+    let index: serde_json::Value = serde_json::from_slice(&first["index.json"]).unwrap();
+    let tiles = index["tiles"].as_array().unwrap();
+    assert!(tiles.len() > 30 && tiles.len() + 1 == first.len());
+    let mut found = Vec::new();
+    for tile in tiles {
+        let name = tile["file"].as_str().unwrap();
+        let read = elements(&*open(&folder.join(name), &workspace, 1 << 26).unwrap());
+        assert_eq!(
+            (tile["vertices"].as_u64(), tile["triangles"].as_u64()),
+            (Some(read.0.len() as u64), Some(read.1.len() as u64))
+        );
+        let side = |a: usize| tile[["x", "y"][a]].as_i64().unwrap();
+        for face in &read.1 {
+            for a in 0..2 {
+                let middle = face.iter().map(|v| read.0[*v as usize][a]).sum::<f64>() / 3.0 + header.origin[a];
+                assert_eq!((middle / 1e3).floor() as i64, side(a));
+            }
+        }
+        found.extend(corners(&read));
+    }
+    found.sort_unstable();
+    assert!(found == expected);
+
+    assert!(matches!(write(1e3, Overwrite::Refuse, 1, 1 << 30), Err(Error::OutputExists(path)) if path == folder));
+    write(1e3, Overwrite::Replace, 3, 1 << 30).unwrap();
+    assert!(contents() == first, "the same bytes for any threads");
+    let error = write(1e9, Overwrite::Replace, 2, 1 << 20).unwrap_err().to_string();
+    assert!(error.contains("make tiles smaller or --max-memory larger"), "{error}");
+    assert!(contents() == first, "what was there stays");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "nothing else is left");
+    let obj = Tiles::prepare(&dir.path().join("a.obj"), 1.0, Overwrite::Refuse, Positions::Shifted);
+    assert!(matches!(obj, Err(Error::Usage(_))));
+}

@@ -1,0 +1,260 @@
+//! Tiles: a mesh as one file for each square of the plane of x and y, and an index.
+//!
+//! ```text
+//!   city.tiles/            +---+---+     every triangle belongs to the square that its middle lies in. Triangles are not cut: where
+//!     index.json           | . | ..|     tiles meet, both name the same vertices, which have the same bits in both, since all
+//!     12_7.ply             +--/\---+     tiles have one origin
+//!     13_7.ply             | /__\. |
+//!                          +---+---+
+//! ```
+//!
+//! Triangles are sorted by tile, a block at a time, into temporary storage; then each tile is put together in memory. The folder appears under its name
+//! when it is whole.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+use tempfile::TempDir;
+
+use super::{Format, Overwrite, Positions, Target, Written, attributes};
+use crate::error::{Error, Result};
+use crate::mesh::measure::Corners;
+use crate::mesh::spool::{FaceRecord, MeshSpool};
+use crate::mesh::{MeshHeader, MeshSource};
+use crate::schedule::Workers;
+use crate::spool::{Spool, Workspace};
+
+/// Triangles sorted at a time.
+const BLOCK: usize = 1 << 15;
+/// The most tiles: more files than that in one folder serve nobody.
+const MOST_TILES: usize = 1_000_000;
+/// Bytes that a tile takes for each of its triangles while it is put together: corners (12, and 13 as they are written) and their keys (24); for half as
+/// many vertices, places (24, twice), numbers (4) and records.
+const PER_TRIANGLE: u64 = 49 + 26 + 16;
+/// Vertices that a block's triangles may span for all of them to be read.
+const WINDOW: usize = 1 << 16;
+/// Vertices read at once where numbers have gaps: reading what is between costs less than another read.
+const GAP: u32 = 64;
+
+/// A square: the whole numbers of its lower corner, in sides.
+type Square = [i64; 2];
+
+/// Where triangles of a tile lie in the spool: the first's byte, and how many.
+type Stretch = (u64, u32);
+
+/// A folder of tiles that is going to be.
+#[derive(Debug)]
+pub struct Tiles {
+    format: Format,
+    side: f64,
+    folder: TempDir,
+    path: PathBuf,
+    overwrite: Overwrite,
+    positions: Positions,
+}
+
+impl Tiles {
+    /// The folder that takes the place of the mesh file `output`: `city.tiles` for `city.ply`.
+    pub fn path(output: &Path) -> PathBuf {
+        output.with_extension("tiles")
+    }
+
+    /// Creates a temporary folder beside the tiles' own, for squares of side `side`, in the input's units.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for formats that cannot be tiles; [`Error::OutputExists`]; [`Error::Io`].
+    pub fn prepare(output: &Path, side: f64, overwrite: Overwrite, positions: Positions) -> Result<Tiles> {
+        let format = Format::from_path(output)?;
+        if !matches!(format, Format::Ply | Format::Glb) {
+            return Err(Error::Usage(format!("--tile: {} names no PLY or GLB files", output.display())));
+        }
+        if positions == Positions::Absolute && format != Format::Ply {
+            return Err(Error::Usage(format!("--ply-double: {} is no PLY file", output.display())));
+        }
+        let path = Self::path(output);
+        if overwrite == Overwrite::Refuse && path.exists() {
+            return Err(Error::OutputExists(path));
+        }
+        let beside = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = tempfile::Builder::new().prefix(".asra-stream.").suffix(".tiles").tempdir_in(beside);
+        let folder = folder.map_err(Error::io(&path, "create a folder beside"))?;
+        Ok(Tiles { format, side, folder, path, overwrite, positions })
+    }
+
+    /// Writes all tiles and their index, and gives the folder its name. `memory` bounds a tile; `progress` is told triangles sorted and written.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::write`].
+    pub fn write(
+        self,
+        mesh: &MeshSpool,
+        header: &MeshHeader,
+        memory: u64,
+        workers: &Workers,
+        workspace: &Workspace,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<Written> {
+        let (spool, tiles) = self.sort(mesh, header, workers, workspace)?;
+        let mut entries = Vec::new();
+        let mut written = Written { bytes: 0 };
+        let mut done = 0;
+        // By y, then by x, as pictures are read.
+        for ([y, x], stretches) in tiles {
+            workers.check_cancelled()?;
+            let triangles: u64 = stretches.iter().map(|(_, count)| u64::from(*count)).sum();
+            if triangles * PER_TRIANGLE > memory {
+                let needed = bytesize::ByteSize(triangles * PER_TRIANGLE);
+                return Err(Error::Usage(format!(
+                    "--tile {}: a tile has {triangles} triangles, which take {needed} of memory; make tiles smaller or --max-memory larger",
+                    self.side
+                )));
+            }
+            let tile = self.tile(mesh, &spool, &stretches, workspace)?;
+            let name = format!("{x}_{y}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
+            let target = Target::prepare(&self.folder.path().join(&name), Overwrite::Refuse, self.positions)?;
+            let file = target.write(&tile.mesh, header, workers, &mut |_| ())?;
+            written.bytes += file.bytes;
+            done += triangles;
+            progress(done);
+            let [low, high] = tile.bounds.map(|p| [0, 1, 2].map(|a| p[a] + header.origin[a]));
+            entries.push(json!({
+                "file": name, "x": x, "y": y, "vertices": tile.mesh.vertex_count(), "triangles": triangles, "bytes": file.bytes,
+                "min": low, "max": high,
+            }));
+        }
+        let origin = if self.positions == Positions::Absolute { [0.0; 3] } else { header.origin };
+        let index = json!({
+            "version": 1, "side": self.side, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
+        });
+        let path = self.folder.path().join("index.json");
+        let text = serde_json::to_vec_pretty(&index).expect("numbers and text are JSON");
+        written.bytes += text.len() as u64;
+        std::fs::File::create_new(&path)
+            .and_then(|mut file| file.write_all(&text))
+            .map_err(Error::io(&path, "write"))?;
+        self.finish()?;
+        Ok(written)
+    }
+
+    /// Sorts all triangles by tile, those of a tile in the mesh's order.
+    fn sort(
+        &self,
+        mesh: &MeshSpool,
+        header: &MeshHeader,
+        workers: &Workers,
+        workspace: &Workspace,
+    ) -> Result<(Spool, BTreeMap<Square, Vec<Stretch>>)> {
+        let mut spool = workspace.spool(0);
+        let mut tiles: BTreeMap<Square, Vec<Stretch>> = BTreeMap::new();
+        let blocks = mesh.face_count().div_ceil(BLOCK as u64) as usize;
+        let place = |number: usize| {
+            let first = number as u64 * BLOCK as u64;
+            let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
+            mesh.read_faces(first, &mut faces)?;
+            let squares = self.squares(mesh, header, &faces)?;
+            let mut order: Vec<u32> = (0..faces.len() as u32).collect();
+            order.sort_by_key(|&i| squares[i as usize]);
+            let sorted: Vec<[u32; 3]> = order.iter().map(|&i| faces[i as usize]).collect();
+            let mut counts: Vec<(Square, u32)> = Vec::new();
+            for square in order.iter().map(|&i| squares[i as usize]) {
+                match counts.last_mut() {
+                    Some((last, count)) if *last == square => *count += 1,
+                    _ => counts.push((square, 1)),
+                }
+            }
+            Ok((sorted, counts))
+        };
+        workers.in_order_range(workers.threads() + 1, blocks, place, |(sorted, counts)| {
+            let mut at = spool.append(bytemuck::cast_slice(&sorted))?;
+            for (square, count) in counts {
+                tiles.entry(square).or_default().push((at, count));
+                at += u64::from(count) * size_of::<[u32; 3]>() as u64;
+            }
+            if tiles.len() > MOST_TILES {
+                let side = self.side;
+                return Err(Error::Usage(format!(
+                    "--tile {side}: that makes more than {MOST_TILES} tiles; larger ones are needed"
+                )));
+            }
+            Ok(())
+        })?;
+        Ok((spool, tiles))
+    }
+
+    /// The squares, as [y, x], of the triangles' middles.
+    fn squares(&self, mesh: &MeshSpool, header: &MeshHeader, faces: &[[u32; 3]]) -> Result<Vec<Square>> {
+        let (mut local, mut corners) = (faces.to_vec(), Corners::default());
+        corners.fill(mesh, &mut local, WINDOW)?;
+        let square = |face: &[u32; 3]| {
+            let corners = face.map(|v| corners.table[v as usize]);
+            let along = |a: usize| {
+                let middle = (corners[0][a] + corners[1][a] + corners[2][a]) / 3.0 + header.origin[a];
+                // Saturates: far too many tiles are refused by their number.
+                (middle / self.side).floor() as i64
+            };
+            [along(1), along(0)]
+        };
+        Ok(local.iter().map(square).collect())
+    }
+
+    /// Puts a tile together.
+    fn tile(&self, mesh: &MeshSpool, spool: &Spool, stretches: &[Stretch], workspace: &Workspace) -> Result<Tile> {
+        let mut faces: Vec<[u32; 3]> = Vec::new();
+        for (at, count) in stretches {
+            let before = faces.len();
+            faces.resize(before + *count as usize, [0; 3]);
+            spool.read_at(*at, bytemuck::cast_slice_mut(&mut faces[before..]))?;
+        }
+        let mut corners = Corners::default();
+        // No window: the vertices that are used, and no others, are numbered anew in their order.
+        corners.fill(mesh, &mut faces, 0)?;
+        let mut out = MeshSpool::with_attributes(workspace, mesh.precision(), mesh.schema().clone(), u64::MAX);
+        out.append_vertices(&corners.table)?;
+        let stride = mesh.schema().stride();
+        if stride > 0 {
+            for run in corners.numbers().chunk_by(|a, b| b - a <= GAP) {
+                for run in run.chunks(BLOCK) {
+                    let (first, last) = (run[0], run[run.len() - 1]);
+                    let records = attributes::records(mesh, u64::from(first), (last - first) as usize + 1)?;
+                    for v in run.iter().map(|v| (v - first) as usize) {
+                        out.append_attributes(&records[v * stride..(v + 1) * stride])?;
+                    }
+                }
+            }
+        }
+        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for place in &corners.table {
+            bounds[0] = [0, 1, 2].map(|a| bounds[0][a].min(place[a]));
+            bounds[1] = [0, 1, 2].map(|a| bounds[1][a].max(place[a]));
+        }
+        let records: Vec<FaceRecord> = faces.iter().map(|face| FaceRecord::new(*face)).collect();
+        out.append_faces(&records)?;
+        Ok(Tile { mesh: out, bounds })
+    }
+
+    /// Gives the folder its name; one of that name goes if it may.
+    fn finish(self) -> Result<()> {
+        let name = |e| Error::io(&self.path, "name the finished folder")(e);
+        if self.overwrite == Overwrite::Replace && self.path.exists() {
+            // Out of the way first, at once; what it holds goes when the new one has its name.
+            let old = self.folder.path().with_extension("old");
+            std::fs::rename(&self.path, &old).map_err(name)?;
+            std::fs::rename(self.folder.keep(), &self.path).map_err(name)?;
+            let remove = if old.is_dir() { std::fs::remove_dir_all(&old) } else { std::fs::remove_file(&old) };
+            return remove.map_err(Error::io(&old, "remove"));
+        }
+        // Onto a folder that came up meanwhile, this works only if that is empty.
+        std::fs::rename(self.folder.path(), &self.path).map_err(name)?;
+        let _gone = self.folder.keep();
+        Ok(())
+    }
+}
+
+/// One tile.
+struct Tile {
+    mesh: MeshSpool,
+    /// The least and the greatest coordinates of its vertices.
+    bounds: [[f64; 3]; 2],
+}
