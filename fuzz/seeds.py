@@ -2,6 +2,7 @@
 """Writes small files of every format to fuzz/corpus, for the targets to begin with. Needs Python, and for Zstandard the command zstd."""
 import gzip
 import pathlib
+import random
 import struct
 import subprocess
 
@@ -83,6 +84,115 @@ def packed():
         yield name, b"\x50\x2a\x4d\x18\x03\0\0\0abc" + frame + (frame if name == "frames" else b"")
 
 
-for target in [ply, text, raw, pcd, npy, obj, stl, packed]:
+# Of LAZ, an item's type and size by what it holds; of LAS, what is in a record of each point format.
+ITEMS = {"point": (6, 20), "time": (7, 8), "colours": (8, 6), "wave": (9, 29),
+         "point14": (10, 30), "colours14": (11, 6), "colours and nir": (12, 8), "wave14": (13, 29)}
+FORMATS = [["point"], ["point", "time"], ["point", "colours"], ["point", "time", "colours"], ["point", "time", "wave"],
+           ["point", "time", "colours", "wave"], ["point14"], ["point14", "colours14"], ["point14", "colours and nir"],
+           ["point14", "wave14"], ["point14", "colours and nir", "wave14"]]
+
+
+def coded(number):
+    """A number as LAZ's table of chunks has its first one, 128 to 65535: of uniform models, none of which has changed yet."""
+    base, length, shifted = 0, 0xFFFFFFFF, 4
+    bits = (number - 1).bit_length()
+    corrected = number - 1
+    low = bits - 8
+    for symbol, symbols in [(bits, 33), (corrected >> low, 256), (corrected & (1 << low) - 1, 1 << low)]:
+        start = [(0x80000000 // symbols * s) >> 16 for s in (symbol, symbol + 1)]
+        part = length >> 15
+        base += start[0] * part
+        length = (length if symbol + 1 == symbols else start[1] * part) - start[0] * part
+        while length < 1 << 24:
+            base, length, shifted = base << 8, length << 8, shifted + 1
+    return (base + length // 2).to_bytes(shifted, "big") + bytes(8)
+
+
+def las():
+    def vlr(user, number, content):
+        return struct.pack("<H16sHH32s", 0, user, number, len(content), b"") + content
+
+    def file(point_format, extra=b"", vlrs=(), points=b"", laz=False):
+        layered, length = point_format >= 6, sum(ITEMS[item][1] for item in FORMATS[point_format]) + len(extra)
+        head = 375 if layered else 227
+        start, packed = head + sum(map(len, vlrs)), 128 if laz else 0
+        out = struct.pack("<4s20xBB68xHIIBHI", b"LASF", 1, 4 if layered else 2, head, start, len(vlrs), point_format | packed, length,
+                          0 if layered else 12).ljust(131, b"\0")
+        out += struct.pack("<6d", 0.01, 0.01, 0.001, 5e5, 4e6, 0)
+        out = out.ljust(247, b"\0") + struct.pack("<Q", 12) if layered else out
+        return out.ljust(head, b"\0") + b"".join(vlrs) + points
+
+    def records(point_format, extra=b""):
+        length = sum(ITEMS[item][1] for item in FORMATS[point_format])
+        return [struct.pack("<3iHB", i, -7 * i, 100 * i, i, 0x11).ljust(length, bytes([i])) + extra for i in range(12)]
+
+    noise = random.Random(1)
+    described = struct.pack("<HBB32s76xd16xd48x", 0, 4, 24, b"Deviation", 0.5, 10)
+    place = vlr(b"LASF_Projection", 34735, struct.pack("<8H", 1, 1, 0, 1, 3072, 0, 1, 25832))
+    for point_format, items in enumerate(FORMATS):
+        extra = b"ab" if point_format in [1, 7] else b""
+        vlrs = [vlr(b"LASF_Spec", 4, described), place] if extra else []
+        yield f"plain{point_format}", file(point_format, extra, vlrs, b"".join(records(point_format, extra)))
+        # Streams of noise decode as any other, until they end.
+        layered, first = point_format >= 6, records(point_format, extra)[0]
+        described_items = [(*ITEMS[item], 3 if layered else 1 if item == "wave" else 2) for item in items]
+        described_items += [(14 if layered else 0, len(extra), 3 if layered else 2)] if extra else []
+        layers = {10: 9, 12: 2, 14: len(extra)}
+        many = sum(layers.get(kind, 1) for kind, _, _ in described_items)
+        for name, kind, size in [("listed", 3 if layered else 2, 50), ("unlisted", 3 if layered else 2, 5), ("one", 1, 50)]:
+            if layered and name == "one":
+                continue
+            chunks = b""
+            for points in [12] if size == 50 else [5, 5, 2]:
+                streams = [b"\0" + noise.randbytes(60) for _ in range(many)] if layered else [b"\0" + noise.randbytes(399)]
+                sizes = struct.pack(f"<{1 + many}I", points, *map(len, streams)) if layered else b""
+                chunks += first + sizes + b"".join(streams)
+            content = struct.pack("<HHBBHIIqqH", kind, 0, 2, 2, 0, 0, size, -1, -1, len(described_items))
+            content += b"".join(struct.pack("<3H", *item) for item in described_items)
+            laszip = [*vlrs, vlr(b"laszip encoded", 22204, content)]
+            start = len(file(point_format, extra, laszip)) + 8
+            table = struct.pack("<II", 0, 1) + coded(len(chunks))
+            packed = {"listed": struct.pack("<q", start + len(chunks)) + chunks + table, "unlisted": struct.pack("<q", -1) + chunks, "one": chunks}
+            yield f"{name}{point_format}", file(point_format, extra, laszip, packed[name], True)
+
+
+def e57():
+    def place(at):
+        return at // 1020 * 1024 + at % 1020
+
+    def file(scans, more=""):
+        """What is in the pages. A scan has fields, each with a description and a stream, and a description of its own."""
+        sections, described = b"", ""
+        for fields, own in scans:
+            streams = [stream for _, _, stream in fields]
+            packet = struct.pack(f"<{1 + len(streams)}H", len(streams), *map(len, streams)) + b"".join(streams)
+            packet += bytes(-len(packet) % 4)
+            at = 48 + len(sections)
+            sections += struct.pack("<B7xQQQ", 1, 36 + len(packet), place(at + 32), 0)
+            sections += struct.pack("<BBH", 1, 0, len(packet) + 3) + packet
+            prototype = "".join(f"<{name} type={kind}/>" for name, kind, _ in fields)
+            described += f'<s>{own}<points fileOffset="{place(at)}" recordCount="4"><prototype>{prototype}</prototype></points></s>'
+        xml = f'<?xml version="1.0"?><e57Root>{more}<data3D>{described}</data3D></e57Root>'.encode()
+        return struct.pack("<8sIIQQQQ", b"ASTM-E57", 1, 0, 4096, place(48 + len(sections)), len(xml), 1024) + sections + xml
+
+    def floats(*names):
+        return [(name, '"Float" precision="single"', FLOATS[4 * i:][:16]) for i, name in enumerate(names)]
+
+    scaled = [(f"cartesian{axis}", f'"ScaledInteger" minimum="-9" maximum="{most}" scale="0.1" offset="2"', bytes(range(size)))
+              for axis, most, size in [("X", 1000, 5), ("Y", -9, 0), ("Z", 99999, 9)]]
+    colours = [(f"color{name}", '"Integer" minimum="0" maximum="255"', b"\1\2\3\4") for name in ["Red", "Green", "Blue"]]
+    rest = [("cartesianInvalidState", '"Integer" minimum="0" maximum="2"', b"\x10"), ("intensity", '"Float"', bytes(32)),
+            ("returnIndex", '"Integer" minimum="0" maximum="6"', b"\x11\2"), ("isColorInvalid", '"Integer" minimum="0" maximum="1"', b"\4")]
+    pose = "<pose><rotation><w>0.8</w><x>0.6</x></rotation><translation><x>1e3</x><y/></translation></pose>"
+    limits = "<colorLimits><colorRedMinimum>5</colorRedMinimum><colorRedMaximum>99</colorRedMaximum></colorLimits>"
+    plain = (floats("cartesianX", "cartesianY", "cartesianZ"), "")
+    many = (scaled + colours + rest, pose + limits)
+    round = (floats("sphericalRange", "sphericalAzimuth", "sphericalElevation"), pose)
+    yield "plain", file([plain])
+    yield "many", file([many], "<coordinateMetadata>EPSG:25832</coordinateMetadata>")
+    yield "scans", file([plain, many, round], "<!-- a --><b><![CDATA[<c>]]>&lt;</b>")
+
+
+for target in [ply, text, raw, pcd, npy, obj, stl, packed, las, e57]:
     for name, content in target():
         seed(target.__name__, name, content)
