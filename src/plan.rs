@@ -63,7 +63,7 @@ const TRIMMED: u64 = 6;
 const COLUMN: (u64, u64) = (17, 5);
 
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some tens of milliseconds.
-const GIVEN_BACK: (u64, u64) = (140, 14 << 20);
+const GIVEN_BACK: (u64, u64) = (210, 24 << 20);
 
 /// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
 const CHECKING: (u64, u64) = (13 << 20, 2);
