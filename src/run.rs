@@ -133,7 +133,7 @@ pub struct Planned {
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
     let files = files(job)?;
     let workspace = job.means.workspace(&default_output(&job.inputs, &files))?;
-    let cloud = open(job, &files, &workspace, workers, progress)?;
+    let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     describe(&cloud, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     let budget = job.means.budget();
@@ -149,7 +149,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
 pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<(Cloud, Surveyed)> {
     let files = files(job)?;
     let workspace = Workspace::unchecked(job.means.folder(&default_output(&job.inputs, &files)));
-    let cloud = open(job, &files, &workspace, workers, progress)?;
+    let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     Ok((cloud, surveyed))
 }
@@ -160,11 +160,21 @@ fn files(job: &Job) -> Result<Vec<PathBuf>> {
     expand(&job.inputs)
 }
 
+/// What of a run is to come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Passes {
+    /// A look at the points.
+    Few,
+    /// The whole.
+    All,
+}
+
 fn open(
     job: &Job,
     files: &[PathBuf],
     workspace: &Workspace,
     workers: &Workers,
+    passes: Passes,
     progress: &mut Progress,
 ) -> Result<Cloud> {
     let mut begun = false;
@@ -176,7 +186,9 @@ fn open(
         progress.set(bytes);
         Ok(())
     };
-    let cloud = Cloud::open_in(files, &job.input, Opening { workspace, memory: job.means.budget(), watch });
+    let decompress = (passes == Passes::All).then_some(workers);
+    let opening = Opening { workspace, memory: job.means.budget(), decompress, watch };
+    let cloud = Cloud::open_in(files, &job.input, opening);
     if begun {
         progress.end();
     }
@@ -226,7 +238,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, job.positions)?),
     };
     let workspace = job.means.workspace(&output)?;
-    let cloud = open(job, &files, &workspace, workers, progress)?;
+    let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
 
     describe(&cloud, progress);
     let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;

@@ -61,7 +61,7 @@ pub fn read(files: &[(&str, &[u8])]) {
         for (name, content) in files {
             std::fs::write(folder.path().join(name), content).expect("a temporary file");
         }
-        let opening = Opening { workspace, memory: BUDGET, watch: &mut |_| Ok(()) };
+        let opening = Opening { workspace, memory: BUDGET, decompress: None, watch: &mut |_| Ok(()) };
         let path = folder.path().join(files[0].0);
         // An error is an answer, too.
         let Ok(cloud) = Cloud::open_in(&[path], &InputOptions::default(), opening) else { return };

@@ -63,6 +63,7 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
     let least = MemoryPlan::least(load, workers.threads());
     let in_memory = |quota: u64, bytes: u64| if quota >= bytes { "in memory" } else { "on disk" };
     let unpacked = cloud.unpacked();
+    let unpacked_then = unpacked + cloud.unpacked_later();
     let mut lines: Vec<(&str, String)> = Vec::new();
     lines.extend(cloud.crs_line().map(|line| ("reference system", line)));
     lines.extend([
@@ -77,7 +78,7 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
             // What is unpacked lies there already.
             format!(
                 "{} at most, of {} free",
-                ByteSize(memory.predicted_disk + unpacked),
+                ByteSize(memory.predicted_disk + unpacked_then),
                 ByteSize(workspace.available()? + unpacked)
             ),
         ),
@@ -88,9 +89,9 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
         ("in flight", format!("{} blocks, {} chunks of slices", memory.blocks_in_flight, memory.chunks_in_flight)),
         ("fitted at once", format!("{} points of a slab", thousands(memory.piece_points as u64))),
     ]);
-    if unpacked > 0 {
+    if unpacked_then > 0 {
         let at = lines.iter().position(|(name, _)| *name == "temporary folder").unwrap_or(0);
-        lines.insert(at, ("unpacked input", format!("{}, part of that", ByteSize(unpacked))));
+        lines.insert(at, ("unpacked input", format!("{}, part of that", ByteSize(unpacked_then))));
     }
     print(&lines)
 }

@@ -72,7 +72,7 @@ fn open_unpacked(
     // Whoever skips a header by hand knows what it is.
     if options.skip_bytes.is_none() {
         if las::is_las(&head) {
-            return las::open(content);
+            return las::open(content, options, unpacking);
         }
         if e57::is_e57(&head) {
             return e57::open(content);

@@ -92,6 +92,7 @@ pub struct Cloud {
     filter: Filter,
     crs: Option<Crs>,
     unpacked: u64,
+    unpacked_later: u64,
 }
 
 /// One file of a cloud, as it was understood.
@@ -152,7 +153,8 @@ impl Cloud {
     pub fn open(inputs: &[PathBuf], options: &InputOptions) -> Result<Cloud> {
         let files = expand(inputs)?;
         let workspace = Workspace::unchecked(Workspace::folder_beside(&files[0]));
-        let opening = Opening { workspace: &workspace, memory: OPENING_MEMORY, watch: &mut |_| Ok(()) };
+        let opening =
+            Opening { workspace: &workspace, memory: OPENING_MEMORY, decompress: None, watch: &mut |_| Ok(()) };
         Cloud::open_in(&files, options, opening)
     }
 
@@ -169,6 +171,7 @@ impl Cloud {
             filter: options.filter.clone(),
             crs: None,
             unpacked: 0,
+            unpacked_later: 0,
         };
         let mut unpacking = Unpacking::new(opening);
         for path in files {
@@ -182,7 +185,7 @@ impl Cloud {
             cloud.formats.push(format);
         }
         cloud.crs = common_crs(&cloud.sources)?;
-        cloud.unpacked = unpacking.bytes();
+        (cloud.unpacked, cloud.unpacked_later) = (unpacking.bytes(), unpacking.later());
         cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
         Ok(cloud)
     }
@@ -200,6 +203,11 @@ impl Cloud {
     /// Bytes of temporary disk that unpacked files take.
     pub fn unpacked(&self) -> u64 {
         self.unpacked
+    }
+
+    /// Bytes of temporary disk that a whole run takes for decompressed files beyond [`Cloud::unpacked`].
+    pub fn unpacked_later(&self) -> u64 {
+        self.unpacked_later
     }
 
     /// The attributes that are carried to the mesh.

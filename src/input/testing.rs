@@ -49,7 +49,11 @@ pub struct WithAttributes {
 impl WithAttributes {
     /// Reads a file.
     pub fn of(path: &Path, options: &InputOptions) -> Result<WithAttributes> {
-        let cloud = Cloud::open(&[path.to_path_buf()], options)?;
+        WithAttributes::of_cloud(Cloud::open(&[path.to_path_buf()], options)?)
+    }
+
+    /// Reads a cloud.
+    pub fn of_cloud(cloud: Cloud) -> Result<WithAttributes> {
         let (mut points, mut records, mut left_out) = (Vec::new(), Vec::new(), (0, 0));
         let mut blocks = cloud.blocks(Carried::Attributes);
         let mut batch = Batch::new(Precision::Double);

@@ -19,6 +19,7 @@ use rustix::event::{PollFd, PollFlags, Timespec};
 
 use super::mapped::{Content, FAULT_WINDOW, Mapped};
 use crate::error::{Error, Result};
+use crate::schedule::Workers;
 use crate::spool::{Temporary, Workspace};
 
 /// The argument that stands for standard input.
@@ -39,6 +40,8 @@ pub struct Opening<'a> {
     pub workspace: &'a Workspace,
     /// Bytes of memory.
     pub memory: u64,
+    /// Who decompresses LAZ, once for all passes, where there is room for that; if nobody, every pass does it anew.
+    pub decompress: Option<&'a Workers>,
     /// Is told the number of bytes unpacked so far, from time to time, and may stop the work with an error.
     pub watch: &'a mut dyn FnMut(u64) -> Result<()>,
 }
@@ -50,17 +53,40 @@ pub struct Unpacking<'a> {
     /// Where the next content begins, and how many bytes there are so far.
     end: u64,
     bytes: u64,
+    /// Bytes that would be decompressed if there were somebody to do it.
+    later: u64,
 }
 
 impl<'a> Unpacking<'a> {
     /// Nothing is unpacked yet.
     pub fn new(opening: Opening<'a>) -> Unpacking<'a> {
-        Unpacking { opening, file: None, end: 0, bytes: 0 }
+        Unpacking { opening, file: None, end: 0, bytes: 0, later: 0 }
     }
 
     /// Bytes of temporary disk that are taken.
     pub fn bytes(&self) -> u64 {
         self.bytes
+    }
+
+    /// Bytes of temporary disk that would be taken, too, if somebody decompressed LAZ for all passes.
+    pub fn later(&self) -> u64 {
+        self.later
+    }
+
+    /// Those who decompress so many bytes that could be decompressed in each pass, too; `None` if it is to be left to the passes: there is but one, or it
+    /// would take more than a quarter of the free disk, whose rest is for points and mesh.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn for_all_passes(&mut self, bytes: u64) -> Result<Option<&'a Workers>> {
+        let room = self.opening.workspace.available()?.saturating_sub(3 * self.bytes + 4 * self.later);
+        if bytes > room / 4 {
+            return Ok(None);
+        }
+        if self.opening.decompress.is_none() {
+            self.later += bytes;
+        }
+        Ok(self.opening.decompress)
     }
 
     /// A new content, empty so far. One is made at a time.

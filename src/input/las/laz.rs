@@ -27,7 +27,8 @@ use laz::las::{v1, v2};
 use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
 use laz::{DecompressionSelection, LazItem, LazItemRecordBuilder, LazItemType, LazVlr};
 
-use super::super::mapped::{Bytes, Mapped};
+use super::super::mapped::{Bytes, Content, Mapped};
+use super::super::unpack::Unpacking;
 use super::super::{BLOCK_RECORDS, BlockCutter, Decode};
 use super::fields::{Decoding, Field, length};
 use super::gps::GpsTimes;
@@ -37,6 +38,7 @@ use super::window::Window;
 use crate::attribute::Schema;
 use crate::error::{Error, Result};
 use crate::points::Batch;
+use crate::schedule::{Spares, Workers};
 
 /// The most extra bytes of a record: the decompressor has models of 10 KiB for each.
 const MAX_EXTRA: usize = 256;
@@ -396,11 +398,10 @@ struct Chunk {
     points: u64,
 }
 
-/// One pass over a LAZ file.
+/// One pass over the records of a LAZ file.
 pub struct Cutter {
     file: Arc<Mapped>,
     packed: Arc<Packed>,
-    decoding: Arc<Decoding>,
     wanted: DecompressionSelection,
     entries: Option<Entries>,
     /// The number of the next chunk, where it begins, and how many points are left from there on.
@@ -421,13 +422,7 @@ enum State {
 
 impl Cutter {
     /// Starts at the first chunk; `count` points are to be read.
-    pub fn new(
-        file: Arc<Mapped>,
-        packed: Arc<Packed>,
-        count: u64,
-        decoding: Arc<Decoding>,
-        wanted: DecompressionSelection,
-    ) -> Result<Cutter> {
+    pub fn new(file: Arc<Mapped>, packed: Arc<Packed>, count: u64, wanted: DecompressionSelection) -> Result<Cutter> {
         let (at, entries) = match packed.chunks {
             Chunks::One { first } | Chunks::Unlisted { first, .. } => (first, None),
             Chunks::Listed { first, table, size } => {
@@ -436,7 +431,7 @@ impl Cutter {
                 (first, Some(entries))
             }
         };
-        Ok(Cutter { file, packed, decoding, wanted, entries, number: 0, at, left: count, state: State::Between })
+        Ok(Cutter { file, packed, wanted, entries, number: 0, at, left: count, state: State::Between })
     }
 
     /// Looks at the next chunk.
@@ -488,8 +483,9 @@ impl Cutter {
     }
 }
 
-impl BlockCutter for Cutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl Cutter {
+    /// The next records, to be decompressed on any thread; `None` at the end.
+    fn next_piece(&mut self) -> Result<Option<Piece>> {
         loop {
             match &mut self.state {
                 State::Between if self.left == 0 => return Ok(None),
@@ -499,24 +495,16 @@ impl BlockCutter for Cutter {
                     let (skip, take) = (*given, (chunk.points - *given).min(BLOCK_RECORDS as u64));
                     *given += take;
                     let bytes = self.file.bytes(chunk.at..chunk.at + *bytes)?;
-                    let (packed, decoding) = (Arc::clone(&self.packed), Arc::clone(&self.decoding));
-                    return Ok(Some(Box::new(Part {
-                        bytes,
-                        packed,
-                        decoding,
-                        wanted: self.wanted,
-                        chunk: *chunk,
-                        skip,
-                        take,
-                    })));
+                    let packed = Arc::clone(&self.packed);
+                    let part = Part { bytes, packed, wanted: self.wanted, chunk: *chunk, skip, take };
+                    return Ok(Some(Piece::Packed(part)));
                 }
                 State::Running(running) if running.done == running.chunk.points => {
                     self.at = running.end();
                     self.state = State::Between;
                 }
                 State::Running(running) => {
-                    let records = running.next(&self.packed)?;
-                    return Ok(Some(Box::new(Records { records, decoding: Arc::clone(&self.decoding) })));
+                    return Ok(Some(Piece::Records(running.next(&self.packed)?)));
                 }
             }
         }
@@ -565,16 +553,25 @@ impl Running {
     }
 }
 
-/// Records that are decompressed already.
-struct Records {
-    records: Vec<u8>,
-    decoding: Arc<Decoding>,
+/// Some of a file's records.
+enum Piece {
+    /// Decompressed already.
+    Records(Vec<u8>),
+    /// To be decompressed.
+    Packed(Part),
 }
 
-impl Decode for Records {
-    fn decode(&self, batch: &mut Batch) -> Result<()> {
-        self.decoding.decode(&self.records, batch);
-        Ok(())
+impl Piece {
+    /// Hands on the records, whole ones, in one or more calls.
+    fn records(&self, sink: impl FnMut(&[u8])) -> Result<()> {
+        let mut sink = sink;
+        match self {
+            Piece::Records(records) => {
+                sink(records);
+                Ok(())
+            }
+            Piece::Packed(part) => part.records(sink),
+        }
     }
 }
 
@@ -582,21 +579,69 @@ impl Decode for Records {
 struct Part {
     bytes: Bytes,
     packed: Arc<Packed>,
-    decoding: Arc<Decoding>,
     wanted: DecompressionSelection,
     chunk: Chunk,
     skip: u64,
     take: u64,
 }
 
-impl Decode for Part {
-    fn decode(&self, batch: &mut Batch) -> Result<()> {
+impl Part {
+    fn records(&self, sink: impl FnMut(&[u8])) -> Result<()> {
         let bytes = &*self.bytes;
         let word = |at: u64| Ok(bytes.get(at as usize..at as usize + 4).map(LE::read_u32));
         self.packed.check(bytes.len() as u64, word)?.map_err(|found| self.packed.broken(self.chunk, found))?;
-        let sink = |records: &[u8]| self.decoding.decode(records, batch);
         self.packed
             .decompress(bytes, self.wanted, self.skip, self.take, sink)
             .map_err(|stop| stopped(&self.packed.path, self.chunk, stop))
     }
+}
+
+/// The blocks of one pass over a LAZ file, decompressed as they are decoded.
+pub struct Blocks {
+    pub cutter: Cutter,
+    pub decoding: Arc<Decoding>,
+}
+
+impl BlockCutter for Blocks {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+        let Some(piece) = self.cutter.next_piece()? else { return Ok(None) };
+        Ok(Some(Box::new(Block { piece, decoding: Arc::clone(&self.decoding) })))
+    }
+}
+
+struct Block {
+    piece: Piece,
+    decoding: Arc<Decoding>,
+}
+
+impl Decode for Block {
+    fn decode(&self, batch: &mut Batch) -> Result<()> {
+        self.piece.records(|records| self.decoding.decode(records, batch))
+    }
+}
+
+/// Decompresses all records for all passes, by chunks side by side.
+///
+/// # Errors
+/// [`Error::Malformed`] if they are not as they should be; those of [`Unpacking`].
+pub fn unpack(mut cutter: Cutter, workers: &Workers, unpacking: &mut Unpacking) -> Result<Content> {
+    let path = cutter.packed.path.clone();
+    let mut stretch = unpacking.begin()?;
+    let spares = Spares::<Vec<u8>>::default();
+    workers.in_order(
+        workers.threads() + 1,
+        || cutter.next_piece(),
+        |piece| {
+            let mut records = spares.take().unwrap_or_default();
+            records.clear();
+            piece.records(|more| records.extend_from_slice(more))?;
+            Ok(records)
+        },
+        |records| {
+            stretch.append(&records)?;
+            spares.give(records);
+            Ok(())
+        },
+    )?;
+    Ok(stretch.finish(&path))
 }

@@ -23,10 +23,12 @@ use std::sync::Arc;
 
 use self::fields::{Decoding, Field};
 use self::header::Header;
+use super::filter::Sieve;
 use super::mapped::{Bytes, Content, Mapped};
 use super::records::{Transform, same_length};
-use super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat, Source};
-use crate::attribute::{Attribute, Schema};
+use super::unpack::Unpacking;
+use super::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, InputOptions, PointFormat, Source};
+use crate::attribute::{Attribute, Schema, Wanted};
 use crate::error::{Error, Result};
 use crate::points::{Batch, Precision};
 
@@ -35,11 +37,15 @@ pub fn is_las(head: &[u8]) -> bool {
     head.starts_with(b"LASF")
 }
 
-/// Opens the LAS or LAZ file.
+/// Opens the LAS or LAZ file. LAZ is decompressed now, if there is somebody to do it for all passes, and room for it.
 ///
 /// # Errors
-/// [`Error::Malformed`] if its header is not as it should be, or it holds fewer points than it says.
-pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
+/// [`Error::Malformed`] if its header is not as it should be, or it holds fewer points than it says; those of unpacking.
+pub fn open(
+    content: &Content,
+    options: &InputOptions,
+    unpacking: &mut Unpacking,
+) -> Result<(Source, Arc<dyn PointFormat>)> {
     let (file, path) = (content.open()?, content.name());
     let header = Header::read(&file)?;
     let Header { minor, point_format, record, count, transform, .. } = header;
@@ -74,7 +80,8 @@ pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
     };
     let attributes = header.fields.iter().map(|field| field.attribute.clone()).collect();
     let (content, len, start, fields) = (content.clone(), file.len(), header.start, header.fields);
-    Ok((source, Arc::new(LasFile { content, len, start, count, record, transform, fields, attributes, packing })))
+    let las = LasFile { content, len, start, count, record, transform, fields, attributes, packing };
+    Ok((source, Arc::new(las.unpacked(options, unpacking)?)))
 }
 
 /// A LAS or LAZ file.
@@ -104,6 +111,36 @@ enum Packing {
     Laz(Arc<laz::Packed>),
 }
 
+impl LasFile {
+    /// The same points without compression, if several passes over them are to come and there is room.
+    fn unpacked(self, options: &InputOptions, unpacking: &mut Unpacking) -> Result<LasFile> {
+        let Packing::Laz(packed) = &self.packing else { return Ok(self) };
+        let Some(workers) = unpacking.for_all_passes(self.count.saturating_mul(self.record as u64))? else {
+            return Ok(self);
+        };
+        let kept = match options.attributes {
+            Wanted::None => Schema::default(),
+            _ => Wanted::All.of([&*self.attributes])?,
+        };
+        let decoded = Sieve::new(&options.filter, kept, [&*self.attributes].into_iter()).decoded;
+        let cutter = self.pieces(packed, &decoded)?;
+        let content = laz::unpack(cutter, workers, unpacking)?;
+        let len = content.unmapped()?.len();
+        Ok(LasFile { content, len, start: 0, packing: Packing::Plain, ..self })
+    }
+
+    /// One pass over what is compressed, for the attributes of `schema`.
+    fn pieces(&self, packed: &Arc<laz::Packed>, schema: &Schema) -> Result<laz::Cutter> {
+        laz::Cutter::new(self.opened()?, Arc::clone(packed), self.count, laz::selection(&self.fields, schema))
+    }
+
+    fn opened(&self) -> Result<Arc<Mapped>> {
+        let file = self.content.open()?;
+        same_length(&file, self.len)?;
+        Ok(file)
+    }
+}
+
 impl PointFormat for LasFile {
     fn precision(&self) -> Precision {
         Precision::Double
@@ -114,15 +151,10 @@ impl PointFormat for LasFile {
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
-        let file = self.content.open()?;
-        same_length(&file, self.len)?;
         let decoding = Arc::new(Decoding::new(self.record, self.transform, &self.fields, schema));
         Ok(match &self.packing {
-            Packing::Plain => Box::new(Cutter { file, at: self.start, left: self.count, decoding }),
-            Packing::Laz(packed) => {
-                let wanted = laz::selection(&self.fields, schema);
-                Box::new(laz::Cutter::new(file, Arc::clone(packed), self.count, decoding, wanted)?)
-            }
+            Packing::Plain => Box::new(Cutter { file: self.opened()?, at: self.start, left: self.count, decoding }),
+            Packing::Laz(packed) => Box::new(laz::Blocks { cutter: self.pieces(packed, schema)?, decoding }),
         })
     }
 }

@@ -62,11 +62,11 @@ fn several_files_lie_side_by_side() {
         Ok(())
     };
     // The length is one more than the stream's: the byte behind it is no token.
-    let opening = Opening { workspace: &workspace, memory: 1 << 20, watch };
+    let opening = Opening { workspace: &workspace, memory: 1 << 20, decompress: None, watch };
     let error = Cloud::open_in(&files, &InputOptions::default(), opening).unwrap_err().to_string();
     assert!(error.contains("b.gz: byte 65: expected a whole token of LZF"), "{error}");
     std::fs::write(path("b.gz"), gzip(&[&pcd[..44], b"\x0d", &pcd[45..pcd.len() - 1]].concat())).unwrap();
-    let opening = Opening { workspace: &workspace, memory: 1 << 20, watch };
+    let opening = Opening { workspace: &workspace, memory: 1 << 20, decompress: None, watch };
     let cloud = Cloud::open_in(&files, &InputOptions::default(), opening).unwrap();
     let (points, _) = super::super::testing::collect_all(&cloud).unwrap();
     assert_eq!(points[..3], [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [0.0, 0.0, 0.5]]);
@@ -83,7 +83,8 @@ fn whoever_watches_may_stop_it() {
     let path = dir.path().join("a.gz");
     std::fs::write(&path, gzip(text().as_bytes())).unwrap();
     let workspace = Workspace::new(dir.path()).unwrap();
-    let opening = Opening { workspace: &workspace, memory: 1 << 20, watch: &mut |_| Err(Error::Interrupted) };
+    let opening =
+        Opening { workspace: &workspace, memory: 1 << 20, decompress: None, watch: &mut |_| Err(Error::Interrupted) };
     assert!(matches!(Cloud::open_in(&[path], &InputOptions::default(), opening), Err(Error::Interrupted)));
 }
 
@@ -151,7 +152,7 @@ fn windows_are_bounded_by_memory() {
     std::fs::write(&path, encoder.finish().unwrap()).unwrap();
     let workspace = Workspace::new(dir.path()).unwrap();
     let open = |memory: u64| {
-        let opening = Opening { workspace: &workspace, memory, watch: &mut |_| Ok(()) };
+        let opening = Opening { workspace: &workspace, memory, decompress: None, watch: &mut |_| Ok(()) };
         Cloud::open_in(std::slice::from_ref(&path), &InputOptions::default(), opening)
     };
     let error = open(32 << 20).unwrap_err().to_string();
