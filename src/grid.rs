@@ -152,6 +152,97 @@ impl Turn {
 /// A place in the grid: x, slice, row.
 pub type Cell = [u32; 3];
 
+/// The least planes that a gap keeps, whatever the cloud: more than any ball that is tried on so few planes with points is wide.
+const GAP: u32 = 256;
+/// The most gaps that are shortened along an axis.
+const FOLDS: usize = 4;
+/// A gap is shortened from this part of the longest side on: then a coarse look at the points shows whether there can be one.
+const SHOWS: u32 = 32;
+
+/// Planes that are left out in the middle of a gap. Planes are *raw* as long as all of them are counted.
+///
+/// ```text
+///   raw   |##|##|  |  |  |  |  |  |  |#|     # planes with points
+///              first ^        ^ end
+///   grid  |##|##|  |  |  |#|
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Fold {
+    /// The raw planes that are left out.
+    first: u32,
+    end: u32,
+    /// Planes left out up to here.
+    so_far: u32,
+}
+
+impl Fold {
+    /// The first plane of the grid behind it.
+    fn behind(&self) -> u32 {
+        self.end - self.so_far
+    }
+}
+
+/// What is left out along an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Folds {
+    folds: [Fold; FOLDS],
+    count: usize,
+}
+
+impl Folds {
+    /// The folds of an axis, given which of its raw planes have points. `least` and `widest` are planes: those that a gap keeps at the least, and the width up to which it
+    /// stays as it is.
+    fn of(planes: &[bool], least: u32, widest: u32) -> Folds {
+        let with_points: Vec<u32> = (0..planes.len() as u32).filter(|y| planes[*y as usize]).collect();
+        let kept = least.max(with_points.len().div_ceil(2) as u32);
+        let gaps = with_points.windows(2).map(|pair| (pair[0] + 1, pair[1]));
+        let mut gaps: Vec<(u32, u32)> = gaps.filter(|(from, to)| to - from > widest.max(2 * kept)).collect();
+        // The widest, of equals the first; the sort is stable.
+        gaps.sort_by_key(|(from, to)| std::cmp::Reverse(to - from));
+        gaps.truncate(FOLDS);
+        gaps.sort_unstable();
+        let mut out = Folds { count: gaps.len(), ..Folds::default() };
+        let mut so_far = 0;
+        for (fold, (from, to)) in out.folds.iter_mut().zip(gaps) {
+            let (first, end) = (from + kept / 2, to - (kept - kept / 2));
+            so_far += end - first;
+            *fold = Fold { first, end, so_far };
+        }
+        out
+    }
+
+    fn all(&self) -> &[Fold] {
+        &self.folds[..self.count]
+    }
+
+    /// Number of planes that are left out.
+    fn left_out(&self) -> u32 {
+        self.all().last().map_or(0, |fold| fold.so_far)
+    }
+
+    /// A plane's number, given its raw one.
+    #[inline]
+    fn fold(&self, raw: u32) -> u32 {
+        raw - self.all().iter().rev().find(|fold| raw >= fold.end).map_or(0, |fold| fold.so_far)
+    }
+
+    /// The planes left out below a place so many planes up the axis.
+    #[inline]
+    fn left_out_below(&self, q: f64) -> u32 {
+        let behind = |fold: &&Fold| q >= f64::from(fold.behind());
+        self.all().iter().rev().find(behind).map_or(0, |fold| fold.so_far)
+    }
+
+    /// How many planes up the axis a place lies, given how many raw ones. All of a fold is at its end.
+    #[inline]
+    pub fn height(&self, raw: f64) -> f64 {
+        match self.all().iter().rev().find(|fold| raw >= f64::from(fold.first)) {
+            Some(fold) => raw.max(f64::from(fold.end)) - f64::from(fold.so_far),
+            None => raw,
+        }
+    }
+}
+
 /// The grid of cubic cells over the cloud's box.
 ///
 /// ```text
@@ -167,6 +258,8 @@ pub struct Grid {
     w: f64,
     inverse: f64,
     cells: [u32; 3],
+    /// What is left out along each of its axes.
+    folds: [Folds; 3],
     /// If its axes are not the file's, whose place the turned ones take then, in the box, too.
     turn: Option<Turn>,
 }
@@ -226,7 +319,7 @@ impl Grid {
         if let Some(slices) = slices {
             cells[1] = slices;
         }
-        Ok(Grid { axis, bounds: *bounds, w, inverse, cells, turn: None })
+        Ok(Grid { axis, bounds: *bounds, w, inverse, cells, folds: Default::default(), turn: None })
     }
 
     /// The same grid with so many cells more below and above its box, along its own axes; the box grows with it.
@@ -244,6 +337,31 @@ impl Grid {
             self.cells[g] = cells as u32;
         }
         Ok(self)
+    }
+
+    /// The same grid without most of the planes of wide gaps, where far points stretch the box: `planes` tells of its axes which of their planes have points;
+    /// along an axis for which it is empty, nothing is left out. A gap keeps half as many planes as have points, and no fewer than 256, nor than `reach`. It is shortened if it
+    /// is twice as wide as that, and wider than a thirty-second of the longest side; of an axis, the four widest ones are.
+    pub fn folded(self, planes: &[Vec<bool>; 3], reach: u32) -> Grid {
+        let widest = self.cells.into_iter().max().unwrap_or(1).div_ceil(SHOWS);
+        let folds = [0, 1, 2].map(|g| Folds::of(&planes[g], GAP.max(reach), widest));
+        let cells = [0, 1, 2].map(|g| self.cells[g] - folds[g].left_out());
+        Grid { folds, cells, ..self }
+    }
+
+    /// Whether planes are left out.
+    pub fn is_folded(&self) -> bool {
+        self.folds.iter().any(|folds| folds.count > 0)
+    }
+
+    /// Cells along its axes, those that are left out included.
+    pub fn raw_cells(&self) -> [u32; 3] {
+        [0, 1, 2].map(|g| self.cells[g] + self.folds[g].left_out())
+    }
+
+    /// What is left out along each of its axes.
+    pub fn folds(&self) -> [Folds; 3] {
+        self.folds
     }
 
     /// The same grid along turned axes; the box it was made for is one of turned coordinates.
@@ -279,7 +397,15 @@ impl Grid {
 
     /// The raster as the paper's Table 1 has it: slices in the middle, the file's other axes in their order round it.
     pub fn raster(&self) -> [u32; 3] {
-        let [first, slices, second] = self.cells;
+        self.in_file_order(self.cells)
+    }
+
+    /// The same with the planes that are left out.
+    pub fn raw_raster(&self) -> [u32; 3] {
+        self.in_file_order(self.raw_cells())
+    }
+
+    fn in_file_order(&self, [first, slices, second]: [u32; 3]) -> [u32; 3] {
         let axes = self.axis.file_axes();
         if axes[0] < axes[2] { [first, slices, second] } else { [second, slices, first] }
     }
@@ -294,7 +420,7 @@ impl Grid {
     /// Calls `each` with the cells of points inside the box, in order.
     #[inline]
     pub fn cells_of<T: Coordinate>(&self, points: &[[T; 3]], each: impl FnMut(Cell)) {
-        if self.turn.is_some() {
+        if self.turn.is_some() || self.is_folded() {
             return points.iter().map(|p| self.cell_of(p.map(Into::into))).for_each(each);
         }
         // What is the same for all points is settled here, for the loop to be short.
@@ -324,7 +450,7 @@ impl Grid {
         let (axes, point) = (self.axis.file_axes(), self.own(point));
         let within = std::array::from_fn(|g| {
             let along = (point[axes[g]] - self.bounds.min[axes[g]]) * self.inverse;
-            (along - f64::from(cell[g])).clamp(0.0, 1.0)
+            (along - f64::from(self.raw_along(g, point[axes[g]]))).clamp(0.0, 1.0)
         });
         (cell, within)
     }
@@ -339,10 +465,10 @@ impl Grid {
     #[inline]
     pub fn height_of(&self, place: [f64; 3]) -> f64 {
         let a = self.axis.index();
-        (self.own(place)[a] - self.bounds.min[a]) * self.inverse
+        self.folds[1].height((self.own(place)[a] - self.bounds.min[a]) * self.inverse)
     }
 
-    /// A box of the file's coordinates that holds the grid: its lowest corner, and cells along the grid's axes, each taken for the file's that it is unless turned.
+    /// A box of the file's coordinates that holds the grid: its lowest corner, and cells along the grid's axes without those that are left out, each taken for the file's that it is unless turned.
     pub fn file_box(&self) -> ([f64; 3], Cell) {
         let Some(turn) = self.turn else { return (self.bounds.min, self.cells) };
         let Bounds { min, max } = self.bounds;
@@ -353,11 +479,17 @@ impl Grid {
         (held.min, self.axis.file_axes().map(|a| ((extent[a] * self.inverse) as u32).min(CELLS_LIMIT - 1) + 1))
     }
 
-    /// The cell coordinate along grid axis `g`. The cast saturates, so rounding below zero stays in cell 0.
+    /// The cell coordinate along grid axis `g`.
     #[inline]
     fn along(&self, g: usize, coordinate: f64) -> u32 {
+        self.folds[g].fold(self.raw_along(g, coordinate))
+    }
+
+    /// The same with all planes counted. The cast saturates, so rounding below zero stays in cell 0.
+    #[inline]
+    fn raw_along(&self, g: usize, coordinate: f64) -> u32 {
         let a = self.axis.file_axes()[g];
-        (((coordinate - self.bounds.min[a]) * self.inverse) as u32).min(self.cells[g] - 1)
+        (((coordinate - self.bounds.min[a]) * self.inverse) as u32).min(self.cells[g] + self.folds[g].left_out() - 1)
     }
 
     /// The world position, in file axes, of a grid position in cells.
@@ -365,7 +497,7 @@ impl Grid {
     pub fn position(&self, q: [f64; 3]) -> [f64; 3] {
         let mut out = [0.0; 3];
         for (g, &a) in self.axis.file_axes().iter().enumerate() {
-            out[a] = self.bounds.min[a] + self.w * q[g];
+            out[a] = self.bounds.min[a] + self.w * (q[g] + f64::from(self.folds[g].left_out_below(q[g])));
         }
         self.turn.map_or(out, |turn| turn.back(out))
     }
@@ -394,6 +526,47 @@ mod tests {
 
     fn bounds(extent: [f64; 3]) -> Bounds {
         Bounds { min: [0.0; 3], max: extent }
+    }
+
+    #[test]
+    fn wide_gaps_are_shortened_and_places_found_again() {
+        let grid =
+            Grid::new(3, &bounds([1000.0, 4.0, 2.0]), Resolution::Cell(1.0), AxisChoice::Fixed(Axis::X)).unwrap();
+        let planes = |with: &[usize]| {
+            let mut planes = vec![false; 1000];
+            with.iter().for_each(|y| planes[*y] = true);
+            [Vec::new(), planes, Vec::new()]
+        };
+        for (with, reach, slices) in [
+            (&[0, 1, 999][..], 0, 2 + 256 + 1),
+            (&[0, 1, 999], 300, 2 + 300 + 1),
+            (&[0, 514, 999], 0, 1000 - (513 - 256)),
+            (&[0, 513, 999], 0, 1000),
+            (&[999], 0, 1000),
+        ] {
+            let grid = grid.clone().folded(&planes(with), reach);
+            assert_eq!((grid.cells()[1], grid.raw_cells()[1]), (slices, 1000), "{with:?}, {reach}");
+            for x in [0.5, 1.5, 99.5, 998.0, 999.5, 1000.0] {
+                let [_, y, _] = grid.cell_of([x, 0.0, 0.0]);
+                let low = grid.position([0.0, f64::from(y), 0.0])[0];
+                if with.contains(&(x as usize).min(999)) {
+                    assert!(x >= low && x <= low + 1.0, "{x} in slice {y} from {low}");
+                    assert_eq!(grid.height_of([x, 0.0, 0.0]), f64::from(y) + x - low);
+                    assert_eq!(grid.place_of([x, 0.0, 0.0]).1[1], x - low);
+                }
+            }
+            let heights: Vec<f64> = (0..=1000).map(|x| grid.height_of([f64::from(x), 0.0, 0.0])).collect();
+            assert!(heights.is_sorted() && heights[1000] == f64::from(slices));
+        }
+        let five = &[0, 1, 2, 3, 4, 5].map(|i| i * 600);
+        let mut many = vec![false; 3001];
+        five.iter().for_each(|y| many[*y] = true);
+        let folds = Folds::of(&many, GAP, 94);
+        assert_eq!(
+            folds.all().iter().map(|fold| fold.first).collect::<Vec<_>>(),
+            [129, 729, 1329, 1929],
+            "the first four of equals"
+        );
     }
 
     #[test]

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
-use crate::open::Open;
+use crate::open::{Facing, Open};
 use crate::partition::{buckets_of, halo, slab_count, slices_of};
 use crate::plan::{ColumnLoad, Load, MemoryPlan};
 use crate::points::{Coordinate, Precision};
@@ -27,7 +27,7 @@ use crate::stage::plane;
 use crate::stage::raster::{Counted, Occupancy, Sampled};
 use crate::stage::seal::Trial;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
-use crate::survey::{Survey, sampling_distance, survey, turned_bounds};
+use crate::survey::{Survey, planes_with_points, sampling_distance, survey, turned_bounds};
 
 /// The cell size that `--cell-size auto` takes, in sampling distances: the finest that keeps handles and holes as they are.
 ///
@@ -170,6 +170,13 @@ pub fn survey_cloud(
             }
         }
     };
+    // A number of slices is one of the whole box.
+    let grid = match resolution {
+        Resolution::Cell(_) => without_gaps(grid, &sketch, settings, |grid, asked| {
+            planes_with_points(cloud, grid, asked, workers, in_flight)
+        })?,
+        Resolution::K(_) | Resolution::Slices(_) => grid,
+    };
     progress.end();
     let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
     let mut load = load.with_attributes(cloud.schema().stride());
@@ -179,6 +186,38 @@ pub fn survey_cloud(
     }
     Ok(Surveyed { survey, grid, sampling, sketch, load })
 }
+
+/// The grid with its wide gaps shortened, if it has any; `look` tells which planes have points.
+fn without_gaps(
+    grid: Grid,
+    sketch: &Sketch,
+    settings: &Settings,
+    look: impl Fn(&Grid, [bool; 3]) -> Result<[Vec<bool>; 3]>,
+) -> Result<Grid> {
+    let axes = grid.axis().file_axes();
+    // Where coordinates are coarse against the box, so is the sketch.
+    let longest = grid.cells().into_iter().max().map_or(0.0, f64::from) * grid.cell_size();
+    let shows = sketch.side() < longest / SHOWN;
+    let gaps = sketch.has_gaps();
+    let mut asked = axes.map(|a| gaps[a] || !shows);
+    let reach = match &settings.open {
+        None => settings.seal.radius(grid.cell_size()).unwrap_or(0),
+        Some(open) if !matches!(open.facing, Facing::Along { .. }) => return Ok(grid),
+        Some(open) => {
+            // Heights are no distances between columns.
+            asked[open.up(&grid).axis] = false;
+            open.bridge(&grid) + ground::margin(settings.surface.smooth)
+        }
+    };
+    if asked == [false; 3] {
+        return Ok(grid);
+    }
+    let planes = look(&grid, asked)?;
+    Ok(grid.folded(&planes, reach.saturating_mul(4)))
+}
+
+/// The sketch shows a gap of a thirty-second of the longest side if its cells are smaller than this part of that.
+const SHOWN: f64 = 100.0;
 
 /// How many faces a cloud's slabs are going to have, found by a rehearsal; nothing changes where that says nothing. `budget` as for the run.
 ///
@@ -191,8 +230,8 @@ pub fn rehearsed(
     workspace: &Workspace,
     budget: u64,
 ) -> Result<Surveyed> {
-    if settings.open.is_some() {
-        // The box alone lets expect more faces than one side of it has.
+    if settings.open.is_some() || surveyed.grid.is_folded() {
+        // The box alone lets expect more faces than one side of it has; and of a body among far points, the sketch has hardly a cell.
         return Ok(surveyed);
     }
     let Surveyed { load, sketch, grid, .. } = &surveyed;

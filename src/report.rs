@@ -123,6 +123,8 @@ pub struct GridReport {
     pub raster: [u32; 3],
     /// The cell's side.
     pub cell_size: f64,
+    /// The raster with all planes of wide gaps, if some are left out.
+    pub unfolded: Option<[u32; 3]>,
 }
 
 /// The closing.
@@ -213,6 +215,7 @@ impl GridReport {
             slices: grid.cells()[1],
             raster: grid.raster(),
             cell_size: grid.cell_size(),
+            unfolded: grid.is_folded().then(|| grid.raw_raster()),
         }
     }
 }
@@ -220,8 +223,12 @@ impl GridReport {
 impl fmt::Display for GridReport {
     /// "132 x 134 x 104 cells of 0.00117, 134 slices along y".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let GridReport { axis, slices, raster: [a, b, c], cell_size } = self;
-        write!(f, "{a} x {b} x {c} cells of {}, {slices} slices along {axis}", short(*cell_size))
+        let GridReport { axis, slices, raster: [a, b, c], cell_size, unfolded } = self;
+        write!(f, "{a} x {b} x {c} cells of {}, {slices} slices along {axis}", short(*cell_size))?;
+        match unfolded {
+            Some([a, b, c]) => write!(f, ", of {a} x {b} x {c} without wide gaps: there are far points"),
+            None => Ok(()),
+        }
     }
 }
 

@@ -88,6 +88,16 @@ impl Sketch {
         (low, std::array::from_fn(|a| (whole(high[a], inverse) - low[a]) as u32 + 1))
     }
 
+    /// Along each axis: whether some planes of cells between others are empty. A gap of three sides shows.
+    pub fn has_gaps(&self) -> [bool; 3] {
+        let (_, cells) = self.extent();
+        let mut planes = cells.map(|cells| vec![false; cells as usize]);
+        for cell in self.cells() {
+            planes.iter_mut().zip(cell).for_each(|(planes, plane)| planes[plane as usize] = true);
+        }
+        planes.map(|planes| planes.contains(&false))
+    }
+
     /// The cells, each by its place above the lowest, in no particular order.
     pub fn cells(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         let (low, cells) = self.extent();

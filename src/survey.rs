@@ -1,9 +1,10 @@
 //! The survey, pass 1: how many points there are and the box they fill; and, where asked for, how densely they lie.
 
 use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::{Error, Result};
-use crate::grid::{Bounds, Turn};
+use crate::grid::{Bounds, Cell, Grid, Turn};
 use crate::input::{Carried, Cloud};
 use crate::points::{Batch, Coordinate, Points};
 use crate::schedule::Workers;
@@ -114,6 +115,43 @@ pub fn turned_bounds(cloud: &Cloud, turn: Turn, workers: &Workers, in_flight: us
         },
     )?;
     Ok(total)
+}
+
+/// Which planes of a grid have points, along its own axes; no planes for axes that are not `asked` for.
+///
+/// # Errors
+/// Those of reading the input; [`Error::Interrupted`].
+pub fn planes_with_points(
+    cloud: &Cloud,
+    grid: &Grid,
+    asked: [bool; 3],
+    workers: &Workers,
+    in_flight: usize,
+) -> Result<[Vec<bool>; 3]> {
+    let cells = [0, 1, 2].map(|g| if asked[g] { grid.cells()[g] } else { 0 });
+    let found = cells.map(|cells| (0..cells).map(|_| AtomicBool::new(false)).collect::<Vec<_>>());
+    cloud.for_each_batch(
+        workers,
+        in_flight,
+        Carried::Coordinates,
+        |batch| {
+            let mark = |cell: Cell| {
+                for (planes, plane) in found.iter().zip(cell) {
+                    // Nearly all points find their plane marked.
+                    if let Some(mark) = planes.get(plane as usize).filter(|mark| !mark.load(Ordering::Relaxed)) {
+                        mark.store(true, Ordering::Relaxed);
+                    }
+                }
+            };
+            match &batch.points {
+                Points::Single(points) => grid.cells_of(points, mark),
+                Points::Double(points) => grid.cells_of(points, mark),
+            }
+            Ok(())
+        },
+        |()| Ok(()),
+    )?;
+    Ok(found.map(|planes| planes.into_iter().map(AtomicBool::into_inner).collect()))
 }
 
 /// Cells kept to count distinct ones: the count is good to about 1/√1024, three per cent.

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use asra_stream::closing::Sealing;
 use asra_stream::error::Error;
-use asra_stream::grid::{Axis, AxisChoice, Bounds, Resolution};
+use asra_stream::grid::{Axis, AxisChoice, Bounds, Grid, Resolution};
 use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
 use asra_stream::open::{Facing, Hole, Kind, Open};
@@ -93,9 +93,38 @@ fn stream(points: &[[f64; 3]], single: bool, settings: &Settings, means: Means) 
     Ok(Run { surveyed, made, mesh })
 }
 
+/// The planes that are left out of wide gaps, along the grid's axes.
+fn naive_folds(points: &[[f64; 3]], settings: &Settings, grid: &Grid) -> [Vec<[u32; 2]>; 3] {
+    let Fineness::Given(Resolution::Cell(w)) = settings.fineness else { return Default::default() };
+    let raw = grid.raw_cells();
+    let longest = *raw.iter().max().unwrap();
+    let (up, reach) = match (&settings.open, settings.seal) {
+        (Some(Open { facing: Facing::Along { .. }, max_hole: Hole::Cells(hole), .. }), _) => {
+            let margin = 9 + 2 * settings.surface.smooth.max(1) - 2;
+            (settings.open.map(|open| open.up(grid).axis), 4 * (hole.div_ceil(2).min(longest) + margin))
+        }
+        (Some(_), _) => return Default::default(),
+        (None, Sealing::Cells(radius)) => (None, 4 * radius),
+        (None, Sealing::Off) => (None, 4),
+        (None, _) => (None, 0),
+    };
+    let min = grid.bounds().min;
+    let mut folds: [Vec<[u32; 2]>; 3] = Default::default();
+    for (g, f) in grid.axis().file_axes().into_iter().enumerate().filter(|(g, _)| Some(*g) != up) {
+        let plane = |p: &[f64; 3]| (((p[f] - min[f]) * (1.0 / w)).floor() as u32).min(raw[g] - 1);
+        let taken: Vec<u32> = points.iter().map(plane).collect();
+        folds[g] = twin::grid::folds(&taken, longest, reach);
+    }
+    folds
+}
+
 fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> MeshBits {
     let grid = &run.surveyed.grid;
+    let folds = naive_folds(points, settings, grid);
+    let left_out = folds.each_ref().map(|folds| folds.iter().map(|[from, to]| to - from).sum::<u32>());
+    assert_eq!(grid.raw_cells(), [0, 1, 2].map(|g| grid.cells()[g] + left_out[g]), "planes left out");
     let params = twin::Params {
+        folds,
         axis: [twin::Axis::X, twin::Axis::Y, twin::Axis::Z][grid.axis().index()],
         turn: settings.open.and_then(|open| match open.facing {
             Facing::Along { .. } => None,
@@ -301,7 +330,7 @@ fn too_large(points: &[[f64; 3]], settings: &Settings) -> bool {
         AxisChoice::Longest => None,
         AxisChoice::Fixed(axis) => Some([twin::Axis::X, twin::Axis::Y, twin::Axis::Z][axis.index()]),
     };
-    let Fineness::Given(Resolution::Slices(slices)) = settings.fineness else { return true };
+    let Fineness::Given(Resolution::Slices(slices)) = settings.fineness else { return false };
     let (.., cells) = twin::grid_for(points, axis, slices);
     cells.iter().map(|c| u64::from(*c)).product::<u64>() > 20_000
 }
@@ -415,6 +444,59 @@ proptest! {
         prop_assume!(params.axis == twin::Axis::Y);
         assert_same_solid(&points, &params)?;
     }
+}
+
+/// Points of several bodies far from each other along one axis, each some cells of side 1 large; gaps as wide as those that are just shortened, and wider.
+fn far_apart() -> impl Strategy<Value = Vec<[f64; 3]>> {
+    let body = prop::collection::vec(prop::array::uniform3(0.0f32..5.0), 1..60);
+    let gap = prop_oneof![3 => 505.0f32..530.0, 2 => 600.0f32..3000.0];
+    (prop::collection::vec((body, gap), 2..=3), 0..3usize).prop_map(|(bodies, axis)| {
+        let (mut points, mut from) = (Vec::new(), 0.0);
+        for (body, gap) in bodies {
+            for mut point in body {
+                point[axis] += from;
+                points.push(point.map(f64::from));
+            }
+            from += gap;
+        }
+        points
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    #[test]
+    fn wide_gaps_are_shortened_as_the_twin_shortens_them(points in far_apart(), settings in settings()) {
+        let settings = Settings { fineness: Fineness::Given(Resolution::Cell(1.0)), ..settings };
+        assert_same(&points, true, &settings)?;
+    }
+
+    #[test]
+    fn wide_gaps_of_landscapes_are_shortened(points in far_apart(), settings in open_settings()) {
+        assert_same_open(&points, true, &settings)?;
+    }
+}
+
+#[test]
+fn far_points_do_not_cost_what_lies_between() {
+    // A ball of points, and one a million cells away along each axis.
+    let ball = (0..4000).map(|i| {
+        let (turn, z) = (f64::from(i) * 2.399_963, 1.0 - (f64::from(i) + 0.5) / 2000.0);
+        let around = (1.0 - z * z).sqrt();
+        [around * turn.cos(), around * turn.sin(), z].map(|c| f64::from((c * 12.0) as f32))
+    });
+    let settings = Settings { fineness: Fineness::Given(Resolution::Cell(1.0)), ..Settings::default() };
+    let alone: Vec<[f64; 3]> = ball.collect();
+    let with_far: Vec<[f64; 3]> = alone.iter().copied().chain([[1_000_000.0; 3]]).collect();
+    let run = stream(&with_far, true, &settings, Means::Ample).unwrap();
+    assert!(run.surveyed.grid.is_folded() && run.surveyed.grid.cells().iter().all(|c| *c < 350));
+    assert!(run.surveyed.grid.raw_cells().iter().all(|c| *c > 1_000_000));
+    let near = |mesh: &MeshBits| -> std::collections::BTreeSet<[u64; 3]> {
+        mesh.0.iter().copied().filter(|v| v.iter().all(|c| f64::from_bits(*c).abs() < 100.0)).collect()
+    };
+    let other = stream(&alone, true, &settings, Means::Ample).unwrap();
+    assert_eq!(near(&run.mesh), near(&other.mesh), "the ball is as it is alone");
 }
 
 // The twin looks for intersections among all pairs: some ten seconds a case.

@@ -38,6 +38,7 @@ fn unit_params(cells: [u32; 3], slab_slices: u32) -> Params {
         min_points: 1,
         keep: None,
         turn: None,
+        folds: Default::default(),
         open: None,
         rho: 1,
         level: 0,

@@ -8,7 +8,7 @@
 //! so boxes that meet do so still. All three numbers are compared by one subtraction: a guard bit, set before, is borrowed from where the number
 //! taken away was the larger.
 
-use crate::grid::Grid;
+use crate::grid::{Folds, Grid};
 
 /// The side of a coarse cell, in cells: a triangle is about one cell large, so it is listed in two or three rows.
 const COARSE: f64 = 2.0;
@@ -96,6 +96,8 @@ impl Extent {
 pub struct Scale {
     low: [f64; 3],
     inverse: f64,
+    /// What is left out along layers, rows and columns, with cells for a unit of length, and units of spots for a cell.
+    folded: Option<([Folds; 3], [f64; 2])>,
     /// The file's axes: that of layers, then of rows, then along rows.
     axes: [usize; 3],
     /// The greatest number of each.
@@ -116,6 +118,10 @@ impl Scale {
         Scale {
             low: std::array::from_fn(|a| low[a] - origin[a]),
             inverse: f64::from(1u32 << units) / (COARSE * grid.cell_size()),
+            folded: grid.is_folded().then(|| {
+                let [x, y, z] = grid.folds();
+                ([y, z, x], [1.0 / grid.cell_size(), f64::from(1u32 << units) / COARSE])
+            }),
             axes: [layer, row, along],
             top: [y, z, x].map(|cells| (cells << units) - 1),
             units,
@@ -127,7 +133,11 @@ impl Scale {
     pub fn spot(&self, place: [f64; 3]) -> Spot {
         let mut spot = 0;
         for (a, axis) in self.axes.into_iter().enumerate() {
-            let number = ((place[axis] - self.low[axis]) * self.inverse) as u32;
+            let along = place[axis] - self.low[axis];
+            let number = match &self.folded {
+                None => (along * self.inverse) as u32,
+                Some((folds, [cells, units])) => (folds[a].height(along * cells) * units) as u32,
+            };
             spot |= u64::from(number.min(self.top[a])) << SHIFTS[a];
         }
         Spot(spot)

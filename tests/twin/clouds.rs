@@ -60,6 +60,7 @@ impl Setting {
             min_points: 1,
             keep: None,
             turn: None,
+            folds: Default::default(),
             open: None,
             rho: self.rho,
             level: 0,

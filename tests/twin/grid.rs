@@ -97,23 +97,59 @@ pub fn own(p: [f64; 3], params: &Params) -> [f64; 3] {
     }
 }
 
-/// The cell of a point, along the grid's axes.
-pub fn cell_of(p: [f64; 3], params: &Params) -> [i32; 3] {
+/// The planes left out along a grid axis, where points lie in planes `taken`: those in the middle of the widest gaps. `longest` is the longest side's
+/// number of planes.
+pub fn folds(taken: &[u32], longest: u32, reach: u32) -> Vec<[u32; 2]> {
+    let mut taken = taken.to_vec();
+    taken.sort_unstable();
+    taken.dedup();
+    let kept = 256.max(reach).max((taken.len() as u32 + 1) / 2);
+    let wide = |width: u32| width > 2 * kept && width > (longest + 31) / 32;
+    let mut gaps: Vec<[u32; 2]> = (1..taken.len()).map(|i| [taken[i - 1] + 1, taken[i]]).collect();
+    gaps.retain(|[from, to]| wide(to - from));
+    while gaps.len() > 4 {
+        // The narrowest goes, of equals the last.
+        let narrowest = gaps.iter().map(|[from, to]| to - from).min().unwrap();
+        let last = gaps.iter().rposition(|[from, to]| to - from == narrowest).unwrap();
+        gaps.remove(last);
+    }
+    gaps.into_iter().map(|[from, to]| [from + kept / 2, to - (kept + 1) / 2]).collect()
+}
+
+/// The cell of a point, along the grid's axes, if no planes were left out.
+pub fn raw_cell_of(p: [f64; 3], params: &Params) -> [u32; 3] {
     let p = own(p, params);
     let inv = 1.0 / params.w;
     let mut cell = [0; 3];
     for (g, f) in params.axis.permutation().into_iter().enumerate() {
         let along = ((p[f] - params.min[f]) * inv).floor();
-        cell[g] = along.min(f64::from(params.cells[g] - 1)) as i32;
+        let left_out: u32 = params.folds[g].iter().map(|[from, to]| to - from).sum();
+        cell[g] = along.clamp(0.0, f64::from(params.cells[g] + left_out - 1)) as u32;
     }
     cell
+}
+
+/// The cell of a point, along the grid's axes.
+pub fn cell_of(p: [f64; 3], params: &Params) -> [i32; 3] {
+    let raw = raw_cell_of(p, params);
+    [0, 1, 2].map(|g| {
+        let below = params.folds[g].iter().filter(|[_, to]| *to <= raw[g]);
+        raw[g] as i32 - below.map(|[from, to]| to - from).sum::<u32>() as i32
+    })
 }
 
 /// A position in cells along the grid's axes, as file coordinates.
 pub fn to_file(q: [f64; 3], params: &Params) -> [f64; 3] {
     let mut t = [0.0; 3];
     for (g, f) in params.axis.permutation().into_iter().enumerate() {
-        t[f] = params.min[f] + params.w * q[g];
+        let mut left_out = 0;
+        for [from, to] in &params.folds[g] {
+            // The plane that a fold has become.
+            if q[g] >= f64::from(from - left_out) {
+                left_out += to - from;
+            }
+        }
+        t[f] = params.min[f] + params.w * (q[g] + f64::from(left_out));
     }
     match params.turn {
         Some([x, y, z]) => [0, 1, 2].map(|a| x[a] * t[0] + y[a] * t[1] + z[a] * t[2]),

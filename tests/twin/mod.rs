@@ -69,6 +69,8 @@ pub struct Params {
     pub w: f64,
     /// Number of cells along the grid's axes.
     pub cells: [u32; 3],
+    /// Along the grid's axes: the planes left out of wide gaps, from the first of each to the one after its last, all planes counted.
+    pub folds: [Vec<[u32; 2]>; 3],
     /// Points that make a cell occupied, at least.
     pub min_points: u32,
     /// Which components are kept, if not all.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Params;
-use super::grid::{cell_of, own};
+use super::grid::{cell_of, own, raw_cell_of};
 
 /// A cell's points: their mean, in cells along the grid's axes, and their number.
 struct Cell {
@@ -23,11 +23,11 @@ impl Means {
         let mut sums: BTreeMap<[i32; 3], (u64, [u64; 3])> = BTreeMap::new();
         let inv = 1.0 / params.w;
         for &p in points {
-            let cell = cell_of(p, params);
+            let (cell, raw) = (cell_of(p, params), raw_cell_of(p, params));
             let (count, offsets) = sums.entry([cell[1], cell[2], cell[0]]).or_default();
             *count += 1;
             for (g, f) in params.axis.permutation().into_iter().enumerate() {
-                let within = (own(p, params)[f] - params.min[f]) * inv - f64::from(cell[g]);
+                let within = (own(p, params)[f] - params.min[f]) * inv - f64::from(raw[g]);
                 offsets[g] += (within.clamp(0.0, 1.0) * QUANTA).floor() as u64;
             }
         }
