@@ -226,7 +226,7 @@ impl fmt::Display for GridReport {
         let GridReport { axis, slices, raster: [a, b, c], cell_size, unfolded } = self;
         write!(f, "{a} x {b} x {c} cells of {}, {slices} slices along {axis}", short(*cell_size))?;
         match unfolded {
-            Some([a, b, c]) => write!(f, ", of {a} x {b} x {c} without wide gaps: there are far points"),
+            Some([a, b, c]) => write!(f, "; the gaps up to far points are left out, of {a} x {b} x {c} with them"),
             None => Ok(()),
         }
     }
