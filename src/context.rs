@@ -1,6 +1,7 @@
 //! What every pass over the slices is given, and how a pass is cut into jobs.
 
-use crate::plan::{Load, MemoryPlan};
+use crate::load::Load;
+use crate::plan::MemoryPlan;
 use crate::schedule::Workers;
 use crate::spool::Workspace;
 

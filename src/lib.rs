@@ -10,6 +10,7 @@ pub mod error;
 pub mod generate;
 pub mod grid;
 pub mod input;
+pub mod load;
 pub mod machine;
 pub mod mesh;
 pub mod open;

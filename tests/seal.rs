@@ -2,7 +2,8 @@
 
 use asra_stream::context::Context;
 use asra_stream::grid::Cell;
-use asra_stream::plan::{Load, MemoryPlan};
+use asra_stream::load::Load;
+use asra_stream::plan::MemoryPlan;
 use asra_stream::points::Precision;
 use asra_stream::schedule::Workers;
 use asra_stream::spool::Workspace;

@@ -623,7 +623,7 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
 
 /// A context for passes over the slices of small grids.
 fn small_context(dir: &Path) -> asra_stream::context::Context {
-    use asra_stream::plan::Load;
+    use asra_stream::load::Load;
     use asra_stream::points::Precision;
     let load = Load::in_cells(1000, Precision::Single, [64; 3], 1);
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();

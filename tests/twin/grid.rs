@@ -103,8 +103,8 @@ pub fn folds(taken: &[u32], longest: u32, reach: u32) -> Vec<[u32; 2]> {
     let mut taken = taken.to_vec();
     taken.sort_unstable();
     taken.dedup();
-    let kept = 256.max(reach).max((taken.len() as u32 + 1) / 2);
-    let wide = |width: u32| width > 2 * kept && width > (longest + 31) / 32;
+    let kept = 256.max(reach).max((taken.len() as u32).div_ceil(2));
+    let wide = |width: u32| width > 2 * kept && width > longest.div_ceil(32);
     let mut gaps: Vec<[u32; 2]> = (1..taken.len()).map(|i| [taken[i - 1] + 1, taken[i]]).collect();
     gaps.retain(|[from, to]| wide(to - from));
     while gaps.len() > 4 {
@@ -113,7 +113,7 @@ pub fn folds(taken: &[u32], longest: u32, reach: u32) -> Vec<[u32; 2]> {
         let last = gaps.iter().rposition(|[from, to]| to - from == narrowest).unwrap();
         gaps.remove(last);
     }
-    gaps.into_iter().map(|[from, to]| [from + kept / 2, to - (kept + 1) / 2]).collect()
+    gaps.into_iter().map(|[from, to]| [from + kept / 2, to - kept.div_ceil(2)]).collect()
 }
 
 /// The cell of a point, along the grid's axes, if no planes were left out.
