@@ -105,7 +105,8 @@ pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
             progress.set(bytes);
             workers.check_cancelled()
         };
-        let opening = Opening { workspace: &workspace, memory: budget / 8, watch: &mut watch };
+        let opening =
+            Opening { workspace: &workspace, memory: budget / 8, decompress: Some(workers), watch: &mut watch };
         Source::Cloud(Cloud::open_in(&expand(std::slice::from_ref(&job.reference))?, &job.input, opening)?)
     };
 
