@@ -155,9 +155,13 @@ impl Schema {
 
     /// Where an attribute lies in a record.
     pub fn column(&self, name: &str) -> Option<Column> {
-        let at = self.attributes.iter().position(|a| a.name == name)?;
-        let offset = self.attributes[..at].iter().map(|a| a.scalar.bytes()).sum();
-        Some(Column { offset, scalar: self.attributes[at].scalar })
+        self.attributes.iter().position(|a| a.name == name).map(|number| self.column_at(number))
+    }
+
+    /// Where the attribute of this number, from 0, lies in a record.
+    pub fn column_at(&self, number: usize) -> Column {
+        let offset = self.attributes[..number].iter().map(|a| a.scalar.bytes()).sum();
+        Column { offset, scalar: self.attributes[number].scalar }
     }
 
     /// The same with another attribute at the end, if it is not there yet.

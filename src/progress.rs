@@ -27,6 +27,8 @@ pub enum Phase {
     Intersect,
     /// Writing the mesh file.
     Write,
+    /// Drawing a picture of the mesh.
+    Render,
     /// Making a test cloud.
     Generate,
 }
@@ -44,6 +46,7 @@ impl Phase {
             Phase::Check => ("check", "triangles"),
             Phase::Intersect => ("intersect", "triangles"),
             Phase::Write => ("write", "elements"),
+            Phase::Render => ("render", "triangles"),
             Phase::Generate => ("generate", "points"),
         }
     }

@@ -14,6 +14,7 @@ use crate::input::{Filter, InputOptions, Layout, Returns, Withheld};
 use crate::open::{Facing, Hole, Kind, Open};
 use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
+use crate::render::{Background, ColourBy, Options, Shading, Size, Up, View};
 use crate::run::{Check, Job, Means};
 use crate::scalar::Endian;
 use crate::slab::{Fit, SurfaceOptions};
@@ -49,6 +50,8 @@ pub enum Command {
     /// Check a mesh: closed, oriented, manifold, free of self-intersections, Euler number, components, volume, area (exit
     /// code 4 if it is no closed oriented 2-manifold or intersects itself)
     Check(CheckArguments),
+    /// Draw a picture of a mesh
+    Render(RenderArguments),
     /// Write a test cloud of any size
     Generate(GenerateArguments),
 }
@@ -225,6 +228,43 @@ pub struct CheckArguments {
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub means: MeansArguments,
+}
+
+/// Arguments of `render`.
+#[derive(Debug, Args)]
+pub struct RenderArguments {
+    /// The mesh: .ply, .stl, .obj or .glb
+    pub mesh: PathBuf,
+    /// The picture: .png [default: the mesh's name with .png]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Width and height of the picture, in pixels
+    #[arg(long, value_name = "SIZE", default_value = "1600x1200")]
+    pub size: Size,
+    /// Where it is seen from, one view or several on a sheet: iso, front, back, left, right, top, bottom, or the viewer's AZIMUTH:ELEVATION in degrees
+    #[arg(long, value_name = "VIEWS", value_delimiter = ',', default_value = "iso", allow_hyphen_values = true)]
+    pub views: Vec<View>,
+    /// Which direction is up: x, y, z, -x, -y or -z
+    #[arg(long, value_name = "AXIS", default_value = "z", allow_hyphen_values = true)]
+    pub up: Up,
+    /// Whether triangles are to show
+    #[arg(long, value_enum, default_value_t)]
+    pub shading: Shading,
+    /// What colours tell: none, rgb (the vertices' own), height, or an attribute of vertices such as intensity, classification or distance
+    #[arg(long, value_name = "WHAT", default_value = "none")]
+    pub color_by: ColourBy,
+    /// What is behind the mesh: white, grey, black, transparent, or a colour as in #f0f4f8
+    #[arg(long, value_name = "COLOUR", default_value = "white")]
+    pub background: Background,
+    /// Replace the picture if it exists
+    #[arg(long)]
+    pub overwrite: bool,
     /// Say nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
@@ -458,6 +498,20 @@ impl ReconstructArguments {
             check,
             ..job(&self.cloud, self.means.means())?
         })
+    }
+}
+
+impl RenderArguments {
+    /// What the picture is to show.
+    pub fn options(&self) -> Options {
+        Options {
+            size: self.size,
+            views: self.views.clone(),
+            up: self.up,
+            shading: self.shading,
+            colour_by: self.color_by.clone(),
+            background: self.background,
+        }
     }
 }
 

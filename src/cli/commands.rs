@@ -7,7 +7,7 @@ use bytesize::ByteSize;
 
 use super::args::{
     Arguments, CheckArguments, Command, GenerateArguments, InfoArguments, PlanArguments, ReconstructArguments,
-    overwrite,
+    RenderArguments, overwrite,
 };
 use super::{Exit, stop_on_signal};
 use crate::error::{Error, Result};
@@ -16,6 +16,7 @@ use crate::mesh;
 use crate::pipeline::Fineness;
 use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress, Show, thousands};
+use crate::render::{picture_file, render};
 use crate::report::{GridReport, short};
 use crate::run::{Means, Planned, look, plan, run};
 use crate::survey::sampling_distance;
@@ -31,6 +32,7 @@ pub fn execute(arguments: Arguments) -> Result<Exit> {
         Some(Command::Plan(arguments)) => show_plan(arguments),
         Some(Command::Info(arguments)) => show_info(arguments),
         Some(Command::Check(arguments)) => check(arguments),
+        Some(Command::Render(arguments)) => draw(arguments),
         Some(Command::Generate(arguments)) => generate_cloud(arguments),
     }
 }
@@ -154,6 +156,24 @@ fn check(arguments: &CheckArguments) -> Result<Exit> {
         write_json(file, &report)?;
     }
     Ok(if report.is_sound(arguments.open) { Exit::Done } else { Exit::NotSound })
+}
+
+fn draw(arguments: &RenderArguments) -> Result<Exit> {
+    let means = arguments.means.means();
+    let workers = means.workers()?;
+    stop_on_signal(&workers)?;
+    let options = arguments.options();
+    let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
+    let file = picture_file(&output, overwrite(arguments.overwrite))?;
+    let budget = means.budget();
+    let workspace = means.workspace(&output)?;
+    let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 4)?;
+    let mut progress = Progress::new(show(arguments.quiet));
+    progress.begin(Phase::Render, Some(mesh.face_count()));
+    let picture = render(&*mesh, &options, budget / 8 * 5, &workers, &workspace, &mut |done| progress.set(done))?;
+    picture.write(file)?;
+    progress.end();
+    Ok(Exit::Done)
 }
 
 fn generate_cloud(arguments: &GenerateArguments) -> Result<Exit> {

@@ -9,6 +9,7 @@ use super::Input;
 use super::convert::Converter;
 use super::ply_header::{Element, Encoding, Header, Property, Type};
 use super::text::Lines;
+use crate::attribute::{Attribute, Schema};
 use crate::error::{Error, Result};
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::Precision;
@@ -16,15 +17,19 @@ use crate::spool::Workspace;
 
 /// Bytes read at once.
 const PIECE: usize = 1 << 16;
+/// The coordinates' names.
+const AXES: [&str; 3] = ["x", "y", "z"];
 
 pub(super) fn open(input: Input, workspace: &Workspace, in_memory: u64) -> Result<Box<dyn MeshSource>> {
     let mut lines = Lines::new(&input);
     let header = Header::read(&input, &mut lines)?;
+    let there = attributes(find(&header, "vertex")).map(|(name, _, kind)| Attribute::new(name, kind.scalar()));
+    let schema = Schema::new(there.collect());
     let layout = Layout::of(&input, &header)?;
     if let Some(layout) = layout
         && layout.is_all_triangles(&input)?
     {
-        return Ok(Box::new(InPlace { path: input.path.to_path_buf(), file: input.file, layout }));
+        return Ok(Box::new(InPlace { path: input.path.to_path_buf(), file: input.file, layout, schema }));
     }
     Ok(Box::new(convert(&input, &header, lines, workspace, in_memory)?))
 }
@@ -36,6 +41,8 @@ struct Layout {
     vertex_stride: usize,
     /// Offset and type of x, y and z in a vertex.
     axes: [(usize, Type); 3],
+    /// Offset and type of each attribute in a vertex.
+    attributes: Vec<(usize, Type)>,
     faces: u64,
     face_at: u64,
     face_stride: usize,
@@ -49,6 +56,7 @@ impl Layout {
         let (vertex, face) = (find(header, "vertex"), find(header, "face"));
         check_vertex_count(vertex.count)?;
         let axes = axes(input, vertex)?;
+        let attributes = attributes(vertex).map(|(_, offset, kind)| (offset, kind)).collect();
         let list = corners(input, face)?;
         let (mut face_stride, mut list_at) = (0, 0);
         for (i, property) in face.properties.iter().enumerate() {
@@ -92,7 +100,7 @@ impl Layout {
             }
         }
         let (vertices, faces) = (vertex.count, face.count);
-        Ok(Some(Layout { vertices, vertex_at, vertex_stride, axes, faces, face_at, face_stride, list_at }))
+        Ok(Some(Layout { vertices, vertex_at, vertex_stride, axes, attributes, faces, face_at, face_stride, list_at }))
     }
 
     /// Whether every face has three corners.
@@ -122,7 +130,7 @@ fn axes(input: &Input, vertex: &Element) -> Result<[(usize, Type); 3]> {
     let mut at = 0;
     for property in &vertex.properties {
         if let Property::Scalar { name, kind } = property {
-            if let Some(axis) = ["x", "y", "z"].iter().position(|axis| axis == name) {
+            if let Some(axis) = AXES.iter().position(|axis| axis == name) {
                 axes[axis] = Some((at, *kind));
             }
             at += kind.bytes();
@@ -132,6 +140,18 @@ fn axes(input: &Input, vertex: &Element) -> Result<[(usize, Type); 3]> {
         [Some(x), Some(y), Some(z)] => Ok([x, y, z]),
         _ => Err(Error::malformed(input.path, "element vertex", "properties x, y and z", "not all of them")),
     }
+}
+
+/// What vertices have besides coordinates: name, offset and type; offsets are right if the vertex has no lists.
+fn attributes(vertex: &Element) -> impl Iterator<Item = (&str, usize, Type)> {
+    let mut at = 0;
+    vertex.properties.iter().filter_map(move |property| match property {
+        Property::Scalar { name, kind } => {
+            at += kind.bytes();
+            (!AXES.contains(&name.as_str())).then_some((name.as_str(), at - kind.bytes(), *kind))
+        }
+        Property::List { .. } => None,
+    })
 }
 
 /// The face's property that lists its corners.
@@ -148,6 +168,7 @@ struct InPlace {
     path: PathBuf,
     file: File,
     layout: Layout,
+    schema: Schema,
 }
 
 impl InPlace {
@@ -186,6 +207,19 @@ impl MeshSource for InPlace {
         let Layout { vertex_at, vertex_stride: stride, axes, .. } = self.layout;
         self.records(vertex_at + first * stride as u64, stride, out.len(), |i, record| {
             out[i] = axes.map(|(at, kind)| kind.decode(&record[at..]));
+            Ok(())
+        })
+    }
+
+    fn schema(&self) -> &Schema {
+        &self.schema
+    }
+
+    fn read_attribute(&self, number: usize, first: u64, out: &mut [f64]) -> Result<()> {
+        let Layout { vertex_at, vertex_stride: stride, .. } = self.layout;
+        let (at, kind) = self.layout.attributes[number];
+        self.records(vertex_at + first * stride as u64, stride, out.len(), |i, record| {
+            out[i] = kind.decode(&record[at..]);
             Ok(())
         })
     }
@@ -241,7 +275,7 @@ fn convert(
                 match property {
                     Property::Scalar { name, kind } => {
                         let value = values.next(*kind)?;
-                        if let Some(axis) = ["x", "y", "z"].iter().position(|axis| axis == name) {
+                        if let Some(axis) = AXES.iter().position(|axis| axis == name) {
                             position[axis] = value;
                         }
                     }
