@@ -67,21 +67,21 @@ impl ColourBy {
 }
 
 /// The colour of a surface that has none of its own.
-const CLAY: [u8; 3] = [196, 203, 212];
+const CLAY: [u8; 3] = [208, 203, 195];
 /// The colour where a value is not a number.
 const UNKNOWN: [u8; 3] = [150, 150, 150];
 
 /// Colours of growing lightness, from violet over blue and green to yellow: their order is seen without red and green being told apart, and in grey.
 const SCALE: [[u8; 3]; 9] = [
-    [64, 42, 112],
-    [62, 68, 146],
-    [50, 96, 158],
-    [38, 122, 158],
-    [36, 148, 150],
-    [58, 174, 130],
-    [112, 198, 98],
-    [178, 216, 72],
-    [248, 230, 76],
+    [84, 58, 146],
+    [76, 88, 174],
+    [58, 116, 186],
+    [44, 142, 182],
+    [40, 166, 168],
+    [70, 188, 144],
+    [124, 208, 110],
+    [188, 222, 84],
+    [250, 234, 92],
 ];
 
 /// The colour at `t` of the scale, from 0 to 1.

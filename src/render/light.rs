@@ -61,10 +61,10 @@ impl Pixel {
 const KEY: Vec3 = Vec3::new(-0.4837, 0.5805, 0.6547);
 const FILL: Vec3 = Vec3::new(0.8018, 0.0, 0.5976);
 /// What they give, and the sky above and the ground below.
-const KEY_LIGHT: Vec3 = Vec3::new(0.80, 0.78, 0.74);
-const FILL_LIGHT: Vec3 = Vec3::new(0.14, 0.15, 0.17);
-const SKY_LIGHT: Vec3 = Vec3::new(0.36, 0.39, 0.44);
-const GROUND_LIGHT: Vec3 = Vec3::new(0.17, 0.155, 0.14);
+const KEY_LIGHT: Vec3 = Vec3::new(1.04, 1.0, 0.94);
+const FILL_LIGHT: Vec3 = Vec3::new(0.12, 0.13, 0.15);
+const SKY_LIGHT: Vec3 = Vec3::new(0.27, 0.30, 0.36);
+const GROUND_LIGHT: Vec3 = Vec3::new(0.13, 0.115, 0.10);
 /// The brightest highlight.
 const GLOSS: f32 = 0.06;
 /// What a back is like: another tone, and this share of its own colour.
@@ -114,8 +114,8 @@ fn unpack_tone(tone: u32) -> (Vec3, Side) {
 
 /// A packed normal that stands for none: no packed vector has it.
 pub const NO_NORMAL: u32 = 0x8000_8000;
-/// The largest number in a packed normal.
-const SNORM: f32 = 32767.0;
+/// The largest number in a packed normal: even, so that the last bits of both can be used otherwise.
+const SNORM: f32 = 32766.0;
 
 /// A direction in 32 bits: folded onto an octahedron, the octahedron onto a square; off by less than 10⁻⁴. [`NO_NORMAL`] if it is none.
 pub fn pack_normal(v: Vec3) -> u32 {

@@ -12,7 +12,7 @@
 //!  sheet       the view goes to its cell of the picture; in the end the picture becomes a PNG file
 //! ```
 //!
-//! Views are parallel projections, each as large as fits into its cell. Memory holds the picture, one view of 12 bytes a pixel, a band of it of 144 bytes a pixel, and some
+//! Views are parallel projections, each as large as fits into its cell. Memory holds the picture, one view of 13 bytes a pixel, a band of it of 144 bytes a pixel, and some
 //! blocks. The budget decides how high bands are, and nothing of that shows.
 
 mod blocks;
@@ -32,7 +32,7 @@ use glam::{DVec3, Vec3};
 use self::blocks::{BLOCK, Blocks, Bounds, Piece, Sizes, is_finite};
 pub use self::colour::ColourBy;
 use self::colour::Tint;
-use self::light::{Pixel, Side, encode, linear, pack_normal, unpack_normal};
+use self::light::{Pixel, Side, encode, linear, pack_normal};
 use self::openness::Openness;
 use self::raster::{
     Band, Bins, FARTHEST, MOST_PAIRS, MOST_TRIANGLES, PLACES, Paint, Placed, SAMPLES, TILE, TILE_BYTES,
@@ -96,6 +96,9 @@ const WINDOW_BYTES: u64 = 24 + 12 + 8 + 1;
 /// Bytes for each triangle whose corners are looked up: see [`crate::mesh::measure::Corners::fill`], the triangle, and its corners on their way to the spool.
 const FAR_BYTES: u64 = 110 + 12 + 72;
 
+/// Bytes of a pixel of a view: what it is, and how open it lies.
+const VIEW_BYTES: usize = size_of::<Pixel>() + 1;
+
 /// The budget as sizes. None of them shows in the picture.
 #[derive(Debug, Clone, Copy)]
 struct Plan {
@@ -109,7 +112,7 @@ struct Plan {
 impl Plan {
     fn new(budget: u64, options: &Options, cells: &[Cell], threads: usize) -> Result<Plan> {
         let picture = (options.size.pixels() * Picture::channels(options.background)) as u64;
-        let view = cells.iter().map(|cell| (cell.width * cell.height * size_of::<Pixel>()) as u64).max().unwrap_or(0);
+        let view = cells.iter().map(|cell| (cell.width * cell.height * VIEW_BYTES) as u64).max().unwrap_or(0);
         let row = cells.iter().map(|cell| cell.width.div_ceil(TILE) as u64 * TILE_BYTES).max().unwrap_or(0);
         let rows = cells.iter().map(|cell| cell.height.div_ceil(TILE) as u64).max().unwrap_or(0);
         let least = picture + view + row + JOB.0;
@@ -343,7 +346,7 @@ impl Scene<'_> {
             let normals = match self.shading {
                 Shading::Flat => [own; 3],
                 Shading::Smooth => {
-                    face.map(|v| unpack_normal(known(v).normal).map_or(own, |normal| creased(own, turn(normal))))
+                    face.map(|v| known(v).normal().map_or(own, |(mean, smooth)| creased(own, turn(mean), smooth)))
                 }
             };
             let tints = face.map(|v| known(v).tint);
@@ -360,18 +363,19 @@ impl Scene<'_> {
     }
 }
 
-/// The cosines between which a corner goes over from its triangle's normal to the vertex's: an edge of a body stays one, where vertices have normals that none of its sides has.
-const CREASE: (f32, f32) = (0.5, 0.72);
+/// The cosines between which a corner on an edge goes over from its triangle's normal to the vertex's: an edge of a body stays one, where vertices have normals that none of its
+/// sides has.
+const CREASE: (f32, f32) = (0.75, 0.95);
 
-/// The normal at a corner of a triangle that has the normal `own`.
-fn creased(own: Vec3, smooth: Vec3) -> Vec3 {
-    let cosine = own.dot(smooth);
+/// The normal at a corner of a triangle that has the normal `own`, where the vertex has `mean`, and the surface is `smooth`, from 0 to 1.
+fn creased(own: Vec3, mean: Vec3, smooth: f32) -> Vec3 {
+    let cosine = own.dot(mean);
     // Of a triangle that was turned over its own normal says nothing.
-    if cosine <= 0.0 || cosine >= CREASE.1 {
-        return smooth;
+    if cosine <= 0.0 || smooth >= 1.0 {
+        return mean;
     }
-    let t = ((cosine - CREASE.0) / (CREASE.1 - CREASE.0)).max(0.0);
-    own.lerp(smooth, t * t * (3.0 - 2.0 * t))
+    let t = ((cosine - CREASE.0) / (CREASE.1 - CREASE.0)).clamp(smooth, 1.0);
+    own.lerp(mean, t * t * (3.0 - 2.0 * t))
 }
 
 /// Rows of pixels that become part of the picture at once.
@@ -380,6 +384,12 @@ const ROWS: usize = 16;
 /// Puts a view into its cell.
 fn fill(picture: &mut Picture, cell: &Cell, pixels: &[Pixel], background: Background, workers: &Workers) -> Result<()> {
     let openness = Openness::new(cell.width, cell.height);
+    let mut open = Vec::with_capacity(pixels.len());
+    let look = |row: usize| Ok(openness.of_row(pixels, row));
+    workers.in_order_range(2 * workers.threads(), cell.height, look, |row| {
+        open.extend(row);
+        Ok(())
+    })?;
     let channels = picture.channels;
     let look = |part: usize| {
         let rows = part * ROWS..(part * ROWS + ROWS).min(cell.height);
@@ -387,7 +397,7 @@ fn fill(picture: &mut Picture, cell: &Cell, pixels: &[Pixel], background: Backgr
         for row in rows {
             for column in 0..cell.width {
                 let pixel = &pixels[row * cell.width + column];
-                let open = if pixel.depth.is_finite() { openness.of(pixels, column, row) } else { 1.0 };
+                let open = openness.mean(pixels, &open, column, row);
                 let (light, covered) = pixel.light(open);
                 match background {
                     Background::Colour(colour) if covered == 0.0 => out.extend(colour),

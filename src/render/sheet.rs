@@ -168,7 +168,7 @@ impl Picture {
             encoder.set_color(if self.channels == 4 { png::ColorType::Rgba } else { png::ColorType::Rgb });
             encoder.set_depth(png::BitDepth::Eight);
             encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-            encoder.set_compression(png::Compression::High);
+            encoder.set_compression(png::Compression::Balanced);
             let mut writer = encoder.write_header()?;
             writer.write_image_data(&self.pixels)?;
             writer.finish()?;
