@@ -164,6 +164,12 @@ impl Schema {
         Column { offset, scalar: self.attributes[number].scalar }
     }
 
+    /// Words for a mesh of this schema whose vertices have no attribute of that name.
+    pub fn lacks(&self, name: &str) -> String {
+        let there = if self.attributes.is_empty() { "none".to_string() } else { self.to_string() };
+        format!("its vertices have no attribute {name}; there are: {there}")
+    }
+
     /// The same with another attribute at the end, if it is not there yet.
     pub fn with(mut self, attribute: &Attribute) -> Schema {
         if self.attributes.iter().all(|a| a.name != attribute.name) {

@@ -167,7 +167,7 @@ fn draw(arguments: &RenderArguments) -> Result<Exit> {
     let file = picture_file(&output, overwrite(arguments.overwrite))?;
     let budget = means.budget();
     let workspace = means.workspace(&output)?;
-    let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 4)?;
+    let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 4, &options.colour_by.wanted())?;
     let mut progress = Progress::new(show(arguments.quiet));
     progress.begin(Phase::Render, Some(mesh.face_count()));
     let picture = render(&*mesh, &options, budget / 8 * 5, &workers, &workspace, &mut |done| progress.set(done))?;

@@ -166,10 +166,10 @@ impl Tint {
     pub fn of(mesh: &dyn MeshSource, by: &ColourBy, up: Up, workers: &Workers) -> Result<Tint> {
         let number = |name: &str| {
             let there = mesh.schema().attributes();
-            there.iter().position(|attribute| attribute.name == name).ok_or_else(|| {
-                let names = if there.is_empty() { "none".to_string() } else { mesh.schema().to_string() };
-                Error::Usage(format!("--color-by {by}: the mesh's vertices have no {name}; there are: {names}"))
-            })
+            there
+                .iter()
+                .position(|attribute| attribute.name == name)
+                .ok_or_else(|| Error::Usage(format!("--color-by {by}: {}", mesh.schema().lacks(name))))
         };
         let value = match by {
             ColourBy::None => return Ok(Tint::One(CLAY)),
@@ -435,7 +435,7 @@ mod tests {
         let error = Tint::of(&mesh, &"Intensity".parse().unwrap(), Up::Z, &Workers::new(1).unwrap()).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "--color-by intensity: the mesh's vertices have no intensity; there are: red, green, blue"
+            "--color-by intensity: its vertices have no attribute intensity; there are: red, green, blue"
         );
     }
 }

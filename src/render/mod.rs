@@ -110,11 +110,13 @@ struct Plan {
 }
 
 impl Plan {
-    fn new(budget: u64, options: &Options, cells: &[Cell], threads: usize) -> Result<Plan> {
-        let picture = (options.size.pixels() * Picture::channels(options.background)) as u64;
-        let view = cells.iter().map(|cell| (cell.width * cell.height * VIEW_BYTES) as u64).max().unwrap_or(0);
-        let row = cells.iter().map(|cell| cell.width.div_ceil(TILE) as u64 * TILE_BYTES).max().unwrap_or(0);
-        let rows = cells.iter().map(|cell| cell.height.div_ceil(TILE) as u64).max().unwrap_or(0);
+    fn new(budget: u64, options: &Options, threads: usize) -> Result<Plan> {
+        // As if one view had it all: how cells lie is known only when the mesh was looked at.
+        let pixels = options.size.pixels();
+        let picture = (pixels * Picture::channels(options.background)) as u64;
+        let view = (pixels * VIEW_BYTES) as u64;
+        let row = u64::from(options.size.width).div_ceil(TILE as u64) * TILE_BYTES;
+        let rows = u64::from(options.size.height).div_ceil(TILE as u64);
         let least = picture + view + row + JOB.0;
         if budget < least {
             let (given, needed) = (ByteSize(budget), ByteSize(least.next_multiple_of(1 << 20)));
@@ -125,7 +127,7 @@ impl Plan {
         let share = (left / 2 / in_flight).max(JOB.0);
         let job = share.min(JOB.1);
         let rest = left.saturating_sub(in_flight * job);
-        let more_rows = (rest / 4 * 3 / row.max(1)).min(rows - 1);
+        let more_rows = (rest / 4 * 3 / row).min(rows - 1);
         Ok(Plan {
             sizes: Sizes {
                 in_flight: in_flight as usize,
@@ -139,14 +141,11 @@ impl Plan {
     }
 }
 
-/// The least memory that a picture can be drawn in.
-///
-/// # Errors
-/// [`Error::Usage`] if the picture is too small for its views.
-pub fn least_memory(options: &Options) -> Result<u64> {
-    match Plan::new(0, options, &cells(options.size, options.views.len())?, 1) {
-        Err(Error::Budget { needed, .. }) => Ok(needed.0),
-        _ => Ok(0),
+/// The least memory that a picture can be drawn in, in bytes.
+pub fn least_memory(options: &Options) -> u64 {
+    match Plan::new(0, options, 1) {
+        Err(Error::Budget { needed, .. }) => needed.0,
+        _ => 0,
     }
 }
 
@@ -175,8 +174,9 @@ pub fn render(
             carrier: "a picture",
         });
     }
-    let cells = cells(options.size, options.views.len())?;
-    let plan = Plan::new(budget, options, &cells, workers.threads())?;
+    // Whether there is room for so many, before the work.
+    cells(options.size, &vec![(1.0, 1.0); options.views.len()])?;
+    let plan = Plan::new(budget, options, workers.threads())?;
     let frames: Vec<Frame> = options.views.iter().map(|view| view.frame(options.up)).collect();
     let blocks = Blocks::survey(mesh, &frames, plan.sizes, workers, workspace, &mut |done| progress(done / 4))?;
     let tint = Tint::of(mesh, &options.colour_by, options.up, workers)?;
@@ -185,6 +185,10 @@ pub fn render(
     let vertices = Vertices::of(&blocks, &tint, shading, sizes, workers, workspace, told)?;
     let scene = Scene { blocks: &blocks, vertices: &vertices, tint: &tint, shading, workers, plan };
 
+    let extent = |bounds: &Bounds| {
+        if bounds.is_empty() { (0.0, 0.0) } else { (bounds.high.x - bounds.low.x, bounds.high.y - bounds.low.y) }
+    };
+    let cells = cells(options.size, &blocks.in_frames.iter().map(extent).collect::<Vec<_>>())?;
     let mut picture = Picture::new(options.size, options.background);
     for (number, (cell, frame)) in cells.iter().zip(frames).enumerate() {
         let projection = Projection::new(frame, blocks.in_frames[number], cell);

@@ -1,7 +1,7 @@
 //! The picture as a whole: its size, the views' cells on it, what is behind them, and how it becomes a file.
 //!
 //! ```text
-//!   +-----------+ +-----------+   as many columns as make the cells' shorter sides longest;
+//!   +-----------+ +-----------+   as many columns as make the views largest in all;
 //!   |  front    | |  left     |   between cells a gap of a darker tone
 //!   +-----------+ +-----------+
 //!   +-----------+
@@ -96,20 +96,34 @@ pub struct Cell {
     pub height: usize,
 }
 
-/// The cells of `views` views, row by row.
+/// The cells of views of which `extents` tells width and height in whatever unit, row by row.
 ///
 /// # Errors
 /// [`Error::Usage`] if the picture is too small for them.
-pub fn cells(size: Size, views: usize) -> Result<Vec<Cell>> {
-    let (width, height) = (size.width as usize, size.height as usize);
+pub fn cells(size: Size, extents: &[(f64, f64)]) -> Result<Vec<Cell>> {
+    let (width, height, views) = (size.width as usize, size.height as usize, extents.len());
     let gap = if views > 1 { (width.min(height) / 300).max(1) } else { 0 };
     let side = |length: usize, count: usize| length.saturating_sub(gap * (count - 1)) / count;
-    let shorter = |columns: usize| side(width, columns).min(side(height, views.div_ceil(columns)));
-    // Of equals the one with more columns: pictures are seen on wide screens.
-    let columns = (1..=views).max_by_key(|&columns| (shorter(columns), columns)).unwrap_or(1);
-    if shorter(columns) == 0 {
-        return Err(Error::Usage(format!("--size {width}x{height}: too small for {views} views")));
+    // The share of a cell that a view can fill.
+    let filled = |width: f64, height: f64, extent: (f64, f64)| {
+        let (across, down) = (extent.0 / width, extent.1 / height);
+        if across > 0.0 && down > 0.0 { across.min(down) / across.max(down) } else { 0.0 }
+    };
+    let mut best = None;
+    for columns in 1..=views {
+        let (width, height) = (side(width, columns), side(height, views.div_ceil(columns)));
+        if width > 0 && height > 0 {
+            let shares: f64 = extents.iter().map(|extent| filled(width as f64, height as f64, *extent)).sum();
+            let area = shares * (width * height) as f64;
+            // Of equals the one with more columns: pictures are seen on wide screens.
+            if best.is_none_or(|(most, _)| area >= most) {
+                best = Some((area, columns));
+            }
+        }
     }
+    let Some((_, columns)) = best else {
+        return Err(Error::Usage(format!("--size {width}x{height}: too small for {views} views")));
+    };
     let rows = views.div_ceil(columns);
     let cell = |view: usize| {
         let start = |i: usize, length: usize, count: usize| (length + gap) * i / count;
@@ -197,7 +211,7 @@ mod tests {
     #[test]
     fn cells_fill_the_picture_and_do_not_overlap() {
         for (width, height, views) in [(1600, 1200, 1), (1600, 1200, 2), (640, 480, 7), (100, 900, 3), (97, 61, 5)] {
-            let cells = cells(Size { width, height }, views).unwrap();
+            let cells = cells(Size { width, height }, &vec![(3.0, 2.0); views]).unwrap();
             let mut seen = vec![0; (width * height) as usize];
             for cell in &cells {
                 for row in cell.top..cell.top + cell.height {
@@ -211,9 +225,12 @@ mod tests {
             let bottom = cells.iter().map(|c| c.top + c.height).max().unwrap();
             assert_eq!((right, bottom), (width as usize, height as usize));
         }
-        let two = cells(Size { width: 1600, height: 1200 }, 2).unwrap();
-        assert_eq!((two[0].top, two[1].top), (0, 0), "side by side");
-        assert!(cells(Size { width: 1, height: 1 }, 9).is_err());
+        let size = Size { width: 1600, height: 1200 };
+        let tops = |extent| cells(size, &[extent; 2]).unwrap().iter().map(|cell| cell.top).collect::<Vec<_>>();
+        assert_eq!(tops((1.0, 2.0)), [0, 0], "side by side");
+        assert_eq!(tops((2.0, 1.0)), [0, 602], "one above the other");
+        assert_eq!(tops((0.0, 0.0)), [0, 0]);
+        assert!(cells(Size { width: 1, height: 1 }, &[(1.0, 1.0); 9]).is_err());
     }
 
     #[test]

@@ -5,11 +5,11 @@ use std::io::{BufReader, ErrorKind, Read};
 use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 
-use super::Input;
 use super::convert::Converter;
 use super::ply_header::{Element, Encoding, Header, Property, Type};
 use super::text::Lines;
-use crate::attribute::{Attribute, Schema};
+use super::{Input, chosen};
+use crate::attribute::{Attribute, Schema, Wanted, canonical};
 use crate::error::{Error, Result};
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::Precision;
@@ -20,18 +20,24 @@ const PIECE: usize = 1 << 16;
 /// The coordinates' names.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-pub(super) fn open(input: Input, workspace: &Workspace, in_memory: u64) -> Result<Box<dyn MeshSource>> {
+pub(super) fn open(
+    input: Input,
+    workspace: &Workspace,
+    in_memory: u64,
+    wanted: &Wanted,
+) -> Result<Box<dyn MeshSource>> {
     let mut lines = Lines::new(&input);
     let header = Header::read(&input, &mut lines)?;
     let there = attributes(find(&header, "vertex")).map(|(name, _, kind)| Attribute::new(name, kind.scalar()));
     let schema = Schema::new(there.collect());
+    let chosen = chosen(input.path, wanted, &schema)?;
     let layout = Layout::of(&input, &header)?;
     if let Some(layout) = layout
         && layout.is_all_triangles(&input)?
     {
         return Ok(Box::new(InPlace { path: input.path.to_path_buf(), file: input.file, layout, schema }));
     }
-    Ok(Box::new(convert(&input, &header, lines, workspace, in_memory)?))
+    Ok(Box::new(convert(&input, &header, lines, workspace, in_memory, chosen)?))
 }
 
 /// Where vertices and triangles lie in a file whose elements all have a fixed length.
@@ -250,13 +256,24 @@ fn convert(
     lines: Lines,
     workspace: &Workspace,
     in_memory: u64,
+    schema: Schema,
 ) -> Result<crate::mesh::spool::MeshSpool> {
     let vertex = find(header, "vertex");
+    // Of each property, which of the schema's attributes it is.
+    let place = |property: &Property| match property {
+        Property::Scalar { name, .. } if !AXES.contains(&name.as_str()) => {
+            let name = canonical(name);
+            schema.attributes().iter().position(|attribute| attribute.name == name)
+        }
+        _ => None,
+    };
+    let places: Vec<Option<usize>> = vertex.properties.iter().map(place).collect();
+    let mut attributes = vec![0.0; schema.attributes().len()];
     let axes = axes(input, vertex)?.map(|(_, kind)| kind);
     let corners = corners(input, find(header, "face"))?;
     let narrow = |kind: &Type| !matches!(kind, Type::Float64 | Type::Int32 | Type::Uint32);
     let precision = if axes.iter().all(narrow) { Precision::Single } else { Precision::Double };
-    let mut mesh = Converter::new(input.path, workspace, precision, in_memory);
+    let mut mesh = Converter::new(input.path, workspace, precision, schema, in_memory);
     let mut values = match header.encoding {
         Encoding::Ascii => {
             // The rest of the header's last line is no value.
@@ -277,6 +294,10 @@ fn convert(
                         let value = values.next(*kind)?;
                         if let Some(axis) = AXES.iter().position(|axis| axis == name) {
                             position[axis] = value;
+                        } else if element.name == "vertex"
+                            && let Some(place) = places[i]
+                        {
+                            attributes[place] = value;
                         }
                     }
                     Property::List { count, item, .. } => {
@@ -291,6 +312,7 @@ fn convert(
             }
             if element.name == "vertex" {
                 mesh.vertex(position)?;
+                mesh.attributes(&attributes)?;
             }
         }
     }
