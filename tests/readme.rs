@@ -25,7 +25,9 @@ fn rows(section: &str) -> Vec<[String; 2]> {
 /// The flag as the table writes it: `-o`, `--output FILE`.
 fn written(arg: &Arg) -> String {
     let mut long = format!("--{}", arg.get_long().unwrap());
-    if arg.get_action().takes_values() {
+    if arg.is_require_equals_set() {
+        long += &format!("[={}]", arg.get_value_names().unwrap()[0]);
+    } else if arg.get_action().takes_values() {
         long += &format!(" {}", arg.get_value_names().unwrap()[0]);
     }
     arg.get_short().map_or(format!("`{long}`"), |short| format!("`-{short}`, `{long}`"))
@@ -58,6 +60,7 @@ fn program() -> Command {
 fn the_tables_list_exactly_the_flags_and_their_defaults() {
     let program = program();
     assert_eq!(rows(section("### Options")), flags(&program));
+    assert_eq!(rows(section("### Options of `render`")), flags(program.find_subcommand("render").unwrap()));
     assert_eq!(rows(section("### Options of `generate`")), flags(program.find_subcommand("generate").unwrap()));
 }
 

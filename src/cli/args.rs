@@ -15,7 +15,7 @@ use crate::open::{Facing, Hole, Kind, Open};
 use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
 use crate::render::{Background, ColourBy, Options, Shading, Size, Up, View};
-use crate::run::{Check, Job, Means};
+use crate::run::{Check, Job, Means, Preview};
 use crate::scalar::Endian;
 use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::component::Least;
@@ -71,6 +71,9 @@ pub struct ReconstructArguments {
     /// Write a file for each square of this side, in the input's units, and an index, in the folder city.tiles for city.ply: PLY and GLB
     #[arg(long, value_name = "SIDE", value_parser = positive, allow_negative_numbers = true)]
     pub tile: Option<f64>,
+    /// Draw a picture of the mesh, too [default: the mesh's name with .png]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    pub preview: Option<Option<PathBuf>>,
     /// Write the input's own coordinates in double precision, without an origin: PLY only
     #[arg(long)]
     pub ply_double: bool,
@@ -493,6 +496,11 @@ impl ReconstructArguments {
         Ok(Job {
             output,
             tile: self.tile,
+            preview: match &self.preview {
+                None => Preview::None,
+                Some(None) => Preview::Beside,
+                Some(Some(path)) => Preview::At(path.clone()),
+            },
             overwrite: overwrite(self.overwrite),
             positions,
             check,

@@ -16,7 +16,7 @@ use crate::mesh;
 use crate::pipeline::Fineness;
 use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress, Show, thousands};
-use crate::render::{picture_file, render};
+use crate::render;
 use crate::report::{GridReport, short};
 use crate::run::{Means, Planned, look, plan, run};
 use crate::survey::sampling_distance;
@@ -164,15 +164,25 @@ fn draw(arguments: &RenderArguments) -> Result<Exit> {
     stop_on_signal(&workers)?;
     let options = arguments.options();
     let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
-    let file = picture_file(&output, overwrite(arguments.overwrite))?;
-    let budget = means.budget();
+    // Of the budget: a quarter for a mesh that has to be converted, an eighth for the process.
+    let (budget, least) = (means.budget(), render::least_memory(&options) / 5 * 8);
+    if budget < least {
+        let (given, needed) = (ByteSize(budget), ByteSize(least.next_multiple_of(1 << 20)));
+        return Err(Error::Budget { given, needed, what: "a picture of this size" });
+    }
+    let file = render::picture_file(&output, overwrite(arguments.overwrite))?;
     let workspace = means.workspace(&output)?;
     let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 4, &options.colour_by.wanted())?;
     let mut progress = Progress::new(show(arguments.quiet));
     progress.begin(Phase::Render, Some(mesh.face_count()));
-    let picture = render(&*mesh, &options, budget / 8 * 5, &workers, &workspace, &mut |done| progress.set(done))?;
+    let told = &mut |done| progress.set(done);
+    let picture = render::render(&*mesh, &options, budget / 8 * 5, &workers, &workspace, told)?;
     picture.write(file)?;
     progress.end();
+    if picture.triangles == 0 {
+        progress.note("the picture is empty: the mesh has no triangle with finite corners");
+    }
+    progress.note(&format!("{}: {} triangles", output.display(), thousands(picture.triangles)));
     Ok(Exit::Done)
 }
 

@@ -80,7 +80,12 @@ pub struct Blocks<'a> {
     pub bounds: Bounds,
     /// Their boxes in some frames.
     pub in_frames: Vec<Bounds>,
+    /// How many they are.
+    pub drawable: u64,
 }
+
+/// What a look at some triangles finds of those that can be drawn: their box, in each frame as well, and their number.
+type Seen = (Bounds, Vec<Bounds>, u64);
 
 /// The triangles of one block; its memory is used again.
 #[derive(Debug, Default)]
@@ -128,6 +133,7 @@ impl<'a> Blocks<'a> {
             corners: workspace.spool(sizes.in_memory),
             bounds: Bounds::EMPTY,
             in_frames: vec![Bounds::EMPTY; frames.len()],
+            drawable: 0,
         };
         let pieces = Spares::<Piece>::default();
         let number = mesh.face_count().div_ceil(BLOCK as u64);
@@ -154,9 +160,9 @@ impl<'a> Blocks<'a> {
         workers.in_order_range(sizes.in_flight, number as usize, look, |(count, span, seen)| {
             let mut block = Block { span, bounds: Bounds::EMPTY, far: None };
             match seen {
-                Some((bounds, in_frames)) => {
-                    block.bounds = bounds;
-                    all.widen(bounds, &in_frames);
+                Some(seen) => {
+                    block.bounds = seen.0;
+                    all.widen(&seen);
                     done += count;
                     progress(done);
                 }
@@ -173,8 +179,9 @@ impl<'a> Blocks<'a> {
         Ok(all)
     }
 
-    fn widen(&mut self, bounds: Bounds, in_frames: &[Bounds]) {
-        self.bounds = self.bounds.with(bounds);
+    fn widen(&mut self, (bounds, in_frames, count): &Seen) {
+        self.bounds = self.bounds.with(*bounds);
+        self.drawable += count;
         self.in_frames.iter_mut().zip(in_frames).for_each(|(all, part)| *all = all.with(*part));
     }
 
@@ -202,12 +209,12 @@ impl<'a> Blocks<'a> {
         };
         let mut blocks = far.iter();
         workers.in_order_range(sizes.in_flight, batches.len(), look, |(faces, table, seen)| {
-            for (faces, (bounds, in_frames)) in faces.chunks(BLOCK).zip(seen) {
+            for (faces, seen) in faces.chunks(BLOCK).zip(seen) {
                 let positions: Vec<[f64; 3]> = faces.as_flattened().iter().map(|v| table[*v as usize]).collect();
                 self.corners.append(bytemuck::cast_slice(&positions))?;
-                self.widen(bounds, &in_frames);
+                self.widen(&seen);
                 let block = *blocks.next().expect("a batch is made of far blocks");
-                self.blocks[block].bounds = bounds;
+                self.blocks[block].bounds = seen.0;
                 done += faces.len() as u64;
                 progress(done);
             }
@@ -286,12 +293,12 @@ pub fn read_faces(mesh: &dyn MeshSource, number: usize, faces: &mut Vec<[u32; 3]
     Ok(count)
 }
 
-/// The boxes of the triangles that can be drawn: in the mesh's coordinates, and in each frame.
-fn seen(faces: &[[u32; 3]], table: &[[f64; 3]], frames: &[Frame]) -> (Bounds, Vec<Bounds>) {
-    let mut used = vec![false; table.len()];
+fn seen(faces: &[[u32; 3]], table: &[[f64; 3]], frames: &[Frame]) -> Seen {
+    let (mut used, mut count) = (vec![false; table.len()], 0);
     for face in faces {
         if face.iter().all(|v| is_finite(table[*v as usize])) {
             face.iter().for_each(|v| used[*v as usize] = true);
+            count += 1;
         }
     }
     let (mut bounds, mut in_frames) = (Bounds::EMPTY, vec![Bounds::EMPTY; frames.len()]);
@@ -300,5 +307,5 @@ fn seen(faces: &[[u32; 3]], table: &[[f64; 3]], frames: &[Frame]) -> (Bounds, Ve
         bounds.add(position);
         in_frames.iter_mut().zip(frames).for_each(|(bounds, frame)| bounds.add(frame.turn(position)));
     }
-    (bounds, in_frames)
+    (bounds, in_frames, count)
 }

@@ -17,6 +17,7 @@
 
 mod blocks;
 mod colour;
+mod label;
 mod light;
 mod openness;
 mod raster;
@@ -177,6 +178,18 @@ pub fn render(
     // Whether there is room for so many, before the work.
     cells(options.size, &vec![(1.0, 1.0); options.views.len()])?;
     let plan = Plan::new(budget, options, workers.threads())?;
+    draw(mesh, options, plan, workers, workspace, progress)
+}
+
+fn draw(
+    mesh: &dyn MeshSource,
+    options: &Options,
+    plan: Plan,
+    workers: &Workers,
+    workspace: &Workspace,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Picture> {
+    let faces = mesh.face_count();
     let frames: Vec<Frame> = options.views.iter().map(|view| view.frame(options.up)).collect();
     let blocks = Blocks::survey(mesh, &frames, plan.sizes, workers, workspace, &mut |done| progress(done / 4))?;
     let tint = Tint::of(mesh, &options.colour_by, options.up, workers)?;
@@ -198,8 +211,12 @@ pub fn render(
             progress(half + (half as f64 * (number as f64 + share) / views as f64) as u64);
         })?;
         fill(&mut picture, cell, &pixels, options.background, workers)?;
+        if cells.len() > 1 {
+            label::write(&mut picture, cell, &options.views[number].name);
+        }
     }
     progress(faces);
+    picture.triangles = blocks.drawable;
     Ok(picture)
 }
 

@@ -121,7 +121,11 @@ mod tests {
     use super::*;
 
     fn of(depth: impl Fn(f32, f32) -> f32) -> f32 {
-        let at = |i: usize| Pixel { depth: depth((i % 200) as f32 - 100.0, (i / 200) as f32 - 100.0), ..Pixel::EMPTY };
+        let at = |i: usize| {
+            let mut pixel = Pixel::EMPTY;
+            pixel.depth = depth((i % 200) as f32 - 100.0, (i / 200) as f32 - 100.0);
+            pixel
+        };
         let pixels: Vec<Pixel> = (0..200 * 200).map(at).collect();
         Openness::new(200, 200).of(&pixels, 100, 100)
     }

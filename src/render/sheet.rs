@@ -144,6 +144,8 @@ pub struct Picture {
     pub channels: usize,
     /// The pixels.
     pub pixels: Vec<u8>,
+    /// Triangles that could be drawn, whether they are seen or not.
+    pub triangles: u64,
 }
 
 impl Picture {
@@ -157,7 +159,7 @@ impl Picture {
                 colour.map(tone).repeat(size.pixels())
             }
         };
-        Picture { size, channels: Picture::channels(background), pixels }
+        Picture { size, channels: Picture::channels(background), pixels, triangles: 0 }
     }
 
     /// Bytes of a pixel.

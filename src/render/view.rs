@@ -99,8 +99,22 @@ impl View {
 
     /// The view from the front, the right and above.
     pub fn iso() -> View {
-        let (name, azimuth, elevation) = NAMED[0];
+        View::named(NAMED[0])
+    }
+
+    /// The view from above.
+    pub fn top() -> View {
+        View::named(NAMED[5])
+    }
+
+    fn named((name, azimuth, elevation): (&str, f64, f64)) -> View {
         View { name: name.to_string(), azimuth, elevation }
+    }
+
+    /// The view from a direction, where z is up, in whole degrees.
+    pub fn from_direction([x, y, z]: [f64; 3]) -> View {
+        let azimuth = y.atan2(x).to_degrees().round().rem_euclid(360.0);
+        View::from_angles(azimuth, z.atan2(x.hypot(y)).to_degrees().round())
     }
 
     /// Its frame, in the mesh's coordinates.
@@ -118,13 +132,13 @@ impl FromStr for View {
 
     fn from_str(text: &str) -> Result<View> {
         let text = text.trim().to_ascii_lowercase();
-        if let Some(&(name, azimuth, elevation)) = NAMED.iter().find(|(name, ..)| *name == text) {
-            return Ok(View { name: name.to_string(), azimuth, elevation });
+        if let Some(named) = NAMED.iter().find(|(name, ..)| *name == text) {
+            return Ok(View::named(*named));
         }
         let angles = text.split_once(':').and_then(|(a, e)| Some((a.parse::<f64>().ok()?, e.parse::<f64>().ok()?)));
         match angles {
             Some((azimuth, elevation)) if azimuth.abs() <= 360.0 && elevation.abs() <= 90.0 => {
-                Ok(View { name: text, azimuth, elevation })
+                Ok(View::from_angles(azimuth, elevation))
             }
             _ => {
                 let names = NAMED.map(|(name, ..)| name).join(", ");
@@ -188,6 +202,14 @@ mod tests {
                 assert!((right.cross(up) - toward).length() < 1e-12 && (toward.length() - 1.0).abs() < 1e-12);
             }
         }
+    }
+
+    #[test]
+    fn directions_have_views() {
+        assert_eq!(View::from_direction([0.0, -2.0, 0.0]).name, "270:0");
+        assert_eq!(View::from_direction([0.0, 0.0, -1.0]).elevation, -90.0);
+        assert_eq!(View::from_direction([1.0, 1.0, 2f64.sqrt()]).name, "45:45");
+        assert_eq!(View::top().name, "top");
     }
 
     #[test]
