@@ -18,13 +18,10 @@ mod clouds;
 use std::path::Path;
 use std::time::Duration;
 
-use asra_stream::input::InputOptions;
 use asra_stream::machine;
-use asra_stream::output::Positions;
-use asra_stream::pipeline::Settings;
 use asra_stream::progress::{Progress, Show};
 use asra_stream::report::Report;
-use asra_stream::run::{Check, Job, Means, run};
+use asra_stream::run::{Job, Means, run};
 use asra_stream::schedule::Workers;
 use asra_stream::whole::Overwrite;
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput};
@@ -49,19 +46,14 @@ impl Bench<'_> {
     fn add(&self, criterion: &mut Criterion, group: &str, id: BenchmarkId) {
         let workers = Workers::new(self.threads).expect("threads");
         let job = Job {
-            inputs: vec![clouds::knot(self.dir, self.points, &workers)],
-            input: InputOptions::default(),
-            settings: Settings::default(),
             output: Some(self.dir.join("knot.ply")),
-            tile: None,
             overwrite: Overwrite::Replace,
-            positions: Positions::Shifted,
             means: Means {
                 max_memory: Some(self.budget()),
                 threads: Some(self.threads),
                 temp_dir: Some(self.dir.to_path_buf()),
             },
-            check: Check::Always,
+            ..Job::new([clouds::knot(self.dir, self.points, &workers)])
         };
         let run = || -> Report {
             let report = run(&job, &workers, &mut Progress::new(Show::Nothing)).expect("a mesh");

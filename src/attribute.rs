@@ -155,9 +155,19 @@ impl Schema {
 
     /// Where an attribute lies in a record.
     pub fn column(&self, name: &str) -> Option<Column> {
-        let at = self.attributes.iter().position(|a| a.name == name)?;
-        let offset = self.attributes[..at].iter().map(|a| a.scalar.bytes()).sum();
-        Some(Column { offset, scalar: self.attributes[at].scalar })
+        self.attributes.iter().position(|a| a.name == name).map(|number| self.column_at(number))
+    }
+
+    /// Where the attribute of this number, from 0, lies in a record.
+    pub fn column_at(&self, number: usize) -> Column {
+        let offset = self.attributes[..number].iter().map(|a| a.scalar.bytes()).sum();
+        Column { offset, scalar: self.attributes[number].scalar }
+    }
+
+    /// Words for a mesh of this schema whose vertices have no attribute of that name.
+    pub fn lacks(&self, name: &str) -> String {
+        let there = if self.attributes.is_empty() { "none".to_string() } else { self.to_string() };
+        format!("its vertices have no attribute {name}; there are: {there}")
     }
 
     /// The same with another attribute at the end, if it is not there yet.

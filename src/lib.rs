@@ -23,6 +23,7 @@ pub mod plan;
 pub mod points;
 pub mod progress;
 pub mod rehearsal;
+pub mod render;
 pub mod report;
 pub mod run;
 pub mod scalar;

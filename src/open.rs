@@ -46,17 +46,27 @@ impl Facing {
         }
     }
 
+    /// The direction to where points in `bounds` were seen from, of whatever length.
+    pub fn direction(self, bounds: &Bounds) -> [f64; 3] {
+        match self {
+            Facing::Along { axis, positive } => {
+                let along = if positive { 1.0 } else { -1.0 };
+                std::array::from_fn(|a| if a == axis as usize { along } else { 0.0 })
+            }
+            Facing::Direction(direction) => direction,
+            Facing::Position(place) => std::array::from_fn(|a| place[a] - bounds.min[a].midpoint(bounds.max[a])),
+        }
+    }
+
     /// How the grid is turned, for points in `bounds`; none if it is not.
     ///
     /// # Errors
     /// [`Error::Usage`] if that is no direction.
     pub fn turn(self, bounds: &Bounds) -> Result<Option<Turn>> {
-        let direction = match self {
-            Facing::Along { .. } => return Ok(None),
-            Facing::Direction(direction) => direction,
-            Facing::Position(place) => std::array::from_fn(|a| place[a] - bounds.min[a].midpoint(bounds.max[a])),
-        };
-        let turn = Turn::up(direction)
+        if matches!(self, Facing::Along { .. }) {
+            return Ok(None);
+        }
+        let turn = Turn::up(self.direction(bounds))
             .ok_or_else(|| Error::Usage(format!("--facing {self}: is no direction from the points")))?;
         Ok(Some(turn))
     }

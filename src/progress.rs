@@ -29,6 +29,8 @@ pub enum Phase {
     Compare,
     /// Writing the mesh file.
     Write,
+    /// Drawing a picture of the mesh.
+    Render,
     /// Making a test cloud.
     Generate,
 }
@@ -47,6 +49,7 @@ impl Phase {
             Phase::Intersect => ("intersect", "triangles"),
             Phase::Compare => ("compare", "distances"),
             Phase::Write => ("write", "elements"),
+            Phase::Render => ("render", "triangles"),
             Phase::Generate => ("generate", "points"),
         }
     }

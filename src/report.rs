@@ -155,6 +155,8 @@ pub struct Closing {
 pub struct OutputReport {
     /// The file.
     pub path: PathBuf,
+    /// The picture of it, if one was drawn.
+    pub preview: Option<PathBuf>,
     /// Its length.
     pub bytes: u64,
     /// Vertices.
@@ -365,6 +367,9 @@ impl fmt::Display for Report {
             writeln!(f, "         {} pairs of triangles still intersect", thousands(tangled))?;
         }
         writeln!(f, "output   {}, {}", self.output.path.display(), ByteSize(self.output.bytes))?;
+        if let Some(preview) = &self.output.preview {
+            writeln!(f, "preview  {}", preview.display())?;
+        }
         write!(f, "time     {}:", seconds(self.seconds_total))?;
         for (i, (phase, time)) in self.seconds.iter().enumerate() {
             let share = 100.0 * time / self.seconds_total.max(1e-9);

@@ -16,6 +16,7 @@ use glam::DVec3;
 
 use crate::error::{Error, Result};
 use crate::grid::Grid;
+use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
 use crate::seam::Seam;
 use crate::slab::{BEFORE, SlabMesh};

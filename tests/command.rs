@@ -405,7 +405,7 @@ fn body(ply: &[u8]) -> &[u8] {
 #[test]
 fn help_and_version_go_to_standard_output() {
     let f = Folder::new();
-    for line in ["--help", "-h", "plan --help", "info --help", "check --help", "generate --help"] {
+    for line in ["--help", "-h", "plan --help", "info --help", "check --help", "render --help", "generate --help"] {
         let answer = f.ok(line);
         assert!(answer.out.contains("Usage:") && answer.err.is_empty(), "{line}");
     }
@@ -553,6 +553,128 @@ fn check_tells_a_good_mesh_from_a_broken_one() {
     f.fails("check cloud.txt", 2, &["cloud.txt: not a mesh that can be read"]);
     f.knot(10);
     f.fails("check k.ply", 1, &["k.ply: the header: expected one element face (is this a point cloud?)"]);
+}
+
+/// Width, height and channels of a PNG file, and its pixels.
+fn png(bytes: &[u8]) -> (u32, u32, usize, Vec<u8>) {
+    let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    (info.width, info.height, info.color_type.samples(), pixels)
+}
+
+#[test]
+fn a_mesh_becomes_a_picture_whatever_the_means() {
+    let f = Folder::new();
+    f.knot(20_000);
+    f.ok("k.ply -o m.ply");
+    let answer = f.ok("render m.ply --size 320x200 --views iso,35:-20 --max-memory 64M -j 1");
+    assert!(
+        answer.err.contains("m.png: ") && answer.err.contains(" triangles") && answer.out.is_empty(),
+        "{}",
+        answer.err
+    );
+    let first = f.read("m.png");
+    let (width, height, channels, pixels) = png(&first);
+    assert_eq!((width, height, channels), (320, 200, 3));
+    assert!(pixels.iter().filter(|c| **c < 250).count() > pixels.len() / 10);
+    f.make("tmp");
+    f.ok("render m.ply --size 320x200 --views iso,35:-20 -o b.png --max-memory 1G -j 3 --temp-dir tmp");
+    assert!(f.read("b.png") == first);
+    assert!(f.names("tmp").is_empty());
+    assert_eq!(f.ok("render m.ply -o m.png --size 64x64 --overwrite --quiet").err, "");
+    f.ok("render m.ply -o t.PNG --size 30x20 --background transparent --shading flat --up -x --color-by height");
+    assert_eq!(png(&f.read("t.PNG")).2, 4);
+    // The other formats, in their own precision.
+    for format in ["stl", "obj", "glb"] {
+        f.ok(&format!("k.ply -o {format}.{format}"));
+        f.ok(&format!("render {format}.{format} --size 320x200 --views iso,35:-20 -q"));
+        let (_, _, _, other) = png(&f.read(&format!("{format}.png")));
+        let apart = pixels.iter().zip(&other).filter(|(a, b)| a.abs_diff(**b) > 8).count();
+        assert!(apart < pixels.len() / 200, "{format}: {apart} of {}", pixels.len());
+    }
+}
+
+#[test]
+fn pictures_show_attributes_that_are_there() {
+    let f = Folder::new();
+    f.write("i.ply", with_intensity(&f.knot(5000)));
+    f.ok("i.ply -o m.ply");
+    f.ok("i.ply -o m.glb");
+    f.ok("i.ply -o m.stl");
+    f.ok("render m.ply --size 90x90 --color-by Intensity");
+    f.ok("render m.glb --size 90x90 --color-by intensity -o g.png");
+    assert_eq!(png(&f.read("m.png")), png(&f.read("g.png")));
+    f.ok("render m.ply --size 90x90 -o plain.png");
+    assert!(f.read("m.png") != f.read("plain.png"));
+    for mesh in ["m.ply", "m.glb"] {
+        let line = format!("render {mesh} --color-by rgb -o n.png");
+        f.fails(&line, 2, &[mesh, "its vertices have no attribute red; there are: intensity"]);
+    }
+    f.fails("render m.stl --color-by class -o n.png", 2, &["no attribute classification; there are: none"]);
+}
+
+#[test]
+fn what_cannot_be_drawn_leaves_no_picture() {
+    let f = Folder::new();
+    f.knot(3000);
+    f.ok("k.ply -o m.ply");
+    f.fails("render gone.ply", 1, &["gone.ply: cannot open"]);
+    f.fails("render k.ply", 1, &["is this a point cloud?"]);
+    f.fails("render m.ply -o m.jpg", 2, &["m.jpg: pictures are .png"]);
+    f.fails("render m.ply -o no/m.png", 1, &["no: cannot open the folder"]);
+    f.fails("render m.ply --max-memory 4M", 1, &["--max-memory 4.0 MiB: a picture of this size needs", "M or more"]);
+    f.fails(
+        "render m.ply --size 3x3 --views iso,top,left,right,front,back,bottom,1:2,3:4,5:6",
+        2,
+        &["too small for 10 views"],
+    );
+    for (line, part) in [
+        ("--size 0x5", "expected a width and a height"),
+        ("--views above", "AZIMUTH:ELEVATION"),
+        ("--views iso,,top", "AZIMUTH:ELEVATION"),
+        ("--up w", "expected x, y, z"),
+        ("--background mauve", "a colour as in #f0f4f8"),
+        ("--shading shiny", "smooth"),
+    ] {
+        f.fails(&format!("render m.ply {line}"), 2, &[part]);
+    }
+    f.write("m.png", "theirs");
+    f.fails("render m.ply", 2, &["m.png: exists already; pass --overwrite"]);
+    assert_eq!(f.read("m.png"), b"theirs");
+    let whole = f.read("m.ply");
+    f.write("cut.ply", &whole[..whole.len() - 40]);
+    f.fails("render cut.ply", 1, &["cut.ply"]);
+    let mut wrong = whole.clone();
+    let last = wrong.len() - 1;
+    wrong[last] = 0x7f;
+    f.write("wrong.ply", &wrong);
+    f.fails("render wrong.ply", 1, &["wrong.ply: face", "vertex numbers below"]);
+    f.write("empty.obj", "v 0 0 0\n");
+    let answer = f.ok("render empty.obj --size 20x20");
+    assert!(answer.err.contains("the picture is empty"), "{}", answer.err);
+    assert!(png(&f.read("empty.png")).3.iter().all(|c| *c == 255));
+}
+
+#[test]
+fn a_run_draws_a_preview() {
+    let f = Folder::new();
+    f.knot(20_000);
+    let answer = f.ok("k.ply --preview --report r.json");
+    assert!(answer.err.contains("\npreview  k.mesh.png"), "{}", answer.err);
+    assert!(report(&f, "r.json")["output"]["preview"].as_str().unwrap().ends_with("k.mesh.png"));
+    let first = f.read("k.mesh.png");
+    assert_eq!(&png(&first).0, &1200);
+    f.ok("k.ply -o b.glb --preview=other.png --max-memory 200M -j 3 --no-check");
+    assert!(f.read("other.png") == first);
+    f.fails("k.ply -o c.ply --preview=other.png", 2, &["other.png: exists already"]);
+    f.fails("k.ply -o c.ply --preview=c.jpg", 2, &["c.jpg: pictures are .png"]);
+    f.fails("k.ply -o c.ply --preview --max-memory 20M", 1, &["the preview needs", "M or more"]);
+    f.ok("generate terrain 20k -o t.bin");
+    f.ok("t.bin --surface terrain --cell-size auto --preview --tile 0.5 -o t.ply");
+    assert!(f.path("t.png").exists() && f.path("t.tiles").exists());
+    f.ok("t.bin --surface sheet --facing 0.2,0.1,1 --cell-size auto --preview -o s.ply");
+    assert!(f.read("s.png") != f.read("t.png"));
 }
 
 #[test]

@@ -25,7 +25,9 @@ fn rows(section: &str) -> Vec<[String; 2]> {
 /// The flag as the table writes it: `-o`, `--output FILE`.
 fn written(arg: &Arg) -> String {
     let mut long = format!("--{}", arg.get_long().unwrap());
-    if arg.get_action().takes_values() {
+    if arg.is_require_equals_set() {
+        long += &format!("[={}]", arg.get_value_names().unwrap()[0]);
+    } else if arg.get_action().takes_values() {
         long += &format!(" {}", arg.get_value_names().unwrap()[0]);
     }
     arg.get_short().map_or(format!("`{long}`"), |short| format!("`-{short}`, `{long}`"))
@@ -58,7 +60,7 @@ fn program() -> Command {
 fn the_tables_list_exactly_the_flags_and_their_defaults() {
     let program = program();
     assert_eq!(rows(section("### Options")), flags(&program));
-    for name in ["compare", "densify", "generate"] {
+    for name in ["compare", "densify", "render", "generate"] {
         let table = rows(section(&format!("### Options of `{name}`")));
         assert_eq!(table, flags(program.find_subcommand(name).unwrap()), "{name}");
     }

@@ -16,7 +16,8 @@ use crate::input::{Filter, InputOptions, Layout, Returns, Withheld};
 use crate::open::{Facing, Hole, Kind, Open};
 use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
-use crate::run::{Check, Job, Means};
+use crate::render::{Background, ColourBy, Options, Shading, Size, Up, View};
+use crate::run::{Check, Job, Means, Preview};
 use crate::scalar::Endian;
 use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::component::Least;
@@ -55,6 +56,8 @@ pub enum Command {
     Compare(CompareArguments),
     /// Add the centroids of a mesh's triangles to a cloud
     Densify(DensifyArguments),
+    /// Draw a picture of a mesh
+    Render(RenderArguments),
     /// Write a test cloud of any size
     Generate(GenerateArguments),
 }
@@ -74,6 +77,9 @@ pub struct ReconstructArguments {
     /// Write a file for each square of this side, in the input's units, and an index, in the folder city.tiles for city.ply: PLY and GLB
     #[arg(long, value_name = "SIDE", value_parser = positive, allow_negative_numbers = true)]
     pub tile: Option<f64>,
+    /// Draw a picture of the mesh, too [default: the mesh's name with .png]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    pub preview: Option<Option<PathBuf>>,
     /// Write the input's own coordinates in double precision, without an origin: PLY only
     #[arg(long)]
     pub ply_double: bool,
@@ -288,6 +294,43 @@ pub struct DensifyArguments {
     /// Record layout of a raw cloud [default: the side-car's, else detected]
     #[arg(long, value_name = "FIELDS")]
     pub layout: Option<Layout>,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub means: MeansArguments,
+}
+
+/// Arguments of `render`.
+#[derive(Debug, Args)]
+pub struct RenderArguments {
+    /// The mesh: .ply, .stl, .obj or .glb
+    pub mesh: PathBuf,
+    /// The picture: .png [default: the mesh's name with .png]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Width and height of the picture, in pixels
+    #[arg(long, value_name = "SIZE", default_value = "1600x1200")]
+    pub size: Size,
+    /// Where it is seen from, one view or several on a sheet: iso, front, back, left, right, top, bottom, or the viewer's AZIMUTH:ELEVATION in degrees
+    #[arg(long, value_name = "VIEWS", value_delimiter = ',', default_value = "iso", allow_hyphen_values = true)]
+    pub views: Vec<View>,
+    /// Which direction is up: x, y, z, -x, -y or -z
+    #[arg(long, value_name = "AXIS", default_value = "z", allow_hyphen_values = true)]
+    pub up: Up,
+    /// Whether triangles are to show
+    #[arg(long, value_enum, default_value_t)]
+    pub shading: Shading,
+    /// What colours tell: none, rgb (the vertices' own), height, or an attribute of vertices such as intensity, classification or distance
+    #[arg(long, value_name = "WHAT", default_value = "none")]
+    pub color_by: ColourBy,
+    /// What is behind the mesh: white, grey, black, transparent, or a colour as in #f0f4f8
+    #[arg(long, value_name = "COLOUR", default_value = "white")]
+    pub background: Background,
+    /// Replace the picture if it exists
+    #[arg(long)]
+    pub overwrite: bool,
     /// Say nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
@@ -516,11 +559,30 @@ impl ReconstructArguments {
         Ok(Job {
             output,
             tile: self.tile,
+            preview: match &self.preview {
+                None => Preview::None,
+                Some(None) => Preview::Beside,
+                Some(Some(path)) => Preview::At(path.clone()),
+            },
             overwrite: overwrite(self.overwrite),
             positions,
             check,
             ..job(&self.cloud, self.means.means())?
         })
+    }
+}
+
+impl RenderArguments {
+    /// What the picture is to show.
+    pub fn options(&self) -> Options {
+        Options {
+            size: self.size,
+            views: self.views.clone(),
+            up: self.up,
+            shading: self.shading,
+            colour_by: self.color_by.clone(),
+            background: self.background,
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use bytesize::ByteSize;
 
 use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
-    PlanArguments, ReconstructArguments, overwrite,
+    PlanArguments, ReconstructArguments, RenderArguments, overwrite,
 };
 use super::{Exit, stop_on_signal};
 use crate::compare::compare;
@@ -18,6 +18,7 @@ use crate::mesh;
 use crate::pipeline::Fineness;
 use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress, Show, thousands};
+use crate::render;
 use crate::report::{GridReport, short};
 use crate::run::{Means, Planned, look, plan, run};
 use crate::survey::sampling_distance;
@@ -35,6 +36,7 @@ pub fn execute(arguments: Arguments) -> Result<Exit> {
         Some(Command::Check(arguments)) => check(arguments),
         Some(Command::Compare(arguments)) => compare_mesh(arguments),
         Some(Command::Densify(arguments)) => densify_cloud(arguments),
+        Some(Command::Render(arguments)) => draw(arguments),
         Some(Command::Generate(arguments)) => generate_cloud(arguments),
     }
 }
@@ -190,6 +192,34 @@ fn densify_cloud(arguments: &DensifyArguments) -> Result<Exit> {
         thousands(made.centroids),
         ByteSize(made.bytes)
     ));
+    Ok(Exit::Done)
+}
+
+fn draw(arguments: &RenderArguments) -> Result<Exit> {
+    let means = arguments.means.means();
+    let workers = means.workers()?;
+    stop_on_signal(&workers)?;
+    let options = arguments.options();
+    let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
+    // Of the budget: a quarter for a mesh that has to be converted, an eighth for the process.
+    let (budget, least) = (means.budget(), render::least_memory(&options) / 5 * 8);
+    if budget < least {
+        let (given, needed) = (ByteSize(budget), ByteSize(least.next_multiple_of(1 << 20)));
+        return Err(Error::Budget { given, needed, what: "a picture of this size" });
+    }
+    let file = render::picture_file(&output, overwrite(arguments.overwrite))?;
+    let workspace = means.workspace(&output)?;
+    let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 4, &options.colour_by.wanted())?;
+    let mut progress = Progress::new(show(arguments.quiet));
+    progress.begin(Phase::Render, Some(mesh.face_count()));
+    let told = &mut |done| progress.set(done);
+    let picture = render::render(&*mesh, &options, budget / 8 * 5, &workers, &workspace, told)?;
+    picture.write(file)?;
+    progress.end();
+    if picture.triangles == 0 {
+        progress.note("the picture is empty: the mesh has no triangle with finite corners");
+    }
+    progress.note(&format!("{}: {} triangles", output.display(), thousands(picture.triangles)));
     Ok(Exit::Done)
 }
 

@@ -131,6 +131,8 @@ impl<T: Target + Pod> Making<'_, T> {
                 self.cut(piles, pile, depth)?;
                 continue;
             }
+            // Freed first, so that there are never two.
+            self.last = None;
             let mut targets = Vec::with_capacity(piles.records(pile) as usize);
             while piles.take(pile, &mut targets)? {}
             self.block(targets)?;

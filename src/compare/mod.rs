@@ -107,7 +107,7 @@ pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
         };
         let opening =
             Opening { workspace: &workspace, memory: budget / 8, decompress: Some(workers), watch: &mut watch };
-        Source::Cloud(Cloud::open_in(&expand(std::slice::from_ref(&job.reference))?, &job.input, opening)?)
+        Source::Cloud(Box::new(Cloud::open_in(&expand(std::slice::from_ref(&job.reference))?, &job.input, opening)?))
     };
 
     let room = Room::new(budget / 4 * 3, workers, &workspace);

@@ -20,7 +20,7 @@ const WINDOW_BYTES: u64 = 48;
 /// A mesh, or a cloud.
 pub(super) enum Source {
     Mesh(Box<dyn MeshSource>),
-    Cloud(Cloud),
+    Cloud(Box<Cloud>),
 }
 
 /// What a first look at a side's places tells.

@@ -16,14 +16,14 @@ const PIECE: usize = 1 << 16;
 /// Unwanted vertices that are read along rather than skipped by a new read.
 const GAP: u32 = 1 << 12;
 
-/// The positions that some triangles need: a table, and the triangles renumbered to it.
+/// What some triangles need of their vertices, positions mostly: a table, and the triangles renumbered to it.
 #[derive(Debug, Default)]
-pub struct Corners {
+pub struct Corners<T = [f64; 3]> {
     /// Positions, in ascending order of their vertices.
-    pub table: Vec<[f64; 3]>,
+    pub table: Vec<T>,
     keys: Vec<u64>,
     numbers: Vec<u32>,
-    piece: Vec<[f64; 3]>,
+    piece: Vec<T>,
 }
 
 /// Smallest and largest vertex number of some triangles; `None` if there are none.
@@ -43,19 +43,32 @@ impl Corners {
     /// # Errors
     /// As [`MeshSource::read_vertices`].
     pub fn fill(&mut self, mesh: &dyn MeshSource, faces: &mut [[u32; 3]], window: usize) -> Result<()> {
+        self.fill_from(&|first, out| mesh.read_vertices(first, out), faces, window)
+    }
+}
+
+/// Fills its second argument with what vertices have, from the one with the first on.
+type ReadVertices<'a, T> = dyn Fn(u64, &mut [T]) -> Result<()> + 'a;
+
+impl<T: Copy + Default> Corners<T> {
+    /// As [`Corners::fill`], of whatever `read` tells of vertices.
+    ///
+    /// # Errors
+    /// Those of `read`.
+    pub fn fill_from(&mut self, read: &ReadVertices<T>, faces: &mut [[u32; 3]], window: usize) -> Result<()> {
         let Some((low, high)) = span(faces) else {
             self.table.clear();
             return Ok(());
         };
         let width = (high - low) as usize + 1;
         if width <= window {
-            self.table.resize(width, [0.0; 3]);
-            mesh.read_vertices(u64::from(low), &mut self.table)?;
+            self.table.resize(width, T::default());
+            read(u64::from(low), &mut self.table)?;
             faces.as_flattened_mut().iter_mut().for_each(|v| *v -= low);
             return Ok(());
         }
         self.renumber(faces);
-        self.pick(mesh)
+        self.pick(read)
     }
 
     /// The vertices of the table, in ascending order, if no window was read.
@@ -80,15 +93,15 @@ impl Corners {
         }
     }
 
-    /// Reads the positions of `numbers`, in ascending order and as few pieces as reasonable.
-    fn pick(&mut self, mesh: &dyn MeshSource) -> Result<()> {
+    /// Reads what is wanted of `numbers`, in ascending order and as few pieces as reasonable.
+    fn pick(&mut self, read: &ReadVertices<T>) -> Result<()> {
         self.table.clear();
         let mut rest = &self.numbers[..];
         while let Some(&first) = rest.first() {
             let near = |pair: &[u32]| pair[1] - pair[0] <= GAP && ((pair[1] - first) as usize) < PIECE;
             let run = 1 + rest.windows(2).take_while(|pair| near(pair)).count();
-            self.piece.resize((rest[run - 1] - first) as usize + 1, [0.0; 3]);
-            mesh.read_vertices(u64::from(first), &mut self.piece)?;
+            self.piece.resize((rest[run - 1] - first) as usize + 1, T::default());
+            read(u64::from(first), &mut self.piece)?;
             self.table.extend(rest[..run].iter().map(|v| self.piece[(v - first) as usize]));
             rest = &rest[run..];
         }

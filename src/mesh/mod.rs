@@ -10,6 +10,7 @@ mod queue;
 pub mod read;
 pub mod spool;
 
+use crate::attribute::Schema;
 use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::points::Precision;
@@ -34,6 +35,13 @@ pub trait MeshSource: Sync {
     /// # Errors
     /// As [`MeshSource::read_vertices`]; a vertex number out of range is [`crate::Error::Malformed`].
     fn read_faces(&self, first: u64, out: &mut [[u32; 3]]) -> Result<()>;
+    /// The attributes of vertices that can be read.
+    fn schema(&self) -> &Schema;
+    /// Fills `out` with what vertices `first ..` have of the attribute that is the schema's `number`-th, from 0.
+    ///
+    /// # Errors
+    /// As [`MeshSource::read_vertices`].
+    fn read_attribute(&self, number: usize, first: u64, out: &mut [f64]) -> Result<()>;
 }
 
 /// What travels with a mesh besides its elements.

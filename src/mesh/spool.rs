@@ -6,6 +6,7 @@ use super::MeshSource;
 use crate::attribute::Schema;
 use crate::error::Result;
 use crate::points::Precision;
+use crate::scalar::{Endian, reader};
 use crate::spool::{Spool, Workspace};
 
 /// Elements converted at once: few enough for the fast caches and for small allocations, which cost no page faults.
@@ -78,11 +79,6 @@ impl MeshSpool {
     /// The same mesh, at an origin that was read with it.
     pub fn placed(self, origin: [f64; 3]) -> MeshSpool {
         MeshSpool { origin, ..self }
-    }
-
-    /// The attributes of its vertices.
-    pub fn schema(&self) -> &Schema {
-        &self.schema
     }
 
     /// Appends the records of vertices' attributes; there is to be one for each vertex in the end.
@@ -179,6 +175,24 @@ impl MeshSource for MeshSpool {
             self.faces.read_at(at, bytemuck::cast_slice_mut(records))?;
             for (face, record) in out.iter_mut().zip(records) {
                 *face = record.vertices;
+            }
+        }
+        Ok(())
+    }
+
+    fn schema(&self) -> &Schema {
+        &self.schema
+    }
+
+    fn read_attribute(&self, number: usize, first: u64, out: &mut [f64]) -> Result<()> {
+        let (column, stride) = (self.schema.column_at(number), self.schema.stride());
+        let read = reader(column.scalar, Endian::NATIVE);
+        let mut records = vec![0; out.len().min(PIECE) * stride];
+        for (piece, out) in out.chunks_mut(PIECE).enumerate() {
+            let records = &mut records[..out.len() * stride];
+            self.attributes.read_at((first + (piece * PIECE) as u64) * stride as u64, records)?;
+            for (value, record) in out.iter_mut().zip(records.chunks_exact(stride)) {
+                *value = read(&record[column.offset..]);
             }
         }
         Ok(())

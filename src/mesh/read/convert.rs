@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::attribute::Schema;
 use crate::error::{Error, Result};
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::mesh::{MeshSource, check_vertex_count};
@@ -16,6 +17,7 @@ pub(super) struct Converter<'a> {
     path: &'a Path,
     mesh: MeshSpool,
     vertices: Vec<[f64; 3]>,
+    records: Vec<u8>,
     faces: Vec<FaceRecord>,
     polygons: u64,
     /// The largest vertex number so far and the polygon that has it.
@@ -24,11 +26,18 @@ pub(super) struct Converter<'a> {
 
 impl<'a> Converter<'a> {
     /// Nothing yet; `path` is named in errors.
-    pub fn new(path: &'a Path, workspace: &Workspace, precision: Precision, in_memory: u64) -> Converter<'a> {
+    pub fn new(
+        path: &'a Path,
+        workspace: &Workspace,
+        precision: Precision,
+        schema: Schema,
+        in_memory: u64,
+    ) -> Converter<'a> {
         Converter {
             path,
-            mesh: MeshSpool::new(workspace, precision, in_memory),
+            mesh: MeshSpool::with_attributes(workspace, precision, schema, in_memory),
             vertices: Vec::new(),
+            records: Vec::new(),
             faces: Vec::new(),
             polygons: 0,
             highest: None,
@@ -50,6 +59,21 @@ impl<'a> Converter<'a> {
             self.mesh.append_vertices(&self.vertices)?;
             self.vertices.clear();
             check_vertex_count(self.mesh.vertex_count())?;
+        }
+        Ok(())
+    }
+
+    /// The attributes of the next vertex that has none yet, in the schema's order.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn attributes(&mut self, values: &[f64]) -> Result<()> {
+        for (attribute, value) in self.mesh.schema().attributes().iter().zip(values) {
+            attribute.scalar.put(*value, &mut self.records);
+        }
+        if self.records.len() >= BLOCK {
+            self.mesh.append_attributes(&self.records)?;
+            self.records.clear();
         }
         Ok(())
     }
@@ -98,6 +122,7 @@ impl<'a> Converter<'a> {
     /// [`Error::Malformed`] if one does not; otherwise as [`Converter::vertex`].
     pub fn finish(mut self) -> Result<MeshSpool> {
         self.mesh.append_vertices(&self.vertices)?;
+        self.mesh.append_attributes(&self.records)?;
         self.mesh.append_faces(&self.faces)?;
         let vertices = self.mesh.vertex_count();
         check_vertex_count(vertices)?;

@@ -3,13 +3,17 @@
 //! Meshes keep their own coordinates, each once: the transformations of the scene's nodes are not applied. But if there is one node with a mesh, on its own, that
 //! is only moved, this is the origin, as in the program's own files.
 
+use std::collections::BTreeMap;
+
 use serde::Deserialize;
 
-use super::Input;
 use super::convert::Converter;
+use super::{Input, chosen, colours};
+use crate::attribute::{Attribute, Schema, Wanted, canonical};
 use crate::error::{Error, Result};
 use crate::mesh::spool::MeshSpool;
 use crate::points::Precision;
+use crate::scalar::{Endian, Scalar, reader};
 use crate::spool::Workspace;
 
 /// The most bytes of JSON: a scene of hundreds of thousands of nodes.
@@ -82,15 +86,10 @@ struct Mesh {
 
 #[derive(Deserialize)]
 struct Primitive {
-    attributes: Attributes,
+    /// The numbers of accessors, by what they hold.
+    attributes: BTreeMap<String, usize>,
     indices: Option<usize>,
     mode: Option<u32>,
-}
-
-#[derive(Deserialize)]
-struct Attributes {
-    #[serde(rename = "POSITION")]
-    position: Option<usize>,
 }
 
 /// An accessor's elements in the file.
@@ -101,7 +100,7 @@ struct Elements {
     count: u64,
 }
 
-pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Result<MeshSpool> {
+pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64, wanted: &Wanted) -> Result<MeshSpool> {
     let (json, binary) = chunks(input)?;
     let mut text = vec![0; json.end as usize - json.start as usize];
     input.read_at(json.start, &mut text)?;
@@ -114,13 +113,14 @@ pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Resu
             advice: "save it without mesh compression",
         });
     }
-    let mut mesh = Converter::new(input.path, workspace, Precision::Single, in_memory);
+    let schema = chosen(input.path, wanted, &attributes(&scene))?;
+    let mut mesh = Converter::new(input.path, workspace, Precision::Single, schema.clone(), in_memory);
     for primitive in scene.meshes.iter().flat_map(|mesh| &mesh.primitives) {
         if primitive.mode.is_some_and(|mode| mode != TRIANGLES) {
             let found = format!("mode {}", primitive.mode.unwrap_or_default());
             return Err(Error::malformed(input.path, "a primitive", format!("triangles (mode {TRIANGLES})"), found));
         }
-        let Some(position) = primitive.attributes.position else { continue };
+        let Some(&position) = primitive.attributes.get("POSITION") else { continue };
         let positions = elements(input, &scene, &binary, position, "VEC3", &[5126])?;
         let before = mesh.vertex_count();
         each(input, &positions, |bytes| {
@@ -128,6 +128,7 @@ pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Resu
                 |i: usize| f64::from(f32::from_le_bytes([bytes[i], bytes[i + 1], bytes[i + 2], bytes[i + 3]]));
             mesh.vertex([coordinate(0), coordinate(4), coordinate(8)])
         })?;
+        read_attributes(input, &scene, &binary, primitive, &schema, positions.count, &mut mesh)?;
         let mut corners = Vec::with_capacity(3);
         let mut corner = |number: u64| {
             if number >= positions.count {
@@ -156,6 +157,102 @@ pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Resu
         }
     }
     Ok(mesh.finish()?.placed(scene.origin()))
+}
+
+/// What the name of an attribute of the program's own begins with; there are others, such as `NORMAL`, that are nothing to us.
+const OWN: &str = "_";
+const COLOUR: &str = "COLOR_0";
+
+/// The attributes that any of the primitives has: colours in 16 bits, others as `f64`.
+fn attributes(scene: &Scene) -> Schema {
+    let primitives = || scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let mut schema = Schema::default();
+    if primitives().any(|primitive| primitive.attributes.contains_key(COLOUR)) {
+        schema = colours(Scalar::U16);
+    }
+    let names = primitives().flat_map(|primitive| primitive.attributes.keys());
+    names
+        .filter_map(|name| name.strip_prefix(OWN))
+        .fold(schema, |schema, name| schema.with(&Attribute::new(name, Scalar::F64)))
+}
+
+/// Reads the attributes of a primitive's vertices, a piece at a time; what it does not have is zero.
+fn read_attributes(
+    input: &Input,
+    scene: &Scene,
+    binary: &std::ops::Range<u64>,
+    primitive: &Primitive,
+    schema: &Schema,
+    count: u64,
+    mesh: &mut Converter,
+) -> Result<()> {
+    // For each attribute of the schema: its elements, which of their numbers it is, and what makes it what the schema says.
+    let mut columns = Vec::new();
+    for attribute in schema.attributes() {
+        let channel = ["red", "green", "blue"].iter().position(|name| *name == attribute.name);
+        let own = |name: &&String| name.strip_prefix(OWN).is_some_and(|own| canonical(own) == attribute.name);
+        let (name, number) = match channel.filter(|_| attribute.scalar == Scalar::U16) {
+            Some(channel) => (Some(COLOUR), channel),
+            None => (primitive.attributes.keys().find(own).map(String::as_str), 0),
+        };
+        let Some(&accessor) = name.and_then(|name| primitive.attributes.get(name)) else {
+            columns.push(None);
+            continue;
+        };
+        let (kind, shape) = match scene.accessors.get(accessor) {
+            Some(found) => (found.component_type, found.shape.as_str()),
+            None => (0, ""),
+        };
+        let shape = if name == Some(COLOUR) && shape == "VEC3" {
+            "VEC3"
+        } else if name == Some(COLOUR) {
+            "VEC4"
+        } else {
+            "SCALAR"
+        };
+        let kinds: &[u32] =
+            if name == Some(COLOUR) { &[5121, 5123, 5126] } else { &[5120, 5121, 5122, 5123, 5125, 5126] };
+        let found = elements(input, scene, binary, accessor, shape, kinds)?;
+        if found.count != count {
+            let expected = format!("as many as positions, {count}");
+            return Err(Error::malformed(input.path, format!("accessor {accessor}"), expected, found.count));
+        }
+        let (scalar, factor) = match kind {
+            5120 => (Scalar::I8, 1.0),
+            5121 => (Scalar::U8, 257.0),
+            5122 => (Scalar::I16, 1.0),
+            5123 => (Scalar::U16, 1.0),
+            5125 => (Scalar::U32, 1.0),
+            _ => (Scalar::F32, 65535.0),
+        };
+        let factor = if name == Some(COLOUR) { factor } else { 1.0 };
+        columns.push(Some((found, number * scalar.bytes(), reader(scalar, Endian::Little), factor)));
+    }
+    if columns.is_empty() {
+        return Ok(());
+    }
+    let mut values = vec![0.0; columns.len()];
+    for first in (0..count).step_by(PIECE as usize) {
+        let len = PIECE.min(count - first);
+        let mut pieces = Vec::with_capacity(columns.len());
+        for (elements, ..) in columns.iter().flatten() {
+            let mut piece = vec![0; ((len - 1) * elements.stride) as usize + elements.bytes];
+            input.read_at(elements.at + first * elements.stride, &mut piece)?;
+            pieces.push(piece);
+        }
+        for i in 0..len as usize {
+            let mut pieces = pieces.iter();
+            for (value, column) in values.iter_mut().zip(&columns) {
+                if let (Some((elements, offset, read, factor)), Some(piece)) =
+                    (column, column.as_ref().and_then(|_| pieces.next()))
+                {
+                    *value = read(&piece[i * elements.stride as usize + offset..]) * factor;
+                }
+            }
+            mesh.attributes(&values)?;
+        }
+    }
+    Ok(())
 }
 
 /// Where the JSON and the binary chunk lie.
@@ -212,11 +309,15 @@ fn elements(
         return malformed("a view of the file's own buffer, not sparse", &"something else");
     };
     let component = match found.component_type {
-        5121 => 1,
-        5123 => 2,
+        5120 | 5121 => 1,
+        5122 | 5123 => 2,
         _ => 4,
     };
-    let bytes = if shape == "VEC3" { 3 * component } else { component };
+    let bytes = match shape {
+        "VEC3" => 3 * component,
+        "VEC4" => 4 * component,
+        _ => component,
+    };
     let stride = view.byte_stride.unwrap_or(bytes);
     let length = match found.count {
         0 => Some(0),

@@ -20,8 +20,10 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use super::MeshSource;
+use crate::attribute::{Attribute, Schema, Wanted};
 use crate::error::{Error, Result};
 use crate::output::Format;
+use crate::scalar::Scalar;
 use crate::spool::Workspace;
 
 /// Opens a mesh: PLY and GLB by their first bytes, STL and OBJ by their extension.
@@ -34,12 +36,24 @@ use crate::spool::Workspace;
 /// with a vertex number out of range is read; [`Error::ForeignFormat`] for a compressed GLB; [`Error::TooManyElements`];
 /// [`Error::Usage`] for an unknown kind of file.
 pub fn open(path: &Path, workspace: &Workspace, in_memory: u64) -> Result<Box<dyn MeshSource>> {
+    open_with(path, workspace, in_memory, &Wanted::None)
+}
+
+/// [`open`], with attributes of vertices: numbers of PLY by their names, colours of OBJ, `COLOR_0` and `_NAME` of GLB. A mesh that is read in place has all of its
+/// attributes, whatever is wanted.
+///
+/// # Errors
+/// As [`open`]; [`Error::Usage`] if the mesh lacks one that is wanted by name: it lists those that are there.
+pub fn open_with(path: &Path, workspace: &Workspace, in_memory: u64, wanted: &Wanted) -> Result<Box<dyn MeshSource>> {
     let input = Input::open(path)?;
     match input.format()? {
-        Some(Format::Ply) => ply::open(input, workspace, in_memory),
-        Some(Format::Glb) => Ok(Box::new(glb::read(&input, workspace, in_memory)?)),
-        Some(Format::Stl) => Ok(Box::new(stl::read(&input, workspace, in_memory)?)),
-        Some(Format::Obj) => Ok(Box::new(obj::read(&input, workspace, in_memory)?)),
+        Some(Format::Ply) => ply::open(input, workspace, in_memory, wanted),
+        Some(Format::Glb) => Ok(Box::new(glb::read(&input, workspace, in_memory, wanted)?)),
+        Some(Format::Stl) => {
+            chosen(path, wanted, &Schema::default())?;
+            Ok(Box::new(stl::read(&input, workspace, in_memory)?))
+        }
+        Some(Format::Obj) => Ok(Box::new(obj::read(&input, workspace, in_memory, wanted)?)),
         None => Err(Error::Usage(format!("{}: not a mesh that can be read: .ply, .stl, .obj or .glb", path.display()))),
     }
 }
@@ -60,6 +74,24 @@ pub fn has_triangles(path: &Path) -> Result<bool> {
         Some(Format::Stl | Format::Glb) => Ok(true),
         None => Ok(false),
     }
+}
+
+/// Of the attributes that are there, those that are wanted.
+fn chosen(path: &Path, wanted: &Wanted, there: &Schema) -> Result<Schema> {
+    let find = |name: &String| -> Result<Attribute> {
+        let found = there.attributes().iter().find(|attribute| attribute.name == *name);
+        found.cloned().ok_or_else(|| Error::Usage(format!("{}: {}", path.display(), there.lacks(name))))
+    };
+    match wanted {
+        Wanted::None => Ok(Schema::default()),
+        Wanted::All => Ok(there.clone()),
+        Wanted::Named(names) => Ok(Schema::new(names.iter().map(find).collect::<Result<_>>()?)),
+    }
+}
+
+/// Colours, where the format knows them without names.
+fn colours(scalar: Scalar) -> Schema {
+    Schema::new(["red", "green", "blue"].map(|name| Attribute::new(name, scalar)).to_vec())
 }
 
 /// A file to read from, by position.

@@ -1,17 +1,26 @@
-//! Wavefront OBJ: `v x y z` and `f a b c …`, and the origin that the program's own comments tell; every other statement is passed over.
+//! Wavefront OBJ: `v x y z`, or `v x y z r g b`, `f a b c …`, and the origin that the program's own comments tell; every other statement is passed over.
 
-use super::Input;
+use std::io::Seek;
+
 use super::convert::Converter;
 use super::text::{Lines, shortened};
+use super::{Input, chosen, colours};
+use crate::attribute::{Attribute, Schema, Wanted};
 use crate::error::{Error, Result};
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::told_origin;
 use crate::points::Precision;
+use crate::scalar::Scalar;
 use crate::spool::Workspace;
 
-pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Result<MeshSpool> {
+pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64, wanted: &Wanted) -> Result<MeshSpool> {
+    let there = if is_coloured(input)? { colours(Scalar::F64) } else { Schema::default() };
+    let schema = chosen(input.path, wanted, &there)?;
+    // Which of the numbers behind the coordinates each attribute is.
+    let place = |a: &Attribute| there.attributes().iter().position(|b| a == b).expect("they were chosen among these");
+    let places: Vec<usize> = schema.attributes().iter().map(place).collect();
     let mut lines = Lines::new(input);
-    let mut mesh = Converter::new(input.path, workspace, Precision::Double, in_memory);
+    let mut mesh = Converter::new(input.path, workspace, Precision::Double, schema, in_memory);
     let mut origin = [0.0; 3];
     while lines.advance()? {
         let mut words = lines.line().split_ascii_whitespace();
@@ -19,6 +28,11 @@ pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Resu
             Some("v") => {
                 let mut coordinate = || lines.number(words.next(), "three coordinates");
                 mesh.vertex([coordinate()?, coordinate()?, coordinate()?])?;
+                if !places.is_empty() {
+                    let mut colour = || lines.number(words.next(), "three colours behind the coordinates");
+                    let colour: [f64; 3] = [colour()?, colour()?, colour()?];
+                    mesh.attributes(&places.iter().map(|place| colour[*place]).collect::<Vec<_>>())?;
+                }
             }
             Some("f") => {
                 let so_far = mesh.vertex_count();
@@ -46,6 +60,22 @@ pub(super) fn has_faces(input: &Input) -> Result<bool> {
         }
     }
     Ok(false)
+}
+
+/// Whether the first vertex has numbers behind its coordinates.
+fn is_coloured(input: &Input) -> Result<bool> {
+    let mut lines = Lines::new(input);
+    let mut coloured = false;
+    while lines.advance()? {
+        let words = lines.line().split_ascii_whitespace();
+        if words.clone().next() == Some("v") {
+            coloured = words.count() >= 7;
+            break;
+        }
+    }
+    // The next lines are read from the start again.
+    lines.into_rest().rewind().map_err(Error::io(input.path, "read"))?;
+    Ok(coloured)
 }
 
 /// The vertex of a corner such as `7`, `7/2/5` or `-1`: from 1, or backwards from the last.

@@ -5,10 +5,11 @@ use std::io::{BufReader, ErrorKind, Read};
 use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 
-use super::Input;
 use super::convert::Converter;
 use super::ply_header::{Element, Encoding, Header, Property, Type};
 use super::text::Lines;
+use super::{Input, chosen};
+use crate::attribute::{Attribute, Schema, Wanted, canonical};
 use crate::error::{Error, Result};
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::Precision;
@@ -16,18 +17,28 @@ use crate::spool::Workspace;
 
 /// Bytes read at once.
 const PIECE: usize = 1 << 16;
+/// The coordinates' names.
+const AXES: [&str; 3] = ["x", "y", "z"];
 
-pub(super) fn open(input: Input, workspace: &Workspace, in_memory: u64) -> Result<Box<dyn MeshSource>> {
+pub(super) fn open(
+    input: Input,
+    workspace: &Workspace,
+    in_memory: u64,
+    wanted: &Wanted,
+) -> Result<Box<dyn MeshSource>> {
     let mut lines = Lines::new(&input);
     let header = Header::read(&input, &mut lines)?;
+    let there = attributes(find(&header, "vertex")).map(|(name, _, kind)| Attribute::new(name, kind.scalar()));
+    let schema = Schema::new(there.collect());
+    let chosen = chosen(input.path, wanted, &schema)?;
     let layout = Layout::of(&input, &header)?;
     if let Some(layout) = layout
         && layout.is_all_triangles(&input)?
     {
         let (path, origin) = (input.path.to_path_buf(), header.origin);
-        return Ok(Box::new(InPlace { path, file: input.file, layout, origin }));
+        return Ok(Box::new(InPlace { path, file: input.file, layout, origin, schema }));
     }
-    Ok(Box::new(convert(&input, &header, lines, workspace, in_memory)?))
+    Ok(Box::new(convert(&input, &header, lines, workspace, in_memory, chosen)?))
 }
 
 /// Whether there are faces.
@@ -43,6 +54,8 @@ struct Layout {
     vertex_stride: usize,
     /// Offset and type of x, y and z in a vertex.
     axes: [(usize, Type); 3],
+    /// Offset and type of each attribute in a vertex.
+    attributes: Vec<(usize, Type)>,
     faces: u64,
     face_at: u64,
     face_stride: usize,
@@ -56,6 +69,7 @@ impl Layout {
         let (vertex, face) = (find(header, "vertex"), find(header, "face"));
         check_vertex_count(vertex.count)?;
         let axes = axes(input, vertex)?;
+        let attributes = attributes(vertex).map(|(_, offset, kind)| (offset, kind)).collect();
         let list = corners(input, face)?;
         let (mut face_stride, mut list_at) = (0, 0);
         for (i, property) in face.properties.iter().enumerate() {
@@ -99,7 +113,7 @@ impl Layout {
             }
         }
         let (vertices, faces) = (vertex.count, face.count);
-        Ok(Some(Layout { vertices, vertex_at, vertex_stride, axes, faces, face_at, face_stride, list_at }))
+        Ok(Some(Layout { vertices, vertex_at, vertex_stride, axes, attributes, faces, face_at, face_stride, list_at }))
     }
 
     /// Whether every face has three corners.
@@ -129,7 +143,7 @@ fn axes(input: &Input, vertex: &Element) -> Result<[(usize, Type); 3]> {
     let mut at = 0;
     for property in &vertex.properties {
         if let Property::Scalar { name, kind } = property {
-            if let Some(axis) = ["x", "y", "z"].iter().position(|axis| axis == name) {
+            if let Some(axis) = AXES.iter().position(|axis| axis == name) {
                 axes[axis] = Some((at, *kind));
             }
             at += kind.bytes();
@@ -147,6 +161,18 @@ fn precision(axes: [Type; 3]) -> Precision {
     if axes.iter().all(narrow) { Precision::Single } else { Precision::Double }
 }
 
+/// What vertices have besides coordinates: name, offset and type; offsets are right if the vertex has no lists.
+fn attributes(vertex: &Element) -> impl Iterator<Item = (&str, usize, Type)> {
+    let mut at = 0;
+    vertex.properties.iter().filter_map(move |property| match property {
+        Property::Scalar { name, kind } => {
+            at += kind.bytes();
+            (!AXES.contains(&name.as_str())).then_some((name.as_str(), at - kind.bytes(), *kind))
+        }
+        Property::List { .. } => None,
+    })
+}
+
 /// The face's property that lists its corners.
 fn corners(input: &Input, face: &Element) -> Result<usize> {
     let lists_corners = |property: &Property| matches!(property, Property::List { name, .. } if name == "vertex_indices" || name == "vertex_index");
@@ -162,6 +188,7 @@ struct InPlace {
     file: File,
     layout: Layout,
     origin: [f64; 3],
+    schema: Schema,
 }
 
 impl InPlace {
@@ -212,6 +239,19 @@ impl MeshSource for InPlace {
         })
     }
 
+    fn schema(&self) -> &Schema {
+        &self.schema
+    }
+
+    fn read_attribute(&self, number: usize, first: u64, out: &mut [f64]) -> Result<()> {
+        let Layout { vertex_at, vertex_stride: stride, .. } = self.layout;
+        let (at, kind) = self.layout.attributes[number];
+        self.records(vertex_at + first * stride as u64, stride, out.len(), |i, record| {
+            out[i] = kind.decode(&record[at..]);
+            Ok(())
+        })
+    }
+
     fn read_faces(&self, first: u64, out: &mut [[u32; 3]]) -> Result<()> {
         let Layout { vertices, face_at, face_stride: stride, list_at, .. } = self.layout;
         self.records(face_at + first * stride as u64, stride, out.len(), |i, record| {
@@ -238,11 +278,22 @@ fn convert(
     lines: Lines,
     workspace: &Workspace,
     in_memory: u64,
+    schema: Schema,
 ) -> Result<crate::mesh::spool::MeshSpool> {
     let vertex = find(header, "vertex");
+    // Of each property, which of the schema's attributes it is.
+    let place = |property: &Property| match property {
+        Property::Scalar { name, .. } if !AXES.contains(&name.as_str()) => {
+            let name = canonical(name);
+            schema.attributes().iter().position(|attribute| attribute.name == name)
+        }
+        _ => None,
+    };
+    let places: Vec<Option<usize>> = vertex.properties.iter().map(place).collect();
+    let mut attributes = vec![0.0; schema.attributes().len()];
     let axes = axes(input, vertex)?.map(|(_, kind)| kind);
     let corners = corners(input, find(header, "face"))?;
-    let mut mesh = Converter::new(input.path, workspace, precision(axes), in_memory);
+    let mut mesh = Converter::new(input.path, workspace, precision(axes), schema, in_memory);
     let mut values = match header.encoding {
         Encoding::Ascii => {
             // The rest of the header's last line is no value.
@@ -261,8 +312,12 @@ fn convert(
                 match property {
                     Property::Scalar { name, kind } => {
                         let value = values.next(*kind)?;
-                        if let Some(axis) = ["x", "y", "z"].iter().position(|axis| axis == name) {
+                        if let Some(axis) = AXES.iter().position(|axis| axis == name) {
                             position[axis] = value;
+                        } else if element.name == "vertex"
+                            && let Some(place) = places[i]
+                        {
+                            attributes[place] = value;
                         }
                     }
                     Property::List { count, item, .. } => {
@@ -277,6 +332,7 @@ fn convert(
             }
             if element.name == "vertex" {
                 mesh.vertex(position)?;
+                mesh.attributes(&attributes)?;
             }
         }
     }

@@ -4,6 +4,7 @@ use super::Input;
 use super::text::{Lines, shortened};
 use crate::error::Result;
 use crate::mesh::told_origin;
+use crate::scalar::Scalar;
 
 /// The longest header: tens of thousands of comments.
 const LONGEST: u64 = 1 << 20;
@@ -42,6 +43,20 @@ impl Type {
             "double" | "float64" => Type::Float64,
             _ => return None,
         })
+    }
+
+    /// The same type elsewhere in the program.
+    pub fn scalar(self) -> Scalar {
+        match self {
+            Type::Int8 => Scalar::I8,
+            Type::Uint8 => Scalar::U8,
+            Type::Int16 => Scalar::I16,
+            Type::Uint16 => Scalar::U16,
+            Type::Int32 => Scalar::I32,
+            Type::Uint32 => Scalar::U32,
+            Type::Float32 => Scalar::F32,
+            Type::Float64 => Scalar::F64,
+        }
     }
 
     /// Bytes of a value.

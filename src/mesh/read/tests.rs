@@ -270,3 +270,77 @@ fn compressed_and_foreign_content_is_named() {
     let error = read("m.glb", &glb(lines, &[])).unwrap_err().to_string();
     assert!(error.ends_with("expected triangles (mode 4), found mode 1"), "{error}");
 }
+
+/// What a mesh has of an attribute.
+fn values(name: &str, bytes: &[u8], wanted: &str, attribute: &str) -> Result<Vec<f64>> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    let mesh = open_with(&path, &Workspace::new(dir.path()).unwrap(), 1 << 16, &wanted.parse().unwrap())?;
+    let number = mesh.schema().attributes().iter().position(|a| a.name == attribute).unwrap();
+    let mut values = vec![0.0; mesh.vertex_count() as usize];
+    mesh.read_attribute(number, 0, &mut values)?;
+    let mut later = vec![0.0; values.len() - 1];
+    mesh.read_attribute(number, 1, &mut later)?;
+    assert_eq!(later, values[1..]);
+    Ok(values)
+}
+
+#[test]
+fn attributes_are_read_in_every_dialect() {
+    for big in [false, true] {
+        assert_eq!(values("m.ply", &ply_of_polygons(big), "red", "red").unwrap(), [200.0; 5]);
+    }
+    assert_eq!(values("m.ply", &ply_of_triangles(), "red", "red").unwrap(), [9.0; 5]);
+    let named =
+        |text: &str| text.replace("property double z\n", "property double z\nproperty short scalar_Intensity\n");
+    let text = named(ASCII_PLY).replace(
+        "0 0 0\n1.5 0 0\n15e-1 2 0\n0 2\t0\n\n-1 1\n0.25 ",
+        "0 0 0 5\n1.5 0 0 -6\n15e-1 2 0 7\n0 2\t0 8\n\n-1 1\n0.25 9 ",
+    );
+    assert_eq!(values("m.ply", text.as_bytes(), "i", "intensity").unwrap(), [5.0, -6.0, 7.0, 8.0, 9.0]);
+    let obj = "v 0 0 0 .5 0 1\nv 1 0 0 .25 0 1\nv 0 1 0 1 .125 0\nf 1 2 3\n";
+    assert_eq!(values("m.obj", obj.as_bytes(), "rgb", "red").unwrap(), [0.5, 0.25, 1.0]);
+    assert_eq!(values("m.obj", obj.as_bytes(), "green", "green").unwrap(), [0.0, 0.0, 0.125]);
+    let cut = obj.replace("1 .125 0", "");
+    assert!(
+        values("m.obj", cut.as_bytes(), "rgb", "red")
+            .unwrap_err()
+            .to_string()
+            .contains("line 3: expected three colours")
+    );
+}
+
+#[test]
+fn attributes_of_glb_are_colours_and_what_has_a_name_of_its_own() {
+    let mut binary = Vec::new();
+    for (i, vertex) in VERTICES.iter().enumerate() {
+        vertex.iter().for_each(|c| binary.extend((*c as f32).to_le_bytes()));
+        binary.extend([10 * i as u8, 1, 255, 255]);
+    }
+    (0..5).for_each(|i: i16| binary.extend([(-i).to_le_bytes(), [0; 2]].concat()));
+    let json = r#"{"asset":{"version":"2.0"},
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0,"COLOR_0":1,"_SCAN_ANGLE":2}}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+                     {"bufferView":0,"byteOffset":12,"componentType":5121,"normalized":true,"count":3,"type":"VEC4"},
+                     {"bufferView":1,"componentType":5122,"count":3,"type":"SCALAR"}],
+        "bufferViews":[{"buffer":0,"byteLength":80,"byteStride":16},{"buffer":0,"byteOffset":80,"byteLength":20,"byteStride":4}],
+        "buffers":[{"byteLength":100}]}"#;
+    let bytes = glb(json, &binary);
+    assert_eq!(values("m.glb", &bytes, "rgb", "red").unwrap(), [0.0, 2570.0, 5140.0]);
+    assert_eq!(values("m.glb", &bytes, "blue,scan_angle", "blue").unwrap(), [65535.0; 3]);
+    assert_eq!(values("m.glb", &bytes, "blue,scan_angle", "scan_angle").unwrap(), [0.0, -1.0, -2.0]);
+    let error = values("m.glb", &bytes, "intensity", "intensity").unwrap_err().to_string();
+    assert!(
+        error.ends_with("its vertices have no attribute intensity; there are: red, green, blue, scan_angle"),
+        "{error}"
+    );
+    for (from, to) in [
+        ("\"count\":3,\"type\":\"SCALAR\"", "\"count\":2,\"type\":\"SCALAR\""),
+        ("5122", "5130"),
+        ("\"_SCAN_ANGLE\":2", "\"_SCAN_ANGLE\":7"),
+    ] {
+        let bytes = glb(&json.replace(from, to), &binary);
+        assert!(matches!(values("m.glb", &bytes, "scan_angle", "scan_angle"), Err(Error::Malformed { .. })), "{to}");
+    }
+}

@@ -1,0 +1,102 @@
+//! Names of views, in small letters of five by seven dots.
+
+use super::sheet::{Cell, Picture};
+
+/// Columns and rows of a letter.
+const COLUMNS: usize = 5;
+const ROWS: usize = 7;
+
+/// The letters that names have: rows from the top, the highest of five bits to the left.
+const LETTERS: [(char, [u8; ROWS]); 30] = [
+    ('a', [0x0e, 0x11, 0x11, 0x1f, 0x11, 0x11, 0x11]),
+    ('b', [0x1e, 0x11, 0x11, 0x1e, 0x11, 0x11, 0x1e]),
+    ('c', [0x0e, 0x11, 0x10, 0x10, 0x10, 0x11, 0x0e]),
+    ('e', [0x1f, 0x10, 0x10, 0x1e, 0x10, 0x10, 0x1f]),
+    ('f', [0x1f, 0x10, 0x10, 0x1e, 0x10, 0x10, 0x10]),
+    ('g', [0x0e, 0x11, 0x10, 0x17, 0x11, 0x11, 0x0f]),
+    ('h', [0x11, 0x11, 0x11, 0x1f, 0x11, 0x11, 0x11]),
+    ('i', [0x0e, 0x04, 0x04, 0x04, 0x04, 0x04, 0x0e]),
+    ('k', [0x11, 0x12, 0x14, 0x18, 0x14, 0x12, 0x11]),
+    ('l', [0x10, 0x10, 0x10, 0x10, 0x10, 0x10, 0x1f]),
+    ('m', [0x11, 0x1b, 0x15, 0x15, 0x11, 0x11, 0x11]),
+    ('n', [0x11, 0x11, 0x19, 0x15, 0x13, 0x11, 0x11]),
+    ('o', [0x0e, 0x11, 0x11, 0x11, 0x11, 0x11, 0x0e]),
+    ('p', [0x1e, 0x11, 0x11, 0x1e, 0x10, 0x10, 0x10]),
+    ('r', [0x1e, 0x11, 0x11, 0x1e, 0x14, 0x12, 0x11]),
+    ('s', [0x0f, 0x10, 0x10, 0x0e, 0x01, 0x01, 0x1e]),
+    ('t', [0x1f, 0x04, 0x04, 0x04, 0x04, 0x04, 0x04]),
+    ('0', [0x0e, 0x11, 0x13, 0x15, 0x19, 0x11, 0x0e]),
+    ('1', [0x04, 0x0c, 0x04, 0x04, 0x04, 0x04, 0x0e]),
+    ('2', [0x0e, 0x11, 0x01, 0x02, 0x04, 0x08, 0x1f]),
+    ('3', [0x1f, 0x02, 0x04, 0x02, 0x01, 0x11, 0x0e]),
+    ('4', [0x02, 0x06, 0x0a, 0x12, 0x1f, 0x02, 0x02]),
+    ('5', [0x1f, 0x10, 0x1e, 0x01, 0x01, 0x11, 0x0e]),
+    ('6', [0x06, 0x08, 0x10, 0x1e, 0x11, 0x11, 0x0e]),
+    ('7', [0x1f, 0x01, 0x02, 0x04, 0x08, 0x08, 0x08]),
+    ('8', [0x0e, 0x11, 0x11, 0x0e, 0x11, 0x11, 0x0e]),
+    ('9', [0x0e, 0x11, 0x11, 0x0f, 0x01, 0x02, 0x0c]),
+    (':', [0x00, 0x0c, 0x0c, 0x00, 0x0c, 0x0c, 0x00]),
+    ('.', [0x00, 0x00, 0x00, 0x00, 0x00, 0x0c, 0x0c]),
+    ('-', [0x00, 0x00, 0x00, 0x1f, 0x00, 0x00, 0x00]),
+];
+
+/// The colour of letters, and how much of it there is, in 256ths.
+const INK: (u8, u32) = (128, 200);
+
+/// Writes a name into the lower left corner of a cell, if there is room.
+pub fn write(picture: &mut Picture, cell: &Cell, name: &str) {
+    let dot = (cell.width.min(cell.height) / 240).max(1);
+    let margin = 4 * dot;
+    let (width, height) = (name.chars().count() * (COLUMNS + 1) * dot, ROWS * dot);
+    if cell.width < width + 2 * margin || cell.height < 4 * height {
+        return;
+    }
+    for (i, letter) in name.chars().enumerate() {
+        let Some((_, rows)) = LETTERS.iter().find(|(known, _)| *known == letter) else { continue };
+        for y in 0..height {
+            let channels = picture.channels;
+            let line = picture.row(cell, cell.height - margin - height + y);
+            for x in 0..COLUMNS * dot {
+                if rows[y / dot] >> (COLUMNS - 1 - x / dot) & 1 == 1 {
+                    let at = (margin + i * (COLUMNS + 1) * dot + x) * channels;
+                    let pixel = &mut line[at..at + channels];
+                    let ink = |behind: u8, ink: u8| {
+                        ((u32::from(behind) * (256 - INK.1) + u32::from(ink) * INK.1) / 256) as u8
+                    };
+                    pixel[..3].iter_mut().for_each(|c| *c = ink(*c, INK.0));
+                    pixel[3..].iter_mut().for_each(|opacity| *opacity = ink(*opacity, 255));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sheet::{Background, Size};
+    use super::super::view::View;
+    use super::*;
+
+    #[test]
+    fn every_name_can_be_written() {
+        for view in ["iso", "front", "back", "left", "right", "top", "bottom", "-12.5:30", "1e2:-0.25"] {
+            let name = view.parse::<View>().unwrap().name;
+            assert!(name.chars().all(|c| LETTERS.iter().any(|(known, _)| *known == c)), "{name}");
+        }
+    }
+
+    #[test]
+    fn letters_stay_in_their_cell() {
+        let size = Size { width: 100, height: 60 };
+        let mut picture = Picture::new(size, Background::Colour([255; 3]));
+        let before = picture.clone();
+        write(&mut picture, &Cell { left: 0, top: 0, width: 20, height: 60 }, "bottom");
+        assert_eq!(picture, before, "no room");
+        let cell = Cell { left: 10, top: 5, width: 80, height: 50 };
+        write(&mut picture, &cell, "top");
+        let changed = |i: &usize| picture.pixels[3 * i] != before.pixels[3 * i];
+        let changed: Vec<usize> = (0..size.pixels()).filter(changed).collect();
+        assert_eq!(changed.len(), 11 + 16 + 15, "dots of three letters");
+        assert!(changed.iter().all(|i| (14..90).contains(&(i % 100)) && (44..51).contains(&(i / 100))));
+    }
+}
