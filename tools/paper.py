@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench import machine
-from shared import PACKAGES, ROOT, built, commit, digits, environment, measured, model, must_import, table
+from shared import PACKAGES, ROOT, built, commit, digits, environment, measured, model, must_import, stoppable, table
 
 MEASURES = {"nearest": "nearest", "off_holes": "off the holes", "along_normal": "along normal", "nearest_point": "nearest point"}
 # The paper's 2.4, 3.2, 4.0 and 4.8, what lies between, and beyond.
@@ -106,7 +106,7 @@ class Tool:
 
     def compare(self, mesh, reference):
         report = self.work / "compare.json"
-        self.run("compare", mesh, reference, "--report", report, "--temp-dir", self.work)
+        self.run("compare", mesh, reference, "-q", "--report", report, "--temp-dir", self.work)
         return json.loads(report.read_text())
 
 
@@ -491,4 +491,4 @@ What the paper's Figs. 7 and 8 plot is known to us only as errors or time agains
 
 
 if __name__ == "__main__":
-    main()
+    stoppable(main, "stopped")

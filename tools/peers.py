@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench import UNITS, machine
-from shared import PACKAGES, ROOT, built, commit, digits, environment, last_line, measured, model, must_import, table
+from shared import PACKAGES, ROOT, built, commit, digits, environment, last_line, measured, model, must_import, stoppable, table
 
 SEED = 1
 OURS = "asra-stream"
@@ -251,19 +251,10 @@ def build_drivers(folder):
         driver = folder / path.stem
         if not driver.exists() or driver.stat().st_mtime < newest:
             print(f"building CGAL's driver {path.stem}", flush=True)
-            words = [
-                "-std=c++17",
-                "-O3",
-                "-DNDEBUG",
-                "-DCGAL_EIGEN3_ENABLED",
-                "-I/usr/include/eigen3",
-                path,
-                "-o",
-                driver,
-                "-lgmp",
-                "-lmpfr",
-            ]
+            part = driver.with_suffix(".part")
+            words = ["-std=c++17", "-O3", "-DNDEBUG", "-DCGAL_EIGEN3_ENABLED", "-I/usr/include/eigen3", path, "-o", part, "-lgmp", "-lmpfr"]
             subprocess.run(["g++", *words], check=True)
+            part.rename(driver)
 
 
 class Bench:
@@ -394,7 +385,7 @@ class Bench:
             return
         report.unlink()
         told = measured(
-            [self.program, "compare", mesh, self.truth(run.cloud), "--report", report, "--temp-dir", self.work], log, self.caps[0]
+            [self.program, "compare", mesh, self.truth(run.cloud), "-q", "--report", report, "--temp-dir", self.work], log, self.caps[0]
         )
         if told["outcome"] == "ok":
             run.compare = json.loads(report.read_text())
@@ -503,8 +494,10 @@ def cells(run, ours=None):
         return [size, *(took if run.wall and run.outcome in ("time", "memory") else [""] * 4), f"*{run.outcome}*", *[""] * 12]
     check = run.check
     found = check["intersections"]
-    yes = lambda key, count: "yes" if check[key] else f"no ({count:,})"
-    # Where edges have more than two triangles, which is not a question of open edges alone.
+
+    def yes(key, count):
+        return "yes" if check[key] else f"no ({count:,})"
+
     marks = [
         yes("closed", check["boundary_edges"] + check["nonmanifold_edges"]),
         yes("manifold", check["nonmanifold_edges"] + check["nonmanifold_vertices"]),
@@ -515,15 +508,9 @@ def cells(run, ours=None):
     errors = ["–"] * 5
     if run.compare:
         there, back = run.compare["mesh_to_reference"], run.compare["reference_to_mesh"]
-        percent = lambda part, key: digits(part[key]["percent_of_diagonal"]) if part else "–"
-        largest = lambda parts: digits(max(part["max"]["percent_of_diagonal"] for part in parts.values() if part))
-        errors = [
-            digits(ratio_of_volumes(run)),
-            percent(there["centroids"], "rms"),
-            percent(back["centroids"] or back["points"], "rms"),
-            largest(there),
-            largest(back),
-        ]
+        rms = [part["centroids"]["rms"]["percent_of_diagonal"] for part in (there, back)]
+        largest = [max(one["max"]["percent_of_diagonal"] for one in part.values()) for part in (there, back)]
+        errors = [digits(value) for value in (ratio_of_volumes(run), *rms, *largest)]
     times = [digits(run.wall / ours.wall, 2), digits(run.peak / ours.peak, 2)] if ours and ours is not run and ours.wall else ["", ""]
     return [size, *took, f"{run.triangles:,}", *marks, *errors, *times]
 
@@ -586,17 +573,19 @@ def in_short(runs):
             if run.cloud == cloud and run.peer in PEERS and run.peer not in (OURS, SMALL_BUDGET) and run.outcome == "ok"
         ]
         defaults = [run for run in theirs if run.purpose == "default"]
-        matched = [
-            (run, again) for run in theirs if (again := runs.get(f"{cloud}.{OURS}.as+{run.peer}+{run.purpose}")) and again.outcome == "ok"
-        ]
+        matched = []
+        for run in theirs:
+            again = runs.get(f"{cloud}.{OURS}.as+{run.peer}+{run.purpose}")
+            if again and again.outcome == "ok" and near(again.triangles, run.triangles):
+                matched.append((run, again))
 
         def least(pairs, key):
             found = min(((getattr(run, key) / getattr(mine, key), run) for run, mine in pairs), key=lambda one: one[0], default=None)
             return f"{digits(found[0], 2)} ({PEERS[found[1].peer].title})" if found else "–"
 
-        error = lambda run: max(
-            run.compare[way]["centroids"]["rms"]["percent_of_diagonal"] for way in ("mesh_to_reference", "reference_to_mesh")
-        )
+        def error(run):
+            return max(run.compare[way]["centroids"]["rms"]["percent_of_diagonal"] for way in ("mesh_to_reference", "reference_to_mesh"))
+
         solids = [(error(run), run, mine) for run, mine in matched if run.solid and mine.compare]
         best = min(solids, key=lambda one: one[0], default=None)
         told = f"{digits(best[0])} ({PEERS[best[1].peer].title}), {digits(error(best[2]))}" if best else "–"
@@ -642,8 +631,7 @@ def plots(runs, path):
     import matplotlib.pyplot as plt
 
     def error(run, way):
-        part = run.compare and (run.compare[way]["centroids"] or run.compare[way].get("points"))
-        return part["rms"]["percent_of_diagonal"] if part else None
+        return run.compare[way]["centroids"]["rms"]["percent_of_diagonal"] if run.compare else None
 
     figure, axes = plt.subplots(2, 2, figsize=(12, 9), layout="constrained")
     wanted = (
@@ -682,7 +670,8 @@ def plots(runs, path):
                     )
             axis.set(xlabel="points", title=title)
             axis.grid(True, alpha=0.3)
-    axes[0][0].legend(fontsize=7)
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right upper", fontsize=8)
     figure.suptitle("The horse and samples of it, at defaults; full dots: closed, and the volume is right to a tenth", fontsize=9)
     figure.savefig(path, dpi=120)
 
@@ -827,4 +816,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    stoppable(main, "stopped; what is done is kept, call it again to continue")

@@ -45,6 +45,15 @@ def environment(name, packages):
     os.execve(python, [str(python), *sys.argv], os.environ | {"ASRA_STREAM_TOOLS": "1"})
 
 
+def stoppable(main, words):
+    """Runs `main`; Ctrl-C and a termination signal end it with these words, and with it the process that it waits for."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit(words)
+
+
 def must_import(module):
     """Ends with advice if the module cannot be imported. In a process of its own, so that this one stays small."""
     told = subprocess.run([sys.executable, "-c", f"import {module}"], capture_output=True, text=True)
@@ -95,8 +104,6 @@ def measured(command, log, seconds=None, memory=None):
     """Runs a process to its end, or until it hits a cap: seconds, or resident bytes. Its output goes to the file `log`.
 
     Tells how it ended ("ok", "time", "memory" or words), when it was started, wall and processor seconds, and its maximum resident size in bytes."""
-    # The child has a session of its own; being told to end must reach it, too, as Ctrl-C does, below.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with open(log, "wb") as out:
         start = time.monotonic()
         command = [str(word) for word in command]
