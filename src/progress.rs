@@ -25,6 +25,8 @@ pub enum Phase {
     Check,
     /// Looking for triangles of the mesh that intersect.
     Intersect,
+    /// Measuring distances between a mesh and its reference.
+    Compare,
     /// Writing the mesh file.
     Write,
     /// Making a test cloud.
@@ -43,6 +45,7 @@ impl Phase {
             Phase::Surface => ("surface", "slices"),
             Phase::Check => ("check", "triangles"),
             Phase::Intersect => ("intersect", "triangles"),
+            Phase::Compare => ("compare", "distances"),
             Phase::Write => ("write", "elements"),
             Phase::Generate => ("generate", "points"),
         }

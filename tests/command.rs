@@ -1,6 +1,7 @@
 //! The command as a user meets it: what it says, what it writes, how it ends.
 
 mod command {
+    mod compare;
     pub mod folder;
 }
 

@@ -58,7 +58,10 @@ fn program() -> Command {
 fn the_tables_list_exactly_the_flags_and_their_defaults() {
     let program = program();
     assert_eq!(rows(section("### Options")), flags(&program));
-    assert_eq!(rows(section("### Options of `generate`")), flags(program.find_subcommand("generate").unwrap()));
+    for name in ["compare", "densify", "generate"] {
+        let table = rows(section(&format!("### Options of `{name}`")));
+        assert_eq!(table, flags(program.find_subcommand(name).unwrap()), "{name}");
+    }
 }
 
 #[test]

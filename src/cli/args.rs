@@ -7,6 +7,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use super::sizes;
 use crate::attribute::Wanted;
 use crate::closing::Sealing;
+use crate::compare;
+use crate::densify;
 use crate::error::{Error, Result};
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
@@ -49,6 +51,10 @@ pub enum Command {
     /// Check a mesh: closed, oriented, manifold, free of self-intersections, Euler number, components, volume, area (exit
     /// code 4 if it is no closed oriented 2-manifold or intersects itself)
     Check(CheckArguments),
+    /// Measure how far a mesh lies from a reference, a mesh or a cloud, and the reference from it
+    Compare(CompareArguments),
+    /// Add the centroids of a mesh's triangles to a cloud
+    Densify(DensifyArguments),
     /// Write a test cloud of any size
     Generate(GenerateArguments),
 }
@@ -225,6 +231,63 @@ pub struct CheckArguments {
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub means: MeansArguments,
+}
+
+/// Arguments of `compare`.
+#[derive(Debug, Args)]
+pub struct CompareArguments {
+    /// The mesh: .ply, .stl, .obj or .glb
+    pub mesh: PathBuf,
+    /// What it is compared with: a mesh, or a cloud in any format that is read
+    pub reference: PathBuf,
+    /// What the reference is [default: a mesh if it has triangles]
+    #[arg(long = "as", value_name = "KIND", value_enum)]
+    pub kind: Option<compare::Kind>,
+    /// Record layout of a raw reference [default: the side-car's, else detected]
+    #[arg(long, value_name = "FIELDS")]
+    pub layout: Option<Layout>,
+    /// Write the mesh coloured by its distance from the reference, from dark blue (none) to yellow, as PLY
+    #[arg(long, value_name = "FILE")]
+    pub heatmap: Option<PathBuf>,
+    /// The distance that is yellow: a length, or per cents of the reference's longest side as in 0.5% [default: that of 95 % of the vertices]
+    #[arg(long, value_name = "D|P%", allow_negative_numbers = true, requires = "heatmap")]
+    pub heatmap_max: Option<compare::Reach>,
+    /// Replace the heat map if it exists
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Write the findings as JSON; an existing report is replaced
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub means: MeansArguments,
+}
+
+/// Arguments of `densify`.
+#[derive(Debug, Args)]
+pub struct DensifyArguments {
+    /// The mesh: .ply, .stl, .obj or .glb
+    pub mesh: PathBuf,
+    /// The cloud, in any format that is read
+    pub cloud: PathBuf,
+    /// The file: .bin (with a side-car), .ply or .xyz
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Replace the file if it exists
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Record layout of a raw cloud [default: the side-car's, else detected]
+    #[arg(long, value_name = "FIELDS")]
+    pub layout: Option<Layout>,
     /// Say nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
@@ -484,6 +547,42 @@ impl InfoArguments {
 
 fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
     Ok(Job { input: cloud.input(), settings: cloud.settings()?, means, ..Job::new(&cloud.inputs) })
+}
+
+impl CompareArguments {
+    /// The job they describe.
+    pub fn job(&self) -> compare::Job {
+        compare::Job {
+            mesh: self.mesh.clone(),
+            reference: self.reference.clone(),
+            kind: self.kind,
+            input: coordinates_only(&self.layout),
+            heatmap: self.heatmap.clone().map(|path| {
+                let (max, overwrite) = (self.heatmap_max, overwrite(self.overwrite));
+                compare::HeatMap { path, max, overwrite }
+            }),
+            means: self.means.means(),
+        }
+    }
+}
+
+impl DensifyArguments {
+    /// The job they describe.
+    pub fn job(&self) -> densify::Job {
+        densify::Job {
+            mesh: self.mesh.clone(),
+            cloud: self.cloud.clone(),
+            input: coordinates_only(&self.layout),
+            output: self.output.clone(),
+            overwrite: overwrite(self.overwrite),
+            means: self.means.means(),
+        }
+    }
+}
+
+/// How a cloud is read of which only the places count.
+fn coordinates_only(layout: &Option<Layout>) -> InputOptions {
+    InputOptions { layout: layout.clone(), attributes: Wanted::None, ..InputOptions::default() }
 }
 
 /// What the flag `--overwrite` means.

@@ -6,10 +6,12 @@ use std::path::Path;
 use bytesize::ByteSize;
 
 use super::args::{
-    Arguments, CheckArguments, Command, GenerateArguments, InfoArguments, PlanArguments, ReconstructArguments,
-    overwrite,
+    Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
+    PlanArguments, ReconstructArguments, overwrite,
 };
 use super::{Exit, stop_on_signal};
+use crate::compare::compare;
+use crate::densify::densify;
 use crate::error::{Error, Result};
 use crate::generate;
 use crate::mesh;
@@ -31,6 +33,8 @@ pub fn execute(arguments: Arguments) -> Result<Exit> {
         Some(Command::Plan(arguments)) => show_plan(arguments),
         Some(Command::Info(arguments)) => show_info(arguments),
         Some(Command::Check(arguments)) => check(arguments),
+        Some(Command::Compare(arguments)) => compare_mesh(arguments),
+        Some(Command::Densify(arguments)) => densify_cloud(arguments),
         Some(Command::Generate(arguments)) => generate_cloud(arguments),
     }
 }
@@ -154,6 +158,38 @@ fn check(arguments: &CheckArguments) -> Result<Exit> {
         write_json(file, &report)?;
     }
     Ok(if report.is_sound(arguments.open) { Exit::Done } else { Exit::NotSound })
+}
+
+fn compare_mesh(arguments: &CompareArguments) -> Result<Exit> {
+    let job = arguments.job();
+    let workers = job.means.workers()?;
+    stop_on_signal(&workers)?;
+    let report_file = json_file(arguments.report.as_deref())?;
+    let mut progress = Progress::new(show(arguments.quiet));
+    let found = compare(&job, &workers, &mut progress)?;
+    if !arguments.quiet {
+        print_text(&found.to_string())?;
+    }
+    if let Some(file) = report_file {
+        write_json(file, &found)?;
+    }
+    Ok(Exit::Done)
+}
+
+fn densify_cloud(arguments: &DensifyArguments) -> Result<Exit> {
+    let job = arguments.job();
+    let workers = job.means.workers()?;
+    stop_on_signal(&workers)?;
+    let mut progress = Progress::new(show(arguments.quiet));
+    let made = densify(&job, &workers, &mut progress)?;
+    progress.note(&format!(
+        "{}: {} points and {} centroids, {}",
+        arguments.output.display(),
+        thousands(made.points),
+        thousands(made.centroids),
+        ByteSize(made.bytes)
+    ));
+    Ok(Exit::Done)
 }
 
 fn generate_cloud(arguments: &GenerateArguments) -> Result<Exit> {

@@ -5,7 +5,6 @@
 //! alike.
 
 mod shape;
-mod write;
 
 use std::path::PathBuf;
 
@@ -13,8 +12,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use self::shape::gaussian;
-use self::write::{FileKind, Target};
 use crate::error::{Error, Result};
+use crate::output::{CloudTarget, Description, FileKind};
 use crate::points::Precision;
 use crate::schedule::Workers;
 use crate::whole::Overwrite;
@@ -79,8 +78,10 @@ pub struct Summary {
 /// [`Error::Interrupted`].
 pub fn generate(options: &Options, workers: &Workers, progress: &mut dyn FnMut(u64)) -> Result<Summary> {
     check(options)?;
-    let mut target = Target::create(options)?;
-    let kind = FileKind::of(&options.path)?;
+    let comment = format!("{} of size {}, seed {}", options.shape, options.size, options.seed);
+    let cloud = Description { comment, points: options.points, precision: options.precision() };
+    let mut target = CloudTarget::create(&options.path, cloud, options.overwrite)?;
+    let kind = target.kind();
     let blocks = options.points.div_ceil(BLOCK_POINTS) as usize;
     let in_flight = 2 * workers.threads();
     let block = |number: usize| {
@@ -95,7 +96,7 @@ pub fn generate(options: &Options, workers: &Workers, progress: &mut dyn FnMut(u
         progress(points);
         Ok(())
     })?;
-    let (bytes, sidecar) = target.finish(options)?;
+    let (bytes, sidecar) = target.finish()?;
     Ok(Summary { points, bytes, sidecar })
 }
 

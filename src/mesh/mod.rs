@@ -5,12 +5,14 @@
 pub mod check;
 pub mod intersect;
 pub mod measure;
+pub(crate) mod piles;
 mod queue;
 pub mod read;
 pub mod spool;
 
 use crate::crs::Crs;
 use crate::error::{Error, Result};
+use crate::points::Precision;
 
 /// A triangle mesh that can be read piece by piece, in any order, from several threads.
 pub trait MeshSource: Sync {
@@ -18,6 +20,10 @@ pub trait MeshSource: Sync {
     fn vertex_count(&self) -> u64;
     /// Number of triangles.
     fn face_count(&self) -> u64;
+    /// Added to a vertex, component by component in `f64`, gives the coordinates it stands for: [`MeshHeader::origin`].
+    fn origin(&self) -> [f64; 3];
+    /// The narrowest precision that keeps its vertices.
+    fn precision(&self) -> Precision;
     /// Fills `out` with vertices `first ..`, in the mesh's own coordinates.
     ///
     /// # Errors
@@ -39,6 +45,13 @@ pub struct MeshHeader {
     pub comments: Vec<String>,
     /// The input's coordinate reference system, if it tells it.
     pub crs: Option<Crs>,
+}
+
+/// The origin that a line of text tells, as in `origin 512000 5403000 300`: the program's own meshes say so in comments.
+fn told_origin(line: &str) -> Option<[f64; 3]> {
+    let numbers = line.trim().strip_prefix("origin ")?;
+    let numbers: Vec<f64> = numbers.split_ascii_whitespace().map_while(|word| word.parse().ok()).collect();
+    <[f64; 3]>::try_from(numbers).ok().filter(|origin| origin.iter().all(|c| c.is_finite()))
 }
 
 /// Refuses more vertices than 32 bits can number.

@@ -51,6 +51,7 @@ impl Frame {
 #[derive(Debug)]
 pub struct MeshSpool {
     precision: Precision,
+    origin: [f64; 3],
     schema: Schema,
     vertices: Spool,
     attributes: Spool,
@@ -71,17 +72,17 @@ impl MeshSpool {
         let share = in_memory / (vertex + record + faces);
         let [vertices, attributes] = [share * vertex, share * record].map(|quota| workspace.spool(quota));
         let faces = workspace.spool(in_memory - share * (vertex + record));
-        MeshSpool { precision, schema, vertices, attributes, faces }
+        MeshSpool { precision, origin: [0.0; 3], schema, vertices, attributes, faces }
+    }
+
+    /// The same mesh, at an origin that was read with it.
+    pub fn placed(self, origin: [f64; 3]) -> MeshSpool {
+        MeshSpool { origin, ..self }
     }
 
     /// The attributes of its vertices.
     pub fn schema(&self) -> &Schema {
         &self.schema
-    }
-
-    /// How vertices are stored: `f32` or `f64` triples.
-    pub fn precision(&self) -> Precision {
-        self.precision
     }
 
     /// Appends the records of vertices' attributes; there is to be one for each vertex in the end.
@@ -140,6 +141,14 @@ impl MeshSource for MeshSpool {
 
     fn face_count(&self) -> u64 {
         self.faces.len() / size_of::<FaceRecord>() as u64
+    }
+
+    fn origin(&self) -> [f64; 3] {
+        self.origin
+    }
+
+    fn precision(&self) -> Precision {
+        self.precision
     }
 
     fn read_vertices(&self, first: u64, out: &mut [[f64; 3]]) -> Result<()> {

@@ -16,6 +16,7 @@ mod attributes;
 mod glb;
 mod obj;
 mod ply;
+mod points;
 mod sidecar;
 mod stl;
 #[cfg(test)]
@@ -66,6 +67,7 @@ impl Format {
     }
 }
 
+pub use points::{CloudTarget, Description, FileKind};
 pub use tiles::Tiles;
 
 /// Which coordinates vertices are written with, where the format has a choice.

@@ -1,6 +1,7 @@
 //! GLB: the triangles of all meshes of a glTF 2.0 file with one binary chunk.
 //!
-//! Meshes keep their own coordinates, each once: the transformations of the scene's nodes are not applied.
+//! Meshes keep their own coordinates, each once: the transformations of the scene's nodes are not applied. But if there is one node with a mesh, on its own, that
+//! is only moved, this is the origin, as in the program's own files.
 
 use serde::Deserialize;
 
@@ -27,6 +28,8 @@ struct Scene {
     #[serde(default)]
     meshes: Vec<Mesh>,
     #[serde(default)]
+    nodes: Vec<Node>,
+    #[serde(default)]
     extensions_required: Vec<String>,
 }
 
@@ -51,6 +54,25 @@ struct View {
     byte_offset: u64,
     byte_length: u64,
     byte_stride: Option<u64>,
+}
+
+#[derive(Deserialize)]
+struct Node {
+    mesh: Option<usize>,
+    translation: Option<[f64; 3]>,
+    rotation: Option<serde::de::IgnoredAny>,
+    scale: Option<serde::de::IgnoredAny>,
+    matrix: Option<serde::de::IgnoredAny>,
+}
+
+impl Scene {
+    /// Where its only node puts its mesh.
+    fn origin(&self) -> [f64; 3] {
+        match &self.nodes[..] {
+            [Node { mesh: Some(_), translation: Some(origin), rotation: None, scale: None, matrix: None }] => *origin,
+            _ => [0.0; 3],
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -133,7 +155,7 @@ pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Resu
             return Err(Error::malformed(input.path, "a primitive", "three corners for each triangle", count));
         }
     }
-    mesh.finish()
+    Ok(mesh.finish()?.placed(scene.origin()))
 }
 
 /// Where the JSON and the binary chunk lie.

@@ -21,6 +21,7 @@ use std::path::Path;
 
 use super::MeshSource;
 use crate::error::{Error, Result};
+use crate::output::Format;
 use crate::spool::Workspace;
 
 /// Opens a mesh: PLY and GLB by their first bytes, STL and OBJ by their extension.
@@ -33,19 +34,31 @@ use crate::spool::Workspace;
 /// with a vertex number out of range is read; [`Error::ForeignFormat`] for a compressed GLB; [`Error::TooManyElements`];
 /// [`Error::Usage`] for an unknown kind of file.
 pub fn open(path: &Path, workspace: &Workspace, in_memory: u64) -> Result<Box<dyn MeshSource>> {
-    let file = File::open(path).map_err(Error::io(path, "open"))?;
-    let length = file.metadata().map_err(Error::io(path, "read"))?.len();
-    let input = Input { file, path, length };
-    let mut magic = [0; 4];
-    let known = length.min(4) as usize;
-    input.read_at(0, &mut magic[..known])?;
-    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    match (&magic, extension.as_deref()) {
-        (b"ply\n" | b"ply\r", _) | (_, Some("ply")) => ply::open(input, workspace, in_memory),
-        (b"glTF", _) | (_, Some("glb")) => Ok(Box::new(glb::read(&input, workspace, in_memory)?)),
-        (_, Some("stl")) => Ok(Box::new(stl::read(&input, workspace, in_memory)?)),
-        (_, Some("obj")) => Ok(Box::new(obj::read(&input, workspace, in_memory)?)),
-        _ => Err(Error::Usage(format!("{}: not a mesh that can be read: .ply, .stl, .obj or .glb", path.display()))),
+    let input = Input::open(path)?;
+    match input.format()? {
+        Some(Format::Ply) => ply::open(input, workspace, in_memory),
+        Some(Format::Glb) => Ok(Box::new(glb::read(&input, workspace, in_memory)?)),
+        Some(Format::Stl) => Ok(Box::new(stl::read(&input, workspace, in_memory)?)),
+        Some(Format::Obj) => Ok(Box::new(obj::read(&input, workspace, in_memory)?)),
+        None => Err(Error::Usage(format!("{}: not a mesh that can be read: .ply, .stl, .obj or .glb", path.display()))),
+    }
+}
+
+/// Whether a file holds triangles: PLY with faces, OBJ with any, STL and GLB by what they are. What is none of these, or compressed, does not.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Malformed`] for the header of a PLY file.
+pub fn has_triangles(path: &Path) -> Result<bool> {
+    if path.is_dir() || !path.exists() {
+        // A folder or a pattern of point files; whoever opens it says what is wrong.
+        return Ok(false);
+    }
+    let input = Input::open(path)?;
+    match input.format()? {
+        Some(Format::Ply) => ply::has_faces(&input),
+        Some(Format::Obj) => obj::has_faces(&input),
+        Some(Format::Stl | Format::Glb) => Ok(true),
+        None => Ok(false),
     }
 }
 
@@ -56,7 +69,25 @@ struct Input<'a> {
     length: u64,
 }
 
-impl Input<'_> {
+impl<'a> Input<'a> {
+    fn open(path: &'a Path) -> Result<Input<'a>> {
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        let length = file.metadata().map_err(Error::io(path, "read"))?.len();
+        Ok(Input { file, path, length })
+    }
+
+    /// PLY and GLB by their first bytes, all by their extension.
+    fn format(&self) -> Result<Option<Format>> {
+        let mut magic = [0; 4];
+        let known = self.length.min(4) as usize;
+        self.read_at(0, &mut magic[..known])?;
+        Ok(match &magic {
+            b"ply\n" | b"ply\r" => Some(Format::Ply),
+            b"glTF" => Some(Format::Glb),
+            _ => Format::from_path(self.path).ok(),
+        })
+    }
+
     fn read_at(&self, at: u64, out: &mut [u8]) -> Result<()> {
         self.file.read_exact_at(out, at).map_err(Error::io(self.path, "read"))
     }

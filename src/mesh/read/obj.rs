@@ -1,16 +1,18 @@
-//! Wavefront OBJ: `v x y z` and `f a b c …`; every other statement is passed over.
+//! Wavefront OBJ: `v x y z` and `f a b c …`, and the origin that the program's own comments tell; every other statement is passed over.
 
 use super::Input;
 use super::convert::Converter;
 use super::text::{Lines, shortened};
 use crate::error::{Error, Result};
 use crate::mesh::spool::MeshSpool;
+use crate::mesh::told_origin;
 use crate::points::Precision;
 use crate::spool::Workspace;
 
 pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Result<MeshSpool> {
     let mut lines = Lines::new(input);
     let mut mesh = Converter::new(input.path, workspace, Precision::Double, in_memory);
+    let mut origin = [0.0; 3];
     while lines.advance()? {
         let mut words = lines.line().split_ascii_whitespace();
         match words.next() {
@@ -22,13 +24,28 @@ pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Resu
                 let so_far = mesh.vertex_count();
                 mesh.polygon(words.map(|word| corner(&lines, word, so_far)))?;
             }
+            // Only before the first vertex: what comes later may be about anything.
+            Some("#") if mesh.vertex_count() == 0 => {
+                origin = lines.line().strip_prefix('#').and_then(told_origin).unwrap_or(origin);
+            }
             _ => {}
         }
     }
     if mesh.vertex_count() == 0 {
         return Err(Error::malformed(input.path, "the whole file", "lines that begin with v", "none"));
     }
-    mesh.finish()
+    Ok(mesh.finish()?.placed(origin))
+}
+
+/// Whether there are faces.
+pub(super) fn has_faces(input: &Input) -> Result<bool> {
+    let mut lines = Lines::new(input);
+    while lines.advance()? {
+        if lines.line().split_ascii_whitespace().next() == Some("f") {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// The vertex of a corner such as `7`, `7/2/5` or `-1`: from 1, or backwards from the last.

@@ -24,9 +24,16 @@ pub(super) fn open(input: Input, workspace: &Workspace, in_memory: u64) -> Resul
     if let Some(layout) = layout
         && layout.is_all_triangles(&input)?
     {
-        return Ok(Box::new(InPlace { path: input.path.to_path_buf(), file: input.file, layout }));
+        let (path, origin) = (input.path.to_path_buf(), header.origin);
+        return Ok(Box::new(InPlace { path, file: input.file, layout, origin }));
     }
     Ok(Box::new(convert(&input, &header, lines, workspace, in_memory)?))
+}
+
+/// Whether there are faces.
+pub(super) fn has_faces(input: &Input) -> Result<bool> {
+    let elements = Header::parse(&mut Lines::new(input))?.elements;
+    Ok(elements.iter().any(|element| element.name == "face" && element.count > 0))
 }
 
 /// Where vertices and triangles lie in a file whose elements all have a fixed length.
@@ -134,6 +141,12 @@ fn axes(input: &Input, vertex: &Element) -> Result<[(usize, Type); 3]> {
     }
 }
 
+/// The narrowest precision that keeps coordinates of these types.
+fn precision(axes: [Type; 3]) -> Precision {
+    let narrow = |kind: &Type| !matches!(kind, Type::Float64 | Type::Int32 | Type::Uint32);
+    if axes.iter().all(narrow) { Precision::Single } else { Precision::Double }
+}
+
 /// The face's property that lists its corners.
 fn corners(input: &Input, face: &Element) -> Result<usize> {
     let lists_corners = |property: &Property| matches!(property, Property::List { name, .. } if name == "vertex_indices" || name == "vertex_index");
@@ -148,6 +161,7 @@ struct InPlace {
     path: PathBuf,
     file: File,
     layout: Layout,
+    origin: [f64; 3],
 }
 
 impl InPlace {
@@ -180,6 +194,14 @@ impl MeshSource for InPlace {
 
     fn face_count(&self) -> u64 {
         self.layout.faces
+    }
+
+    fn origin(&self) -> [f64; 3] {
+        self.origin
+    }
+
+    fn precision(&self) -> Precision {
+        precision(self.layout.axes.map(|(_, kind)| kind))
     }
 
     fn read_vertices(&self, first: u64, out: &mut [[f64; 3]]) -> Result<()> {
@@ -220,9 +242,7 @@ fn convert(
     let vertex = find(header, "vertex");
     let axes = axes(input, vertex)?.map(|(_, kind)| kind);
     let corners = corners(input, find(header, "face"))?;
-    let narrow = |kind: &Type| !matches!(kind, Type::Float64 | Type::Int32 | Type::Uint32);
-    let precision = if axes.iter().all(narrow) { Precision::Single } else { Precision::Double };
-    let mut mesh = Converter::new(input.path, workspace, precision, in_memory);
+    let mut mesh = Converter::new(input.path, workspace, precision(axes), in_memory);
     let mut values = match header.encoding {
         Encoding::Ascii => {
             // The rest of the header's last line is no value.
@@ -260,7 +280,7 @@ fn convert(
             }
         }
     }
-    mesh.finish()
+    Ok(mesh.finish()?.placed(header.origin))
 }
 
 /// The values of a file, one after the other.

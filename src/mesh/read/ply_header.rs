@@ -3,6 +3,7 @@
 use super::Input;
 use super::text::{Lines, shortened};
 use crate::error::Result;
+use crate::mesh::told_origin;
 
 /// The longest header: tens of thousands of comments.
 const LONGEST: u64 = 1 << 20;
@@ -103,15 +104,31 @@ impl Element {
 pub(super) struct Header {
     pub encoding: Encoding,
     pub elements: Vec<Element>,
+    /// What a comment says is to be added to vertices.
+    pub origin: [f64; 3],
     /// Bytes of the header itself.
     pub length: u64,
 }
 
 impl Header {
-    /// Reads the header; the lines then stand at its last.
+    /// Reads the header of a mesh; the lines then stand at its last.
     pub fn read(input: &Input, lines: &mut Lines) -> Result<Header> {
+        let header = Header::parse(lines)?;
+        for needed in ["vertex", "face"] {
+            if header.elements.iter().filter(|element| element.name == needed).count() != 1 {
+                let what =
+                    if needed == "face" { "one element face (is this a point cloud?)" } else { "one element vertex" };
+                return Err(crate::Error::malformed(input.path, "the header", what, "none, or several"));
+            }
+        }
+        Ok(header)
+    }
+
+    /// Reads a header, whatever elements it tells of.
+    pub fn parse(lines: &mut Lines) -> Result<Header> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
+        let mut origin = [0.0; 3];
         if !lines.advance()? || lines.line() != "ply" {
             return Err(lines.malformed("\"ply\"", format!("{:?}", shortened(lines.line()))));
         }
@@ -125,6 +142,10 @@ impl Header {
             let wrong = |expected: &str| lines.malformed(expected, format!("{:?}", shortened(lines.line())));
             let words: Vec<&str> = lines.line().split_ascii_whitespace().take(6).collect();
             match words[..] {
+                ["comment", "origin", ..] => {
+                    let told = lines.line().strip_prefix("comment").and_then(told_origin);
+                    origin = told.unwrap_or(origin);
+                }
                 ["comment" | "obj_info", ..] | [] => {}
                 ["format", name, "1.0"] => {
                     encoding = Some(match name {
@@ -154,13 +175,6 @@ impl Header {
             }
         }
         let Some(encoding) = encoding else { return Err(lines.malformed("a format line before", "none")) };
-        for needed in ["vertex", "face"] {
-            if elements.iter().filter(|element| element.name == needed).count() != 1 {
-                let what =
-                    if needed == "face" { "one element face (is this a point cloud?)" } else { "one element vertex" };
-                return Err(crate::Error::malformed(input.path, "the header", what, "none, or several"));
-            }
-        }
-        Ok(Header { encoding, elements, length: lines.consumed() })
+        Ok(Header { encoding, elements, origin, length: lines.consumed() })
     }
 }

@@ -5,6 +5,7 @@ use super::text::Lines;
 use super::weld::Welder;
 use crate::error::{Error, Result};
 use crate::mesh::spool::MeshSpool;
+use crate::mesh::told_origin;
 use crate::spool::Workspace;
 
 const HEADER: u64 = 84;
@@ -31,7 +32,8 @@ pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64) -> Resu
     let most_corners = if binary { 3 * promised } else { input.length / 13 };
     let mut welder = Welder::new(workspace, most_corners, in_memory);
     if binary { read_binary(input, promised, &mut welder) } else { read_text(input, &mut welder) }?;
-    welder.finish()
+    let told = std::str::from_utf8(&head[..80]).ok().filter(|_| binary).and_then(told_origin);
+    Ok(welder.finish()?.placed(told.unwrap_or_default()))
 }
 
 fn read_binary(input: &Input, triangles: u64, welder: &mut Welder) -> Result<()> {

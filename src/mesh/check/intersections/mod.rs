@@ -13,7 +13,6 @@
 
 mod cells;
 mod pairs;
-mod piles;
 #[cfg(test)]
 mod tests;
 
@@ -22,11 +21,11 @@ use std::sync::Mutex;
 
 use self::cells::{Cell, Cuboid, Tree};
 use self::pairs::Pairs;
-use self::piles::{Piles, Record};
 use super::{Check, Plan};
 use crate::error::Result;
 use crate::mesh::intersect::FARTHEST;
 use crate::mesh::measure::{Corners, is_degenerate, span};
+use crate::mesh::piles::Piles;
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::schedule::Workers;
 use crate::spool::Workspace;
@@ -192,7 +191,7 @@ impl Search<'_> {
     }
 
     /// Piles for so many cells; those within other cells share what these have left over.
-    fn piles(&self, cells: usize, depth: u32) -> Piles {
+    fn piles(&self, cells: usize, depth: u32) -> Piles<Record> {
         let share = self.budget >> depth;
         Piles::new(cells, share / 8, share / 8, self.check.workspace)
     }
@@ -217,7 +216,7 @@ impl Search<'_> {
     }
 
     /// Some triangles of a pile, chosen by their numbers: the order in which they lie there depends on means.
-    fn sample_pile(&self, piles: &Piles, pile: usize) -> Result<Vec<Record>> {
+    fn sample_pile(&self, piles: &Piles<Record>, pile: usize) -> Result<Vec<Record>> {
         // Multiples of the golden ratio's fraction of 2^64 are spread evenly; folded and multiplied once more, they are even
         // for rows of numbers, too.
         const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -236,7 +235,7 @@ impl Search<'_> {
     }
 
     /// Puts every sound triangle on the piles of its cells.
-    fn distribute(&self, tree: &Tree, piles: &mut Piles, progress: &mut dyn FnMut(u64)) -> Result<()> {
+    fn distribute(&self, tree: &Tree, piles: &mut Piles<Record>, progress: &mut dyn FnMut(u64)) -> Result<()> {
         let Check { mesh, plan, workers, .. } = self.check;
         let block = plan.block as u64;
         let blocks = mesh.face_count().div_ceil(block);
@@ -252,7 +251,7 @@ impl Search<'_> {
             progress(done.min(mesh.face_count()));
             records.iter().try_for_each(|(cell, record)| match cell {
                 Some(cell) => piles.push(*cell as usize, record),
-                None => piles.push_to_all(tree, record),
+                None => push_to_all(piles, tree, record),
             })
         };
 
@@ -314,7 +313,7 @@ impl Search<'_> {
     fn search(
         &self,
         tree: &Tree,
-        piles: Piles,
+        piles: Piles<Record>,
         depth: u32,
         found: &mut Found,
         progress: &mut dyn FnMut(u64),
@@ -369,11 +368,31 @@ impl Search<'_> {
                 continue;
             }
             let mut within = self.piles(parts.cells().len(), depth + 1);
-            piles.read(pile, |record| within.push_to_all(&parts, record))?;
+            piles.read(pile, |record| push_to_all(&mut within, &parts, record))?;
             self.search(&parts, within, depth + 1, found, &mut |_| ())?;
         }
         Ok(())
     }
+}
+
+/// A triangle with all that the search needs: 92 bytes.
+#[derive(Debug, Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, packed)]
+struct Record {
+    corners: [[f64; 3]; 3],
+    vertices: [u32; 3],
+    number: u64,
+}
+
+/// Puts a record on the piles of all cells that its triangle's box touches.
+fn push_to_all(piles: &mut Piles<Record>, tree: &Tree, record: &Record) -> Result<()> {
+    let mut result = Ok(());
+    tree.visit(&Cuboid::around(record.corners), &mut |cell| {
+        if result.is_ok() {
+            result = piles.push(cell as usize, record);
+        }
+    });
+    result
 }
 
 /// Whether the search looks at a triangle.

@@ -1,9 +1,8 @@
-//! The generated file: three formats, a temporary name until it is complete.
+//! Files of points: three formats, a temporary name until they are complete.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::Options;
 use crate::error::{Error, Result};
 use crate::input::Sidecar;
 use crate::points::Precision;
@@ -51,42 +50,64 @@ impl FileKind {
         }
     }
 
-    fn header(self, options: &Options) -> String {
-        let kind = match options.precision() {
+    fn header(self, cloud: &Description) -> String {
+        let kind = match cloud.precision {
             Precision::Single => "float",
             Precision::Double => "double",
         };
         match self {
             FileKind::Ply => format!(
-                "ply\nformat binary_little_endian 1.0\ncomment {} of size {}, seed {}\nelement vertex {}\n\
+                "ply\nformat binary_little_endian 1.0\ncomment {}\nelement vertex {}\n\
                  property {kind} x\nproperty {kind} y\nproperty {kind} z\nend_header\n",
-                options.shape, options.size, options.seed, options.points
+                cloud.comment, cloud.points
             ),
             FileKind::Raw | FileKind::Text => String::new(),
         }
     }
 }
 
+/// What is going to be in a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Description {
+    /// How it came about, in a line.
+    pub comment: String,
+    /// Number of points.
+    pub points: u64,
+    /// Of the coordinates.
+    pub precision: Precision,
+}
+
 /// A cloud's file in the making.
-pub struct Target {
+#[derive(Debug)]
+pub struct CloudTarget {
     file: WholeFile,
+    kind: FileKind,
+    cloud: Description,
+    overwrite: Overwrite,
     bytes: u64,
 }
 
-impl Target {
+impl CloudTarget {
     /// Creates the temporary file beside the target and writes its header.
     ///
     /// # Errors
     /// [`Error::OutputExists`]; [`Error::Io`] if the folder cannot be written to; [`Error::Usage`] for the extension.
-    pub fn create(options: &Options) -> Result<Target> {
-        let kind = FileKind::of(&options.path)?;
-        let sidecar = Sidecar::path_for(&options.path);
-        if kind == FileKind::Raw && options.overwrite == Overwrite::Refuse && sidecar.exists() {
+    pub fn create(path: &Path, cloud: Description, overwrite: Overwrite) -> Result<CloudTarget> {
+        let kind = FileKind::of(path)?;
+        let sidecar = Sidecar::path_for(path);
+        if kind == FileKind::Raw && overwrite == Overwrite::Refuse && sidecar.exists() {
             return Err(Error::OutputExists(sidecar));
         }
-        let mut target = Target { file: WholeFile::create(&options.path, options.overwrite)?, bytes: 0 };
-        target.append(kind.header(options).as_bytes())?;
+        let header = kind.header(&cloud);
+        let file = WholeFile::create(path, overwrite)?;
+        let mut target = CloudTarget { file, kind, cloud, overwrite, bytes: 0 };
+        target.append(header.as_bytes())?;
         Ok(target)
+    }
+
+    /// Its format.
+    pub fn kind(&self) -> FileKind {
+        self.kind
     }
 
     /// Adds `bytes` at the end.
@@ -103,16 +124,16 @@ impl Target {
     ///
     /// # Errors
     /// [`Error::OutputExists`] if a file of that name appeared meanwhile; [`Error::Io`].
-    pub fn finish(self, options: &Options) -> Result<(u64, Option<PathBuf>)> {
+    pub fn finish(self) -> Result<(u64, Option<PathBuf>)> {
         let mut sidecar = None;
-        if FileKind::of(self.file.path())? == FileKind::Raw {
-            let scalar = match options.precision() {
+        if self.kind == FileKind::Raw {
+            let scalar = match self.cloud.precision {
                 Precision::Single => Scalar::F32,
                 Precision::Double => Scalar::F64,
             };
             let path = Sidecar::path_for(self.file.path());
-            let file = WholeFile::create(&path, options.overwrite)?;
-            writeln!(file.file(), "{}", Sidecar::describing(scalar, options.points))
+            let file = WholeFile::create(&path, self.overwrite)?;
+            writeln!(file.file(), "{}", Sidecar::describing(scalar, self.cloud.points))
                 .map_err(Error::io(&path, "write"))?;
             file.finish()?;
             sidecar = Some(path);

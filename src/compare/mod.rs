@@ -1,0 +1,363 @@
+//! How far a mesh lies from a reference, and the reference from the mesh, for meshes and clouds of any size in bounded memory.
+//!
+//! ```text
+//!  survey     the box of the reference; a sample of both sides' places
+//!  points     mesh's centroids (of a cloud, vertices, too)  -> nearest point of the reference
+//!  surface    mesh's centroids, vertices                    -> nearest place on the reference's triangles, first one along the normal
+//!  back       reference's points, centroids                 -> nearest place on the mesh's triangles
+//! ```
+//!
+//! Distances are exact, by brute force made fast: targets lie in blocks on disk (`blocks`), each with a tree of boxes while it is in memory
+//! (`tree`), and queries go from block to block until none nearer can hold anything (`search`). All is computed in `f64`, in the input's own coordinates less
+//! the lowest corner of the reference's box. Sums are exact, and so is the quantile (`figures`): neither threads nor memory nor the order of points and triangles show.
+//!
+//! What has a coordinate that is not finite, or beyond 1e75, is left out. A triangle without area has places, but no normal.
+
+mod blocks;
+mod far;
+mod figures;
+mod heatmap;
+mod report;
+mod room;
+mod search;
+mod shape;
+mod source;
+#[cfg(test)]
+mod testing;
+#[cfg(test)]
+mod tests;
+mod tree;
+
+use std::path::{Path, PathBuf};
+
+use bytemuck::Pod;
+
+use self::blocks::Blocks;
+use self::figures::{Figures, Spread};
+use self::heatmap::Heat;
+use self::report::is_inside_out;
+use self::room::Room;
+use self::search::{Facing, Nearest, search};
+use self::shape::{Point, Spot, Target, Triangle};
+use self::source::{Source, Survey, is_usable, triangles};
+use crate::error::{Error, Result};
+use crate::input::{Cloud, InputOptions, Opening, STANDARD_INPUT, expand};
+use crate::mesh::check::{CheckReport, check};
+use crate::mesh::{self, MeshSource};
+use crate::progress::{Phase, Progress};
+use crate::report::short;
+use crate::run::Means;
+use crate::schedule::Workers;
+
+pub use self::heatmap::{HeatMap, Reach};
+pub use self::report::{
+    Angles, Comparison, Distances, Length, MeshSide, MeshToReference, Mse, ReferenceSide, ReferenceToMesh,
+};
+
+/// What is compared.
+#[derive(Debug, Clone)]
+pub struct Job {
+    /// The mesh.
+    pub mesh: PathBuf,
+    /// What it is compared with.
+    pub reference: PathBuf,
+    /// What the reference is taken for; by default a mesh if it has triangles, else a cloud.
+    pub kind: Option<Kind>,
+    /// How a raw reference is laid out.
+    pub input: InputOptions,
+    /// Where the mesh is written, coloured by its distance, if it is to be.
+    pub heatmap: Option<HeatMap>,
+    /// What the work may use. Nothing of it shows in what is found.
+    pub means: Means,
+}
+
+/// What a reference is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A surface: its vertices and triangles count.
+    Mesh,
+    /// Points only.
+    Cloud,
+}
+
+/// Compares. Memory: about the budget, but no less than some 8 MB for each worker, and 2 KB for every million triangles.
+///
+/// # Errors
+/// Those of reading either side; [`Error::Malformed`] if the mesh has no triangles, or either side no finite places; [`Error::NoPoints`];
+/// [`Error::Usage`] if the reference is a single place; [`Error::Io`]; [`Error::Interrupted`].
+pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Comparison> {
+    let budget = job.means.budget();
+    let workspace = job.means.workspace(&job.mesh)?;
+    let mesh = mesh::read::open(&job.mesh, &workspace, budget / 8)?;
+    if mesh.face_count() == 0 {
+        return Err(Error::malformed(&job.mesh, "the mesh", "triangles", "none"));
+    }
+    let as_mesh = match job.kind {
+        Some(kind) => kind == Kind::Mesh,
+        None => job.reference != Path::new(STANDARD_INPUT) && mesh::read::has_triangles(&job.reference)?,
+    };
+    let reference = if as_mesh {
+        Source::Mesh(mesh::read::open(&job.reference, &workspace, budget / 8)?)
+    } else {
+        progress.begin(Phase::Unpack, None);
+        let mut watch = |bytes| {
+            progress.set(bytes);
+            workers.check_cancelled()
+        };
+        let opening = Opening { workspace: &workspace, memory: budget / 8, watch: &mut watch };
+        Source::Cloud(Cloud::open_in(&expand(std::slice::from_ref(&job.reference))?, &job.input, opening)?)
+    };
+
+    let room = Room::new(budget / 4 * 3, workers, &workspace);
+    // Before the work: it proves that the file can be written.
+    let mut heat = job.heatmap.as_ref().map(|map| Heat::create(map, &*mesh, &room)).transpose()?;
+
+    let triangles = |mesh: &dyn MeshSource| mesh.face_count();
+    progress.begin(Phase::Check, Some(mesh.face_count() + reference.mesh().map_or(0, triangles)));
+    let checked = check(&*mesh, budget / 2, workers, &workspace, &mut |done| progress.set(done))?;
+    let before = mesh.face_count();
+    let reference_checked = match reference.mesh() {
+        Some(mesh) => Some(check(mesh, budget / 2, workers, &workspace, &mut |done| progress.set(before + done))?),
+        None => None,
+    };
+
+    let inside_out = |report: &CheckReport| is_inside_out(report.closed, report.volume);
+    let over = reference_checked.as_ref().is_some_and(inside_out) != inside_out(&checked);
+    let comparing = Comparing { mesh: Source::Mesh(mesh), reference, over, room };
+    let found = comparing.run(job, heat.as_mut(), progress)?;
+    let comparison = Comparison::new(job, &checked, reference_checked.as_ref(), &found);
+    if let Some((heat, map)) = heat.zip(job.heatmap.as_ref()) {
+        progress.begin(Phase::Write, None);
+        let max = heat.write(comparing.mesh(), &comparing.room, &found.mesh_vertices, comparison.longest_side)?;
+        progress.note(&format!("{}: distances coloured from 0 to {}", map.path.display(), short(max)));
+    }
+    progress.end();
+    Ok(comparison)
+}
+
+/// Both sides, opened.
+struct Comparing<'a> {
+    mesh: Source,
+    reference: Source,
+    /// Whether one of the two is inside out.
+    over: bool,
+    room: Room<'a>,
+}
+
+/// What was measured, in units.
+struct Found {
+    reference: Survey,
+    /// From the mesh's centroids to the reference's nearest points.
+    nearest_point: Figures,
+    mesh_centroids: Figures,
+    mesh_vertices: Figures,
+    reference_points: Figures,
+    reference_centroids: Option<Figures>,
+    /// If the reference has triangles.
+    facing: Option<AlongNormals>,
+}
+
+impl Comparing<'_> {
+    fn mesh(&self) -> &dyn MeshSource {
+        self.mesh.mesh().expect("the first side is a mesh")
+    }
+
+    fn run(&self, job: &Job, heat: Option<&mut Heat>, progress: &mut Progress) -> Result<Found> {
+        progress.begin(Phase::Survey, None);
+        let reference = self.reference.survey(&self.room, &mut |done| progress.add(done))?;
+        if reference.places == 0 {
+            return Err(match &self.reference {
+                Source::Mesh(_) => Error::malformed(&job.reference, "the mesh", "finite vertices", "none"),
+                Source::Cloud(_) => Error::NoPoints { dropped: reference.left_out, filtered: 0 },
+            });
+        }
+        if reference.bounds.extent() == [0.0; 3] {
+            let path = job.reference.display();
+            return Err(Error::Usage(format!("{path}: a reference of a single place has no size to measure by")));
+        }
+        let mesh = self.mesh.survey(&self.room, &mut |done| progress.add(done))?;
+
+        let (to_points, to_surface) = match self.reference.mesh() {
+            Some(surface) => (self.mesh().face_count(), self.mesh().face_count() + mesh.places + surface.face_count()),
+            None => (self.mesh().face_count() + mesh.places, 0),
+        };
+        progress.begin(Phase::Compare, Some(to_points + to_surface + reference.places));
+        let pass = Pass { room: &self.room, corner: reference.bounds.min, told: Told { progress, waiting: 0 } };
+        self.measure(job, reference, mesh, pass, heat)
+    }
+
+    fn measure(
+        &self,
+        job: &Job,
+        reference: Survey,
+        mesh: Survey,
+        mut pass: Pass,
+        heat: Option<&mut Heat>,
+    ) -> Result<Found> {
+        let no_triangles = |path: &Path| Error::malformed(path, "the mesh", "triangles with finite corners", "none");
+
+        let mut points = pass.spots(&self.reference, &reference)?;
+        let nearest_point = pass.centroids(&mut points, self.mesh())?.ok_or_else(|| no_triangles(&job.mesh))?;
+        let (mesh_centroids, mesh_vertices, facing) = match self.reference.mesh() {
+            None => {
+                let vertices = pass.places(&mut points, &self.mesh, heat)?;
+                drop(points);
+                (nearest_point, vertices, None)
+            }
+            Some(surface) => {
+                drop(points);
+                let mut surface = pass.surface(surface, &reference)?;
+                if surface.count() == 0 {
+                    return Err(no_triangles(&job.reference));
+                }
+                let facing = pass.facing(&mut surface, self.mesh(), self.over)?;
+                (facing.distances, pass.places(&mut surface, &self.mesh, heat)?, Some(facing))
+            }
+        };
+
+        let mut surface = pass.surface(self.mesh(), &mesh)?;
+        let reference_points = pass.places(&mut surface, &self.reference, None)?.expect("the survey found places");
+        let reference_centroids = match self.reference.mesh() {
+            Some(mesh) => pass.centroids(&mut surface, mesh)?,
+            None => None,
+        };
+        let mesh_vertices = mesh_vertices.expect("triangles have corners");
+        Ok(Found {
+            reference,
+            nearest_point,
+            mesh_centroids,
+            mesh_vertices,
+            reference_points,
+            reference_centroids,
+            facing,
+        })
+    }
+}
+
+/// Passes over queries on their way.
+struct Pass<'a> {
+    room: &'a Room<'a>,
+    corner: Point,
+    told: Told<'a>,
+}
+
+/// Counts queries, and tells of many at a time.
+struct Told<'a> {
+    progress: &'a mut Progress,
+    waiting: u64,
+}
+
+impl Told<'_> {
+    fn one(&mut self) {
+        self.waiting += 1;
+        if self.waiting == 1 << 12 {
+            self.progress.add(self.waiting);
+            self.waiting = 0;
+        }
+    }
+}
+
+/// What centroids tell of a surface.
+struct AlongNormals {
+    distances: Figures,
+    /// `None` if no normal meets anything.
+    along: Option<Figures>,
+    missed: u64,
+    /// `None` if no triangle has a normal, or none nearest to one has.
+    turned: Option<Figures>,
+}
+
+impl Pass<'_> {
+    fn sample(&self, survey: &Survey) -> Vec<Point> {
+        let from_corner = |p: &Point| std::array::from_fn(|a| p[a] - self.corner[a]);
+        survey.sample.iter().map(from_corner).collect()
+    }
+
+    /// Blocks of a side's places.
+    fn spots(&self, side: &Source, survey: &Survey) -> Result<Blocks<Spot>> {
+        Blocks::new(self.room, self.sample(survey), survey.places, |put| {
+            let usable =
+                |places: &[Point]| places.iter().filter(|p| is_usable(**p)).map(|p| Spot(*p)).collect::<Vec<_>>();
+            side.places(self.corner, self.room, |_, places| Ok(usable(places)), |spots| put(&spots))
+        })
+    }
+
+    /// Blocks of a mesh's triangles.
+    fn surface(&self, mesh: &dyn MeshSource, survey: &Survey) -> Result<Blocks<Triangle>> {
+        Blocks::new(self.room, self.sample(survey), mesh.face_count(), |put| {
+            triangles(mesh, self.corner, self.room, |piece| Ok(piece.to_vec()), |piece| put(&piece))
+        })
+    }
+
+    /// Distances of a side's places.
+    fn places<T: Target + Pod>(
+        &mut self,
+        blocks: &mut Blocks<T>,
+        side: &Source,
+        mut heat: Option<&mut Heat>,
+    ) -> Result<Option<Figures>> {
+        let (room, corner) = (self.room, self.corner);
+        let mut spread = Spread::new(room);
+        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(Vec<Nearest>) -> Result<()>| {
+            let queries = |first: u64, places: &[Point]| {
+                let usable = (first..).zip(places).filter(|(_, p)| is_usable(**p));
+                Ok(usable.map(|(number, p)| Nearest::new(number, *p, home(*p))).collect())
+            };
+            side.places(corner, room, queries, put)
+        };
+        search(blocks, room, feed, |query| {
+            self.told.one();
+            if let Some(heat) = &mut heat {
+                heat.add(query.number, query.distance2)?;
+            }
+            spread.add_square(query.distance2)
+        })?;
+        spread.figures()
+    }
+
+    /// Distances of a mesh's centroids.
+    fn centroids<T: Target + Pod>(&mut self, blocks: &mut Blocks<T>, mesh: &dyn MeshSource) -> Result<Option<Figures>> {
+        let (room, corner) = (self.room, self.corner);
+        let mut spread = Spread::new(room);
+        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(Vec<Nearest>) -> Result<()>| {
+            let centroids = |piece: &[Triangle]| {
+                let places = piece.iter().map(Triangle::centroid);
+                Ok(places.map(|p| Nearest::new(0, p, home(p))).collect())
+            };
+            triangles(mesh, corner, room, centroids, put)
+        };
+        search(blocks, room, feed, |query| {
+            self.told.one();
+            spread.add_square(query.distance2)
+        })?;
+        spread.figures()
+    }
+
+    /// Distances and more of a mesh's centroids from a surface. The normals are turned `over` if one of the two is inside out.
+    fn facing(&mut self, blocks: &mut Blocks<Triangle>, mesh: &dyn MeshSource, over: bool) -> Result<AlongNormals> {
+        let (room, corner) = (self.room, self.corner);
+        let [mut distances, mut along, mut turned] = [(); 3].map(|()| Spread::new(room));
+        let mut missed = 0;
+        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(Vec<Facing>) -> Result<()>| {
+            let queries = |piece: &[Triangle]| {
+                Ok(piece.iter().map(|triangle| Facing::new(triangle, over, home(triangle.centroid()))).collect())
+            };
+            triangles(mesh, corner, room, queries, put)
+        };
+        search(blocks, room, feed, |query| {
+            self.told.one();
+            distances.add_square(query.distance2)?;
+            if query.turned.is_finite() {
+                turned.add(query.turned)?;
+            }
+            if query.along.is_finite() {
+                return along.add(query.along);
+            }
+            missed += 1;
+            Ok(())
+        })?;
+        let distances = distances.figures()?.expect("a mesh that was measured before has triangles");
+        Ok(AlongNormals { distances, along: along.figures()?, missed, turned: turned.figures()? })
+    }
+}

@@ -1,0 +1,57 @@
+//! What a comparison may use: the budget as sizes, none of which shows in what it finds.
+
+use bytemuck::Pod;
+
+use crate::mesh::piles::Piles;
+use crate::schedule::Workers;
+use crate::spool::{Spool, Workspace};
+
+/// Workers, temporary storage, and the shares of the budget.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Room<'a> {
+    pub workers: &'a Workers,
+    pub workspace: &'a Workspace,
+    /// Bytes for the block that is searched.
+    pub block: u64,
+    /// Bytes for the pages of piles: there may be two sets of them at a time.
+    pub pages: u64,
+    /// Bytes that each store may keep in memory: targets, two sets of piles, and distances.
+    pub kept: u64,
+    /// Bytes for the triangles of which the corners are looked up, by each job.
+    pub corners: u64,
+    /// Jobs under way at a time.
+    pub in_flight: usize,
+}
+
+impl<'a> Room<'a> {
+    /// The shares of a budget.
+    pub fn new(budget: u64, workers: &'a Workers, workspace: &'a Workspace) -> Room<'a> {
+        let in_flight = workers.threads() + 1;
+        // Three eighths for the block, two for pages, one and a half for four stores, one for corners; half of one is left for what is too small to plan.
+        Room {
+            workers,
+            workspace,
+            block: budget / 8 * 3,
+            pages: budget / 8,
+            kept: budget / 32,
+            corners: budget / 8 / in_flight as u64,
+            in_flight,
+        }
+    }
+
+    /// A store.
+    pub fn spool(&self) -> Spool {
+        self.workspace.spool(self.kept)
+    }
+
+    /// Empty piles, within `depth` others.
+    pub fn piles<T: Pod>(&self, count: usize, depth: u32) -> Piles<T> {
+        let share = |bytes: u64| bytes.checked_shr(depth).unwrap_or(0);
+        Piles::new(count, share(self.pages), share(self.kept), self.workspace)
+    }
+
+    /// Runs work on the pool of workers.
+    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        self.workers.pool().install(work)
+    }
+}
