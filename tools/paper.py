@@ -228,31 +228,37 @@ def error_of(record):
     return record["nearest"] if record["off_holes"] is None else record["off_holes"]
 
 
-def verdict(swept):
-    """Whether k = 4 is the choice, by the criterion that the text states; and where each model is sound."""
+def told(ks):
+    return ", ".join(f"{k:g}" for k in ks) or "none"
 
-    def told(ks):
-        return ", ".join(f"{k:g}" for k in ks) or "none"
 
-    sound = {name: [record["k"] for record in found if record["sound"]] for name, found in swept.items()}
-    papers = {one.name for one in MODELS if one.points and one.name in swept}
-    lines = [f"* {name}{'' if name in papers else ' (not counted)'}: {told(ks)}" for name, ks in sound.items()]
-    everywhere = [k for k in SWEEP if all(k in sound[name] for name in papers)]
+def verdict(swept, names):
+    """Whether k = 4 is the choice for these models, by the criterion that the text states."""
     at = SWEEP.index(DEFAULT_K)
+    everywhere = [k for number, k in enumerate(SWEEP) if all(swept[name][number]["sound"] for name in names)]
     better = [
-        k for k in everywhere if k > DEFAULT_K and all(error_of(swept[name][SWEEP.index(k)]) < error_of(swept[name][at]) for name in papers)
+        k for k in everywhere if k > DEFAULT_K and all(error_of(swept[name][SWEEP.index(k)]) < error_of(swept[name][at]) for name in names)
     ]
-    if not papers:
-        verdict = "No model of the paper is there."
-    elif DEFAULT_K not in everywhere:
-        verdict = f"**k = 4 is not confirmed**: it is not sound on {', '.join(name for name in papers if DEFAULT_K not in sound[name])}."
+    if not names:
+        return "none of them is there."
+    if DEFAULT_K not in everywhere:
+        found = f"**k = 4 is not confirmed**: it is not sound on {', '.join(name for name in names if not swept[name][at]['sound'])}."
     elif better:
-        verdict = (
-            f"**k = 4 is confirmed as sound, but not as the best**: {told(better)}, too, sound on all, and with a smaller MSE on each."
-        )
+        found = f"**k = 4 is confirmed as sound, but not as the best**: {told(better)}, too, sound on all, and with a smaller MSE on each."
     else:
-        verdict = "**k = 4 is confirmed**: sound on all, and no larger k is that and has a smaller MSE on each."
-    return f"{verdict} Sound on all: {told(everywhere)}. By model:\n\n" + "\n".join(lines)
+        found = "**k = 4 is confirmed**: sound on all, and no larger k is that and has a smaller MSE on each."
+    return f"{found} Sound on all: {told(everywhere)}."
+
+
+def verdicts(swept):
+    """The verdict on the paper's models, that on all, since one may hide what the other shows, and where each model is sound."""
+    papers = [one.name for one in MODELS if one.points and one.name in swept]
+    lines = [
+        f"* The paper's models: {verdict(swept, papers)}",
+        f"* With the Stanford dragon, if it is there: {verdict(swept, list(swept))}",
+    ]
+    lines += [f"* {name} is sound at {told([record['k'] for record in found if record['sound']])}." for name, found in swept.items()]
+    return "\n".join(lines)
 
 
 def pictures(swept, timings, stem):
@@ -434,8 +440,10 @@ MSE = 100 · mean(d²), d in per cent of the reference's longest side, at the ce
 the reference's triangles. *Off the holes*: the same, without triangles whose nearest place lies on the reference's boundary: a hole was closed
 there. *Along normal*: Eq. 5 by its letter, without the rays that meet nothing. *Nearest point*: d to the nearest vertex of the reference; most of
 that is the distance between vertices, and it has not the magnitude of the paper's figures. So *nearest*, and off the holes where there are any, is
-what we set beside the paper's. AVR: Eq. 6. Of the armadillo there are points only: all but *nearest point* is against Open3D's Poisson
-reconstruction of them (depth 10), which is not the truth.
+what we set beside the paper's: the choice rests on that magnitude, and Eq. 5 by its letter does not give it, for less than 1 % of the rays, which
+meet the surface elsewhere, make up more than 99 % of it (horse, bunny and armadillo at k = 4). AVR: Eq. 6; the bunny's surface is open, its volume
+depends on where it is measured from, and so does its AVR. Of the armadillo there are points only: all but *nearest point* is against Open3D's
+Poisson reconstruction of them (depth 10), which is not the truth.
 
 What we know of the paper are single figures, not all its columns. Where a table's columns are not known, that is said, and ours stand alone.
 
@@ -466,10 +474,11 @@ What the paper's Table 4 holds is not known to us beyond errors; these are ours,
 
 {table(["model", "k:", "paper's MSE:", "AVR %:", *errors, "triangles:", "radius:", "volume:", "components:", "genus:", "sound"], fifth)}
 A k is *sound* on a model if the mesh is closed, has one component, the body's genus (bunny, horse, armadillo 0, rocker arm 1; of the others it is
-not asked) and a volume within 1 % of the reference's. k = 4 counts as confirmed if it is sound on all models of the
-paper that are there, and no larger k of the sweep is sound on all of them and has a smaller MSE (nearest, off the holes) on each.
+not asked) and a volume within 1 % of the reference's. k = 4 counts as confirmed if it is sound on all models, and no
+larger k of the sweep is sound on all of them and has a smaller MSE (nearest, off the holes) on each. The verdict is given twice: for the models of
+the paper, and with the Stanford dragon, which is not one of them.
 
-{verdict(swept) if swept else "No models."}
+{verdicts(swept)}
 
 ![Errors and triangles by k]({stem}-k.png)
 
