@@ -112,29 +112,27 @@ struct Plan {
 
 impl Plan {
     fn new(budget: u64, options: &Options, threads: usize) -> Result<Plan> {
-        // As if one view had it all: how cells lie is known only when the mesh was looked at.
-        let pixels = options.size.pixels();
-        let picture = (pixels * Picture::channels(options.background)) as u64;
-        let view = (pixels * VIEW_BYTES) as u64;
-        let row = u64::from(options.size.width).div_ceil(TILE as u64) * TILE_BYTES;
-        let rows = u64::from(options.size.height).div_ceil(TILE as u64);
-        let least = picture + view + row + JOB.0;
+        let (least, row) = least(options);
         if budget < least {
-            let (given, needed) = (ByteSize(budget), ByteSize(least.next_multiple_of(1 << 20)));
+            let (given, needed) = (ByteSize(budget), ByteSize(least));
             return Err(Error::Budget { given, needed, what: "a picture of this size" });
         }
-        let left = budget - picture - view - row;
+        let rows = u64::from(options.size.height).div_ceil(TILE as u64);
+        let left = budget - least + JOB.0;
         let in_flight = (left / 2 / JOB.0).clamp(1, threads as u64 + 1);
         let share = (left / 2 / in_flight).max(JOB.0);
         let job = share.min(JOB.1);
         let rest = left.saturating_sub(in_flight * job);
         let more_rows = (rest / 4 * 3 / row).min(rows - 1);
+        let kept = rest.saturating_sub(more_rows * row);
+        // Corners are looked up before there is a view.
+        let look = (left - kept) / in_flight;
         Ok(Plan {
             sizes: Sizes {
                 in_flight: in_flight as usize,
                 window: ((job - JOB_FIXED) / WINDOW_BYTES).min(1 << 18) as usize,
-                batch: (share / FAR_BYTES / BLOCK as u64).max(1) as usize,
-                in_memory: rest.saturating_sub(more_rows * row) / 2,
+                batch: (look / FAR_BYTES / BLOCK as u64).max(1) as usize,
+                in_memory: kept / 2,
             },
             range: (share / 2 / RANGE_BYTES).clamp(1 << 12, 1 << 31) as u32,
             tiles: (1 + more_rows) * row,
@@ -144,10 +142,16 @@ impl Plan {
 
 /// The least memory that a picture can be drawn in, in bytes.
 pub fn least_memory(options: &Options) -> u64 {
-    match Plan::new(0, options, 1) {
-        Err(Error::Budget { needed, .. }) => needed.0,
-        _ => 0,
-    }
+    least(options).0
+}
+
+/// The least memory, and that of a row of tiles, as if one view had it all: how cells lie is known only when the mesh was looked at.
+fn least(options: &Options) -> (u64, u64) {
+    let pixels = options.size.pixels();
+    let picture = (pixels * Picture::channels(options.background)) as u64;
+    let view = (pixels * VIEW_BYTES) as u64;
+    let row = u64::from(options.size.width).div_ceil(TILE as u64) * TILE_BYTES;
+    ((picture + view + row + JOB.0).next_multiple_of(1 << 20), row)
 }
 
 /// Draws a mesh. Triangles with a corner that is not finite (or beyond 10¹⁰⁰) are left out; a mesh with no other gives an empty picture.
