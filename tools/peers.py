@@ -70,7 +70,7 @@ PEERS = {
     "cgal-advancing-front": Peer("CGAL, advancing front", None, None, None, 22, 1717),
     "cgal-scale-space": Peer("CGAL, scale space", None, None, None, 34, 1785),
     "cgal-poisson": Peer("CGAL, Poisson", "distance", 0.375, -1.3, 147, 5045, most=500_000),
-    "cgal-alpha-wrap": Peer("CGAL, alpha wrap", "diagonal / alpha", 20, 1.6, 23, 348),
+    "cgal-alpha-wrap": Peer("CGAL, alpha wrap", "diagonal / alpha", 20, 2, 23, 348),
     "poissonrecon": Peer("PoissonRecon", "depth", 8, "depth", 46, 793, True),
 }
 NORMALS = Peer("Open3D, normals", None, None, None, 75, 2671)
