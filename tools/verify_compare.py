@@ -72,21 +72,23 @@ class Surface:
             self.scene = open3d.t.geometry.RaycastingScene()
             vertices, faces = self.vertices.astype("float32"), self.faces.astype("uint32")
             self.scene.add_triangles(open3d.core.Tensor(vertices), open3d.core.Tensor(faces))
-            # Triangles at each vertex, one after the other.
+            # Triangles at each place, one after the other: some files have several vertices at one place.
             import numpy
 
-            self.order = numpy.argsort(self.faces.ravel(), kind="stable")
-            self.starts = numpy.searchsorted(self.faces.ravel()[self.order], numpy.arange(len(self.vertices) + 1))
+            places, numbers = numpy.unique(self.vertices, axis=0, return_inverse=True)
+            self.places = numbers.ravel()[self.faces]
+            self.order = numpy.argsort(self.places.ravel(), kind="stable")
+            self.starts = numpy.searchsorted(self.places.ravel()[self.order], numpy.arange(len(places) + 1))
         return self.scene
 
     def round(self, primitives):
-        """The triangles that share a vertex with each of those given: pairs (query, triangle)."""
+        """The triangles that share a corner with each of those given: pairs (query, triangle)."""
         import numpy
 
         queries, triangles = [], []
         for k in range(3):
-            vertex = self.faces[primitives, k]
-            first, count = self.starts[vertex], self.starts[vertex + 1] - self.starts[vertex]
+            place = self.places[primitives, k]
+            first, count = self.starts[place], self.starts[place + 1] - self.starts[place]
             query = numpy.repeat(numpy.arange(len(primitives)), count)
             within = numpy.arange(count.sum()) - numpy.repeat(count.cumsum() - count, count)
             queries.append(query)
