@@ -72,7 +72,7 @@ impl<T: Target + Pod> Blocks<T> {
         making.order(&mut piles, 1)?;
         let Making { store, blocks, last, .. } = making;
         let only = last.filter(|_| blocks.len() == 1).map(|tree| (0, tree));
-        Ok(Blocks { blocks: room.install(|| Tree::new(blocks)), store, held: only })
+        Ok(Blocks { blocks: Tree::new(blocks, room.workers), store, held: only })
     }
 
     /// The number of blocks.
@@ -97,7 +97,7 @@ impl<T: Target + Pod> Blocks<T> {
             let Block { first, count, .. } = self.blocks.targets()[block];
             let mut targets = vec![T::zeroed(); count as usize];
             self.store.read_at(first * size_of::<T>() as u64, bytemuck::cast_slice_mut(&mut targets))?;
-            self.held = Some((block, room.install(|| Tree::sorted(targets))));
+            self.held = Some((block, Tree::sorted(targets, room.workers)));
         }
         Ok((&self.blocks, &self.held.as_ref().expect("it was loaded if it was not there").1))
     }
@@ -131,6 +131,8 @@ impl<T: Target + Pod> Making<'_, T> {
                 self.cut(piles, pile, depth)?;
                 continue;
             }
+            // Freed first, so that there are never two.
+            self.last = None;
             let mut targets = Vec::with_capacity(piles.records(pile) as usize);
             while piles.take(pile, &mut targets)? {}
             self.block(targets)?;
@@ -183,7 +185,7 @@ impl<T: Target + Pod> Making<'_, T> {
             return Ok(());
         }
         self.last = None;
-        let tree = self.room.install(|| Tree::new(targets));
+        let tree = Tree::new(targets, self.room.workers);
         let at = self.store.append(bytemuck::cast_slice(tree.targets()))?;
         let (first, count) = (at / size_of::<T>() as u64, tree.targets().len() as u64);
         self.blocks.push(Block { cuboid: tree.cuboid(), first, count });

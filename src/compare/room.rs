@@ -49,9 +49,4 @@ impl<'a> Room<'a> {
         let share = |bytes: u64| bytes.checked_shr(depth).unwrap_or(0);
         Piles::new(count, share(self.pages), share(self.kept), self.workspace)
     }
-
-    /// Runs work on the pool of workers.
-    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        self.workers.pool().install(work)
-    }
 }

@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 
 use super::shape::{Cuboid, Point, Target};
+use crate::schedule::Workers;
 
 /// Targets of a leaf at most.
 const LEAF: usize = 8;
@@ -36,22 +37,25 @@ fn levels_for(count: usize) -> u32 {
 }
 
 impl<T: Target> Tree<T> {
-    /// Sorts the targets, on the current pool of threads.
-    pub fn new(mut targets: Vec<T>) -> Tree<T> {
+    /// Sorts the targets, on the pool of workers.
+    pub fn new(mut targets: Vec<T>, workers: &Workers) -> Tree<T> {
         let count = targets.len();
-        sort(&mut targets, count, 0, 0);
-        Tree::sorted(targets)
+        workers.pool().install(|| sort(&mut targets, count, 0, 0));
+        Tree::sorted(targets, workers)
     }
 
     /// A tree over targets in the order of an earlier tree over all of them.
-    pub fn sorted(targets: Vec<T>) -> Tree<T> {
+    pub fn sorted(targets: Vec<T>, workers: &Workers) -> Tree<T> {
         let (count, levels) = (targets.len(), levels_for(targets.len()));
         let leaves = 1usize << levels;
+        // Taken by the calling thread, which gives it back, too: from another one the allocator would keep it.
         let mut boxes = vec![Cuboid::EMPTY; 2 * leaves];
-        boxes[leaves..].par_iter_mut().enumerate().with_min_len(PARALLEL / LEAF).for_each(|(leaf, cuboid)| {
+        let bound = |leaf: usize, cuboid: &mut Cuboid| {
             let of_leaf = &targets[range(count, levels, leaf)];
             *cuboid = of_leaf.iter().fold(Cuboid::EMPTY, |all, target| all.with(&target.cuboid()));
-        });
+        };
+        let of_leaves = boxes[leaves..].par_iter_mut().enumerate().with_min_len(PARALLEL / LEAF);
+        workers.pool().install(|| of_leaves.for_each(|(leaf, cuboid)| bound(leaf, cuboid)));
         for node in (1..leaves).rev() {
             boxes[node] = boxes[2 * node].with(&boxes[2 * node + 1]);
         }
