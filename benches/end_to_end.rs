@@ -24,7 +24,7 @@ use asra_stream::output::Positions;
 use asra_stream::pipeline::Settings;
 use asra_stream::progress::{Progress, Show};
 use asra_stream::report::Report;
-use asra_stream::run::{Check, Job, Means, run};
+use asra_stream::run::{Check, Job, Means, Preview, run};
 use asra_stream::schedule::Workers;
 use asra_stream::whole::Overwrite;
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput};
@@ -54,6 +54,7 @@ impl Bench<'_> {
             settings: Settings::default(),
             output: Some(self.dir.join("knot.ply")),
             tile: None,
+            preview: Preview::None,
             overwrite: Overwrite::Replace,
             positions: Positions::Shifted,
             means: Means {

@@ -206,7 +206,11 @@ impl Tint {
             Tint::Scale(value, low, high) => {
                 value.read(mesh, first, &mut values)?;
                 for (out, value) in out.iter_mut().zip(values) {
-                    let t = if high > low { (value - low) / (high - low) } else { value - value + 0.5 };
+                    let t = match value.is_finite() {
+                        true if high > low => (value - low) / (high - low),
+                        true => 0.5,
+                        false => f64::NAN,
+                    };
                     *out = (t as f32).to_bits();
                 }
             }
