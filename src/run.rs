@@ -90,7 +90,7 @@ pub enum Preview {
 }
 
 /// Memory for a preview, unless less is there: more would let it be drawn at once instead of in a few bands, and take longer to clear.
-const PREVIEW_MEMORY: u64 = 64 << 20;
+const PREVIEW_MEMORY: u64 = 128 << 20;
 
 impl Preview {
     fn path(&self, output: &Path) -> Option<PathBuf> {

@@ -201,19 +201,19 @@ fn draw(arguments: &RenderArguments) -> Result<Exit> {
     stop_on_signal(&workers)?;
     let options = arguments.options();
     let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
-    // Of the budget: a quarter for a mesh that has to be converted, an eighth for the process.
-    let (budget, least) = (means.budget(), render::least_memory(&options) / 5 * 8);
+    // Of the budget: an eighth for a mesh that has to be converted, another for the process.
+    let (budget, least) = (means.budget(), render::least_memory(&options).div_ceil(3) * 4);
     if budget < least {
         let (given, needed) = (ByteSize(budget), ByteSize(least.next_multiple_of(1 << 20)));
         return Err(Error::Budget { given, needed, what: "a picture of this size" });
     }
     let file = render::picture_file(&output, overwrite(arguments.overwrite))?;
     let workspace = means.workspace(&output)?;
-    let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 4, &options.colour_by.wanted())?;
+    let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 8, &options.colour_by.wanted())?;
     let mut progress = Progress::new(show(arguments.quiet));
     progress.begin(Phase::Render, Some(mesh.face_count()));
     let told = &mut |done| progress.set(done);
-    let picture = render::render(&*mesh, &options, budget / 8 * 5, &workers, &workspace, told)?;
+    let picture = render::render(&*mesh, &options, budget / 4 * 3, &workers, &workspace, told)?;
     picture.write(file)?;
     progress.end();
     if picture.triangles == 0 {

@@ -206,8 +206,11 @@ impl Tint {
             Tint::Scale(value, low, high) => {
                 value.read(mesh, first, &mut values)?;
                 for (out, value) in out.iter_mut().zip(values) {
-                    // What is no number stays none.
-                    let t = if high > low || value.is_nan() { (value - low) / (high - low) } else { 0.5 };
+                    let t = match value.is_finite() {
+                        true if high > low => (value - low) / (high - low),
+                        true => 0.5,
+                        false => f64::NAN,
+                    };
                     *out = (t as f32).to_bits();
                 }
             }
