@@ -41,9 +41,10 @@ use self::search::{Facing, Nearest, search};
 use self::shape::{Point, Spot, Target, Triangle};
 use self::source::{Source, Survey, is_usable, triangles};
 use crate::error::{Error, Result};
-use crate::input::{Cloud, InputOptions, Opening, STANDARD_INPUT, expand};
+use crate::input::{Carried, Cloud, InputOptions, Opening, STANDARD_INPUT, expand};
 use crate::mesh::check::{CheckReport, check};
 use crate::mesh::{self, MeshSource};
+use crate::points::Batch;
 use crate::progress::{Phase, Progress};
 use crate::report::short;
 use crate::run::Means;
@@ -170,7 +171,16 @@ impl Comparing<'_> {
         if reference.places == 0 {
             return Err(match &self.reference {
                 Source::Mesh(_) => Error::malformed(&job.reference, "the mesh", "finite vertices", "none"),
-                Source::Cloud(_) => Error::NoPoints { dropped: reference.left_out, filtered: 0 },
+                Source::Cloud(cloud) => {
+                    let (room, mut dropped) = (&self.room, reference.left_out);
+                    let add = |more| {
+                        dropped += more;
+                        Ok(())
+                    };
+                    let of = |batch: &Batch| Ok(batch.dropped);
+                    cloud.for_each_batch(room.workers, room.in_flight, Carried::Coordinates, of, add)?;
+                    Error::NoPoints { dropped, filtered: 0 }
+                }
             });
         }
         if reference.bounds.extent() == [0.0; 3] {
