@@ -2,12 +2,13 @@
 //!
 //! ```text
 //!  sample     middles of targets -> cuts across the axes, so that each part has about as many
-//!  distribute every target to the pile of its middle's part; a pile with too many is cut in its turn,
-//!             or, where all its middles are one, dealt out
+//!  distribute every target to the pile of its middle's part, but those larger than that to a pile of their own;
+//!             a pile with too many is cut in its turn, or, where all its middles are one, dealt out
 //!  order      pile by pile: a tree is built, its targets stored in its order, and the block's box noted
 //! ```
 //!
-//! A block's box holds its targets whole, so it bounds distances whatever their size. How blocks are cut shows in the time alone.
+//! A block's box holds its targets whole, so it bounds distances whatever their size; large targets would make the boxes of all blocks large. How blocks are cut
+//! shows in the time alone.
 
 use bytemuck::Pod;
 
@@ -66,8 +67,8 @@ impl<T: Target + Pod> Blocks<T> {
         feed: impl FnOnce(&mut dyn FnMut(&[T]) -> Result<()>) -> Result<()>,
     ) -> Result<Blocks<T>> {
         let parts = Parts::new(sample, parts_for::<T>(count, room));
-        let mut piles = room.piles(parts.count(), 0);
-        feed(&mut |targets| targets.iter().try_for_each(|target| piles.push(parts.of(target.middle()), target)))?;
+        let mut piles = room.piles(parts.count() + 1, 0);
+        feed(&mut |targets| targets.iter().try_for_each(|target| piles.push(parts.pile(target), target)))?;
         let mut making = Making { room, store: room.spool(), blocks: Vec::new(), last: None };
         making.order(&mut piles, 1)?;
         let Making { store, blocks, last, .. } = making;
@@ -198,29 +199,46 @@ impl<T: Target + Pod> Making<'_, T> {
 struct Parts {
     /// Of each node of a complete tree, from 1 on: the axis and the place of its cut.
     cuts: Vec<(usize, f64)>,
+    /// Of each part: how long the box of the sample in it is.
+    sides: Vec<f64>,
 }
 
 impl Parts {
     /// At least so many parts (a power of two) with about as many of the sample in each.
     fn new(mut sample: Vec<Point>, parts: usize) -> Parts {
-        let mut cuts = vec![(0, 0.0); parts.next_power_of_two()];
-        fn cut(sample: &mut [Point], cuts: &mut [(usize, f64)], node: usize) {
-            if node >= cuts.len() || sample.is_empty() {
-                return;
-            }
-            let around = sample.iter().fold(Cuboid::EMPTY, |all, p| all.with(&Cuboid { low: *p, high: *p }));
-            let (axis, half) = (around.longest(), sample.len() / 2);
-            let (left, middle, right) = sample.select_nth_unstable_by(half, |a, b| a[axis].total_cmp(&b[axis]));
-            cuts[node] = (axis, middle[axis]);
-            cut(left, cuts, 2 * node);
-            cut(right, cuts, 2 * node + 1);
+        let count = parts.next_power_of_two();
+        let mut parts = Parts { cuts: vec![(0, 0.0); count], sides: vec![0.0; count] };
+        parts.cut(&mut sample, 1);
+        parts
+    }
+
+    /// Places the cuts of a node and those below it.
+    fn cut(&mut self, sample: &mut [Point], node: usize) {
+        if sample.is_empty() {
+            return;
         }
-        cut(&mut sample, &mut cuts, 1);
-        Parts { cuts }
+        let around = sample.iter().fold(Cuboid::EMPTY, |all, p| all.with(&Cuboid { low: *p, high: *p }));
+        let count = self.count();
+        if node >= count {
+            self.sides[node - count] = around.side();
+            return;
+        }
+        let axis = around.longest();
+        let half = sample.len() / 2;
+        let (left, middle, right) = sample.select_nth_unstable_by(half, |a, b| a[axis].total_cmp(&b[axis]));
+        self.cuts[node] = (axis, middle[axis]);
+        self.cut(left, 2 * node);
+        self.cut(right, 2 * node + 1);
     }
 
     fn count(&self) -> usize {
         self.cuts.len()
+    }
+
+    /// Where a target goes: to its part, or to the pile behind those of all parts if it is larger. Of one part nothing is.
+    fn pile(&self, target: &impl Target) -> usize {
+        let part = self.of(target.middle());
+        if self.count() > 1 && target.cuboid().side() > self.sides[part] { self.count() } else { part }
     }
 
     /// The part that a place is in.
@@ -236,7 +254,7 @@ impl Parts {
 
 #[cfg(test)]
 mod tests {
-    use super::super::shape::Spot;
+    use super::super::shape::{Spot, Triangle};
     use super::super::testing::with_room;
     use super::*;
 
@@ -256,6 +274,28 @@ mod tests {
                 })
                 .collect()
         })
+    }
+
+    #[test]
+    fn large_targets_have_blocks_of_their_own() {
+        let [mut small, mut large] = [Vec::new(), Vec::new()];
+        for i in 0..4000 {
+            let at = [f64::from(i % 50), f64::from(i / 50), 0.0];
+            small.push(Triangle([at, [at[0] + 0.5, at[1], 0.0], [at[0], at[1] + 0.5, 1.0]]));
+        }
+        for i in 0..40 {
+            large.push(Triangle([[0.0; 3], [50.0, 0.0, f64::from(i)], [0.0, 80.0, f64::from(i)]]));
+        }
+        let all: Vec<Triangle> =
+            small.chunks(100).zip(&large).flat_map(|(few, one)| few.iter().chain([one])).copied().collect();
+        let wide = with_room(2, |room| {
+            let room = Room { block: 100 * bytes_of::<Triangle>(), ..room };
+            let sample = all.iter().map(Target::middle).collect();
+            let blocks = Blocks::new(&room, sample, all.len() as u64, |put| put(&all)).unwrap();
+            assert!(blocks.count() > 40);
+            blocks.blocks.targets().iter().filter(|block| block.cuboid.side() > 40.0).count()
+        });
+        assert_eq!(wide, 1);
     }
 
     #[test]

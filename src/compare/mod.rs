@@ -39,12 +39,11 @@ use self::report::is_inside_out;
 use self::room::Room;
 use self::search::{Facing, Nearest, search};
 use self::shape::{Point, Spot, Target, Triangle};
-use self::source::{Source, Survey, is_usable, triangles};
+use self::source::{LeftOut, Source, Survey, is_usable, triangles};
 use crate::error::{Error, Result};
-use crate::input::{Carried, Cloud, InputOptions, Opening, STANDARD_INPUT, expand};
+use crate::input::{Cloud, InputOptions, Opening, STANDARD_INPUT, expand};
 use crate::mesh::check::{CheckReport, check};
 use crate::mesh::{self, MeshSource};
-use crate::points::Batch;
 use crate::progress::{Phase, Progress};
 use crate::report::short;
 use crate::run::Means;
@@ -108,7 +107,8 @@ pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
         };
         let opening =
             Opening { workspace: &workspace, memory: budget / 8, decompress: Some(workers), watch: &mut watch };
-        Source::Cloud(Box::new(Cloud::open_in(&expand(std::slice::from_ref(&job.reference))?, &job.input, opening)?))
+        let files = expand(std::slice::from_ref(&job.reference))?;
+        Source::Cloud(Box::new(Cloud::open_in(&files, &job.input, opening)?))
     };
 
     let room = Room::new(budget / 4 * 3, workers, &workspace);
@@ -171,15 +171,9 @@ impl Comparing<'_> {
         if reference.places == 0 {
             return Err(match &self.reference {
                 Source::Mesh(_) => Error::malformed(&job.reference, "the mesh", "finite vertices", "none"),
-                Source::Cloud(cloud) => {
-                    let (room, mut dropped) = (&self.room, reference.left_out);
-                    let add = |more| {
-                        dropped += more;
-                        Ok(())
-                    };
-                    let of = |batch: &Batch| Ok(batch.dropped);
-                    cloud.for_each_batch(room.workers, room.in_flight, Carried::Coordinates, of, add)?;
-                    Error::NoPoints { dropped, filtered: 0 }
+                Source::Cloud(_) => {
+                    let LeftOut { dropped, filtered } = reference.left_out;
+                    Error::NoPoints { dropped, filtered }
                 }
             });
         }
@@ -288,16 +282,17 @@ impl Pass<'_> {
     /// Blocks of a side's places.
     fn spots(&self, side: &Source, survey: &Survey) -> Result<Blocks<Spot>> {
         Blocks::new(self.room, self.sample(survey), survey.places, |put| {
-            let usable =
-                |places: &[Point]| places.iter().filter(|p| is_usable(**p)).map(|p| Spot(*p)).collect::<Vec<_>>();
-            side.places(self.corner, self.room, |_, places| Ok(usable(places)), |spots| put(&spots))
+            let spots = |_, places: &[Point], out: &mut Vec<Spot>| {
+                out.extend(places.iter().filter(|p| is_usable(**p)).map(|p| Spot(*p)));
+            };
+            side.places(self.corner, self.room, spots, put).map(drop)
         })
     }
 
     /// Blocks of a mesh's triangles.
     fn surface(&self, mesh: &dyn MeshSource, survey: &Survey) -> Result<Blocks<Triangle>> {
         Blocks::new(self.room, self.sample(survey), mesh.face_count(), |put| {
-            triangles(mesh, self.corner, self.room, |piece| Ok(piece.to_vec()), |piece| put(&piece))
+            triangles(mesh, self.corner, self.room, |piece, out| out.extend_from_slice(piece), put)
         })
     }
 
@@ -310,12 +305,12 @@ impl Pass<'_> {
     ) -> Result<Option<Figures>> {
         let (room, corner) = (self.room, self.corner);
         let mut spread = Spread::new(room);
-        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(Vec<Nearest>) -> Result<()>| {
-            let queries = |first: u64, places: &[Point]| {
+        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(&[Nearest]) -> Result<()>| {
+            let queries = |first: u64, places: &[Point], out: &mut Vec<Nearest>| {
                 let usable = (first..).zip(places).filter(|(_, p)| is_usable(**p));
-                Ok(usable.map(|(number, p)| Nearest::new(number, *p, home(*p))).collect())
+                out.extend(usable.map(|(number, p)| Nearest::new(number, *p, home(*p))));
             };
-            side.places(corner, room, queries, put)
+            side.places(corner, room, queries, put).map(drop)
         };
         search(blocks, room, feed, |query| {
             self.told.one();
@@ -331,10 +326,10 @@ impl Pass<'_> {
     fn centroids<T: Target + Pod>(&mut self, blocks: &mut Blocks<T>, mesh: &dyn MeshSource) -> Result<Option<Figures>> {
         let (room, corner) = (self.room, self.corner);
         let mut spread = Spread::new(room);
-        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(Vec<Nearest>) -> Result<()>| {
-            let centroids = |piece: &[Triangle]| {
+        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(&[Nearest]) -> Result<()>| {
+            let centroids = |piece: &[Triangle], out: &mut Vec<Nearest>| {
                 let places = piece.iter().map(Triangle::centroid);
-                Ok(places.map(|p| Nearest::new(0, p, home(p))).collect())
+                out.extend(places.map(|p| Nearest::new(0, p, home(p))));
             };
             triangles(mesh, corner, room, centroids, put)
         };
@@ -350,9 +345,9 @@ impl Pass<'_> {
         let (room, corner) = (self.room, self.corner);
         let [mut distances, mut along, mut turned] = [(); 3].map(|()| Spread::new(room));
         let mut missed = 0;
-        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(Vec<Facing>) -> Result<()>| {
-            let queries = |piece: &[Triangle]| {
-                Ok(piece.iter().map(|triangle| Facing::new(triangle, over, home(triangle.centroid()))).collect())
+        let feed = |home: &(dyn Fn(Point) -> usize + Sync), put: &mut dyn FnMut(&[Facing]) -> Result<()>| {
+            let queries = |piece: &[Triangle], out: &mut Vec<Facing>| {
+                out.extend(piece.iter().map(|triangle| Facing::new(triangle, over, home(triangle.centroid()))));
             };
             triangles(mesh, corner, room, queries, put)
         };

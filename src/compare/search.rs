@@ -18,6 +18,7 @@ use super::shape::{Cuboid, Line, Point, Target, Triangle, angle};
 use super::tree::Tree;
 use crate::error::Result;
 use crate::mesh::piles::Piles;
+use crate::schedule::Spares;
 
 /// Queries of a job.
 const PIECE: usize = 1 << 12;
@@ -144,11 +145,11 @@ impl Query<Triangle> for Facing {
 pub(super) fn search<T: Target + Pod, Q: Query<T>>(
     blocks: &mut Blocks<T>,
     room: &Room,
-    feed: impl FnOnce(&(dyn Fn(Point) -> usize + Sync), &mut dyn FnMut(Vec<Q>) -> Result<()>) -> Result<()>,
+    feed: impl FnOnce(&(dyn Fn(Point) -> usize + Sync), &mut dyn FnMut(&[Q]) -> Result<()>) -> Result<()>,
     mut done: impl FnMut(&Q) -> Result<()>,
 ) -> Result<()> {
     let at_home = RefCell::new(room.piles(blocks.count(), 0));
-    feed(&|place| blocks.home(place), &mut |queries: Vec<Q>| {
+    feed(&|place| blocks.home(place), &mut |queries: &[Q]| {
         let mut at_home = at_home.borrow_mut();
         queries.iter().try_for_each(|query| at_home.push(query.home(), query))
     })?;
@@ -177,13 +178,16 @@ fn visit<T: Target + Pod, Q: Query<T>>(
         return Ok(());
     }
     let (all, tree) = blocks.load(block, room)?;
+    // Handed to and fro, as in `Source::places`.
+    let spares = Spares::<(Vec<Q>, Vec<Option<usize>>)>::default();
     let source = || {
-        let mut piece = Vec::with_capacity(PIECE);
+        let (mut piece, next) = spares.take().unwrap_or_default();
+        piece.clear();
         while piece.len() < PIECE && queries.borrow_mut().take(block, &mut piece)? {}
-        Ok(Some(piece).filter(|piece| !piece.is_empty()))
+        Ok(Some((piece, next)).filter(|(piece, _)| !piece.is_empty()))
     };
-    let work = |mut piece: Vec<Q>| {
-        let mut next = Vec::with_capacity(piece.len());
+    let work = |(mut piece, mut next): (Vec<Q>, Vec<_>)| {
+        next.clear();
         for query in &mut piece {
             query.ask(tree);
             next.push(next_block(query, all, from));
@@ -191,10 +195,12 @@ fn visit<T: Target + Pod, Q: Query<T>>(
         Ok((piece, next))
     };
     room.workers.in_order(room.in_flight, source, work, |(piece, next)| {
-        piece.iter().zip(next).try_for_each(|(query, next)| match next {
-            Some(block) => waiting.borrow_mut().push(block, query),
+        piece.iter().zip(&next).try_for_each(|(query, next)| match next {
+            Some(block) => waiting.borrow_mut().push(*block, query),
             None => done(query),
-        })
+        })?;
+        spares.give((piece, next));
+        Ok(())
     })
 }
 

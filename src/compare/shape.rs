@@ -56,6 +56,12 @@ impl Cuboid {
         (1..3).fold(0, |best, a| if extent(a) > extent(best) { a } else { best })
     }
 
+    /// The length of its longest side.
+    pub fn side(&self) -> f64 {
+        let axis = self.longest();
+        self.high[axis] - self.low[axis]
+    }
+
     /// The squared distance from `p`; 0 within.
     pub fn distance2(&self, p: Point) -> f64 {
         length2(std::array::from_fn(|a| (self.low[a] - p[a]).max(p[a] - self.high[a]).max(0.0)))

@@ -9,7 +9,8 @@ use crate::grid::Bounds;
 use crate::input::{Carried, Cloud};
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, span};
-use crate::points::{Coordinate, Points};
+use crate::points::{Batch, Coordinate, Points};
+use crate::schedule::Spares;
 
 /// Places, and triangles, handled at once.
 const PIECE: u64 = 1 << 14;
@@ -29,11 +30,20 @@ pub(super) struct Survey {
     /// Places that can be looked at.
     pub places: u64,
     /// Others.
-    pub left_out: u64,
+    pub left_out: LeftOut,
     /// Their box.
     pub bounds: Bounds,
     /// Some of them, evenly over their order.
     pub sample: Vec<Point>,
+}
+
+/// Places that are not looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct LeftOut {
+    /// Not finite, or absurdly far.
+    pub dropped: u64,
+    /// Not asked for.
+    pub filtered: u64,
 }
 
 /// Whether a place can be looked at: it is finite, and not absurdly far.
@@ -51,41 +61,68 @@ impl Source {
         }
     }
 
-    /// Hands over all places, in order: vertices with the number of the piece's first, points with 0. Some may be unusable.
+    /// Hands what `work` makes of all places to `sink`, in order: of vertices with the number of the piece's first, of points with 0. Some may be unusable; those
+    /// that the reader of a cloud left out are counted.
     ///
     /// # Errors
-    /// Those of reading, of `work` and `sink`; [`crate::Error::Interrupted`].
-    pub fn places<R: Send>(
+    /// Those of reading and of `sink`; [`crate::Error::Interrupted`].
+    pub fn places<Q: Send>(
         &self,
         corner: Point,
         room: &Room,
-        work: impl Fn(u64, &[Point]) -> Result<R> + Sync,
-        sink: impl FnMut(R) -> Result<()>,
-    ) -> Result<()> {
+        work: impl Fn(u64, &[Point], &mut Vec<Q>) + Sync,
+        mut sink: impl FnMut(&[Q]) -> Result<()>,
+    ) -> Result<LeftOut> {
+        // Handed to and fro: what one thread takes and another gives back would wait for the first.
+        let (pieces, made) = (Spares::<Vec<Point>>::default(), Spares::<Vec<Q>>::default());
+        let work = |first: u64, piece: &[Point]| {
+            let mut queries = made.take().unwrap_or_default();
+            queries.clear();
+            work(first, piece, &mut queries);
+            queries
+        };
+        let mut sink = |queries: Vec<Q>| {
+            sink(&queries)?;
+            made.give(queries);
+            Ok(())
+        };
         match self {
             Source::Mesh(mesh) => {
-                let pieces = mesh.vertex_count().div_ceil(PIECE) as usize;
                 let look = |number: usize| {
                     let first = number as u64 * PIECE;
-                    let mut piece = vec![[0.0; 3]; (mesh.vertex_count() - first).min(PIECE) as usize];
-                    mesh.read_vertices(first, &mut piece)?;
-                    piece.iter_mut().for_each(|p| *p = placed(*p, mesh.origin(), corner));
-                    work(first, &piece)
+                    pieces.lend(|piece| {
+                        piece.resize((mesh.vertex_count() - first).min(PIECE) as usize, [0.0; 3]);
+                        mesh.read_vertices(first, piece)?;
+                        piece.iter_mut().for_each(|p| *p = placed(*p, mesh.origin(), corner));
+                        Ok(work(first, piece))
+                    })
                 };
-                room.workers.in_order_range(room.in_flight, pieces, look, sink)
+                let count = mesh.vertex_count().div_ceil(PIECE) as usize;
+                room.workers.in_order_range(room.in_flight, count, look, sink)?;
+                Ok(LeftOut::default())
             }
             Source::Cloud(cloud) => {
-                fn wide<T: Coordinate>(points: &[[T; 3]], corner: Point) -> Vec<Point> {
-                    points.iter().map(|p| placed(p.map(Into::into), [0.0; 3], corner)).collect()
+                fn widen<T: Coordinate>(points: &[[T; 3]], corner: Point, piece: &mut Vec<Point>) {
+                    piece.clear();
+                    piece.extend(points.iter().map(|p| placed(p.map(Into::into), [0.0; 3], corner)));
                 }
-                let look = |batch: &crate::points::Batch| {
-                    let points = match &batch.points {
-                        Points::Single(points) => wide(points, corner),
-                        Points::Double(points) => wide(points, corner),
-                    };
-                    work(0, &points)
+                let look = |batch: &Batch| {
+                    pieces.lend(|piece| {
+                        match &batch.points {
+                            Points::Single(points) => widen(points, corner, piece),
+                            Points::Double(points) => widen(points, corner, piece),
+                        }
+                        Ok((work(0, piece), batch.dropped, batch.filtered))
+                    })
                 };
-                cloud.for_each_batch(room.workers, room.in_flight, Carried::Coordinates, look, sink)
+                let mut left_out = LeftOut::default();
+                let sink = |(queries, dropped, filtered)| {
+                    left_out.dropped += dropped;
+                    left_out.filtered += filtered;
+                    sink(queries)
+                };
+                cloud.for_each_batch(room.workers, room.in_flight, Carried::Coordinates, look, sink)?;
+                Ok(left_out)
             }
         }
     }
@@ -95,23 +132,25 @@ impl Source {
     /// # Errors
     /// As [`Source::places`].
     pub fn survey(&self, room: &Room, progress: &mut dyn FnMut(u64)) -> Result<Survey> {
-        let mut all = Survey { places: 0, left_out: 0, bounds: Bounds::EMPTY, sample: Vec::new() };
+        let mut all = Survey { places: 0, left_out: LeftOut::default(), bounds: Bounds::EMPTY, sample: Vec::new() };
         // Every so many places of a piece, and then every so many of these.
         let (within, mut every, mut number) = (4, 1u64, 0u64);
-        let look = |_, places: &[Point]| {
+        let look = |_, places: &[Point], out: &mut Vec<_>| {
             let mut bounds = Bounds::EMPTY;
             let usable = places.iter().filter(|p| is_usable(**p));
             let count = usable.clone().map(|p| bounds = bounds.union(Bounds { min: *p, max: *p })).count() as u64;
             let sample: Vec<Point> = usable.step_by(within).copied().collect();
-            Ok((count, places.len() as u64 - count, bounds, sample))
+            out.push((count, places.len() as u64 - count, bounds, sample));
         };
-        self.places([0.0; 3], room, look, |(count, left_out, bounds, sample)| {
+        let mut far = 0;
+        all.left_out = self.places([0.0; 3], room, look, |parts| {
+            let [(count, beyond, bounds, sample)] = parts else { return Ok(()) };
             all.places += count;
-            all.left_out += left_out;
-            all.bounds = all.bounds.union(bounds);
+            far += beyond;
+            all.bounds = all.bounds.union(*bounds);
             for p in sample {
                 if number.is_multiple_of(every) {
-                    all.sample.push(p);
+                    all.sample.push(*p);
                 }
                 number += 1;
             }
@@ -123,9 +162,10 @@ impl Source {
                 });
                 every *= 2;
             }
-            progress(count + left_out);
+            progress(count + beyond);
             Ok(())
         })?;
+        all.left_out.dropped += far;
         Ok(all)
     }
 }
@@ -136,37 +176,48 @@ fn placed(p: Point, origin: Point, corner: Point) -> Point {
     std::array::from_fn(|a| (p[a] + origin[a]) - corner[a])
 }
 
-/// Hands over all triangles whose corners can be looked at, in any order.
+/// Hands what `work` makes of all triangles whose corners can be looked at to `sink`, in any order.
 ///
 /// # Errors
-/// Those of reading, of `work` and `sink`; [`crate::Error::Interrupted`].
-pub(super) fn triangles<R: Send>(
+/// Those of reading and of `sink`; [`crate::Error::Interrupted`].
+pub(super) fn triangles<Q: Send>(
     mesh: &dyn MeshSource,
     corner: Point,
     room: &Room,
-    work: impl Fn(&[Triangle]) -> Result<R> + Sync,
-    mut sink: impl FnMut(R) -> Result<()>,
+    work: impl Fn(&[Triangle], &mut Vec<Q>) + Sync,
+    mut sink: impl FnMut(&[Q]) -> Result<()>,
 ) -> Result<()> {
     // Of vertices that are read along: a mesh in good order spans about half as many as it has triangles.
     let window = (room.corners / WINDOW_BYTES) as usize;
-    let done = |mut triangles: Vec<Triangle>| {
+    let (scratch, made) = (Spares::<Scratch>::default(), Spares::<Vec<Q>>::default());
+    let work = |triangles: &mut Vec<Triangle>| {
         triangles.iter_mut().flat_map(|t| &mut t.0).for_each(|p| *p = placed(*p, mesh.origin(), corner));
         triangles.retain(|t| t.0.iter().all(|p| is_usable(*p)));
-        work(&triangles)
+        let mut queries = made.take().unwrap_or_default();
+        queries.clear();
+        work(triangles, &mut queries);
+        queries
+    };
+    let mut sink = |queries: Vec<Q>| {
+        sink(&queries)?;
+        made.give(queries);
+        Ok(())
     };
     // Pieces whose vertices lie far apart wait.
     let mut far = Vec::new();
     let look = |piece: usize| {
         let first = piece as u64 * PIECE;
-        let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(PIECE) as usize];
-        mesh.read_faces(first, &mut faces)?;
-        if span(&faces).is_some_and(|(low, high)| (high - low) as usize >= window) {
-            return Ok((piece as u64, None));
-        }
-        let mut corners = Corners::default();
-        corners.fill(mesh, &mut faces, window)?;
-        let triangles = faces.iter().map(|face| Triangle(face.map(|v| corners.table[v as usize])));
-        Ok((piece as u64, Some(done(triangles.collect())?)))
+        scratch.lend(|Scratch { faces, corners, triangles }| {
+            faces.resize((mesh.face_count() - first).min(PIECE) as usize, [0; 3]);
+            mesh.read_faces(first, faces)?;
+            if span(faces).is_some_and(|(low, high)| (high - low) as usize >= window) {
+                return Ok((piece as u64, None));
+            }
+            corners.fill(mesh, faces, window)?;
+            triangles.clear();
+            triangles.extend(faces.iter().map(|face| Triangle(face.map(|v| corners.table[v as usize]))));
+            Ok((piece as u64, Some(work(triangles))))
+        })
     };
     let pieces = mesh.face_count().div_ceil(PIECE) as usize;
     room.workers.in_order_range(room.in_flight, pieces, look, |(piece, made)| match made {
@@ -179,9 +230,23 @@ pub(super) fn triangles<R: Send>(
     if far.is_empty() {
         return Ok(());
     }
-    far::triangles(mesh, room, &far, PIECE, |triangles| {
-        let pieces: Vec<&[Triangle]> = triangles.chunks(PIECE as usize).collect();
-        let work = |piece: usize| done(pieces[piece].to_vec());
-        room.workers.in_order_range(room.in_flight, pieces.len(), work, &mut sink)
+    far::triangles(mesh, room, &far, PIECE, |stretch| {
+        let pieces: Vec<&[Triangle]> = stretch.chunks(PIECE as usize).collect();
+        let look = |piece: usize| {
+            scratch.lend(|Scratch { triangles, .. }| {
+                triangles.clear();
+                triangles.extend_from_slice(pieces[piece]);
+                Ok(work(triangles))
+            })
+        };
+        room.workers.in_order_range(room.in_flight, pieces.len(), look, &mut sink)
     })
+}
+
+/// The working memory of a job over triangles.
+#[derive(Default)]
+struct Scratch {
+    faces: Vec<[u32; 3]>,
+    corners: Corners,
+    triangles: Vec<Triangle>,
 }

@@ -130,11 +130,11 @@ mod tests {
                 piles.push(i as usize % 2, &[i, 7, i]).unwrap();
             }
             let mut seen = Vec::new();
-            let mut see = |record: &[u32; 3]| {
+            let see = |record: &[u32; 3]| {
                 seen.push(record[0]);
                 Ok(())
             };
-            piles.read(1, &mut see).unwrap();
+            piles.read(1, see).unwrap();
             assert_eq!(seen, (0..50).rev().map(|i| 2 * i + 1).collect::<Vec<_>>());
             assert_eq!([0, 1, 2].map(|pile| piles.records(pile)), [50, 50, 0]);
             let (mut taken, mut pushed) = (Vec::new(), 0);
