@@ -4,6 +4,7 @@ pub mod attribute;
 pub mod bucket;
 pub mod cli;
 pub mod closing;
+mod colour;
 pub mod compare;
 pub mod context;
 pub mod crs;

@@ -11,7 +11,6 @@ the Khronos group, if there is node. A Python environment with these is made in 
 import argparse
 import json
 import math
-import os
 import shutil
 import struct
 import subprocess
@@ -19,25 +18,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "asra-stream-tools"
+from shared import CACHE, ROOT, environment
+
 PACKAGES = ["numpy", "trimesh", "open3d", "pymeshlab"]
 VALIDATE = """
 const validator = require('gltf-validator'), fs = require('fs');
 validator.validateBytes(new Uint8Array(fs.readFileSync(process.argv[2]))).then(report => console.log(JSON.stringify(report)));
 """
-
-
-def environment():
-    """Runs this file anew in an environment that has the packages."""
-    if os.environ.get("ASRA_STREAM_TOOLS"):
-        return
-    folder = CACHE / "open-in"
-    python = folder / "bin" / "python"
-    if not python.exists():
-        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-        subprocess.run([python, "-m", "pip", "install", "-q", *PACKAGES], check=True)
-    os.execve(python, [python, *sys.argv], os.environ | {"ASRA_STREAM_TOOLS": "1"})
 
 
 def cloud(path, points):
@@ -126,7 +113,7 @@ def main():
     parser.add_argument("--program", type=Path, default=ROOT / "target" / "release" / "asra-stream")
     parser.add_argument("--points", type=int, default=50_000)
     arguments = parser.parse_args()
-    environment()
+    environment("open-in", PACKAGES)
 
     import numpy
     import open3d

@@ -11,31 +11,18 @@ once more, in double, at the triangles round the one it names; of small pairs fr
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "asra-stream-tools"
+from shared import ROOT, environment
+
 PACKAGES = ["numpy", "scipy", "trimesh", "rtree", "open3d"]
 # Queries for which trimesh, which is slow, is asked as well.
 FEW = 25_000
 # What both sides are made as long as.
 SIZE = 1000.0
-
-
-def environment():
-    """Runs this file anew in an environment that has the packages."""
-    if os.environ.get("ASRA_STREAM_TOOLS"):
-        return
-    folder = CACHE / "verify-compare"
-    python = folder / "bin" / "python"
-    if not python.exists():
-        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-        subprocess.run([python, "-m", "pip", "install", "-q", *PACKAGES], check=True)
-    os.execve(python, [python, *sys.argv], os.environ | {"ASRA_STREAM_TOOLS": "1"})
 
 
 class Surface:
@@ -261,7 +248,7 @@ def main():
     parser.add_argument("pairs", nargs="+", metavar="CLOUD.ply or MESH=REFERENCE")
     parser.add_argument("--program", type=Path, default=ROOT / "target" / "release" / "asra-stream")
     arguments = parser.parse_args()
-    environment()
+    environment("verify-compare", PACKAGES)
     findings = Findings()
     with tempfile.TemporaryDirectory() as folder:
         for number, pair in enumerate(arguments.pairs):

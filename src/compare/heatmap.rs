@@ -10,6 +10,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::figures::Figures;
 use super::room::Room;
+use crate::colour;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
 use crate::mesh::piles::Piles;
@@ -22,15 +23,15 @@ use crate::whole::{Overwrite, WholeFile};
 const PIECE: u64 = 1 << 15;
 
 /// Colours from no distance to the largest, evenly: from dark to light, and from blue to yellow, which nearly everybody tells apart, in print without colours, too.
-const SCALE: [[f64; 3]; 8] = [
-    [38.0, 13.0, 76.0],
-    [53.0, 52.0, 122.0],
-    [44.0, 92.0, 139.0],
-    [30.0, 128.0, 140.0],
-    [42.0, 162.0, 122.0],
-    [108.0, 193.0, 84.0],
-    [188.0, 217.0, 52.0],
-    [254.0, 238.0, 90.0],
+const SCALE: [[u8; 3]; 8] = [
+    [38, 13, 76],
+    [53, 52, 122],
+    [44, 92, 139],
+    [30, 128, 140],
+    [42, 162, 122],
+    [108, 193, 84],
+    [188, 217, 52],
+    [254, 238, 90],
 ];
 
 /// Of vertices that have no distance.
@@ -205,10 +206,7 @@ fn colour(share: f64) -> [u8; 3] {
     if share.is_nan() {
         return NOWHERE;
     }
-    let at = share.clamp(0.0, 1.0) * (SCALE.len() - 1) as f64;
-    let step = (at as usize).min(SCALE.len() - 2);
-    let (from, to, part) = (SCALE[step], SCALE[step + 1], at - step as f64);
-    std::array::from_fn(|c| (from[c] + (to[c] - from[c]) * part).round() as u8)
+    colour::along(&SCALE, share)
 }
 
 #[cfg(test)]

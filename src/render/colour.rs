@@ -8,6 +8,7 @@ use glam::Vec3;
 use super::light::{Side, pack_tone};
 use super::view::Up;
 use crate::attribute::{Wanted, canonical};
+use crate::colour::along;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
 use crate::scalar::Scalar;
@@ -89,13 +90,7 @@ fn scale(t: f32) -> [u8; 3] {
     if t.is_nan() {
         return UNKNOWN;
     }
-    let at = t.clamp(0.0, 1.0) * (SCALE.len() - 1) as f32;
-    let below = (at as usize).min(SCALE.len() - 2);
-    let share = at - below as f32;
-    std::array::from_fn(|c| {
-        let [low, high] = [SCALE[below][c], SCALE[below + 1][c]].map(f32::from);
-        (low + (high - low) * share + 0.5) as u8
-    })
+    along(&SCALE, f64::from(t))
 }
 
 /// Colours of classes, by their numbers: those of LAS, as far as these have a meaning, in tones that differ in lightness as well.

@@ -3,6 +3,10 @@
 //! Eq. 1 moves the box to the origin and scales it by its longest side; instead of moving points, the grid keeps the
 //! box's corner and the cell size in the world's own units. Eq. 2: s = ⌊k·∛n⌋ slices. Eq. 3: w = extent / s.
 
+mod folds;
+
+pub use self::folds::Folds;
+use self::folds::{GAP, SHOWS};
 use crate::error::{Error, Result};
 use crate::points::Coordinate;
 
@@ -152,97 +156,6 @@ impl Turn {
 /// A place in the grid: x, slice, row.
 pub type Cell = [u32; 3];
 
-/// The least planes that a gap keeps, whatever the cloud: more than any ball that is tried on so few planes with points is wide.
-const GAP: u32 = 256;
-/// The most gaps that are shortened along an axis.
-const FOLDS: usize = 4;
-/// A gap is shortened from this part of the longest side on: then a coarse look at the points shows whether there can be one.
-const SHOWS: u32 = 32;
-
-/// Planes that are left out in the middle of a gap. Planes are *raw* as long as all of them are counted.
-///
-/// ```text
-///   raw   |##|##|  |  |  |  |  |  |  |#|     # planes with points
-///              first ^        ^ end
-///   grid  |##|##|  |  |  |#|
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Fold {
-    /// The raw planes that are left out.
-    first: u32,
-    end: u32,
-    /// Planes left out up to here.
-    so_far: u32,
-}
-
-impl Fold {
-    /// The first plane of the grid behind it.
-    fn behind(&self) -> u32 {
-        self.end - self.so_far
-    }
-}
-
-/// What is left out along an axis.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Folds {
-    folds: [Fold; FOLDS],
-    count: usize,
-}
-
-impl Folds {
-    /// The folds of an axis, given which of its raw planes have points. `least` and `widest` are planes: those that a gap keeps at the least, and the width up to which it
-    /// stays as it is.
-    fn of(planes: &[bool], least: u32, widest: u32) -> Folds {
-        let with_points: Vec<u32> = (0..planes.len() as u32).filter(|y| planes[*y as usize]).collect();
-        let kept = least.max(with_points.len().div_ceil(2) as u32);
-        let gaps = with_points.windows(2).map(|pair| (pair[0] + 1, pair[1]));
-        let mut gaps: Vec<(u32, u32)> = gaps.filter(|(from, to)| to - from > widest.max(2 * kept)).collect();
-        // The widest, of equals the first; the sort is stable.
-        gaps.sort_by_key(|(from, to)| std::cmp::Reverse(to - from));
-        gaps.truncate(FOLDS);
-        gaps.sort_unstable();
-        let mut out = Folds { count: gaps.len(), ..Folds::default() };
-        let mut so_far = 0;
-        for (fold, (from, to)) in out.folds.iter_mut().zip(gaps) {
-            let (first, end) = (from + kept / 2, to - (kept - kept / 2));
-            so_far += end - first;
-            *fold = Fold { first, end, so_far };
-        }
-        out
-    }
-
-    fn all(&self) -> &[Fold] {
-        &self.folds[..self.count]
-    }
-
-    /// Number of planes that are left out.
-    fn left_out(&self) -> u32 {
-        self.all().last().map_or(0, |fold| fold.so_far)
-    }
-
-    /// A plane's number, given its raw one.
-    #[inline]
-    fn fold(&self, raw: u32) -> u32 {
-        raw - self.all().iter().rev().find(|fold| raw >= fold.end).map_or(0, |fold| fold.so_far)
-    }
-
-    /// The planes left out below a place so many planes up the axis.
-    #[inline]
-    fn left_out_below(&self, q: f64) -> u32 {
-        let behind = |fold: &&Fold| q >= f64::from(fold.behind());
-        self.all().iter().rev().find(behind).map_or(0, |fold| fold.so_far)
-    }
-
-    /// How many planes up the axis a place lies, given how many raw ones. All of a fold is at its end.
-    #[inline]
-    pub fn height(&self, raw: f64) -> f64 {
-        match self.all().iter().rev().find(|fold| raw >= f64::from(fold.first)) {
-            Some(fold) => raw.max(f64::from(fold.end)) - f64::from(fold.so_far),
-            None => raw,
-        }
-    }
-}
-
 /// The grid of cubic cells over the cloud's box.
 ///
 /// ```text
@@ -351,7 +264,7 @@ impl Grid {
 
     /// Whether planes are left out.
     pub fn is_folded(&self) -> bool {
-        self.folds.iter().any(|folds| folds.count > 0)
+        self.folds.iter().any(|folds| !folds.is_empty())
     }
 
     /// Cells along its axes, those that are left out included.
@@ -558,15 +471,6 @@ mod tests {
             let heights: Vec<f64> = (0..=1000).map(|x| grid.height_of([f64::from(x), 0.0, 0.0])).collect();
             assert!(heights.is_sorted() && heights[1000] == f64::from(slices));
         }
-        let five = &[0, 1, 2, 3, 4, 5].map(|i| i * 600);
-        let mut many = vec![false; 3001];
-        five.iter().for_each(|y| many[*y] = true);
-        let folds = Folds::of(&many, GAP, 94);
-        assert_eq!(
-            folds.all().iter().map(|fold| fold.first).collect::<Vec<_>>(),
-            [129, 729, 1329, 1929],
-            "the first four of equals"
-        );
     }
 
     #[test]

@@ -1,14 +1,15 @@
 //! The flags: name, type, help and default, each in one place; README's table is tested against this.
 
+mod meshes;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments};
 use super::sizes;
 use crate::attribute::Wanted;
 use crate::closing::Sealing;
-use crate::compare;
-use crate::densify;
 use crate::error::{Error, Result};
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
@@ -16,7 +17,6 @@ use crate::input::{Filter, InputOptions, Layout, Returns, Withheld};
 use crate::open::{Facing, Hole, Kind, Open};
 use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
-use crate::render::{Background, ColourBy, Options, Shading, Size, Up, View};
 use crate::run::{Check, Job, Means, Preview};
 use crate::scalar::Endian;
 use crate::slab::{Fit, SurfaceOptions};
@@ -100,8 +100,8 @@ pub struct ReconstructArguments {
 /// The cloud and how it is meshed.
 #[derive(Debug, Args)]
 pub struct CloudArguments {
-    /// Point clouds: .ply, .pcd, .npy, .obj, .stl, text (.xyz .txt .csv .pts .asc) or raw binary, also as .gz and .zst; several files, patterns and folders are one
-    /// cloud; - is standard input
+    /// Point clouds: .las, .laz, .e57, .ply, .pcd, .npy, .obj, .stl, text (.xyz .txt .csv .pts .asc) or raw binary, also as .gz and .zst; several files, patterns
+    /// and folders are one cloud; - is standard input
     #[arg(value_name = "INPUT", required = true)]
     pub inputs: Vec<PathBuf>,
     /// Record layout of raw files: xyz, xyzi, xyzir, xyzrgb, xyz:f64, x:f64,y:f64,z:f64,i:u16,_:6 [default: the side-car's, else detected]
@@ -221,122 +221,6 @@ pub struct InfoArguments {
     /// Folder for temporary files [default: TMPDIR, else the mesh's folder]
     #[arg(long, value_name = "DIR", help_heading = "Means")]
     pub temp_dir: Option<PathBuf>,
-}
-
-/// Arguments of `check`.
-#[derive(Debug, Args)]
-pub struct CheckArguments {
-    /// The mesh: .ply, .stl, .obj or .glb
-    pub mesh: PathBuf,
-    /// Accept a mesh that is open: a manifold with a boundary
-    #[arg(long)]
-    pub open: bool,
-    /// Do not look for triangles that intersect
-    #[arg(long)]
-    pub no_intersections: bool,
-    /// Write the findings as JSON; an existing report is replaced
-    #[arg(long, value_name = "FILE")]
-    pub report: Option<PathBuf>,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
-    /// Memory, disk, threads.
-    #[command(flatten)]
-    pub means: MeansArguments,
-}
-
-/// Arguments of `compare`.
-#[derive(Debug, Args)]
-pub struct CompareArguments {
-    /// The mesh: .ply, .stl, .obj or .glb
-    pub mesh: PathBuf,
-    /// What it is compared with: a mesh, or a cloud in any format that is read
-    pub reference: PathBuf,
-    /// What the reference is [default: a mesh if it has triangles]
-    #[arg(long = "as", value_name = "KIND", value_enum)]
-    pub kind: Option<compare::Kind>,
-    /// Record layout of a raw reference [default: the side-car's, else detected]
-    #[arg(long, value_name = "FIELDS")]
-    pub layout: Option<Layout>,
-    /// Write the mesh coloured by its distance from the reference, from dark blue (none) to yellow, as PLY
-    #[arg(long, value_name = "FILE")]
-    pub heatmap: Option<PathBuf>,
-    /// The distance that is yellow: a length, or per cents of the reference's longest side as in 0.5% [default: that of 95 % of the vertices]
-    #[arg(long, value_name = "D|P%", allow_negative_numbers = true, requires = "heatmap")]
-    pub heatmap_max: Option<compare::Reach>,
-    /// Replace the heat map if it exists
-    #[arg(long)]
-    pub overwrite: bool,
-    /// Write the findings as JSON; an existing report is replaced
-    #[arg(long, value_name = "FILE")]
-    pub report: Option<PathBuf>,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
-    /// Memory, disk, threads.
-    #[command(flatten)]
-    pub means: MeansArguments,
-}
-
-/// Arguments of `densify`.
-#[derive(Debug, Args)]
-pub struct DensifyArguments {
-    /// The mesh: .ply, .stl, .obj or .glb
-    pub mesh: PathBuf,
-    /// The cloud, in any format that is read
-    pub cloud: PathBuf,
-    /// The file: .bin (with a side-car), .ply or .xyz
-    #[arg(short, long, value_name = "FILE")]
-    pub output: PathBuf,
-    /// Replace the file if it exists
-    #[arg(long)]
-    pub overwrite: bool,
-    /// Record layout of a raw cloud [default: the side-car's, else detected]
-    #[arg(long, value_name = "FIELDS")]
-    pub layout: Option<Layout>,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
-    /// Memory, disk, threads.
-    #[command(flatten)]
-    pub means: MeansArguments,
-}
-
-/// Arguments of `render`.
-#[derive(Debug, Args)]
-pub struct RenderArguments {
-    /// The mesh: .ply, .stl, .obj or .glb
-    pub mesh: PathBuf,
-    /// The picture: .png [default: the mesh's name with .png]
-    #[arg(short, long, value_name = "FILE")]
-    pub output: Option<PathBuf>,
-    /// Width and height of the picture, in pixels
-    #[arg(long, value_name = "SIZE", default_value = "1600x1200")]
-    pub size: Size,
-    /// Where it is seen from, one view or several on a sheet: iso, front, back, left, right, top, bottom, or the viewer's AZIMUTH:ELEVATION in degrees
-    #[arg(long, value_name = "VIEWS", value_delimiter = ',', default_value = "iso", allow_hyphen_values = true)]
-    pub views: Vec<View>,
-    /// Which direction is up: x, y, z, -x, -y or -z
-    #[arg(long, value_name = "AXIS", default_value = "z", allow_hyphen_values = true)]
-    pub up: Up,
-    /// Whether triangles are to show
-    #[arg(long, value_enum, default_value_t)]
-    pub shading: Shading,
-    /// What colours tell: none, rgb (the vertices' own), height, or an attribute of vertices such as intensity, classification or distance
-    #[arg(long, value_name = "WHAT", default_value = "none")]
-    pub color_by: ColourBy,
-    /// What is behind the mesh: white, grey, black, transparent, or a colour as in #f0f4f8
-    #[arg(long, value_name = "COLOUR", default_value = "white")]
-    pub background: Background,
-    /// Replace the picture if it exists
-    #[arg(long)]
-    pub overwrite: bool,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
-    /// Memory, disk, threads.
-    #[command(flatten)]
-    pub means: MeansArguments,
 }
 
 /// Arguments of `generate`.
@@ -572,20 +456,6 @@ impl ReconstructArguments {
     }
 }
 
-impl RenderArguments {
-    /// What the picture is to show.
-    pub fn options(&self) -> Options {
-        Options {
-            size: self.size,
-            views: self.views.clone(),
-            up: self.up,
-            shading: self.shading,
-            colour_by: self.color_by.clone(),
-            background: self.background,
-        }
-    }
-}
-
 impl PlanArguments {
     /// The job they describe.
     ///
@@ -609,37 +479,6 @@ impl InfoArguments {
 
 fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
     Ok(Job { input: cloud.input(), settings: cloud.settings()?, means, ..Job::new(&cloud.inputs) })
-}
-
-impl CompareArguments {
-    /// The job they describe.
-    pub fn job(&self) -> compare::Job {
-        compare::Job {
-            mesh: self.mesh.clone(),
-            reference: self.reference.clone(),
-            kind: self.kind,
-            input: coordinates_only(&self.layout),
-            heatmap: self.heatmap.clone().map(|path| {
-                let (max, overwrite) = (self.heatmap_max, overwrite(self.overwrite));
-                compare::HeatMap { path, max, overwrite }
-            }),
-            means: self.means.means(),
-        }
-    }
-}
-
-impl DensifyArguments {
-    /// The job they describe.
-    pub fn job(&self) -> densify::Job {
-        densify::Job {
-            mesh: self.mesh.clone(),
-            cloud: self.cloud.clone(),
-            input: coordinates_only(&self.layout),
-            output: self.output.clone(),
-            overwrite: overwrite(self.overwrite),
-            means: self.means.means(),
-        }
-    }
 }
 
 /// How a cloud is read of which only the places count.
