@@ -2,7 +2,7 @@
 
 use crate::grid::{Cell, Grid};
 use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
-use crate::partition::{BUCKET_SLICES, halo, slab_count, slab_slices, smooth_halo};
+use crate::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices, smooth_halo};
 use crate::points::Precision;
 use crate::slice::Bits;
 
@@ -29,10 +29,19 @@ pub struct Load {
     slabs: Vec<u64>,
     /// Whether a ball falls, which takes more stores of slices.
     falls: bool,
-    /// The most points of a slab and its halo, if they have been counted.
-    slab_points: Option<u64>,
+    /// The most points of a bucket, and of those round a plane, if they have been counted.
+    counted: Option<PointLoad>,
     /// The columns of a surface that is seen from one side.
     pub(crate) columns: Option<ColumnLoad>,
+}
+
+/// The most points of a bucket, and of as many in a row as are looked at round a plane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PointLoad {
+    /// Of one.
+    pub bucket: u64,
+    /// Of [`buckets_round`] the halo.
+    pub window: u64,
 }
 
 /// What the plan must know of columns.
@@ -64,7 +73,7 @@ impl Load {
             smooth,
             slabs: vec![share; slabs as usize],
             falls: false,
-            slab_points: None,
+            counted: None,
             columns: None,
         }
     }
@@ -83,9 +92,13 @@ impl Load {
         Load { slabs, falls, ..self.clone() }
     }
 
-    /// The same load with the most points that a slab and its halo have.
-    pub fn with_slab_points(self, most: u64) -> Load {
-        Load { slab_points: Some(most), ..self }
+    /// The same load when the points of each bucket are known.
+    pub fn with_buckets(self, points: &[u64]) -> Load {
+        let most = |buckets: usize| {
+            points.windows(buckets.clamp(1, points.len().max(1))).map(|some| some.iter().sum()).max().unwrap_or(0)
+        };
+        let counted = PointLoad { bucket: most(1), window: most(buckets_round(halo(self.smooth)) as usize) };
+        Load { counted: Some(counted), ..self }
     }
 
     /// The same load with attributes of so many bytes on every point.
@@ -174,7 +187,7 @@ impl Load {
     /// Bytes of bits that one slab's job holds while it is fitted: the index of points.
     pub(crate) fn fitting_raster(&self) -> u64 {
         let [x, _, z] = self.cells;
-        u64::from(2 * halo(self.smooth)) * Bits::bytes(x + 2, z + 2) * 3 / 2
+        u64::from(BUCKET_SLICES * buckets_round(halo(self.smooth))) * Bits::bytes(x + 2, z + 2) * 3 / 2
     }
 
     /// The most faces of a slab.
@@ -187,13 +200,18 @@ impl Load {
         self.slabs.windows(slabs.clamp(1, self.slabs.len())).map(|slabs| slabs.iter().sum()).max().unwrap_or(0)
     }
 
-    /// The most points of a slab and its halo: as counted, or to expect if points lie where faces do.
-    pub(crate) fn slab_points(&self) -> u64 {
-        if let Some(points) = self.slab_points {
-            return points;
-        }
-        let share = self.widest(1) as f64 / self.faces().max(1) as f64;
-        let reach = 1.0 + f64::from(2 * halo(self.smooth)) / f64::from(slab_slices(self.smooth));
-        ((self.points as f64 * share * reach) as u64 + 1).min(self.points)
+    /// Points of buckets: as counted, or to expect if points lie where faces do.
+    pub(crate) fn points_near(&self) -> PointLoad {
+        self.counted.unwrap_or_else(|| {
+            let share = self.widest(1) as f64 / self.faces().max(1) as f64;
+            let slices = |buckets: u32| f64::from(buckets * BUCKET_SLICES) / f64::from(slab_slices(self.smooth));
+            let points = |buckets: u32| ((self.points as f64 * share * slices(buckets)) as u64 + 1).min(self.points);
+            PointLoad { bucket: points(1), window: points(buckets_round(halo(self.smooth))) }
+        })
+    }
+
+    /// The points that must be held at once for all of a plane's to be there: as many for each bucket as the fullest has.
+    pub(crate) fn whole_piece(&self) -> u64 {
+        self.points_near().bucket * u64::from(buckets_round(halo(self.smooth)))
     }
 }

@@ -58,6 +58,11 @@ pub fn buckets_of(slices: Range<u32>) -> Range<u32> {
     slices.start / BUCKET_SLICES..slices.end.div_ceil(BUCKET_SLICES)
 }
 
+/// The most buckets that the slices `halo` either side of a plane lie in.
+pub fn buckets_round(halo: u32) -> u32 {
+    (2 * halo).saturating_sub(2) / BUCKET_SLICES + 2
+}
+
 /// Number of slabs.
 pub fn slab_count(smooth: u32, slices: u32) -> u32 {
     slices.div_ceil(slab_slices(smooth))

@@ -13,7 +13,7 @@ use crate::input::Cloud;
 use crate::load::{ColumnLoad, Load};
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::open::{Facing, Open};
-use crate::partition::{buckets_of, halo, slab_count, slices_of};
+use crate::partition::{halo, slab_count, slices_of};
 use crate::plan::MemoryPlan;
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
@@ -351,12 +351,8 @@ fn reconstruct_as<T: Coordinate>(
         Fit::Nearest | Fit::None => 0,
     };
     let load = load.with_faces((0..slabs).map(faces_of_slab).collect(), closed.falls);
-    let points_near = |number: u32| {
-        let slab = slices_of(number, smooth, solid.cells[1]);
-        let near = slab.start.saturating_sub(halo(smooth))..(slab.end + halo(smooth)).min(solid.cells[1]);
-        buckets_of(near).map(|bucket| buckets.points_in(bucket as usize)).sum::<u64>()
-    };
-    let load = load.with_slab_points((0..slabs).map(points_near).max().unwrap_or(0));
+    let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
+    let load = load.with_buckets(&points);
     let memory = context.memory.with_surface(&load, means)?;
     let jobs = memory.slab_jobs(&load, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);

@@ -16,8 +16,8 @@ use bytesize::ByteSize;
 use crate::context::CHUNK_SLICES;
 use crate::error::{Error, Result};
 use crate::input::BLOCK_RECORDS;
-use crate::load::Load;
-use crate::partition::{halo, slab_slices, smooth_halo};
+use crate::load::{Load, PointLoad};
+use crate::partition::{buckets_round, halo, slab_slices, smooth_halo};
 use crate::slice::Bits;
 use crate::stage::dilate::Dilation;
 use crate::stage::ground;
@@ -36,7 +36,7 @@ const CHUNK_DOUBLINGS: u32 = 4;
 const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 
 /// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
-const GOOD_PIECE: u64 = 256 << 10;
+const GOOD_PIECE: u64 = 128 << 10;
 
 /// Bytes of a slab's mesh for each face while it is made, in the memory of an earlier one, which is as large as that waits ([`WAITING`]). While it is extracted, a
 /// vertex as found (21) beside that.
@@ -196,7 +196,7 @@ impl MemoryPlan {
         let mesh = self.mesh_quota.min(load.mesh_bytes());
         let slices = self.chunks_in_flight as u64 * Self::chunk_job(load, 1);
         let jobs = self.slab_jobs(load, means)?;
-        let slabs = jobs.bytes(load, load.slab_points()) + jobs.running as u64 * means;
+        let slabs = jobs.bytes(load) + jobs.running as u64 * means;
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
         let check = mesh + checking(load, self.threads);
         let passes = [buckets + bucketing, held + sealing + slices, held + standing + mesh + slabs, check];
@@ -214,7 +214,7 @@ impl MemoryPlan {
         let chunks = load.buckets() + 1;
         let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
         let slices = Self::chunk_job(load, 1);
-        let slab = SlabJobs::one(PIECE.1).bytes(load, PIECE.1);
+        let slab = SlabJobs::one(PIECE.1).bytes(load);
         process(threads) + (2 << 20) + bucketing.max(slices).max(slab).max(checking(load, threads))
     }
 
@@ -245,22 +245,22 @@ impl MemoryPlan {
         for (running, ahead) in beside.into_iter().chain(fewer) {
             let jobs = SlabJobs { running, ahead, piece_points: 0 };
             let making = jobs.running as u64;
-            let room = self.working.saturating_sub(jobs.bytes(load, 0) + making * means) / making;
+            let room = self.working.saturating_sub(jobs.bytes(load) + making * means) / making;
             // What retreat needs more than fitting is room for points, too.
             let fits = |piece: &u64| {
                 let jobs = SlabJobs { piece_points: *piece as usize, ..jobs };
-                jobs.bytes(load, *piece) + making * means <= self.working
+                jobs.bytes(load) + making * means <= self.working
             };
             let doubled = std::iter::successors(Some(PIECE.1), |piece| Some(2 * piece));
             let beside = doubled.take_while(|piece| *piece <= PIECE.0 && fits(piece)).last().unwrap_or(0);
             let piece_points = piece_in(load, room).max(beside).min(self.piece_points as u64);
             // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
             let enough = if running > 1 { GOOD_PIECE } else { PIECE.1 };
-            if piece_points >= enough.min(self.piece_points as u64).min(load.slab_points()) {
+            if piece_points >= enough.min(self.piece_points as u64).min(load.whole_piece()) {
                 return Ok(SlabJobs { piece_points: piece_points as usize, ..jobs });
             }
         }
-        let least = SlabJobs::one(PIECE.1).bytes(load, PIECE.1) + means;
+        let least = SlabJobs::one(PIECE.1).bytes(load) + means;
         Err(Error::Budget {
             given: ByteSize(self.budget),
             needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
@@ -282,22 +282,27 @@ fn checking(load: &Load, threads: usize) -> u64 {
     (CHECKING.0 * (threads as u64 + 1)).min(load.mesh_bytes() * CHECKING.1)
 }
 
-/// Bytes that a point takes while a slab is fitted, in pieces of `piece`: read, sorted by slice, and those of a window of slices sorted by cell, a slice at
-/// a time. The smaller a piece, the fewer slices its points are of.
-fn point_bytes(load: &Load, piece: u64) -> u64 {
-    let coordinates = load.record() - load.attributes;
-    let window = 2 * halo(load.smooth);
-    let slices = load.cells[1].min(slab_slices(load.smooth) + window);
-    let in_pieces = load.slab_points().div_ceil(piece.max(1)).max(1);
-    let of_piece = |some: u32| (f64::from(some) / f64::from(slices) * in_pieces as f64).min(1.0);
-    let sorted = of_piece(window) * (coordinates + 4) as f64 + of_piece(1) * 16.0;
-    coordinates * 2 + sorted as u64 + 3
+/// Bytes of the points that are held at once when a slab is fitted in pieces of `piece`: those round a plane, sorted, with as many cells at most; and a bucket's share
+/// of them while it is sorted.
+fn piece_bytes(load: &Load, piece: u64) -> u64 {
+    let PointLoad { bucket, window } = load.points_near();
+    let share = piece / u64::from(buckets_round(halo(load.smooth)));
+    (window.min(piece) + bucket.min(share)) * sorted_bytes(load)
 }
 
-/// The most points of a slab that can be held at once in `room` bytes: all of them, or a piece.
+/// Bytes of a point among others that are sorted, with the number of its cell or of those before it.
+fn sorted_bytes(load: &Load) -> u64 {
+    load.record() - load.attributes + 4
+}
+
+/// The most points that can be held at once in `room` bytes: all of them, or a piece.
 fn piece_in(load: &Load, room: u64) -> u64 {
-    let all = load.slab_points();
-    if room / point_bytes(load, all) >= all { room / point_bytes(load, all) } else { room / point_bytes(load, 1) }
+    let whole = load.whole_piece();
+    if piece_bytes(load, whole) <= room {
+        return whole;
+    }
+    let buckets = u64::from(buckets_round(halo(load.smooth)));
+    room / sorted_bytes(load) * buckets / (buckets + 1)
 }
 
 /// How many slabs exist at a time.
@@ -322,10 +327,9 @@ impl SlabJobs {
         self.running + self.ahead
     }
 
-    /// Bytes of all slabs of a load at a time, with the points of one, as far as they are held at once.
-    fn bytes(&self, load: &Load, points: u64) -> u64 {
-        let piece = self.piece_points as u64;
-        let points = points.min(piece) * point_bytes(load, piece);
+    /// Bytes of all slabs of a load at a time, with the points round a plane, as far as they are held at once.
+    fn bytes(&self, load: &Load) -> u64 {
+        let points = piece_bytes(load, self.piece_points as u64);
         let making = |faces: u64| {
             // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
             let beside = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED / u64::from(slab_slices(load.smooth));

@@ -154,7 +154,7 @@ impl SlabMesh {
             Fit::None => Fitted::none(own.len(), room.fitted),
             Fit::Plane => {
                 let mut fitted = Fitted::none(own.len(), room.fitted);
-                let places = project(sampled, &surface, &q, planes.clone(), options.smooth, piece)?;
+                let places = project(sampled, &surface, &q, planes.clone(), options.smooth)?;
                 for ((fate, target), place) in fate.iter_mut().zip(&mut fitted.target).zip(places) {
                     if let Some(place) = place {
                         (*fate, *target) = (Fate::Projected, grid.position(place));

@@ -49,6 +49,11 @@ impl<T> Window<T> {
         Ok(())
     }
 
+    /// Forgets the slices: the next may be any.
+    pub fn restart(&mut self) {
+        self.filled = false;
+    }
+
     /// Slice `y`.
     ///
     /// # Panics

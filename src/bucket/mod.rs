@@ -11,6 +11,7 @@
 //! All of it is done by the workers: a bucket is locked while a piece is copied to its open chunk, and chunks are written by whoever fills them. So points
 //! lie in a bucket in no order that could be told before; nothing later may depend on it.
 
+use std::ops::Range;
 use std::sync::{Mutex, MutexGuard};
 
 use crate::context::Context;
@@ -131,22 +132,48 @@ impl<T: Coordinate> Buckets<T> {
         self.buckets.iter().map(|bucket| bucket.points).sum()
     }
 
-    /// Hands the points of `bucket` to `visit`, at most `at_once` at a time, in no order.
+    /// Hands the points of `bucket` to `visit`, a chunk at a time, in no order.
     ///
     /// # Errors
     /// [`crate::Error::Io`], and what `visit` returns.
-    pub fn read(&self, bucket: usize, at_once: usize, mut visit: impl FnMut(&[[T; 3]]) -> Result<()>) -> Result<()> {
+    pub fn read(&self, bucket: usize, visit: impl FnMut(&[[T; 3]]) -> Result<()>) -> Result<()> {
+        self.read_share(bucket, 0..u64::MAX, visit)
+    }
+
+    /// The same for a share of them: those with numbers in `share`, in an order that stays the same once the buckets are filled.
+    ///
+    /// # Errors
+    /// As [`Buckets::read`].
+    pub fn read_share(
+        &self,
+        bucket: usize,
+        share: Range<u64>,
+        mut visit: impl FnMut(&[[T; 3]]) -> Result<()>,
+    ) -> Result<()> {
         let bucket = &self.buckets[bucket];
+        let mut before = 0;
+        // Of the next so many points, those that are of the share.
+        let mut shared = |count: usize| {
+            let within = |number: u64| number.saturating_sub(before).min(count as u64) as usize;
+            let part = within(share.start)..within(share.end);
+            before += count as u64;
+            part
+        };
         let Some(slots) = &self.slots else {
-            return bucket.held.iter().flat_map(|chunk| chunk.points.chunks(at_once.max(1))).try_for_each(visit);
+            let parts = bucket.held.iter().map(|chunk| &chunk.points[shared(chunk.points.len())]);
+            return parts.filter(|part| !part.is_empty()).try_for_each(visit);
         };
         let mut points = Vec::new();
         let mut left = bucket.points;
         for slot in &bucket.stored {
-            points.resize(left.min(self.chunk as u64) as usize, [T::zeroed(); 3]);
-            slots.read(*slot, 0, bytemuck::cast_slice_mut(&mut points))?;
-            points.chunks(at_once.max(1)).try_for_each(&mut visit)?;
-            left -= points.len() as u64;
+            let count = left.min(self.chunk as u64);
+            left -= count;
+            let part = shared(count as usize);
+            if !part.is_empty() {
+                points.resize(part.len(), [T::zeroed(); 3]);
+                slots.read(*slot, part.start * size_of::<[T; 3]>(), bytemuck::cast_slice_mut(&mut points))?;
+                visit(&points)?;
+            }
         }
         Ok(())
     }

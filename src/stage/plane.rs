@@ -76,7 +76,7 @@ struct SliceMeans {
 /// Where the vertices on some planes of a slab go, in cells; none for those that find no plane.
 ///
 /// `q` are the positions q′ of all vertices of `surface`, after `smooth` steps of smoothing; the result is indexed from the first vertex on `planes`.
-/// Memory: `piece` points, and the means of [`plane_halo`] slices either side of a plane.
+/// Memory: a chunk of a bucket, and the means of [`plane_halo`] slices either side of a plane.
 ///
 /// # Errors
 /// [`crate::Error::Io`].
@@ -86,13 +86,12 @@ pub fn project<T: Coordinate>(
     q: &[[f64; 3]],
     planes: Range<u32>,
     smooth: u32,
-    piece: usize,
 ) -> Result<Vec<Option<[f64; 3]>>> {
     let [width, slices, rows] = sampled.grid.cells();
     let halo = i64::from(plane_halo(smooth));
     let mut window =
         Window::new(2 * halo as usize, || SliceMeans { cells: Ranked::new(width, rows), means: Vec::new() });
-    let mut reader = MeansReader { sampled, piece, bucket: None, sums: Vec::new(), runs: Runs::default() };
+    let mut reader = MeansReader { sampled, bucket: None, sums: Vec::new(), runs: Runs::default() };
     let mut out = Vec::new();
     for plane in planes {
         window.slide_to(i64::from(plane) - halo, |y, slice| {
@@ -111,7 +110,7 @@ pub fn project<T: Coordinate>(
     Ok(out)
 }
 
-/// Bytes that [`project`] needs beside its piece of points, on a grid of `cells` with so many occupied cells `in_slice`: the means of
+/// Bytes that [`project`] needs, on a grid of `cells` with so many occupied cells `in_slice`: the means of
 /// a window of slices, and the sums of a bucket's.
 pub fn bytes(in_slice: &[u32], cells: Cell, smooth: u32) -> u64 {
     let [width, _, rows] = cells;
@@ -129,7 +128,6 @@ pub fn bytes(in_slice: &[u32], cells: Cell, smooth: u32) -> u64 {
 /// Reads slices of means, in order, from buckets.
 struct MeansReader<'a, T> {
     sampled: &'a Sampled<'a, T>,
-    piece: usize,
     /// The bucket at hand.
     bucket: Option<u32>,
     /// Its slices' cells and sums.
@@ -170,7 +168,7 @@ impl<T: Coordinate> MeansReader<'_, T> {
             sums.resize(cells.replace(&self.runs) as usize, Sum::default());
         }
         let sums = &mut self.sums;
-        buckets.read(bucket as usize, self.piece, |points| {
+        buckets.read(bucket as usize, |points| {
             for point in points {
                 let ([x, y, z], within) = grid.place_of(point.map(Into::into));
                 let (cells, sums) = &mut sums[(y - first) as usize];

@@ -63,8 +63,10 @@ impl Ranked {
     /// The number of a cell inside the slice, if it is occupied.
     #[inline]
     pub fn at(&self, x: u32, z: u32) -> Option<usize> {
-        let cells = self.cells(i64::from(z), i64::from(x)..i64::from(x) + 1);
-        (!cells.is_empty()).then_some(cells.start)
+        let (word, bit) = (z as usize * self.words + x as usize / 64, x % 64);
+        let occupied = self.occupied[word];
+        let before = || self.before[word] + (occupied & ((1 << bit) - 1)).count_ones();
+        (occupied >> bit & 1 == 1).then(|| before() as usize)
     }
 
     /// The numbers of the occupied cells among cells `x` of row `z`; both may reach outside the slice.

@@ -69,7 +69,7 @@ impl Occupancy {
     }
 
     /// Rasters all buckets: cells of at least `least` points are occupied. `progress` is told the slices of each bucket. Memory:
-    /// [`BUCKET_SLICES`] slices of bits and a piece of a bucket for each job in flight; if `least` is more than one, which takes a second look at the points, a
+    /// [`BUCKET_SLICES`] slices of bits and a chunk of a bucket for each job in flight; if `least` is more than one, which takes a second look at the points, a
     /// number for each of the slices' cells as well.
     ///
     /// # Errors
@@ -91,14 +91,14 @@ impl Occupancy {
             |bucket| {
                 let first = bucket as u32 * BUCKET_SLICES;
                 let mut bits = vec![Bits::new(width, rows); (slices - first).min(BUCKET_SLICES) as usize];
-                buckets.read(bucket, context.memory.piece_points, |points| {
+                buckets.read(bucket, |points| {
                     grid.cells_of(points, |[x, y, z]| bits[(y - first) as usize].set(x, z));
                     Ok(())
                 })?;
                 let mut out = Raster::default();
                 if least > 1 {
                     let slices: Vec<Runs> = bits.iter().map(Runs::from_bits).collect();
-                    let (slices, sparse) = well_filled(slices, buckets, bucket, grid, least, context)?;
+                    let (slices, sparse) = well_filled(slices, buckets, bucket, grid, least)?;
                     slices.iter().for_each(|slice| out.push_runs(slice));
                     out.sparse = sparse;
                 } else {
@@ -176,7 +176,6 @@ fn well_filled<T: Coordinate>(
     bucket: usize,
     grid: &Grid,
     least: u32,
-    context: &Context,
 ) -> Result<(Vec<Runs>, u64)> {
     let [width, _, rows] = grid.cells();
     let mut counts: Vec<(Ranked, Vec<u32>)> = slices
@@ -188,7 +187,7 @@ fn well_filled<T: Coordinate>(
         })
         .collect();
     let first = bucket as u32 * BUCKET_SLICES;
-    buckets.read(bucket, context.memory.piece_points, |points| {
+    buckets.read(bucket, |points| {
         for point in points {
             let [x, y, z] = grid.cell_of(point.map(Into::into));
             let (cells, counts) = &mut counts[(y - first) as usize];
