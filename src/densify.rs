@@ -71,7 +71,7 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
         progress.set(bytes);
         workers.check_cancelled()
     };
-    let opening = Opening { workspace: &workspace, memory: budget / 8, decompress: None, watch: &mut watch };
+    let opening = Opening { workspace: &workspace, memory: budget / 8, decompress: Some(workers), watch: &mut watch };
     let cloud = Cloud::open_in(&expand(std::slice::from_ref(&job.cloud))?, &job.input, opening)?;
 
     let in_flight = workers.threads() + 1;

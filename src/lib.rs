@@ -22,6 +22,7 @@ pub mod partition;
 pub mod pipeline;
 pub mod plan;
 pub mod points;
+pub mod preview;
 pub mod progress;
 pub mod rehearsal;
 pub mod render;

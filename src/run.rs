@@ -3,21 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use bytesize::ByteSize;
-
-use crate::attribute::Schema;
 use crate::error::{Error, Result};
-use crate::grid::Bounds;
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
-use crate::open::{Kind, Open};
 use crate::output::{Positions, Target, Tiles};
 use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
 use crate::plan::MemoryPlan;
+use crate::preview::{DrawnPreview, PlannedPreview, Preview};
 use crate::progress::{Phase, Progress};
 use crate::rehearsal::WORTH_IT;
-use crate::render::{self, ColourBy, View};
+use crate::render;
 use crate::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
 use crate::schedule::Workers;
 use crate::spool::Workspace;
@@ -75,48 +71,6 @@ pub struct Means {
     pub threads: Option<usize>,
     /// The folder for temporary files; by default `TMPDIR`, or else the output's folder.
     pub temp_dir: Option<PathBuf>,
-}
-
-/// Whether a picture of the mesh is drawn.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub enum Preview {
-    /// None is.
-    #[default]
-    None,
-    /// One with the mesh's name and .png.
-    Beside,
-    /// One of this name.
-    At(PathBuf),
-}
-
-/// Memory for a preview, unless less is there: more would let it be drawn at once instead of in a few bands, and take longer to clear.
-const PREVIEW_MEMORY: u64 = 128 << 20;
-
-impl Preview {
-    fn path(&self, output: &Path) -> Option<PathBuf> {
-        match self {
-            Preview::None => None,
-            Preview::Beside => Some(output.with_extension("png")),
-            Preview::At(path) => Some(path.clone()),
-        }
-    }
-
-    /// Two views, from where the surface was seen, in colours if it has any.
-    fn options(settings: &Settings, bounds: &Bounds, schema: &Schema) -> render::Options {
-        let [iso, behind] = [View::iso(), View::from_angles(125.0, 30.0)];
-        let (views, plain) = match &settings.open {
-            None => (vec![iso, behind], ColourBy::None),
-            Some(Open { kind: Kind::Terrain, .. }) => (vec![iso, View::top()], ColourBy::Height),
-            Some(Open { kind: Kind::Sheet, facing, .. }) => {
-                let seen = View::from_direction(facing.direction(bounds));
-                let aside = View::from_angles(seen.azimuth + 40.0, (seen.elevation + 20.0).min(90.0));
-                (vec![seen, aside], ColourBy::None)
-            }
-        };
-        let coloured = ["red", "green", "blue"].iter().all(|name| schema.column(name).is_some());
-        let colour_by = if coloured { ColourBy::Rgb } else { plain };
-        render::Options { size: render::Size { width: 1200, height: 800 }, views, colour_by, ..Default::default() }
-    }
 }
 
 /// Whether the mesh is checked.
@@ -299,12 +253,9 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, job.means.budget())?;
     }
     let context = context(&surveyed, workers, &workspace, job.means.budget())?;
-    let preview = Preview::options(&job.settings, &surveyed.survey.bounds, cloud.schema());
-    let (working, least) = (context.memory.working, render::least_memory(&preview));
-    if picture.is_some() && working < least {
-        let (given, needed) = (context.memory.budget, context.memory.budget - working + least);
-        let (given, needed) = (ByteSize(given), ByteSize(needed.next_multiple_of(1 << 20)));
-        return Err(Error::Budget { given, needed, what: "the preview" });
+    let picture = picture.map(|file| PlannedPreview::new(file, &job.settings, &surveyed.survey.bounds, cloud.schema()));
+    if let Some(picture) = &picture {
+        picture.check_memory(&context.memory)?;
     }
     let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
 
@@ -320,11 +271,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         checked = Some(report);
     }
     let mut drawn = None;
-    if let Some(file) = picture {
+    if let Some(picture) = picture {
         progress.begin(Phase::Render, Some(made.mesh.face_count()));
-        let memory = made.memory.working.min(PREVIEW_MEMORY).max(least);
-        let told = &mut |done| progress.set(done);
-        drawn = Some((file, render::render(&made.mesh, &preview, memory, workers, &workspace, told)?));
+        drawn =
+            Some(picture.draw(&made.mesh, made.memory.working, workers, &workspace, &mut |done| progress.set(done))?);
     }
     let elements = made.mesh.vertex_count() + made.mesh.face_count();
     progress.begin(Phase::Write, Some(elements));
@@ -338,10 +288,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             (Tiles::path(&output), written)
         }
     };
-    let preview = drawn.as_ref().map(|(file, _)| file.path().to_path_buf());
-    if let Some((file, picture)) = drawn {
-        picture.write(file)?;
-    }
+    let preview = drawn.map(DrawnPreview::write).transpose()?;
     progress.end();
 
     Ok(Report {
