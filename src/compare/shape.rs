@@ -293,16 +293,9 @@ mod tests {
         }
 
         #[test]
-        fn sides_are_the_same_bits_from_both_triangles(corners in prop::array::uniform3(place()), apex in place(), p in place()) {
-            let [a, b, c] = corners;
+        fn sides_are_the_same_bits_from_both_triangles(a in place(), b in place(), p in place()) {
             let to = |q: Point| std::array::from_fn(|m| q[m] - p[m]);
             prop_assert_eq!(side(to(a), to(b)).to_bits(), side(to(b), to(a)).to_bits());
-            // On its shared side, a fold's two triangles are equally near, if that is nearest in both.
-            let (one, other) = (Triangle([a, b, c]).distance2(p), Triangle([b, a, apex]).distance2(p));
-            let shared = side(to(a), to(b));
-            if one == shared && (other - shared).abs() < 1e-13 {
-                prop_assert!(other <= shared);
-            }
         }
     }
 
