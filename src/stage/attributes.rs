@@ -10,9 +10,10 @@
 //! one place, the record that is least, byte by byte, counts: the order of points never shows.
 
 use std::cmp::Ordering;
+use std::hash::BuildHasher;
 use std::ops::Range;
 
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxBuildHasher, FxHashMap};
 
 use crate::error::Result;
 use crate::partition::BUCKET_SLICES;
@@ -69,6 +70,7 @@ struct Found {
     stride: usize,
     /// Of the points' coordinates, by their bits: the point's number.
     numbers: FxHashMap<[u64; 3], u32>,
+    sieve: Sieve,
     /// Of each point: its record.
     records: Vec<u8>,
     /// Of each point: whether a record was found yet.
@@ -83,12 +85,15 @@ impl Found {
             numbers.entry(target.map(f64::to_bits)).or_insert(next);
         }
         let points = numbers.len();
-        Found { stride, numbers, records: vec![0; points * stride], known: vec![false; points] }
+        let mut sieve = Sieve::new(points);
+        numbers.keys().for_each(|bits| sieve.add(bits));
+        Found { stride, numbers, sieve, records: vec![0; points * stride], known: vec![false; points] }
     }
 
     #[inline]
     fn number(&self, point: [f64; 3]) -> Option<usize> {
-        self.numbers.get(&point.map(f64::to_bits)).map(|number| *number as usize)
+        let bits = point.map(f64::to_bits);
+        if self.sieve.may_hold(&bits) { self.numbers.get(&bits).map(|number| *number as usize) } else { None }
     }
 
     fn offer(&mut self, number: usize, record: &[u8]) {
@@ -106,6 +111,37 @@ impl Found {
     /// Of each vertex: itself if it has a point.
     fn of_vertices(&self, fitted: &Fitted) -> Vec<u32> {
         fitted.point.iter().zip(0..).map(|(point, v)| if *point == NONE { NONE } else { v }).collect()
+    }
+}
+
+/// Lets through what may be among some places, and little else: of a slab's points, one in ten was fitted to, and the table is too large for a cache.
+struct Sieve {
+    /// As many as a power of two.
+    bits: Vec<u64>,
+}
+
+impl Sieve {
+    /// For so many places, of which none is in it: two bytes for each.
+    fn new(places: usize) -> Sieve {
+        Sieve { bits: vec![0; (places / 4).next_power_of_two()] }
+    }
+
+    /// The word and the bit of a place.
+    #[inline]
+    fn at(&self, place: &[u64; 3]) -> (usize, u32) {
+        let hash = FxBuildHasher.hash_one(place);
+        ((hash >> 6) as usize & (self.bits.len() - 1), hash as u32 % 64)
+    }
+
+    fn add(&mut self, place: &[u64; 3]) {
+        let (word, bit) = self.at(place);
+        self.bits[word] |= 1 << bit;
+    }
+
+    #[inline]
+    fn may_hold(&self, place: &[u64; 3]) -> bool {
+        let (word, bit) = self.at(place);
+        self.bits[word] >> bit & 1 == 1
     }
 }
 
