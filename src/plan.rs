@@ -23,7 +23,7 @@ use crate::stage::dilate::Dilation;
 use crate::stage::ground;
 
 /// The process itself: code, small things, what the allocator keeps; and for each thread its stack and its part of that.
-const PROCESS: u64 = 10 << 20;
+const PROCESS: u64 = 11 << 20;
 const THREAD: u64 = 3 << 19;
 
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
@@ -55,8 +55,13 @@ const RETREATING: u64 = 184;
 /// The bytes that remain when the slab waits for its seam.
 const WAITING: u64 = 134;
 
-/// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some tens of milliseconds.
-const GIVEN_BACK: (u64, u64) = (210, 24 << 20);
+/// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds.
+const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
+
+/// A budget so many times as large as what is used is not one that anybody named: then the allocator keeps what slabs give back for the next (`main.rs`), this part
+/// of it all, and a little.
+const ROOMY: u64 = 4;
+const KEPT_BACK: (u64, u64) = (8, 3 << 20);
 
 /// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
 const CHECKING: (u64, u64) = (13 << 20, 2);
@@ -200,7 +205,10 @@ impl MemoryPlan {
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
         let check = mesh + checking(load, self.threads);
         let passes = [buckets + bucketing, held + sealing + slices, held + standing + mesh + slabs, check];
-        let memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
+        let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
+        if memory < self.budget / ROOMY {
+            memory += memory / KEPT_BACK.0 + KEPT_BACK.1;
+        }
 
         let bucketed = load.bucket_bytes() - buckets;
         let sealing = if self.store_quota > 0 { 0 } else { load.slice_bytes() };
