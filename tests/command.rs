@@ -669,7 +669,7 @@ fn a_run_draws_a_preview() {
     assert!(f.read("other.png") == first);
     f.fails("k.ply -o c.ply --preview=other.png", 2, &["other.png: exists already"]);
     f.fails("k.ply -o c.ply --preview=c.jpg", 2, &["c.jpg: pictures are .png"]);
-    f.fails("k.ply -o c.ply --preview --max-memory 20M", 1, &["the preview needs", "M or more"]);
+    f.fails("k.ply -o c.ply --preview --max-memory 25M", 1, &["the preview needs", "M or more"]);
     f.ok("generate terrain 20k -o t.bin");
     f.ok("t.bin --surface terrain --cell-size auto --preview --tile 0.5 -o t.ply");
     assert!(f.path("t.png").exists() && f.path("t.tiles").exists());
