@@ -67,3 +67,17 @@ pub fn buckets_round(halo: u32) -> u32 {
 pub fn slab_count(smooth: u32, slices: u32) -> u32 {
     slices.div_ceil(slab_slices(smooth))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_plane_has_more_buckets_round_it_and_some_has_as_many() {
+        for halo in 1..40 {
+            let round = |plane: u32| buckets_of(plane - halo..plane + halo).len() as u32;
+            let most = (halo..halo + 2 * BUCKET_SLICES).map(round).max();
+            assert_eq!(most, Some(buckets_round(halo)), "{halo}");
+        }
+    }
+}

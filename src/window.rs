@@ -49,7 +49,7 @@ impl<T> Window<T> {
         Ok(())
     }
 
-    /// Forgets the slices: the next may be any.
+    /// Forgets what it holds: the next [`Window::slide_to`] may begin anywhere, and fills all of it.
     pub fn restart(&mut self) {
         self.filled = false;
     }

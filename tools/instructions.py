@@ -12,7 +12,6 @@ standard library and other crates, with the lines of ours before it. Figures hol
 import argparse
 import collections
 import json
-import os
 import re
 import subprocess
 import sys

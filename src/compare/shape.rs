@@ -293,9 +293,13 @@ mod tests {
         }
 
         #[test]
-        fn sides_are_the_same_bits_from_both_triangles(a in place(), b in place(), p in place()) {
+        fn sides_are_the_same_bits_from_both_triangles(a in place(), b in place(), c in place(), p in place()) {
             let to = |q: Point| std::array::from_fn(|m| q[m] - p[m]);
             prop_assert_eq!(side(to(a), to(b)).to_bits(), side(to(b), to(a)).to_bits());
+            // Neither of the two triangles of a side lies farther off than it, but for rounding: where a place is over one of them, its plane counts.
+            for triangle in [[a, b, c], [b, a, c]] {
+                prop_assert!(Triangle(triangle).distance2(p).sqrt() <= side(to(a), to(b)).sqrt() + 1e-9);
+            }
         }
     }
 

@@ -70,7 +70,7 @@ struct Found {
     stride: usize,
     /// Of the points' coordinates, by their bits: the point's number.
     numbers: FxHashMap<[u64; 3], u32>,
-    sieve: Sieve,
+    filter: BloomFilter,
     /// Of each point: its record.
     records: Vec<u8>,
     /// Of each point: whether a record was found yet.
@@ -85,15 +85,15 @@ impl Found {
             numbers.entry(target.map(f64::to_bits)).or_insert(next);
         }
         let points = numbers.len();
-        let mut sieve = Sieve::new(points);
-        numbers.keys().for_each(|bits| sieve.add(bits));
-        Found { stride, numbers, sieve, records: vec![0; points * stride], known: vec![false; points] }
+        let mut filter = BloomFilter::new(points);
+        numbers.keys().for_each(|bits| filter.add(bits));
+        Found { stride, numbers, filter, records: vec![0; points * stride], known: vec![false; points] }
     }
 
     #[inline]
     fn number(&self, point: [f64; 3]) -> Option<usize> {
         let bits = point.map(f64::to_bits);
-        if self.sieve.may_hold(&bits) { self.numbers.get(&bits).map(|number| *number as usize) } else { None }
+        if self.filter.may_hold(&bits) { self.numbers.get(&bits).map(|number| *number as usize) } else { None }
     }
 
     fn offer(&mut self, number: usize, record: &[u8]) {
@@ -115,15 +115,15 @@ impl Found {
 }
 
 /// Lets through what may be among some places, and little else: of a slab's points, one in ten was fitted to, and the table is too large for a cache.
-struct Sieve {
+struct BloomFilter {
     /// As many as a power of two.
     bits: Vec<u64>,
 }
 
-impl Sieve {
+impl BloomFilter {
     /// For so many places, of which none is in it: two bytes for each.
-    fn new(places: usize) -> Sieve {
-        Sieve { bits: vec![0; (places / 4).next_power_of_two()] }
+    fn new(places: usize) -> BloomFilter {
+        BloomFilter { bits: vec![0; (places / 4).next_power_of_two()] }
     }
 
     /// The word and the bit of a place.

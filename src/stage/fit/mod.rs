@@ -71,7 +71,7 @@ pub struct Task<'a> {
 /// Finds the nearest point of every vertex on the task's planes; `Fitted` is indexed from the first of them, and takes the memory of `room`.
 ///
 /// Ties go to the smaller (x, y, z). Memory: `at_once` points, a bucket's share of them once more while they are sorted, and the cells of
-/// `2 halo` slices.
+/// the slices of as many buckets as lie round a plane.
 ///
 /// # Errors
 /// [`crate::Error::Io`].
