@@ -1,13 +1,14 @@
 //! A whole run: files in, mesh file out. What the command does, as a call.
 
 use std::path::{Path, PathBuf};
+use std::thread;
 use std::time::Instant;
 
 use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
-use crate::output::{Positions, Target, Tiles};
+use crate::output::{Filled, Positions, Target, Tiles};
 use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
 use crate::plan::MemoryPlan;
 use crate::preview::{DrawnPreview, PlannedPreview, Preview};
@@ -238,7 +239,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     };
     refuse_input_as_output(&files, &output)?;
     // What can fail for want of room or rights fails now, not after the work.
-    let target = match job.tile {
+    let mut target = match job.tile {
         None => Place::File(Target::prepare(&output, job.overwrite, job.positions)?),
         Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, job.positions)?),
     };
@@ -259,11 +260,31 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
 
+    let header = header(&cloud, &surveyed, job, &made);
     let mut checked = None;
     if job.check == Check::Always {
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
         let budget = made.memory.working;
-        let report = check(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done))?;
+        let mut told = |done| progress.set(done);
+        let report;
+        (report, target) = thread::scope(|scope| {
+            // Neither needs the other, and only what is sound gets its name. Where the mesh lies in memory, there is room for both.
+            let (writing, target) = match target {
+                Place::File(target) if made.memory.mesh_quota > 0 => {
+                    (Some(scope.spawn(|| target.fill(&made.mesh, &header, workers, &mut |_| ()))), None)
+                }
+                target => (None, Some(target)),
+            };
+            let report = check(&made.mesh, budget, workers, &workspace, &mut told);
+            let filled = writing.map(|writing| writing.join().expect("no writer panics"));
+            Ok::<_, Error>((
+                report?,
+                match filled {
+                    Some(filled) => Place::Filled(filled?),
+                    None => target.expect("it is not being filled"),
+                },
+            ))
+        })?;
         let open = job.settings.open.is_some_and(|open| open.base.is_none());
         if !report.is_sound(open) {
             return Err(Error::CheckFailed(report.to_string()));
@@ -278,10 +299,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let elements = made.mesh.vertex_count() + made.mesh.face_count();
     progress.begin(Phase::Write, Some(elements));
-    let header = header(&cloud, &surveyed, job, &made);
     let mut told = |done| progress.set(done);
     let (path, written) = match target {
-        Place::File(target) => (output, target.write(&made.mesh, &header, workers, &mut told)?),
+        Place::File(target) => (output, target.fill(&made.mesh, &header, workers, &mut told)?.finish()?),
+        Place::Filled(filled) => (output, filled.finish()?),
         Place::Tiles(tiles) => {
             let memory = made.memory.working;
             let written = tiles.write(&made.mesh, &header, memory, workers, &workspace, &mut told)?;
@@ -322,6 +343,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
 /// Where the mesh goes.
 enum Place {
     File(Target),
+    Filled(Filled),
     Tiles(Tiles),
 }
 

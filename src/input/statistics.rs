@@ -137,8 +137,8 @@ impl Sample {
         scalar == Scalar::F64 || (zeros as f64) < SANE_PART * halves().count() as f64
     }
 
-    /// D(k) as the introduction defines it; NaN if all numbers are equal.
-    fn difference(&self, columns: usize) -> f64 {
+    /// D(k) as the introduction defines it, given the numbers' `variance`; NaN if all are equal.
+    fn difference(&self, columns: usize, variance: f64) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for window in &self.windows {
             for (a, b) in window.iter().zip(&window[columns.min(window.len())..]) {
@@ -149,7 +149,7 @@ impl Sample {
                 }
             }
         }
-        sum / count / (2.0 * self.moments().1)
+        sum / count / (2.0 * variance)
     }
 
     /// The distances of the numbers from their mean.
@@ -175,7 +175,8 @@ fn decide(sample: &Sample, fitting: &[usize]) -> Option<usize> {
     }
     // Few numbers decide little: D of n unordered numbers varies by about 1/√n.
     let margin = MARGIN.max(4.0 / (sample.numbers().count() as f64).sqrt());
-    let differences: Vec<(usize, f64)> = fitting.iter().map(|&k| (k, sample.difference(k))).collect();
+    let (_, variance) = sample.moments();
+    let differences: Vec<(usize, f64)> = fitting.iter().map(|&k| (k, sample.difference(k, variance))).collect();
     let best = differences.iter().map(|(_, d)| *d).fold(f64::INFINITY, f64::min);
     let &(columns, difference) = differences.iter().find(|(_, d)| *d <= best + margin)?;
     let rival = differences.iter().filter(|(k, _)| k % columns != 0).map(|(_, d)| *d).fold(f64::INFINITY, f64::min);

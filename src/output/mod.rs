@@ -116,19 +116,17 @@ impl Target {
         Ok(Target { format, file: WholeFile::create(path, overwrite)?, overwrite, positions })
     }
 
-    /// Writes the mesh and gives the file its name. `progress` is told the number of vertices and triangles
-    /// written so far.
+    /// Writes the mesh; the file has no name yet. `progress` is told the number of vertices and triangles written so far.
     ///
     /// # Errors
-    /// [`Error::TooManyElements`] if the format cannot index the mesh, before anything is written; [`Error::Io`];
-    /// [`Error::OutputExists`] if a file of that name has come up meanwhile; [`Error::Interrupted`].
-    pub fn write(
+    /// [`Error::TooManyElements`] if the format cannot index the mesh, before anything is written; [`Error::Io`]; [`Error::Interrupted`].
+    pub fn fill(
         self,
         mesh: &MeshSpool,
         header: &MeshHeader,
         workers: &Workers,
         progress: &mut dyn FnMut(u64),
-    ) -> Result<Written> {
+    ) -> Result<Filled> {
         let out = BufWriter::with_capacity(1 << 16, self.file.file());
         let (path, positions) = (self.file.path(), self.positions);
         let mut job = Job { mesh, header, workers, out, path, positions, bytes: 0, elements: 0, progress };
@@ -145,13 +143,31 @@ impl Target {
             true => sidecar::write(path, header, self.overwrite)?,
             false => Vec::new(),
         };
-        self.file.finish()?;
-        beside.into_iter().try_for_each(WholeFile::finish)?;
-        Ok(written)
+        Ok(Filled { file: self.file, beside, written })
     }
 }
 
-/// [`Target::prepare`] and [`Target::write`] in one.
+/// A mesh file that is whole, but for its name. Dropping it removes it.
+#[derive(Debug)]
+pub struct Filled {
+    file: WholeFile,
+    beside: Vec<WholeFile>,
+    written: Written,
+}
+
+impl Filled {
+    /// Gives the file, and those beside it, their names.
+    ///
+    /// # Errors
+    /// [`Error::OutputExists`] if a file of that name has come up meanwhile; [`Error::Io`].
+    pub fn finish(self) -> Result<Written> {
+        self.file.finish()?;
+        self.beside.into_iter().try_for_each(WholeFile::finish)?;
+        Ok(self.written)
+    }
+}
+
+/// [`Target::prepare`], [`Target::fill`] and [`Filled::finish`] in one.
 ///
 /// # Errors
 /// As these.
@@ -163,7 +179,7 @@ pub fn write(
     workers: &Workers,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Written> {
-    Target::prepare(path, overwrite, Positions::Shifted)?.write(mesh, header, workers, progress)
+    Target::prepare(path, overwrite, Positions::Shifted)?.fill(mesh, header, workers, progress)?.finish()
 }
 
 /// One file under way: what the formats share.

@@ -114,7 +114,7 @@ impl Tiles {
             let tile = self.tile(mesh, &spool, &stretches, workspace)?;
             let name = format!("{x}_{y}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
             let target = Target::prepare(&self.folder.path().join(&name), Overwrite::Refuse, self.positions)?;
-            let file = target.write(&tile.mesh, header, workers, &mut |_| ())?;
+            let file = target.fill(&tile.mesh, header, workers, &mut |_| ())?.finish()?;
             written.bytes += file.bytes;
             done += triangles;
             progress(done);
