@@ -35,6 +35,9 @@ pub fn halo(smooth: u32) -> u32 {
     REACH + smooth.max(1)
 }
 
+/// How many planes a vertex may get away from its own, whatever it is fitted to: no step of smoothing takes it farther than a cell; and one for rounding.
+pub const TRAVEL: u32 = PLANE_TRAVEL as u32 + 2;
+
 /// Planes either side of a slab whose vertices are smoothed, too, so that the slab's become what they are in the whole surface. The first step of
 /// smoothing needs none; each further one goes in and out again and needs a plane for either.
 pub fn smooth_halo(smooth: u32) -> u32 {

@@ -7,6 +7,7 @@ use rustc_hash::FxHashMap;
 
 use crate::grid::Grid;
 use crate::mesh::spool::Frame;
+use crate::partition::TRAVEL;
 use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::fate::Fate;
@@ -93,8 +94,8 @@ impl<'a> Seam<'a> {
         // In cells; what is just about on the plane counts as beyond it, whichever way it was rounded.
         let height = |slab: &SlabMesh, v: u32| grid.height_of(slab.position(v)) - plane;
         let lives = |slab: &SlabMesh, v: &u32| slab.fate[*v as usize] != Fate::Gone;
-        let of_lower = (0..self.lower.own()).filter(|v| lives(self.lower, v) && height(self.lower, *v) > -0.01);
-        let of_upper = (0..self.upper.own()).filter(|v| lives(self.upper, v) && height(self.upper, *v) < 0.01);
+        let of_lower = self.lower.on_highest(TRAVEL).filter(|v| lives(self.lower, v) && height(self.lower, *v) > -0.01);
+        let of_upper = self.upper.on_lowest(TRAVEL).filter(|v| lives(self.upper, v) && height(self.upper, *v) < 0.01);
         of_lower.chain(of_upper.map(|v| self.lower.own() + v)).collect()
     }
 
@@ -118,7 +119,7 @@ impl<'a> Seam<'a> {
     pub fn close(&mut self) -> Vec<u32> {
         let own = self.lower.own();
         let mut joined: BTreeSet<u32> = BTreeSet::new();
-        for start in own..own + self.upper.seam {
+        for start in own..own + self.upper.seam() {
             let Some(point) = self.point(start) else { continue };
             let mut open = vec![start];
             while let Some(v) = open.pop() {
@@ -135,7 +136,7 @@ impl<'a> Seam<'a> {
                 }
             }
         }
-        let mut changed: Vec<u32> = (own..own + self.upper.seam).collect();
+        let mut changed: Vec<u32> = (own..own + self.upper.seam()).collect();
         for (dead, survivor) in self.contractions(&joined) {
             let mut last = dead;
             let mut member = dead;
@@ -197,19 +198,19 @@ impl<'a> Seam<'a> {
     /// Where vertices of both slabs took the same point's place, only the nearer keeps it. Gives the others.
     pub fn choose_fitted(&mut self, grid: &Grid, halo: u32) -> Vec<u32> {
         let seam = self.upper.slices.start;
-        // A vertex of the other slab can have the same point only if the point lies this near to the seam.
+        // A vertex of the other slab can have the same point only if the point lies this near to the seam, and a vertex lies as near to its point.
         let near = seam.saturating_sub(halo)..seam + halo;
-        let fitted_near = |mesh: &SlabMesh| -> Vec<u32> {
-            (0..mesh.own())
+        let fitted_near = |mesh: &SlabMesh, vertices: Range<u32>| -> Vec<u32> {
+            vertices
                 .filter(|&v| mesh.fate[v as usize] == Fate::Fitted)
                 .filter(|&v| near.contains(&grid.slice_of(mesh.fitted.target[v as usize])))
                 .collect()
         };
         let key = |mesh: &SlabMesh, v: u32| mesh.fitted.target[v as usize].map(f64::to_bits);
-        let below = fitted_near(self.lower);
+        let below = fitted_near(self.lower, self.lower.on_highest(2 * halo));
         let below: FxHashMap<[u64; 3], u32> = below.into_iter().map(|v| (key(self.lower, v), v)).collect();
         let mut changed = Vec::new();
-        for v in fitted_near(self.upper) {
+        for v in fitted_near(self.upper, self.upper.on_lowest(2 * halo)) {
             if let Some(&u) = below.get(&key(self.upper, v)) {
                 if self.upper.fitted.distance[v as usize] < self.lower.fitted.distance[u as usize] {
                     changed.push(u);
@@ -299,7 +300,7 @@ impl Piece for Seam<'_> {
     }
 
     fn is_whole(&self, v: u32) -> bool {
-        self.is_known([v; 3]) && (v >= self.lower.seam || self.lower.slices.start == 0)
+        self.is_known([v; 3]) && (v >= self.lower.seam() || self.lower.slices.start == 0)
     }
 
     fn is_settled(&self, v: u32) -> bool {

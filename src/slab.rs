@@ -68,8 +68,8 @@ pub struct SlabMesh {
     pub triangles: Vec<[u32; 3]>,
     /// The triangles at each of the slab's vertices and of the next slab's that it names.
     pub fans: Fans,
-    /// The slab's vertices on its lowest plane: `0..seam`.
-    pub seam: u32,
+    /// Of each of its planes, from the lowest on, the first vertex; then [`SlabMesh::own`].
+    pub planes: Vec<u32>,
     /// Of each vertex: its spot, where it is now.
     pub spots: Vec<Spot>,
     /// The boxes of [`BLOCK`] triangles each.
@@ -85,6 +85,21 @@ impl SlabMesh {
     /// Number of the slab's own vertices, contracted ones included.
     pub fn own(&self) -> u32 {
         self.fate.len() as u32
+    }
+
+    /// The slab's vertices on its lowest plane: `0..seam()`.
+    pub fn seam(&self) -> u32 {
+        self.planes[1]
+    }
+
+    /// The vertices on the lowest `planes` planes.
+    pub fn on_lowest(&self, planes: u32) -> Range<u32> {
+        0..self.planes[self.planes.len().min(planes as usize + 1) - 1]
+    }
+
+    /// The vertices on the highest `planes` planes.
+    pub fn on_highest(&self, planes: u32) -> Range<u32> {
+        self.planes[self.planes.len().saturating_sub(planes as usize + 1)]..self.own()
     }
 
     /// Room for a slab of so many faces: what it does not fill is not touched.
@@ -134,7 +149,8 @@ impl SlabMesh {
             *corner -= own.start;
         }
         let named = triangles.as_flattened().iter().copied().max().map_or(0, |v| v + 1).max(own.len() as u32);
-        let seam = surface.on_plane(slices.start).len() as u32;
+        let starts =
+            planes.clone().map(|plane| surface.on_plane(plane).start - own.start).chain([own.len() as u32]).collect();
         let grid = sampled.grid;
         let to_world = |mut q: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
             q.truncate(own.end as usize);
@@ -197,7 +213,7 @@ impl SlabMesh {
             kept,
             triangles,
             fans,
-            seam,
+            planes: starts,
             spots,
             blocks,
             tangled,
@@ -215,7 +231,7 @@ impl SlabMesh {
     fn contract_inside(&mut self) {
         let mut group = self.fitted.point.clone();
         if self.slices.start > 0 {
-            group[..self.seam as usize].fill(NONE);
+            group[..self.seam() as usize].fill(NONE);
         }
         let groups = Groups { group: &group, distance: &self.fitted.distance, kept: &self.kept };
         let fate = &mut self.fate;
@@ -243,7 +259,7 @@ impl SlabMesh {
 
     /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above.
     fn retreat_inside(&mut self, frame: Frame, near: &mut Near) {
-        let first = if self.slices.start > 0 { self.seam } else { 0 };
+        let first = if self.slices.start > 0 { self.seam() } else { 0 };
         let scale = near.scale();
         let places: Vec<[f64; 3]> = (0..self.own()).map(|v| frame.place(self.position(v))).collect();
         self.spots.clear();

@@ -168,14 +168,16 @@ impl<'a> Stitcher<'a> {
             after
         } else {
             let after = self.number_after(slab.fate.iter().filter(|fate| **fate != Fate::Gone).count())?;
-            let numbers = number(slab, self.base);
+            let numbers = number(&slab.fate, self.base);
             for (v, fate) in (0..).zip(&slab.fate) {
                 self.counts.count(*fate);
                 if *fate != Fate::Gone {
                     self.put_vertex(slab, v)?;
                 }
             }
-            let numbers_after = next.map_or_else(Vec::new, |next| number(next, after));
+            let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
+            self.settled = named.map_or(0, |v| v - slab.own() + 1);
+            let numbers_after = next.map_or_else(Vec::new, |next| number(&next.fate[..self.settled as usize], after));
             for triangle in slab.triangles_left() {
                 self.put_face(triangle.map(|v| {
                     if v >= BEFORE {
@@ -187,8 +189,6 @@ impl<'a> Stitcher<'a> {
                     }
                 }))?;
             }
-            let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
-            self.settled = named.map_or(0, |v| v - slab.own() + 1);
             self.before = numbers;
             after
         };
@@ -246,10 +246,10 @@ fn bridged_area(slab: &SlabMesh, next: Option<&SlabMesh>) -> f64 {
     corners.map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
 }
 
-/// The numbers of a slab's vertices, counted from `base`; those of contracted ones mean nothing.
-fn number(slab: &SlabMesh, base: u64) -> Vec<u32> {
+/// The numbers of vertices, given what became of them, counted from `base`; those of contracted ones mean nothing.
+fn number(fates: &[Fate], base: u64) -> Vec<u32> {
     let mut next = base as u32;
-    slab.fate
+    fates
         .iter()
         .map(|fate| {
             let number = next;

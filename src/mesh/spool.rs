@@ -57,6 +57,8 @@ pub struct MeshSpool {
     vertices: Spool,
     attributes: Spool,
     faces: Spool,
+    /// Vertices on their way to their spool.
+    narrowed: Vec<[f32; 3]>,
 }
 
 impl MeshSpool {
@@ -73,7 +75,7 @@ impl MeshSpool {
         let share = in_memory / (vertex + record + faces);
         let [vertices, attributes] = [share * vertex, share * record].map(|quota| workspace.spool(quota));
         let faces = workspace.spool(in_memory - share * (vertex + record));
-        MeshSpool { precision, origin: [0.0; 3], schema, vertices, attributes, faces }
+        MeshSpool { precision, origin: [0.0; 3], schema, vertices, attributes, faces, narrowed: Vec::new() }
     }
 
     /// The same mesh, at an origin that was read with it.
@@ -98,8 +100,9 @@ impl MeshSpool {
         match self.precision {
             Precision::Double => self.vertices.append(bytemuck::cast_slice(vertices))?,
             Precision::Single => {
-                let narrowed: Vec<[f32; 3]> = vertices.iter().map(|v| v.map(|c| c as f32)).collect();
-                self.vertices.append(bytemuck::cast_slice(&narrowed))?
+                self.narrowed.clear();
+                self.narrowed.extend(vertices.iter().map(|v| v.map(|c| c as f32)));
+                self.vertices.append(bytemuck::cast_slice(&self.narrowed))?
             }
         };
         Ok(())
