@@ -184,7 +184,7 @@ impl Slab {
             SlabMesh::make(number, solid, sampled, options, FRAME, piece, SlabMesh::default()).expect("a slab");
         let mut group = fitted.point.clone();
         if slices.start > 0 {
-            group[..unfitted.seam as usize].fill(NONE);
+            group[..unfitted.seam() as usize].fill(NONE);
         }
         let triangles = unfitted.triangles;
         let named = triangles.as_flattened().iter().max().map_or(0, |v| *v as usize + 1).max(group.len());

@@ -66,6 +66,9 @@ const KEPT_BACK: (u64, u64) = (8, 3 << 20);
 /// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
 const CHECKING: (u64, u64) = (13 << 20, 2);
 
+/// What a job that writes a mesh file takes: of STL, 65,536 triangles, and its part of the vertices that are read together.
+const FILLING: u64 = 5 << 20;
+
 /// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
 const SMOOTHED: u64 = 69;
 
@@ -203,7 +206,9 @@ impl MemoryPlan {
         let jobs = self.slab_jobs(load, means)?;
         let slabs = jobs.bytes(load) + jobs.running as u64 * means;
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
-        let check = mesh + checking(load, self.threads);
+        // A mesh that lies in memory is written meanwhile.
+        let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
+        let check = mesh + checking(load, self.threads) + filling;
         let passes = [buckets + bucketing, held + sealing + slices, held + standing + mesh + slabs, check];
         let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
         if memory < self.budget / ROOMY {
@@ -285,9 +290,14 @@ fn process(threads: usize) -> u64 {
     PROCESS + THREAD * threads.max(1) as u64
 }
 
-/// Bytes of the check, which has a job more than threads.
+/// Jobs at a time of a pass that asks for little memory: one more than threads.
+fn jobs_of_all(threads: usize) -> u64 {
+    threads as u64 + 1
+}
+
+/// Bytes of the check.
 fn checking(load: &Load, threads: usize) -> u64 {
-    (CHECKING.0 * (threads as u64 + 1)).min(load.mesh_bytes() * CHECKING.1)
+    (CHECKING.0 * jobs_of_all(threads)).min(load.mesh_bytes() * CHECKING.1)
 }
 
 /// Bytes of the points that are held at once when a slab is fitted in pieces of `piece`: those round a plane, sorted, with as many cells at most; and a bucket's share

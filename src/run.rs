@@ -7,6 +7,7 @@ use std::time::Instant;
 use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
+use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
 use crate::output::{Filled, Positions, Target, Tiles};
 use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
@@ -265,26 +266,14 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     if job.check == Check::Always {
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
         let budget = made.memory.working;
-        let mut told = |done| progress.set(done);
-        let report;
-        (report, target) = thread::scope(|scope| {
-            // Neither needs the other, and only what is sound gets its name. Where the mesh lies in memory, there is room for both.
-            let (writing, target) = match target {
-                Place::File(target) if made.memory.mesh_quota > 0 => {
-                    (Some(scope.spawn(|| target.fill(&made.mesh, &header, workers, &mut |_| ()))), None)
-                }
-                target => (None, Some(target)),
-            };
-            let report = check(&made.mesh, budget, workers, &workspace, &mut told);
-            let filled = writing.map(|writing| writing.join().expect("no writer panics"));
-            Ok::<_, Error>((
-                report?,
-                match filled {
-                    Some(filled) => Place::Filled(filled?),
-                    None => target.expect("it is not being filled"),
-                },
-            ))
-        })?;
+        let mut work = || check(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
+        // Neither needs the other, and only what is sound gets its name. Where the mesh lies in memory, there is room for both.
+        let (report, filled) = match made.memory.mesh_quota {
+            0 => (work(), Ok(target)),
+            _ => target.filled_meanwhile(&made.mesh, &header, workers, work),
+        };
+        let report = report?;
+        target = filled?;
         let open = job.settings.open.is_some_and(|open| open.base.is_none());
         if !report.is_sound(open) {
             return Err(Error::CheckFailed(report.to_string()));
@@ -345,6 +334,24 @@ enum Place {
     File(Target),
     Filled(Filled),
     Tiles(Tiles),
+}
+
+impl Place {
+    /// Does some work; a file is filled meanwhile.
+    fn filled_meanwhile<R>(
+        self,
+        mesh: &MeshSpool,
+        header: &MeshHeader,
+        workers: &Workers,
+        work: impl FnOnce() -> R,
+    ) -> (R, Result<Place>) {
+        let Place::File(target) = self else { return (work(), Ok(self)) };
+        thread::scope(|scope| {
+            let filling = scope.spawn(|| target.fill(mesh, header, workers, &mut |_| ()));
+            let done = work();
+            (done, filling.join().expect("no writer panics").map(Place::Filled))
+        })
+    }
 }
 
 /// The files of a cloud, for the report.

@@ -84,6 +84,27 @@ fn every_writer_is_read_back() {
 }
 
 #[test]
+fn a_file_that_is_full_has_no_name_until_it_is_finished() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let mesh = spool(&strip(10), Precision::Single, &workspace);
+    let header = MeshHeader { origin: [0.0, 1.0, 2.0], crs: None, comments: vec![] };
+    let path = dir.path().join("m.obj");
+    let count = || std::fs::read_dir(dir.path()).unwrap().count();
+    let fill = || {
+        let target = Target::prepare(&path, Overwrite::Refuse, Positions::Shifted).unwrap();
+        target.fill(&mesh, &header, &Workers::new(1).unwrap(), &mut |_| ()).unwrap()
+    };
+    let filled = fill();
+    assert!(!path.exists() && count() == 2, "the file and its side-car, under other names");
+    drop(filled);
+    assert_eq!(count(), 0, "what is not finished is removed");
+    let written = fill().finish().unwrap();
+    assert_eq!(written.bytes, std::fs::metadata(&path).unwrap().len());
+    assert_eq!(count(), 2);
+}
+
+#[test]
 fn origin_and_comments_stand_in_the_file() {
     let dir = tempfile::tempdir().unwrap();
     let workspace = Workspace::new(dir.path()).unwrap();
@@ -134,7 +155,7 @@ fn an_interrupted_write_leaves_nothing() {
     workers.cancel_flag().store(true, std::sync::atomic::Ordering::Relaxed);
     for name in ["m.ply", "m.stl", "m.obj", "m.glb"] {
         let target = Target::prepare(&dir.path().join(name), Overwrite::Refuse, Positions::Shifted).unwrap();
-        let error = target.write(&mesh, &MeshHeader::default(), &workers, &mut |_| ()).unwrap_err();
+        let error = target.fill(&mesh, &MeshHeader::default(), &workers, &mut |_| ()).unwrap_err();
         assert!(matches!(error, Error::Interrupted), "{error}");
     }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
@@ -152,7 +173,7 @@ fn where_a_mesh_lies_is_told_in_it_or_beside_it() {
     let text = |name: &str| String::from_utf8_lossy(&read(name)).into_owned();
     let write = |name: &str, positions| {
         let target = Target::prepare(&dir.path().join(name), Overwrite::Refuse, positions)?;
-        target.write(&mesh, &header, &workers, &mut |_| ())
+        target.fill(&mesh, &header, &workers, &mut |_| ())?.finish()
     };
     for name in ["m.ply", "m.glb", "m.obj"] {
         write(name, Positions::Shifted).unwrap();

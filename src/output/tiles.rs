@@ -86,7 +86,7 @@ impl Tiles {
     /// Writes all tiles and their index, and gives the folder its name. `memory` bounds a tile; `progress` is told triangles sorted and written.
     ///
     /// # Errors
-    /// [`Error::Usage`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::write`].
+    /// [`Error::Usage`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::fill`] and [`super::Filled::finish`].
     pub fn write(
         self,
         mesh: &MeshSpool,
