@@ -1,6 +1,7 @@
 //! The seam between two slabs: phase 2 of contraction, the choice between vertices of both on one point, and what retreat needs to see of the two.
 
 use std::collections::BTreeSet;
+use std::hash::Hash;
 use std::ops::Range;
 
 use rustc_hash::FxHashMap;
@@ -68,14 +69,10 @@ impl<'a> Seam<'a> {
     }
 
     /// The triangles that are left at a cluster.
-    fn triangles_at(&self, v: u32) -> Vec<u32> {
-        let mut out = Vec::new();
-        let mut member = v;
-        while member != NONE {
-            out.extend(self.corners(member).map(|corner| corner / 3).filter(|&t| !is_gone(self.triangle(t))));
-            member = self.also(member);
-        }
-        out
+    fn triangles_at(&self, v: u32) -> impl Iterator<Item = u32> {
+        let cluster = std::iter::successors(Some(v), |v| Some(self.also(*v)).filter(|v| *v != NONE));
+        let corners = cluster.flat_map(|member| self.corners(member));
+        corners.map(|corner| corner / 3).filter(|&t| !is_gone(self.triangle(t)))
     }
 
     /// The triangles at vertices, whose places are known.
@@ -195,27 +192,36 @@ impl<'a> Seam<'a> {
         out
     }
 
-    /// Where vertices of both slabs took the same point's place, only the nearer keeps it. Gives the others.
-    pub fn choose_fitted(&mut self, grid: &Grid, halo: u32) -> Vec<u32> {
+    /// Of some vertices of a slab, those that took the place of a point near the seam, by where the point lies: lower than the two slices at the seam, in them,
+    /// higher. Of the upper slab there are hardly any of the first, of the lower one hardly any of the last, so that few have to be compared.
+    fn fitted_near(&self, mesh: &SlabMesh, vertices: Range<u32>, grid: &Grid, halo: u32) -> [Vec<u32>; 3] {
         let seam = self.upper.slices.start;
         // A vertex of the other slab can have the same point only if the point lies this near to the seam, and a vertex lies as near to its point.
         let near = seam.saturating_sub(halo)..seam + halo;
-        let fitted_near = |mesh: &SlabMesh, vertices: Range<u32>| -> Vec<u32> {
-            vertices
-                .filter(|&v| mesh.fate[v as usize] == Fate::Fitted)
-                .filter(|&v| near.contains(&grid.slice_of(mesh.fitted.target[v as usize])))
-                .collect()
-        };
-        let key = |mesh: &SlabMesh, v: u32| mesh.fitted.target[v as usize].map(f64::to_bits);
-        let below = fitted_near(self.lower, self.lower.on_highest(2 * halo));
-        let below: FxHashMap<[u64; 3], u32> = below.into_iter().map(|v| (key(self.lower, v), v)).collect();
+        let mut out: [Vec<u32>; 3] = Default::default();
+        for v in vertices.filter(|&v| mesh.fate[v as usize] == Fate::Fitted) {
+            let slice = grid.slice_of(mesh.fitted.target[v as usize]);
+            if near.contains(&slice) {
+                out[usize::from(slice + 1 >= seam) + usize::from(slice > seam)].push(v);
+            }
+        }
+        out
+    }
+
+    /// Where vertices of both slabs took the same point's place, only the nearer keeps it. Gives the others.
+    pub fn choose_fitted(&mut self, grid: &Grid, halo: u32) -> Vec<u32> {
+        let below = self.fitted_near(self.lower, self.lower.on_highest(2 * halo), grid, halo);
+        let above = self.fitted_near(self.upper, self.upper.on_lowest(2 * halo), grid, halo);
         let mut changed = Vec::new();
-        for v in fitted_near(self.upper, self.upper.on_lowest(2 * halo)) {
-            if let Some(&u) = below.get(&key(self.upper, v)) {
-                if self.upper.fitted.distance[v as usize] < self.lower.fitted.distance[u as usize] {
-                    changed.push(u);
+        for (below, above) in below.into_iter().zip(above) {
+            let key = |mesh: &SlabMesh, v: u32| mesh.fitted.target[v as usize].map(f64::to_bits);
+            let below = below.into_iter().map(|v| (key(self.lower, v), v));
+            let above = above.into_iter().map(|v| (key(self.upper, v), v));
+            for (v, u) in common(below, above) {
+                if self.upper.fitted.distance[u as usize] < self.lower.fitted.distance[v as usize] {
+                    changed.push(v);
                 } else {
-                    changed.push(self.lower.own() + v);
+                    changed.push(self.lower.own() + u);
                 }
             }
         }
@@ -227,6 +233,18 @@ impl<'a> Seam<'a> {
         }
         changed
     }
+}
+
+/// The pairs of values of equal keys.
+fn common<K: Eq + Hash>(
+    one: impl ExactSizeIterator<Item = (K, u32)>,
+    other: impl ExactSizeIterator<Item = (K, u32)>,
+) -> Vec<(u32, u32)> {
+    if one.len() > other.len() {
+        return common(other, one).into_iter().map(|(v, u)| (u, v)).collect();
+    }
+    let one: FxHashMap<K, u32> = one.collect();
+    other.filter_map(|(key, u)| Some((*one.get(&key)?, u))).collect()
 }
 
 impl Places for Seam<'_> {
