@@ -21,13 +21,13 @@ pub enum Phase {
     Seal,
     /// Extraction, smoothing, fitting, stitching.
     Surface,
-    /// Checking the mesh.
+    /// Checking the mesh; and, where there is room for both, writing the mesh file.
     Check,
     /// Looking for triangles of the mesh that intersect.
     Intersect,
     /// Measuring distances between a mesh and its reference.
     Compare,
-    /// Writing the mesh file.
+    /// Writing the mesh file, if that is still to do, and giving it its name.
     Write,
     /// Drawing a picture of the mesh.
     Render,

@@ -13,7 +13,7 @@ use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::fate::Fate;
 use crate::stage::near::{BLOCK, Places};
-use crate::stage::retreat::Piece;
+use crate::stage::retreat::{Piece, cluster};
 use crate::stage::spot::{Extent, Scale, Spot};
 
 /// The two slabs at a seam, seen as one mesh.
@@ -70,8 +70,7 @@ impl<'a> Seam<'a> {
 
     /// The triangles that are left at a cluster.
     fn triangles_at(&self, v: u32) -> impl Iterator<Item = u32> {
-        let cluster = std::iter::successors(Some(v), |v| Some(self.also(*v)).filter(|v| *v != NONE));
-        let corners = cluster.flat_map(|member| self.corners(member));
+        let corners = cluster(self, v).flat_map(|member| self.corners(member));
         corners.map(|corner| corner / 3).filter(|&t| !is_gone(self.triangle(t)))
     }
 

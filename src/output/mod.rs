@@ -1,8 +1,8 @@
 //! Meshes as files: PLY, STL, OBJ and GLB, each deterministic, each there only when whole.
 //!
 //! A [`Target`] is made before the work begins: it proves in the first second that the folder can be written to, and holds a
-//! temporary file in it. The file takes its name when its last byte is written; on error, on Ctrl-C and on any early
-//! return it is removed. Vertices are written in the mesh's own coordinates; the header's origin stands where the
+//! temporary file in it. The file takes its name when its last byte is written and whoever has the mesh written asks for that; on error, on
+//! Ctrl-C and on any early return it is removed. Vertices are written in the mesh's own coordinates; the header's origin stands where the
 //! format has room for it.
 //!
 //! | format | coordinates | triangles | attributes | origin | limit |

@@ -182,7 +182,7 @@ fn take_back<P: Piece>(piece: &mut P, before: &[(u32, u32, u32, Fate)]) {
 }
 
 /// The vertices that have become `v`, with it as the first.
-fn cluster<P: Piece>(piece: &P, v: u32) -> impl Iterator<Item = u32> {
+pub fn cluster<P: Piece>(piece: &P, v: u32) -> impl Iterator<Item = u32> {
     std::iter::successors(Some(v), |v| Some(piece.also(*v)).filter(|v| *v != NONE))
 }
 
