@@ -6,6 +6,7 @@
 //! to the process that wrote it: native byte order, no version. Results never depend on where the bytes lay.
 
 use std::fs::File;
+use std::num::NonZeroU64;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -241,6 +242,13 @@ impl Slots {
         self.on_disk.fetch_add(bytes as u64, Ordering::Relaxed);
         self.workspace.grow(bytes as u64);
         Ok(number)
+    }
+
+    /// Says that slot `number` is going to be read: the system begins to fetch it.
+    pub fn announce(&self, number: u32) {
+        let (at, bytes) = (u64::from(number) * self.slot as u64, NonZeroU64::new(self.slot as u64));
+        // Whether the system does so or not, the slot can be read.
+        let _ = rustix::fs::fadvise(&self.file, at, bytes, rustix::fs::Advice::WillNeed);
     }
 
     /// Fills `out` from byte `from` of slot `number` on.

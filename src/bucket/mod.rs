@@ -11,6 +11,7 @@
 //! All of it is done by the workers: a bucket is locked while a piece is copied to its open chunk, and chunks are written by whoever fills them. So points
 //! lie in a bucket in no order that could be told before; nothing later may depend on it.
 
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard};
 
@@ -22,6 +23,9 @@ use crate::partition::BUCKET_SLICES;
 use crate::points::{Batch, Coordinate};
 use crate::schedule::Spares;
 use crate::spool::Slots;
+
+/// Chunks on disk that are announced before they are read: a bucket's lie all over the file, and disks are fast only if they are asked for several at a time.
+const AHEAD: usize = 32;
 
 /// The buckets of a cloud, readable in any order, from several threads.
 #[derive(Debug)]
@@ -165,17 +169,25 @@ impl<T: Coordinate> Buckets<T> {
         };
         let mut points = Vec::new();
         let mut left = bucket.points;
-        for slot in &bucket.stored {
+        let parts = bucket.stored.iter().map(|slot| {
             let count = left.min(self.chunk as u64);
             left -= count;
-            let part = shared(count as usize);
-            if !part.is_empty() {
-                points.resize(part.len(), [T::zeroed(); 3]);
-                slots.read(*slot, part.start * size_of::<[T; 3]>(), bytemuck::cast_slice_mut(&mut points))?;
-                visit(&points)?;
+            (*slot, shared(count as usize))
+        });
+        let mut parts = parts.filter(|(_, part)| !part.is_empty());
+        let mut announced = VecDeque::new();
+        loop {
+            while announced.len() < AHEAD
+                && let Some((slot, part)) = parts.next()
+            {
+                slots.announce(slot);
+                announced.push_back((slot, part));
             }
+            let Some((slot, part)) = announced.pop_front() else { return Ok(()) };
+            points.resize(part.len(), [T::zeroed(); 3]);
+            slots.read(slot, part.start * size_of::<[T; 3]>(), bytemuck::cast_slice_mut(&mut points))?;
+            visit(&points)?;
         }
-        Ok(())
     }
 
     /// Hands the points of `bucket` to `visit` with the records of their attributes, a chunk at a time, in no order.
