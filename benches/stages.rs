@@ -33,6 +33,7 @@ use asra_stream::mesh::{MeshHeader, MeshSource};
 use asra_stream::output;
 use asra_stream::partition::{halo, slab_count, slices_of};
 use asra_stream::pipeline::{Settings, Surveyed, context, survey_cloud};
+use asra_stream::plan::SlabJobs;
 use asra_stream::points::Precision;
 use asra_stream::progress::{Progress, Show};
 use asra_stream::schedule::Workers;
@@ -163,7 +164,9 @@ struct Slab {
     surface: Surface,
     q: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
-    fitted: Fitted,
+    fitted: Fitted<f32>,
+    /// Of each own vertex where smoothing put it, in the input's units.
+    smoothed: Vec<[f64; 3]>,
     /// Vertices that have a fan.
     named: usize,
     /// Of each own vertex its point, or none where it must not be contracted.
@@ -172,24 +175,29 @@ struct Slab {
 
 impl Slab {
     /// As [`SlabMesh::make`] does it.
-    fn make(number: u32, solid: &Solid, sampled: &Sampled<'_, f32>, piece: usize) -> Slab {
+    fn make(number: u32, solid: &Solid, sampled: &Sampled<'_, f32>, jobs: SlabJobs) -> Slab {
         let slices = slices_of(number, SMOOTH, solid.cells[1]);
         let planes = slices.start..slices.end + u32::from(slices.end == solid.cells[1]);
         let surface = find(number, solid);
         let q = smooth(&surface, SMOOTH, Vec::new());
         let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(SMOOTH) };
-        let fitted = fit(sampled, &task, piece, Fitted::default()).expect("points");
+        let fitted = fit(sampled, &task, jobs.piece_points, Fitted::default()).expect("points");
         let options = SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None };
         let unfitted =
-            SlabMesh::make(number, solid, sampled, options, FRAME, piece, SlabMesh::default()).expect("a slab");
+            SlabMesh::make(number, solid, sampled, options, FRAME, jobs, SlabMesh::default()).expect("a slab");
         let mut group = fitted.point.clone();
         if slices.start > 0 {
             group[..unfitted.seam() as usize].fill(NONE);
         }
-        let triangles = unfitted.triangles;
+        let SlabMesh { triangles, smoothed, .. } = unfitted;
         let named = triangles.as_flattened().iter().max().map_or(0, |v| *v as usize + 1).max(group.len());
-        Slab { number, planes, surface, q, triangles, fitted, named, group }
+        Slab { number, planes, surface, q, triangles, fitted, smoothed, named, group }
     }
+}
+
+/// As many slabs at a time as there are threads.
+fn slab_jobs(context: &Context) -> SlabJobs {
+    SlabJobs { running: context.workers.threads().max(2), ahead: 0, piece_points: context.memory.piece_points }
 }
 
 fn find(number: u32, solid: &Solid) -> Surface {
@@ -203,9 +211,9 @@ fn within_slabs(
     sampled: &Sampled<'_, f32>,
     context: &Context,
 ) {
-    let piece = context.memory.piece_points;
+    let jobs = slab_jobs(context);
     let mut slabs: Vec<Slab> =
-        (0..slab_count(SMOOTH, solid.cells[1])).map(|n| Slab::make(n, solid, sampled, piece)).collect();
+        (0..slab_count(SMOOTH, solid.cells[1])).map(|n| Slab::make(n, solid, sampled, jobs)).collect();
     group.throughput(Throughput::Elements(slabs.iter().map(|slab| slab.triangles.len() as u64).sum()));
     group.bench_function("extract", |b| {
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(find(slab.number, solid)))));
@@ -222,7 +230,7 @@ fn within_slabs(
         let fit = |slab: &Slab| {
             let Slab { surface, q, planes, .. } = slab;
             let task = Task { surface, q, planes: planes.clone(), halo: halo(SMOOTH) };
-            fit(sampled, &task, piece, Fitted::default()).expect("points")
+            fit(sampled, &task, jobs.piece_points, Fitted::default()).expect("points")
         };
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(fit(slab)))));
     });
@@ -231,7 +239,8 @@ fn within_slabs(
     group.bench_function("contract", |b| {
         let contract = |(slab, triangles): (&Slab, &mut Vec<[u32; 3]>)| {
             let mut fans = Fans::new(triangles, slab.named, slab.group.len(), Fans::default());
-            let groups = Groups { group: &slab.group, distance: &slab.fitted.distance, kept: &[] };
+            let distance = |v: u32| slab.fitted.distance(v as usize, slab.smoothed[v as usize]);
+            let groups = Groups { group: &slab.group, distance, kept: &[] };
             contract(triangles, &mut fans, groups, |_, _| ());
         };
         b.iter_batched_ref(
@@ -248,14 +257,14 @@ fn slabs_to_mesh(
     sampled: &Sampled<'_, f32>,
     context: &Context,
 ) -> MeshSpool {
-    let piece = context.memory.piece_points;
+    let jobs = slab_jobs(context);
     let options = Settings::default().surface;
     assert_eq!(options.smooth, SMOOTH);
     let count = slab_count(SMOOTH, solid.cells[1]);
     let make = || {
         let mut slabs = Vec::new();
         let make =
-            |number: usize| SlabMesh::make(number as u32, solid, sampled, options, FRAME, piece, SlabMesh::default());
+            |number: usize| SlabMesh::make(number as u32, solid, sampled, options, FRAME, jobs, SlabMesh::default());
         let keep = |slab| {
             slabs.push(slab);
             Ok(())
@@ -263,7 +272,7 @@ fn slabs_to_mesh(
         context.workers.in_order_range(context.workers.threads() + 1, count as usize, make, keep).expect("slabs");
         slabs
     };
-    let stitch = |slabs: Vec<SlabMesh>| {
+    let stitch = |slabs: Vec<SlabMesh<f32>>| {
         let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
         let mut stitcher = Stitcher::new(sampled.grid, halo(SMOOTH), FRAME, mesh, false);
         for slab in slabs {

@@ -106,9 +106,14 @@ impl Load {
         Load { attributes: bytes as u64, ..self }
     }
 
+    /// Bytes of a point's coordinates.
+    pub fn coordinates(&self) -> u64 {
+        3 * self.precision.bytes() as u64
+    }
+
     /// Bytes of a point in a bucket, and of a vertex in the mesh.
     pub fn record(&self) -> u64 {
-        3 * self.precision.bytes() as u64 + self.attributes
+        self.coordinates() + self.attributes
     }
 
     /// Faces to expect.

@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use asra_stream::allocator;
+
 /// Slabs allocate and free tens of megabytes at a time from several threads. The system's allocator keeps much of that for
 /// itself (twice the plan was seen resident); this one gives it back.
 #[global_allocator]
@@ -19,17 +21,6 @@ const BUDGET: &str = "--max-memory";
 fn main() -> ExitCode {
     let is_budget = |argument: std::ffi::OsString| argument.as_encoded_bytes().starts_with(BUDGET.as_bytes());
     let [with_budget, without] = GIVE_BACK_AFTER;
-    give_back_after(if std::env::args_os().any(is_budget) { with_budget } else { without });
+    allocator::give_back_after(if std::env::args_os().any(is_budget) { with_budget } else { without });
     asra_stream::cli::main()
-}
-
-/// Tells the allocator, unless its variable in the environment already does.
-#[allow(unsafe_code)]
-fn give_back_after(milliseconds: i64) {
-    /// `mi_option_purge_delay` of version 2, which the bindings do not name.
-    const PURGE_DELAY: libmimalloc_sys::mi_option_t = 15;
-    if std::env::var_os("MIMALLOC_PURGE_DELAY").is_none() {
-        // SAFETY: it sets a number of the allocator's own, and may be called at any time.
-        unsafe { libmimalloc_sys::mi_option_set(PURGE_DELAY, milliseconds) };
-    }
 }

@@ -373,7 +373,7 @@ fn reconstruct_as<T: Coordinate>(
         slabs as usize,
         |number| {
             let room = written.take().unwrap_or_else(|| SlabMesh::with_room(most));
-            SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs.piece_points, room)
+            SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs, room)
         },
         |slab| {
             progress.add(slab.slices.len() as u64);

@@ -22,8 +22,8 @@ use crate::slice::Bits;
 use crate::stage::dilate::Dilation;
 use crate::stage::ground;
 
-/// The process itself: code, small things, what the allocator keeps; and for each thread its stack and its part of that.
-const PROCESS: u64 = 11 << 20;
+/// The process itself: code (seven), small things, what the allocator keeps; and for each thread its stack and its part of that.
+const PROCESS: u64 = 16 << 20;
 const THREAD: u64 = 3 << 19;
 
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
@@ -38,30 +38,30 @@ const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 /// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
 const GOOD_PIECE: u64 = 128 << 10;
 
-/// Bytes of a slab's mesh for each face while it is made, in the memory of an earlier one, which is as large as that waits ([`WAITING`]). While it is extracted, a
-/// vertex as found (21) beside that.
-const EXTRACTING: u64 = WAITING + 26;
+/// Bytes of a slab's mesh for each face while it waits for its seam, less its target's coordinates: smoothed, triangles, fans and fates. The rest, here as
+/// below, is what vectors and the allocator leave unused.
+const WAITING: u64 = 102;
 
-/// While it is fitted: the vertex without its look-ups (16).
-const FITTING: u64 = WAITING + 20;
+/// While it is made, in the memory of an earlier one, which is as large as that waits. While it is extracted, a vertex as found (21) beside that.
+const EXTRACTING: u64 = 26;
+
+/// While it is fitted, beside that: the vertex without its look-ups (16).
+const FITTING: u64 = 20;
 
 /// While its points' attributes are found: where each point's coordinates stand in a table (36, and as many free), what is known.
 const CARRYING: u64 = 80;
 
-/// While its vertices retreat, where it is largest: smoothed and fitted, triangles, fans and fates (34), places (24), spots (8), what is seen of fans (1),
-/// triangles by layer (20). The rest, here as above, is what vectors and the allocator leave unused.
-const RETREATING: u64 = 184;
+/// While its vertices retreat, where it is largest, less the coordinates of its targets and places: spots (8), what is seen of fans (1), triangles by layer (20).
+const RETREATING: u64 = 128;
 
-/// The bytes that remain when the slab waits for its seam.
-const WAITING: u64 = 134;
-
-/// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds.
+/// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds, so that two slabs seldom have
+/// given back at the same time; one slab at a time asks it not to wait (`slab.rs`).
 const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
 
 /// A budget so many times as large as what is used is not one that anybody named: then the allocator keeps what slabs give back for the next (`main.rs`), this part
-/// of it all, and a little.
+/// of it all.
 const ROOMY: u64 = 4;
-const KEPT_BACK: (u64, u64) = (8, 3 << 20);
+const KEPT_BACK: u64 = 8;
 
 /// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
 const CHECKING: (u64, u64) = (13 << 20, 2);
@@ -212,7 +212,7 @@ impl MemoryPlan {
         let passes = [buckets + bucketing, held + sealing + slices, held + standing + mesh + slabs, check];
         let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
         if memory < self.budget / ROOMY {
-            memory += memory / KEPT_BACK.0 + KEPT_BACK.1;
+            memory += memory / KEPT_BACK;
         }
 
         let bucketed = load.bucket_bytes() - buckets;
@@ -310,7 +310,7 @@ fn piece_bytes(load: &Load, piece: u64) -> u64 {
 
 /// Bytes of a point among others that are sorted, with the number of its cell or of those before it.
 fn sorted_bytes(load: &Load) -> u64 {
-    load.record() - load.attributes + 4
+    load.coordinates() + 4
 }
 
 /// The most points that can be held at once in `room` bytes: all of them, or a piece.
@@ -348,23 +348,26 @@ impl SlabJobs {
     /// Bytes of all slabs of a load at a time, with the points round a plane, as far as they are held at once.
     fn bytes(&self, load: &Load) -> u64 {
         let points = piece_bytes(load, self.piece_points as u64);
+        let waits = WAITING + load.coordinates();
         let making = |faces: u64| {
             // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
             let beside = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED / u64::from(slab_slices(load.smooth));
-            let extraction = load.extraction_raster() + faces * (EXTRACTING + beside);
-            let fitting = load.fitting_raster() + points + faces * FITTING;
-            let carrying = if load.attributes > 0 { faces * (FITTING + CARRYING + 2 * load.attributes) } else { 0 };
-            let given_back = (faces * GIVEN_BACK.0).min(GIVEN_BACK.1);
-            extraction.max(fitting).max(carrying).max(faces * (RETREATING + load.more()) + given_back)
+            let extraction = load.extraction_raster() + faces * (waits + EXTRACTING + beside);
+            let fitting = load.fitting_raster() + points + faces * (waits + FITTING);
+            let carrying =
+                if load.attributes > 0 { faces * (waits + FITTING + CARRYING + 2 * load.attributes) } else { 0 };
+            let retreating = RETREATING + 2 * load.coordinates() + load.more();
+            extraction.max(fitting).max(carrying).max(faces * retreating)
         };
         let one = load.widest(1);
+        let given_back = if self.running > 1 { (one * GIVEN_BACK.0).min(GIVEN_BACK.1) } else { 0 };
         // While the calling thread waits for a slab, the one before waits for its seam. While it is at a seam, the slab it came with is still in flight.
-        let waiting = WAITING + load.more();
+        let waiting = waits + load.more();
         let idle = self.running as u64 * making(one) + load.widest(1 + self.ahead) * waiting;
         let others = self.in_flight() - 1;
         let (made, finished) = (others.min(self.running), others.saturating_sub(self.running));
         let busy = made as u64 * making(one) + load.widest(2 + finished) * waiting + one * (WRITING + load.attributes);
-        idle.max(busy)
+        idle.max(busy) + given_back
     }
 }
 

@@ -23,7 +23,7 @@ impl Precision {
 }
 
 /// A coordinate type that points are kept in: `f32` or `f64`. Widening to `f64` is exact.
-pub trait Coordinate: Pod + Send + Sync + PartialOrd + Into<f64> + 'static {
+pub trait Coordinate: Pod + Default + Send + Sync + PartialOrd + Into<f64> + 'static {
     /// The precision this type has.
     const PRECISION: Precision;
     /// The value as this type; exact if it was read in this or a narrower precision.

@@ -9,6 +9,7 @@ use rustc_hash::FxHashMap;
 use crate::grid::Grid;
 use crate::mesh::spool::Frame;
 use crate::partition::TRAVEL;
+use crate::points::Coordinate;
 use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::fate::Fate;
@@ -21,9 +22,9 @@ use crate::stage::spot::{Extent, Scale, Spot};
 /// Vertices of the lower slab keep their numbers, those of the upper one follow them, as they do in the lower one's triangles; of those of the slabs
 /// beyond, nothing is known. The upper slab's triangles follow the lower one's, from a whole block on.
 #[derive(Debug)]
-pub struct Seam<'a> {
-    lower: &'a mut SlabMesh,
-    upper: &'a mut SlabMesh,
+pub struct Seam<'a, T> {
+    lower: &'a mut SlabMesh<T>,
+    upper: &'a mut SlabMesh<T>,
     /// Vertices `0..settled` must stay as they are.
     settled: u32,
     frame: Frame,
@@ -32,9 +33,15 @@ pub struct Seam<'a> {
     blocks: Vec<Extent>,
 }
 
-impl<'a> Seam<'a> {
+impl<'a, T: Coordinate> Seam<'a, T> {
     /// The seam of two slabs, with the first `settled` vertices of the lower one to stay as they are.
-    pub fn of(lower: &'a mut SlabMesh, upper: &'a mut SlabMesh, settled: u32, frame: Frame, scale: Scale) -> Seam<'a> {
+    pub fn of(
+        lower: &'a mut SlabMesh<T>,
+        upper: &'a mut SlabMesh<T>,
+        settled: u32,
+        frame: Frame,
+        scale: Scale,
+    ) -> Seam<'a, T> {
         let mut blocks = std::mem::take(&mut lower.blocks);
         blocks.append(&mut upper.blocks);
         Seam { lower, upper, settled, frame, scale, blocks }
@@ -51,11 +58,11 @@ impl<'a> Seam<'a> {
     }
 
     /// The slab that a vertex is of, and its number there.
-    fn slab_of(&self, v: u32) -> (&SlabMesh, u32) {
+    fn slab_of(&self, v: u32) -> (&SlabMesh<T>, u32) {
         if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
     }
 
-    fn slab_of_mut(&mut self, v: u32) -> (&mut SlabMesh, u32) {
+    fn slab_of_mut(&mut self, v: u32) -> (&mut SlabMesh<T>, u32) {
         if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
     }
 
@@ -88,26 +95,26 @@ impl<'a> Seam<'a> {
     pub fn strayed(&self, grid: &Grid) -> Vec<u32> {
         let plane = f64::from(self.upper.slices.start);
         // In cells; what is just about on the plane counts as beyond it, whichever way it was rounded.
-        let height = |slab: &SlabMesh, v: u32| grid.height_of(slab.position(v)) - plane;
-        let lives = |slab: &SlabMesh, v: &u32| slab.fate[*v as usize] != Fate::Gone;
+        let height = |slab: &SlabMesh<T>, v: u32| grid.height_of(slab.position(v)) - plane;
+        let lives = |slab: &SlabMesh<T>, v: &u32| slab.fate[*v as usize] != Fate::Gone;
         let of_lower = self.lower.on_highest(TRAVEL).filter(|v| lives(self.lower, v) && height(self.lower, *v) > -0.01);
         let of_upper = self.upper.on_lowest(TRAVEL).filter(|v| lives(self.upper, v) && height(self.upper, *v) < 0.01);
         of_lower.chain(of_upper.map(|v| self.lower.own() + v)).collect()
     }
 
-    /// The vertex's point as something to compare: its coordinates' bits. None if it has none, has gone back, or is of a slab beyond.
+    /// The vertex's point as something to compare ([`key`]). None if it has none, has gone back, or is of a slab beyond.
     fn point(&self, v: u32) -> Option<[u64; 3]> {
         if !self.is_known([v; 3]) {
             return None;
         }
         let (slab, v) = self.slab_of(v);
         let v = v as usize;
-        slab.fate[v].is_on_point().then(|| slab.fitted.target[v].map(f64::to_bits))
+        slab.fate[v].is_on_point().then(|| key(slab.fitted.target[v]))
     }
 
     fn distance(&self, v: u32) -> f64 {
         let (slab, v) = self.slab_of(v);
-        slab.fitted.distance[v as usize]
+        slab.distance(v)
     }
 
     /// Phase 2: contracts the vertices that edges between vertices of the same point join to the seam's plane. Gives the vertices whose triangles it
@@ -165,25 +172,21 @@ impl<'a> Seam<'a> {
         let local: FxHashMap<u32, u32> = vertices.iter().enumerate().map(|(i, v)| (*v, i as u32)).collect();
         let mut points: FxHashMap<[u64; 3], u32> = FxHashMap::default();
         let mut group = Vec::with_capacity(vertices.len());
-        let mut distance = Vec::with_capacity(vertices.len());
         for &v in &vertices {
             match self.point(v).filter(|_| joined.contains(&v)) {
                 Some(point) => {
                     let number = points.len() as u32;
                     group.push(*points.entry(point).or_insert(number));
-                    distance.push(self.distance(v));
                 }
-                None => {
-                    group.push(NONE);
-                    distance.push(f64::INFINITY);
-                }
+                None => group.push(NONE),
             }
         }
         let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| self.triangle(t).map(|v| local[&v])).collect();
         let mut fans = Fans::new(&triangles, vertices.len(), vertices.len(), Fans::default());
         let is_trimmed = !(self.lower.kept.is_empty() && self.upper.kept.is_empty());
         let kept: Vec<bool> = patch.iter().filter(|_| is_trimmed).map(|&t| self.is_kept(t)).collect();
-        let groups = Groups { group: &group, distance: &distance, kept: &kept };
+        let distance = |v: u32| self.distance(vertices[v as usize]);
+        let groups = Groups { group: &group, distance, kept: &kept };
         let mut out = Vec::new();
         contract(&mut triangles, &mut fans, groups, |dead, survivor| {
             out.push((vertices[dead as usize], vertices[survivor as usize]));
@@ -193,13 +196,13 @@ impl<'a> Seam<'a> {
 
     /// Of some vertices of a slab, those that took the place of a point near the seam, by where the point lies: lower than the two slices at the seam, in them,
     /// higher. Of the upper slab there are hardly any of the first, of the lower one hardly any of the last, so that few have to be compared.
-    fn fitted_near(&self, mesh: &SlabMesh, vertices: Range<u32>, grid: &Grid, halo: u32) -> [Vec<u32>; 3] {
+    fn fitted_near(&self, mesh: &SlabMesh<T>, vertices: Range<u32>, grid: &Grid, halo: u32) -> [Vec<u32>; 3] {
         let seam = self.upper.slices.start;
         // A vertex of the other slab can have the same point only if the point lies this near to the seam, and a vertex lies as near to its point.
         let near = seam.saturating_sub(halo)..seam + halo;
         let mut out: [Vec<u32>; 3] = Default::default();
         for v in vertices.filter(|&v| mesh.fate[v as usize] == Fate::Fitted) {
-            let slice = grid.slice_of(mesh.fitted.target[v as usize]);
+            let slice = grid.slice_of(mesh.fitted.target[v as usize].map(Into::into));
             if near.contains(&slice) {
                 out[usize::from(slice + 1 >= seam) + usize::from(slice > seam)].push(v);
             }
@@ -213,11 +216,10 @@ impl<'a> Seam<'a> {
         let above = self.fitted_near(self.upper, self.upper.on_lowest(2 * halo), grid, halo);
         let mut changed = Vec::new();
         for (below, above) in below.into_iter().zip(above) {
-            let key = |mesh: &SlabMesh, v: u32| mesh.fitted.target[v as usize].map(f64::to_bits);
-            let below = below.into_iter().map(|v| (key(self.lower, v), v));
-            let above = above.into_iter().map(|v| (key(self.upper, v), v));
+            let below = below.into_iter().map(|v| (key(self.lower.fitted.target[v as usize]), v));
+            let above = above.into_iter().map(|v| (key(self.upper.fitted.target[v as usize]), v));
             for (v, u) in common(below, above) {
-                if self.upper.fitted.distance[u as usize] < self.lower.fitted.distance[v as usize] {
+                if self.upper.distance(u) < self.lower.distance(v) {
                     changed.push(v);
                 } else {
                     changed.push(self.lower.own() + u);
@@ -234,6 +236,11 @@ impl<'a> Seam<'a> {
     }
 }
 
+/// A point as something to compare: its coordinates' bits.
+fn key<T: Coordinate>(point: [T; 3]) -> [u64; 3] {
+    point.map(|c| c.into().to_bits())
+}
+
 /// The pairs of values of equal keys.
 fn common<K: Eq + Hash>(
     one: impl ExactSizeIterator<Item = (K, u32)>,
@@ -246,7 +253,7 @@ fn common<K: Eq + Hash>(
     other.filter_map(|(key, u)| Some((*one.get(&key)?, u))).collect()
 }
 
-impl Places for Seam<'_> {
+impl<T: Coordinate> Places for Seam<'_, T> {
     fn stretches(&self) -> [Range<u32>; 2] {
         let first = self.upper_triangles();
         [0..self.lower.triangles.len() as u32, first..first + self.upper.triangles.len() as u32]
@@ -285,7 +292,7 @@ impl Places for Seam<'_> {
     }
 }
 
-impl Piece for Seam<'_> {
+impl<T: Coordinate> Piece for Seam<'_, T> {
     fn vertices(&self) -> u32 {
         self.lower.own() + self.upper.own()
     }

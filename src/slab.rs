@@ -2,9 +2,11 @@
 
 use std::ops::Range;
 
+use crate::allocator;
 use crate::error::Result;
 use crate::mesh::spool::Frame;
 use crate::partition::{halo, slices_of, smooth_halo};
+use crate::plan::SlabJobs;
 use crate::points::Coordinate;
 use crate::schedule::refill;
 use crate::stage::attributes::attributes;
@@ -44,12 +46,12 @@ pub enum Fit {
     None,
 }
 
-/// The mesh of one slab.
+/// The mesh of one slab, of points of precision `T`.
 ///
 /// Triangles name vertices by number: `0..own()` are the slab's, `own() + n` is vertex n of the next slab, and from
 /// [`BEFORE`] on, `BEFORE + n` is vertex n of the slab before (only where the seam below was closed over it).
 #[derive(Debug, Default)]
-pub struct SlabMesh {
+pub struct SlabMesh<T> {
     /// The slab's slices.
     pub slices: Range<u32>,
     /// Of each vertex: its smoothed position, in file axes.
@@ -57,7 +59,7 @@ pub struct SlabMesh {
     /// Of each vertex: its position after one step of smoothing, to which it may retreat. Empty if that is the smoothed one.
     pub rest: Vec<[f64; 3]>,
     /// Of each vertex: its point.
-    pub fitted: Fitted,
+    pub fitted: Fitted<T>,
     /// Of each vertex: the record of its attributes.
     pub attributes: Vec<u8>,
     /// Of each vertex: what became of it.
@@ -81,7 +83,7 @@ pub struct SlabMesh {
 /// Where [`SlabMesh`]'s numbers of the slab before begin.
 pub const BEFORE: u32 = 1 << 31;
 
-impl SlabMesh {
+impl<T: Coordinate> SlabMesh<T> {
     /// Number of the slab's own vertices, contracted ones included.
     pub fn own(&self) -> u32 {
         self.fate.len() as u32
@@ -103,16 +105,12 @@ impl SlabMesh {
     }
 
     /// Room for a slab of so many faces: what it does not fill is not touched.
-    pub fn with_room(faces: usize) -> SlabMesh {
+    pub fn with_room(faces: usize) -> SlabMesh<T> {
         // A surface has about as many vertices as faces; those of the plane above are there for a while.
         let (vertices, triangles) = (faces + faces / 8, 2 * faces + faces / 16);
         SlabMesh {
             smoothed: Vec::with_capacity(vertices),
-            fitted: Fitted {
-                point: Vec::with_capacity(vertices),
-                distance: Vec::with_capacity(vertices),
-                target: Vec::with_capacity(vertices),
-            },
+            fitted: Fitted { point: Vec::with_capacity(vertices), target: Vec::with_capacity(vertices) },
             fate: Vec::with_capacity(vertices),
             triangles: Vec::with_capacity(triangles),
             fans: Fans::with_room(vertices, triangles),
@@ -125,18 +123,24 @@ impl SlabMesh {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn make<T: Coordinate>(
+    pub fn make(
         number: u32,
         solid: &Solid,
         sampled: &Sampled<'_, T>,
         options: SurfaceOptions,
         frame: Frame,
-        piece: usize,
-        room: SlabMesh,
-    ) -> Result<SlabMesh> {
+        jobs: SlabJobs,
+        room: SlabMesh<T>,
+    ) -> Result<SlabMesh<T>> {
         let slices = slices_of(number, options.smooth, solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
+        // Where memory is for one slab at a time, the plan does not count what a stage has given back.
+        let end_stage = || {
+            if jobs.running == 1 {
+                allocator::give_back();
+            }
+        };
         let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
         let q = smooth(&surface, options.smooth, room.smoothed);
         let planes = slices.start..slices.end + u32::from(last);
@@ -160,12 +164,19 @@ impl SlabMesh {
         let rest = if options.smooth == 1 { Vec::new() } else { to_world(smooth(&surface, 1, room.rest)) };
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
+        end_stage();
         let mut fate = room.fate;
         refill(&mut fate, own.len(), Fate::Stays);
         let reach = halo(options.smooth);
         let slices_near = planes.start.saturating_sub(reach)..(planes.end + reach).min(solid.cells[1]);
-        let nearest =
-            |room| fit(sampled, &Task { surface: &surface, q: &q, planes: planes.clone(), halo: reach }, piece, room);
+        let nearest = |room| {
+            fit(
+                sampled,
+                &Task { surface: &surface, q: &q, planes: planes.clone(), halo: reach },
+                jobs.piece_points,
+                room,
+            )
+        };
         let mut fitted = match options.fit {
             Fit::None => Fitted::none(own.len(), room.fitted),
             Fit::Plane => {
@@ -173,7 +184,7 @@ impl SlabMesh {
                 let places = project(sampled, &surface, &q, planes.clone(), options.smooth)?;
                 for ((fate, target), place) in fate.iter_mut().zip(&mut fitted.target).zip(places) {
                     if let Some(place) = place {
-                        (*fate, *target) = (Fate::Projected, grid.position(place));
+                        (*fate, *target) = (Fate::Projected, grid.position(place).map(T::from_f64));
                     }
                 }
                 fitted
@@ -188,12 +199,13 @@ impl SlabMesh {
                 let (vertex, mut q) = (&surface.vertices[own.start as usize + v], q[own.start as usize + v]);
                 if let Some(height) = columns.bridge(vertex.corner).filter(|_| matches!(vertex.kind, Kind::Sheet(_))) {
                     q[columns.up().axis] = height;
-                    fitted.put(v, grid.position(q));
+                    fitted.put(v, grid.position(q).map(T::from_f64));
                     fate[v] = Fate::Bridged;
                 }
             }
         }
         drop(surface);
+        end_stage();
         let smoothed = to_world(q);
         let attributes = match stride {
             0 => Vec::new(),
@@ -222,7 +234,9 @@ impl SlabMesh {
             mesh.contract_inside();
             mesh.choose_fitted();
         }
+        end_stage();
         mesh.retreat_inside(frame, &mut Near::new(grid, frame.origin));
+        end_stage();
         Ok(mesh)
     }
 
@@ -233,9 +247,10 @@ impl SlabMesh {
         if self.slices.start > 0 {
             group[..self.seam() as usize].fill(NONE);
         }
-        let groups = Groups { group: &group, distance: &self.fitted.distance, kept: &self.kept };
-        let fate = &mut self.fate;
-        contract(&mut self.triangles, &mut self.fans, groups, |dead, _| fate[dead as usize] = Fate::Gone);
+        let SlabMesh { triangles, fans, fitted, smoothed, kept, fate, .. } = self;
+        let distance = |v: u32| fitted.distance(v as usize, smoothed[v as usize]);
+        let groups = Groups { group: &group, distance, kept };
+        contract(triangles, fans, groups, |dead, _| fate[dead as usize] = Fate::Gone);
     }
 
     /// Of the vertices that have the same point, the nearest takes its place; the others are pulled.
@@ -249,7 +264,7 @@ impl SlabMesh {
             let mut nearest = same[0] as u32;
             for v in same.iter().map(|key| *key as u32) {
                 self.fate[v as usize] = Fate::Pulled;
-                if self.fitted.distance[v as usize] < self.fitted.distance[nearest as usize] {
+                if self.distance(v) < self.distance(nearest) {
                     nearest = v;
                 }
             }
@@ -261,18 +276,24 @@ impl SlabMesh {
     fn retreat_inside(&mut self, frame: Frame, near: &mut Near) {
         let first = if self.slices.start > 0 { self.seam() } else { 0 };
         let scale = near.scale();
-        let places: Vec<[f64; 3]> = (0..self.own()).map(|v| frame.place(self.position(v))).collect();
+        let places: Vec<[T; 3]> = (0..self.own()).map(|v| frame.place(self.position(v)).map(T::from_f64)).collect();
         self.spots.clear();
         self.spots.reserve_exact(places.len());
-        self.spots.extend(places.iter().map(|&place| scale.spot(place)));
+        self.spots.extend(places.iter().map(|place| scale.spot(place.map(Into::into))));
         let mut inside = Inside { first, places, frame, scale, slab: self };
         let tangled = retreat(&mut inside, near, None);
         self.tangled = tangled;
     }
 
+    /// The squared distance of vertex `v`, where smoothing put it, to its point.
+    #[inline]
+    pub fn distance(&self, v: u32) -> f64 {
+        self.fitted.distance(v as usize, self.smoothed[v as usize])
+    }
+
     /// The final position of vertex `v`, in file axes.
     pub fn position(&self, v: u32) -> [f64; 3] {
-        let (smoothed, target) = (self.smoothed[v as usize], self.fitted.target[v as usize]);
+        let (smoothed, target) = (self.smoothed[v as usize], self.fitted.target[v as usize].map(Into::into));
         match self.fate[v as usize] {
             Fate::Fitted | Fate::Projected | Fate::Bridged => target,
             Fate::Pulled => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
@@ -308,16 +329,16 @@ impl SlabMesh {
 }
 
 /// A slab by itself: its vertices from `first` on are free to retreat.
-struct Inside<'a> {
-    slab: &'a mut SlabMesh,
+struct Inside<'a, T> {
+    slab: &'a mut SlabMesh<T>,
     first: u32,
     frame: Frame,
     scale: Scale,
-    /// Of each vertex: where it is now.
-    places: Vec<[f64; 3]>,
+    /// Of each vertex: where it is now, as it is going to be written.
+    places: Vec<[T; 3]>,
 }
 
-impl Places for Inside<'_> {
+impl<T: Coordinate> Places for Inside<'_, T> {
     fn stretches(&self) -> [Range<u32>; 2] {
         let end = self.slab.triangles.len().next_multiple_of(BLOCK) as u32;
         [0..self.slab.triangles.len() as u32, end..end]
@@ -349,14 +370,14 @@ impl Places for Inside<'_> {
     }
 }
 
-impl Piece for Inside<'_> {
+impl<T: Coordinate> Piece for Inside<'_, T> {
     fn vertices(&self) -> u32 {
         self.slab.own()
     }
 
     #[inline]
     fn place(&self, v: u32) -> [f64; 3] {
-        self.places[v as usize]
+        self.places[v as usize].map(Into::into)
     }
 
     fn corners(&self, v: u32) -> impl Iterator<Item = u32> {
@@ -393,7 +414,7 @@ impl Piece for Inside<'_> {
         fans.also[v as usize] = also;
         self.slab.fate[v as usize] = fate;
         let place = self.frame.place(self.slab.position(v));
-        self.places[v as usize] = place;
+        self.places[v as usize] = place.map(T::from_f64);
         self.slab.spots[v as usize] = self.scale.spot(place);
     }
 }

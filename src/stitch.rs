@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
+use crate::points::Coordinate;
 use crate::seam::Seam;
 use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::fate::Fate;
@@ -33,14 +34,14 @@ const PIECE: usize = 1 << 15;
 
 /// Takes slabs in order and writes the mesh.
 #[derive(Debug)]
-pub struct Stitcher<'a> {
+pub struct Stitcher<'a, T> {
     grid: &'a Grid,
     /// Slices either side of a seam within which vertices of both slabs can have the same point.
     halo: u32,
     frame: Frame,
     near: Near,
     mesh: MeshSpool,
-    waiting: Option<SlabMesh>,
+    waiting: Option<SlabMesh<T>>,
     /// The number of the waiting slab's first vertex.
     base: u64,
     /// Numbers of the vertices of the slab before the waiting one.
@@ -96,10 +97,10 @@ impl Counts {
     }
 }
 
-impl<'a> Stitcher<'a> {
+impl<'a, T: Coordinate> Stitcher<'a, T> {
     /// A stitcher that appends to `mesh`, whose positions are to be written in `frame`; `halo` as in [`crate::partition::halo`]. If the surface is `trimmed`,
     /// only triangles that are kept are written.
-    pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool, trimmed: bool) -> Stitcher<'a> {
+    pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool, trimmed: bool) -> Stitcher<'a, T> {
         Stitcher {
             grid,
             halo,
@@ -122,7 +123,7 @@ impl<'a> Stitcher<'a> {
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::TooManyElements`] past [`VERTEX_LIMIT`].
-    pub fn add(&mut self, mut slab: SlabMesh) -> Result<Option<SlabMesh>> {
+    pub fn add(&mut self, mut slab: SlabMesh<T>) -> Result<Option<SlabMesh<T>>> {
         let mut lower = self.waiting.take();
         if let Some(lower) = &mut lower {
             let mut seam = Seam::of(lower, &mut slab, self.settled, self.frame, self.near.scale());
@@ -149,7 +150,7 @@ impl<'a> Stitcher<'a> {
         Ok((self.mesh, self.counts))
     }
 
-    fn write(&mut self, slab: &SlabMesh, next: Option<&SlabMesh>) -> Result<()> {
+    fn write(&mut self, slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> Result<()> {
         self.counts.tangled += slab.tangled;
         self.counts.bridged_area += bridged_area(slab, next);
         let after = if let Some(trim) = &mut self.trim {
@@ -211,7 +212,7 @@ impl<'a> Stitcher<'a> {
         Ok(after)
     }
 
-    fn put_vertex(&mut self, slab: &SlabMesh, v: u32) -> Result<()> {
+    fn put_vertex(&mut self, slab: &SlabMesh<T>, v: u32) -> Result<()> {
         let stride = self.mesh.schema().stride();
         self.vertices.push(self.frame.place(slab.position(v)));
         self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
@@ -236,7 +237,7 @@ impl<'a> Stitcher<'a> {
 }
 
 /// The area of a slab's triangles that are written and whose vertices all stay, or lie at an interpolated height. Vertices of the slab before are named only by triangles that were contracted onto a point.
-fn bridged_area(slab: &SlabMesh, next: Option<&SlabMesh>) -> f64 {
+fn bridged_area<T: Coordinate>(slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> f64 {
     let place = |v: u32| -> Option<DVec3> {
         let (mesh, v) = if v < slab.own() { (slab, v) } else { (next?, v.checked_sub(slab.own())?) };
         let stays = matches!(mesh.fate.get(v as usize)?, Fate::Stays | Fate::Bridged);

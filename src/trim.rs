@@ -7,6 +7,7 @@
 //!   kept      x   x    x
 //! ```
 
+use crate::points::Coordinate;
 use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::contract::{NONE, is_gone};
 
@@ -31,12 +32,12 @@ pub struct Trim {
 }
 
 /// The kept triangles that are left of a slab.
-fn kept(slab: &SlabMesh) -> impl Iterator<Item = [u32; 3]> + '_ {
+fn kept<T: Coordinate>(slab: &SlabMesh<T>) -> impl Iterator<Item = [u32; 3]> + '_ {
     slab.triangles_written()
 }
 
 /// The triangles of `next` that are left at its vertex `v`, and the vertices that have become `v`, of `slab`'s or its own.
-fn around(next: &SlabMesh, v: u32) -> impl Iterator<Item = [u32; 3]> + '_ {
+fn around<T: Coordinate>(next: &SlabMesh<T>, v: u32) -> impl Iterator<Item = [u32; 3]> + '_ {
     let own = |v: &u32| *v != NONE && *v < BEFORE;
     let cluster = std::iter::successors(Some(v), move |v| next.fans.also.get(*v as usize).copied().filter(own));
     let triangles = cluster.flat_map(|v| next.fans.corners(v)).map(|corner| next.triangles[corner as usize / 3]);
@@ -45,7 +46,7 @@ fn around(next: &SlabMesh, v: u32) -> impl Iterator<Item = [u32; 3]> + '_ {
 
 impl Trim {
     /// What is written of `slab`, with numbers from `base` on, if `next` follows it.
-    pub fn slab(&mut self, slab: &SlabMesh, next: Option<&SlabMesh>, base: u32) -> Trimmed {
+    pub fn slab<T: Coordinate>(&mut self, slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>, base: u32) -> Trimmed {
         let own = slab.own();
         let mut written = std::mem::take(&mut self.named);
         written.resize(own as usize, false);

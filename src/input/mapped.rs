@@ -1,6 +1,6 @@
 //! A file as bytes at positions: a memory map where the system allows one, plain reads where it does not.
 //!
-//! The only module of the crate with `unsafe`. A map lends pages of the file without copying them, at a price: if
+//! The only module with `unsafe`, apart from [`crate::allocator`]. A map lends pages of the file without copying them, at a price: if
 //! another program shortens the file meanwhile, touching a page that is gone raises SIGBUS, which ends the process.
 //! [`Mapped::bytes`] therefore asks the file's length before it lends anything, so a file that shrank between two
 //! blocks is an ordinary error; only a cut made during the decoding of a block remains fatal. A file that is

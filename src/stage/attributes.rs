@@ -32,7 +32,7 @@ use crate::stage::raster::Sampled;
 pub fn attributes<T: Coordinate>(
     sampled: &Sampled<'_, T>,
     slices: Range<u32>,
-    fitted: &Fitted,
+    fitted: &Fitted<T>,
     places: &[[f64; 3]],
     triangles: &[[u32; 3]],
 ) -> Result<Vec<u8>> {
@@ -59,7 +59,7 @@ pub fn attributes<T: Coordinate>(
         match point {
             NONE => out.resize(out.len() + stride, 0),
             // A vertex's number here is that of a vertex with the same point.
-            v => out.extend_from_slice(found.record(fitted.target[v as usize])),
+            v => out.extend_from_slice(found.record(fitted.target[v as usize].map(Into::into))),
         }
     }
     Ok(out)
@@ -78,11 +78,11 @@ struct Found {
 }
 
 impl Found {
-    fn for_points(fitted: &Fitted, stride: usize) -> Found {
+    fn for_points<T: Coordinate>(fitted: &Fitted<T>, stride: usize) -> Found {
         let mut numbers: FxHashMap<[u64; 3], u32> = FxHashMap::default();
         for (target, _) in fitted.target.iter().zip(&fitted.point).filter(|(_, point)| **point != NONE) {
             let next = numbers.len() as u32;
-            numbers.entry(target.map(f64::to_bits)).or_insert(next);
+            numbers.entry(target.map(|c| c.into().to_bits())).or_insert(next);
         }
         let points = numbers.len();
         let mut filter = BloomFilter::new(points);
@@ -109,7 +109,7 @@ impl Found {
     }
 
     /// Of each vertex: itself if it has a point.
-    fn of_vertices(&self, fitted: &Fitted) -> Vec<u32> {
+    fn of_vertices<T>(&self, fitted: &Fitted<T>) -> Vec<u32> {
         fitted.point.iter().zip(0..).map(|(point, v)| if *point == NONE { NONE } else { v }).collect()
     }
 }
@@ -147,7 +147,7 @@ impl BloomFilter {
 
 /// Gives vertices without a point that of a neighbour, round by round. `of_vertices` names of each vertex one whose point it has; vertices of other
 /// slabs, beyond the end, are passed over.
-fn spread(of_vertices: &mut [u32], targets: &[[f64; 3]], places: &[[f64; 3]], triangles: &[[u32; 3]]) {
+fn spread<T: Coordinate>(of_vertices: &mut [u32], targets: &[[T; 3]], places: &[[f64; 3]], triangles: &[[u32; 3]]) {
     let own = of_vertices.len() as u32;
     let lacks = |of: &[u32], v: u32| v < own && of[v as usize] == NONE;
     let mut open: Vec<[u32; 3]> =
@@ -160,11 +160,12 @@ fn spread(of_vertices: &mut [u32], targets: &[[f64; 3]], places: &[[f64; 3]], tr
                     if other == NONE {
                         continue;
                     }
-                    let (place, target) = (places[*v as usize], targets[other as usize]);
+                    let target_of = |v: u32| targets[v as usize].map(Into::<f64>::into);
+                    let (place, target) = (places[*v as usize], target_of(other));
                     let distance: f64 = (0..3).map(|a| (place[a] - target[a]).powi(2)).sum();
                     let best = nearest.entry(*v).or_insert((distance, other));
                     let nearer = match distance.total_cmp(&best.0) {
-                        Ordering::Equal => precedes(target, targets[best.1 as usize]),
+                        Ordering::Equal => precedes(target, target_of(best.1)),
                         order => order == Ordering::Less,
                     };
                     if nearer {
@@ -190,7 +191,7 @@ mod tests {
     #[test]
     fn of_points_at_one_place_the_least_record_counts() {
         let (place, elsewhere) = ([1.0, -0.0, 3.0], [1.0, 0.0, 3.0]);
-        let fitted = Fitted { point: vec![5, NONE, 5], distance: vec![0.0; 3], target: vec![place, elsewhere, place] };
+        let fitted = Fitted { point: vec![5, NONE, 5], target: vec![place, elsewhere, place] };
         for order in [[[7, 1], [3, 9], [3, 8]], [[3, 8], [7, 1], [3, 9]]] {
             let mut found = Found::for_points(&fitted, 2);
             assert_eq!(found.number(elsewhere), None, "zero has a sign");

@@ -87,11 +87,11 @@ impl Fans {
 /// What is to be contracted: per vertex its group (vertices of one group lie on one point; [`NONE`] for vertices that must stay)
 /// and its rank (the smaller survives, ties by number).
 #[derive(Debug, Clone, Copy)]
-pub struct Groups<'a> {
+pub struct Groups<'a, D> {
     /// The group of each vertex.
     pub group: &'a [u32],
-    /// The squared distance of each vertex to its point.
-    pub distance: &'a [f64],
+    /// The squared distance of a vertex that has a group to its point.
+    pub distance: D,
     /// Of each triangle, whether it is kept; empty if all are. Where kept triangles meet others lies the *rim*.
     pub kept: &'a [bool],
 }
@@ -102,7 +102,12 @@ pub struct Groups<'a> {
 /// contracted with it is. `merged(dead, survivor)` is told of each contraction.
 ///
 /// Every grouped vertex's fan must be complete. Keeps a closed 2-manifold one, and its Euler number.
-pub fn contract(triangles: &mut [[u32; 3]], fans: &mut Fans, groups: Groups<'_>, mut merged: impl FnMut(u32, u32)) {
+pub fn contract<D: Fn(u32) -> f64>(
+    triangles: &mut [[u32; 3]],
+    fans: &mut Fans,
+    groups: Groups<'_, D>,
+    mut merged: impl FnMut(u32, u32),
+) {
     let vertices = groups.group.len() as u32;
     let mut alive = vec![true; vertices as usize];
     let mut scratch = Neighbourhoods::default();
@@ -121,8 +126,10 @@ pub fn contract(triangles: &mut [[u32; 3]], fans: &mut Fans, groups: Groups<'_>,
         let mut changed = false;
         for &v in &candidates {
             while alive[v as usize] {
-                let Some(u) = first_contractible(triangles, fans, groups, v, &mut scratch) else { break };
-                let key = |x: u32| (groups.distance[x as usize], x);
+                let Some(u) = first_contractible(triangles, fans, groups.group, groups.kept, v, &mut scratch) else {
+                    break;
+                };
+                let key = |x: u32| ((groups.distance)(x), x);
                 let (survivor, dead) = if key(u) < key(v) { (u, v) } else { (v, u) };
                 contract_edge(triangles, fans, survivor, dead);
                 alive[dead as usize] = false;
@@ -148,20 +155,21 @@ struct Neighbourhoods {
 fn first_contractible(
     triangles: &[[u32; 3]],
     fans: &Fans,
-    groups: Groups<'_>,
+    group_of: &[u32],
+    kept: &[bool],
     v: u32,
     scratch: &mut Neighbourhoods,
 ) -> Option<u32> {
     let Neighbourhoods { of_v, of_u, same_group } = scratch;
     collect_neighbours(triangles, fans, v, of_v);
-    let group = groups.group[v as usize];
+    let group = group_of[v as usize];
     same_group.clear();
-    same_group.extend(of_v.iter().filter(|&&u| groups.group.get(u as usize) == Some(&group)));
+    same_group.extend(of_v.iter().filter(|&&u| group_of.get(u as usize) == Some(&group)));
     same_group.sort_unstable();
     same_group.iter().copied().find(|&u| {
         collect_neighbours(triangles, fans, u, of_u);
         let common = of_u.iter().filter(|x| of_v.contains(x)).count();
-        common == 2 && !(of_u.len() == 3 && of_v.len() == 3) && keeps_rim(triangles, fans, groups.kept, u, v)
+        common == 2 && !(of_u.len() == 3 && of_v.len() == 3) && keeps_rim(triangles, fans, kept, u, v)
     })
 }
 

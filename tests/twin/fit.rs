@@ -111,6 +111,11 @@ pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMe
     fitting.place(&contraction, &states)
 }
 
+/// A place in the input's precision.
+fn as_input(place: [f64; 3], params: &Params) -> [f64; 3] {
+    if params.single { place.map(|x| f64::from(x as f32)) } else { place }
+}
+
 /// First slice and first slice beyond of every slab.
 pub fn slabs(params: &Params) -> Vec<(u32, u32)> {
     let last = params.cells[1];
@@ -131,7 +136,7 @@ impl Fitting {
         let mut projected: Vec<Option<[f64; 3]>> = match params.fit {
             Fit::Plane => {
                 let means = Means::of(points, params);
-                let place = |&q: &[f64; 3]| means.projected(q).map(|q| to_file(q, params));
+                let place = |&q: &[f64; 3]| means.projected(q).map(|q| as_input(to_file(q, params), params));
                 surface.positions.iter().map(place).collect()
             }
             Fit::Nearest | Fit::None => vec![None; targets.len()],
@@ -140,7 +145,7 @@ impl Fitting {
             if let Some(height) = bridged {
                 let mut q = surface.positions[v];
                 q[params.open.expect("a surface that is not closed").up] = *height;
-                projected[v] = Some(to_file(q, params));
+                projected[v] = Some(as_input(to_file(q, params), params));
             }
         }
         Fitting { projected, surface: surface.clone(), params: params.clone(), sorted, targets, rest, nearest }
@@ -241,7 +246,7 @@ impl Fitting {
         let position = self.position(v, state);
         let origin = self.params.origin;
         let moved = [0, 1, 2].map(|a| position[a] - origin[a]);
-        if self.params.single { moved.map(|x| f64::from(x as f32)) } else { moved }
+        as_input(moved, &self.params)
     }
 
     /// The final positions and numbers of the vertices that are left.

@@ -30,28 +30,31 @@ use crate::stage::raster::Sampled;
 
 /// The nearest points of a slab's vertices.
 #[derive(Debug, Clone, Default)]
-pub struct Fitted {
+pub struct Fitted<T> {
     /// Of each vertex, a number of its point, or [`NONE`]. Equal numbers mean equal coordinates, and the reverse, within the slab.
     pub point: Vec<u32>,
-    /// The squared distance from q′ to the point, in the input's units.
-    pub distance: Vec<f64>,
     /// The point's coordinates, in file axes.
-    pub target: Vec<[f64; 3]>,
+    pub target: Vec<[T; 3]>,
 }
 
-impl Fitted {
+impl<T: Coordinate> Fitted<T> {
     /// Nothing fitted, in the memory of `room`.
-    pub fn none(vertices: usize, room: Fitted) -> Fitted {
-        let Fitted { mut point, mut distance, mut target } = room;
+    pub fn none(vertices: usize, room: Fitted<T>) -> Fitted<T> {
+        let Fitted { mut point, mut target } = room;
         refill(&mut point, vertices, NONE);
-        refill(&mut distance, vertices, f64::INFINITY);
-        refill(&mut target, vertices, [0.0; 3]);
-        Fitted { point, distance, target }
+        refill(&mut target, vertices, [T::zeroed(); 3]);
+        Fitted { point, target }
     }
 
     /// Gives vertex `v` a place of its own to go to, instead of a point.
-    pub fn put(&mut self, v: usize, target: [f64; 3]) {
-        (self.point[v], self.distance[v], self.target[v]) = (NONE, f64::INFINITY, target);
+    pub fn put(&mut self, v: usize, target: [T; 3]) {
+        (self.point[v], self.target[v]) = (NONE, target);
+    }
+
+    /// The squared distance from `from`, the place of vertex `v`, to its point, in the input's units; infinite if it has none.
+    #[inline]
+    pub fn distance(&self, v: usize, from: [f64; 3]) -> f64 {
+        if self.point[v] == NONE { f64::INFINITY } else { squared_distance(self.target[v].map(Into::into), from) }
     }
 }
 
@@ -75,7 +78,12 @@ pub struct Task<'a> {
 ///
 /// # Errors
 /// [`crate::Error::Io`].
-pub fn fit<T: Coordinate>(sampled: &Sampled<'_, T>, task: &Task<'_>, at_once: usize, room: Fitted) -> Result<Fitted> {
+pub fn fit<T: Coordinate>(
+    sampled: &Sampled<'_, T>,
+    task: &Task<'_>,
+    at_once: usize,
+    room: Fitted<T>,
+) -> Result<Fitted<T>> {
     let grid = sampled.grid;
     let first = task.surface.on_plane(task.planes.start).start;
     let end = task.surface.on_plane(task.planes.end - 1).end;
@@ -94,16 +102,16 @@ pub fn fit<T: Coordinate>(sampled: &Sampled<'_, T>, task: &Task<'_>, at_once: us
     Ok(search.found)
 }
 
-struct Search<'a> {
+struct Search<'a, T> {
     grid: &'a Grid,
     task: &'a Task<'a>,
     first: u32,
-    found: Fitted,
+    found: Fitted<T>,
 }
 
-impl Search<'_> {
+impl<T: Coordinate> Search<'_, T> {
     /// Searches the points of an index round one plane for all vertices on it.
-    fn plane<T: Coordinate>(&mut self, plane: u32, index: &Index<'_, T>) {
+    fn plane(&mut self, plane: u32, index: &Index<'_, T>) {
         let halo = i64::from(self.task.halo);
         let around = (-halo..halo).map(|dy| index.slice(i64::from(plane) + dy)).collect::<Vec<_>>();
         if around.iter().any(|slice| !slice.is_empty()) {
@@ -114,7 +122,7 @@ impl Search<'_> {
     }
 
     /// Searches the points of the slices `around` a vertex's plane, as many below it as above.
-    fn vertex<T: Coordinate>(&mut self, v: u32, around: &[SlicePoints<'_, T>]) {
+    fn vertex(&mut self, v: u32, around: &[SlicePoints<'_, T>]) {
         let vertex = &self.task.surface.vertices[v as usize];
         if let Kind::Middle(_) = vertex.kind {
             return;
@@ -126,11 +134,12 @@ impl Search<'_> {
         let reach = f64::from(REACH) * w;
         let offset: [f64; 3] = std::array::from_fn(|a| q[a] - f64::from(vertex.corner[a]));
         let farthest = offset.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+        let from = self.grid.position(q);
         let mut best = Nearest {
-            from: self.grid.position(q),
+            from,
             limit: reach * reach,
-            distance: self.found.distance[at],
-            target: self.found.target[at],
+            distance: self.found.distance(at, from),
+            target: self.found.target[at].map(Into::into),
             point: self.found.point[at],
         };
         let [i, _, k] = vertex.corner.map(i64::from);
@@ -160,8 +169,7 @@ impl Search<'_> {
                 }
             }
         }
-        self.found.distance[at] = best.distance;
-        self.found.target[at] = best.target;
+        self.found.target[at] = best.target.map(T::from_f64);
         self.found.point[at] = best.point;
     }
 }
@@ -182,14 +190,20 @@ impl Nearest {
         let (first, points) = slice.in_cells(z, x);
         for (number, point) in (first..).zip(points) {
             let p: [f64; 3] = point.map(Into::into);
-            let d = [p[0] - self.from[0], p[1] - self.from[1], p[2] - self.from[2]];
-            let distance = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            let distance = squared_distance(p, self.from);
             let nearer = distance < self.distance || (distance == self.distance && precedes(p, self.target));
             if nearer && distance <= self.limit {
                 (self.distance, self.target, self.point) = (distance, p, number);
             }
         }
     }
+}
+
+/// The squared distance of two places.
+#[inline]
+fn squared_distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let d = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
 /// Whether `a` comes before `b` by (x, y, z).
