@@ -195,7 +195,7 @@ impl Slab {
     }
 }
 
-/// As many slabs at a time as there are threads.
+/// As many slabs at a time as there are threads, and more than one: that would give memory back between its stages.
 fn slab_jobs(context: &Context) -> SlabJobs {
     SlabJobs { running: context.workers.threads().max(2), ahead: 0, piece_points: context.memory.piece_points }
 }

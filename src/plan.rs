@@ -38,8 +38,8 @@ const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 /// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
 const GOOD_PIECE: u64 = 128 << 10;
 
-/// Bytes of a slab's mesh for each face while it waits for its seam, less its target's coordinates: smoothed, triangles, fans and fates. The rest, here as
-/// below, is what vectors and the allocator leave unused.
+/// Bytes of a slab's mesh for each face while it waits for its seam, less its target's coordinates: smoothed (24), the point's number (4), triangles (24), fans and
+/// fates (34), spots (8). The rest, here as below, is what vectors and the allocator leave unused.
 const WAITING: u64 = 102;
 
 /// While it is made, in the memory of an earlier one, which is as large as that waits. While it is extracted, a vertex as found (21) beside that.
@@ -51,7 +51,7 @@ const FITTING: u64 = 20;
 /// While its points' attributes are found: where each point's coordinates stand in a table (36, and as many free), what is known.
 const CARRYING: u64 = 80;
 
-/// While its vertices retreat, where it is largest, less the coordinates of its targets and places: spots (8), what is seen of fans (1), triangles by layer (20).
+/// While its vertices retreat, where it is largest, less the coordinates of its targets and places: all that, what is seen of fans (1), triangles by layer (20).
 const RETREATING: u64 = 128;
 
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds, so that two slabs seldom have

@@ -35,6 +35,11 @@ pub trait Coordinate: Pod + Default + Send + Sync + PartialOrd + Into<f64> + 'st
     fn of(points: &Points) -> &[[Self; 3]];
 }
 
+/// A point as something to compare: its coordinates' bits, which tell the two zeros apart.
+pub fn bits<T: Coordinate>(point: [T; 3]) -> [u64; 3] {
+    point.map(|c| c.into().to_bits())
+}
+
 impl Coordinate for f32 {
     const PRECISION: Precision = Precision::Single;
     fn from_f64(value: f64) -> Self {

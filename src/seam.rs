@@ -9,7 +9,7 @@ use rustc_hash::FxHashMap;
 use crate::grid::Grid;
 use crate::mesh::spool::Frame;
 use crate::partition::TRAVEL;
-use crate::points::Coordinate;
+use crate::points::{Coordinate, bits};
 use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::fate::Fate;
@@ -102,14 +102,14 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         of_lower.chain(of_upper.map(|v| self.lower.own() + v)).collect()
     }
 
-    /// The vertex's point as something to compare ([`key`]). None if it has none, has gone back, or is of a slab beyond.
+    /// The vertex's point as something to compare ([`bits`]). None if it has none, has gone back, or is of a slab beyond.
     fn point(&self, v: u32) -> Option<[u64; 3]> {
         if !self.is_known([v; 3]) {
             return None;
         }
         let (slab, v) = self.slab_of(v);
         let v = v as usize;
-        slab.fate[v].is_on_point().then(|| key(slab.fitted.target[v]))
+        slab.fate[v].is_on_point().then(|| bits(slab.fitted.target[v]))
     }
 
     fn distance(&self, v: u32) -> f64 {
@@ -216,8 +216,8 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         let above = self.fitted_near(self.upper, self.upper.on_lowest(2 * halo), grid, halo);
         let mut changed = Vec::new();
         for (below, above) in below.into_iter().zip(above) {
-            let below = below.into_iter().map(|v| (key(self.lower.fitted.target[v as usize]), v));
-            let above = above.into_iter().map(|v| (key(self.upper.fitted.target[v as usize]), v));
+            let below = below.into_iter().map(|v| (bits(self.lower.fitted.target[v as usize]), v));
+            let above = above.into_iter().map(|v| (bits(self.upper.fitted.target[v as usize]), v));
             for (v, u) in common(below, above) {
                 if self.upper.distance(u) < self.lower.distance(v) {
                     changed.push(v);
@@ -234,11 +234,6 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         }
         changed
     }
-}
-
-/// A point as something to compare: its coordinates' bits.
-fn key<T: Coordinate>(point: [T; 3]) -> [u64; 3] {
-    point.map(|c| c.into().to_bits())
 }
 
 /// The pairs of values of equal keys.

@@ -119,7 +119,7 @@ impl<T: Coordinate> SlabMesh<T> {
         }
     }
 
-    /// Makes the mesh of slab `number`, in the memory of `room`: of a slab that is done with.
+    /// Makes the mesh of slab `number`, as one of so many `jobs`, in the memory of `room`: of a slab that is done with.
     ///
     /// # Errors
     /// [`crate::Error::Io`].

@@ -17,9 +17,9 @@ use rustc_hash::{FxBuildHasher, FxHashMap};
 
 use crate::error::Result;
 use crate::partition::BUCKET_SLICES;
-use crate::points::Coordinate;
+use crate::points::{Coordinate, bits};
 use crate::stage::contract::NONE;
-use crate::stage::fit::{Fitted, precedes};
+use crate::stage::fit::{Fitted, precedes, squared_distance};
 use crate::stage::raster::Sampled;
 
 /// The records of a slab's vertices, one after the other; `slices` are those whose points it was fitted to.
@@ -82,18 +82,18 @@ impl Found {
         let mut numbers: FxHashMap<[u64; 3], u32> = FxHashMap::default();
         for (target, _) in fitted.target.iter().zip(&fitted.point).filter(|(_, point)| **point != NONE) {
             let next = numbers.len() as u32;
-            numbers.entry(target.map(|c| c.into().to_bits())).or_insert(next);
+            numbers.entry(bits(*target)).or_insert(next);
         }
         let points = numbers.len();
         let mut filter = BloomFilter::new(points);
-        numbers.keys().for_each(|bits| filter.add(bits));
+        numbers.keys().for_each(|place| filter.add(place));
         Found { stride, numbers, filter, records: vec![0; points * stride], known: vec![false; points] }
     }
 
     #[inline]
     fn number(&self, point: [f64; 3]) -> Option<usize> {
-        let bits = point.map(f64::to_bits);
-        if self.filter.may_hold(&bits) { self.numbers.get(&bits).map(|number| *number as usize) } else { None }
+        let place = bits(point);
+        if self.filter.may_hold(&place) { self.numbers.get(&place).map(|number| *number as usize) } else { None }
     }
 
     fn offer(&mut self, number: usize, record: &[u8]) {
@@ -162,7 +162,7 @@ fn spread<T: Coordinate>(of_vertices: &mut [u32], targets: &[[T; 3]], places: &[
                     }
                     let target_of = |v: u32| targets[v as usize].map(Into::<f64>::into);
                     let (place, target) = (places[*v as usize], target_of(other));
-                    let distance: f64 = (0..3).map(|a| (place[a] - target[a]).powi(2)).sum();
+                    let distance = squared_distance(place, target);
                     let best = nearest.entry(*v).or_insert((distance, other));
                     let nearer = match distance.total_cmp(&best.0) {
                         Ordering::Equal => precedes(target, target_of(best.1)),

@@ -201,7 +201,7 @@ impl Nearest {
 
 /// The squared distance of two places.
 #[inline]
-fn squared_distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub fn squared_distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     let d = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
