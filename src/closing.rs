@@ -10,7 +10,9 @@ use crate::stage::component::{self, Components, Least};
 use crate::stage::dilate::Ball;
 use crate::stage::ground;
 use crate::stage::raster::Occupancy;
-use crate::stage::seal::{self, Pyramid, Sealed};
+use crate::stage::seal::{self, Pyramid};
+use crate::stage::sides::Sides;
+use crate::stage::sign::{self, Signed};
 use crate::stage::solid::Solid;
 
 pub use crate::stage::seal::Closing;
@@ -92,24 +94,27 @@ pub fn close(
             "--seal: a radius of {radius} cells is more than half of the longest side, {longest} cells"
         )));
     }
-    let wanted = given.map(Closing::with_radius);
-    let pyramid = Pyramid::over(&occupancy, wanted.map_or(0, |closing| closing.level), context)?;
-    let mut sealed = match wanted {
-        Some(closing) => Sealed { closing: Some(closing), exterior: None, trials: Vec::new() },
-        None => seal::find(&pyramid, context, &mut progress)?,
+    let (solid, occupancy, closing, falls, two_sided) = match given {
+        None => {
+            let signed = close_signed(occupancy, context, &mut progress)?;
+            (signed.solid, signed.occupancy, Closing { level: 0, radius: 1 }, signed.level > 0, Some(signed.two_sided))
+        }
+        Some(_) => {
+            let wanted = given.map(Closing::with_radius).expect("a radius is given");
+            let pyramid = Pyramid::over(&occupancy, wanted.level, context)?;
+            let most = asked.window.map_or(u32::MAX, |w| (w - 1) / 2);
+            // A ball that the window bounds does not seal: there are no sides to tell apart, and nothing to fall to.
+            let falls = wanted.rho() > 1 && wanted.rho() <= most;
+            let closing = if wanted.rho() <= most { wanted } else { Closing { level: 0, radius: most } };
+            let solid = if closing == wanted {
+                pyramid.close(closing, None, context, &mut progress)?
+            } else {
+                Solid::close(&occupancy, &Ball::new(closing.radius), context)?
+            };
+            drop(pyramid);
+            (solid, occupancy, closing, falls, None)
+        }
     };
-    let found = sealed.closing.unwrap_or(Closing { level: 0, radius: 1 });
-    let most = asked.window.map_or(u32::MAX, |w| (w - 1) / 2);
-    // A ball that the window bounds does not seal: there are no sides to tell apart, and nothing to fall to.
-    let falls = found.rho() > 1 && found.rho() <= most;
-    let closing = if found.rho() <= most { found } else { Closing { level: 0, radius: most } };
-    let exterior = sealed.exterior.take().filter(|_| closing == found);
-    let solid = if closing == found {
-        pyramid.close(closing, exterior, context, &mut progress)?
-    } else {
-        Solid::close(&occupancy, &Ball::new(closing.radius), context)?
-    };
-    drop(pyramid);
     let solid = solid.without_lone_cells(context)?;
     let (solid, occupancy, components) = match asked.min_component {
         None => (solid, occupancy, None),
@@ -122,8 +127,8 @@ pub fn close(
             (solid, occupancy, Some(components))
         }
     };
-    let sealing_radius = sealed.closing.filter(|_| given.is_none()).map(|closing| closing.rho());
-    Ok(Closed { solid, occupancy, closing, falls, sealing_radius, trials: sealed.trials, components })
+    let sealing_radius = two_sided.filter(|(two, all)| 20 * two < *all).map(|_| 1);
+    Ok(Closed { solid, occupancy, closing, falls, sealing_radius, trials: Vec::new(), components })
 }
 
 /// The solid below a surface that is not closed: columns, over which a small ball rolls. `progress` is told the slices.
@@ -152,4 +157,70 @@ pub fn close_below(
     progress(grid.cells()[1]);
     let closing = Closing { level: 0, radius: ball.radius() };
     Ok(Closed { solid, occupancy, closing, falls: false, sealing_radius: None, trials: Vec::new(), components: None })
+}
+
+/// A level whose occupied cells are fewer than this times those of the next coarser one is finer than the sampling: cells between samples are empty by
+/// chance. Of samples at random, 2.7 means cells of 1.3 sampling distances.
+const FILLED: f64 = 2.7;
+
+/// A level with fewer cells than this along its longest axis shows no body.
+const SHORTEST: u32 = 8;
+
+/// What the field's sign made of the cells.
+struct ClosedBySign {
+    solid: Solid,
+    occupancy: Occupancy,
+    level: u32,
+    two_sided: (u64, u64),
+}
+
+/// Closes the occupied cells by the sign of a field on a coarse level ([`crate::stage::sign`]), and finer levels by what that says.
+fn close_signed(occupancy: Occupancy, context: &Context, progress: &mut dyn FnMut(u32)) -> Result<ClosedBySign> {
+    let mut levels: Vec<Occupancy> = Vec::new();
+    let longest = |occupancy: &Occupancy| occupancy.cells.into_iter().max().unwrap_or(1);
+    loop {
+        let last = levels.last().unwrap_or(&occupancy);
+        if longest(last) > sign::LONGEST {
+            levels.push(last.coarser(context)?);
+            continue;
+        }
+        if longest(last) < 2 * SHORTEST {
+            break;
+        }
+        let coarser = last.coarser(context)?;
+        if last.occupied as f64 >= FILLED * coarser.occupied as f64 {
+            break;
+        }
+        levels.push(coarser);
+    }
+    let level = levels.len() as u32;
+    let signed = Signed::find(levels.last().unwrap_or(&occupancy), context)?;
+    progress(longest(&occupancy));
+    let mut sides = Sides::signed(&signed, context)?;
+    let is_outlier = |cell: [u32; 3]| {
+        let parent = cell.map(|c| i64::from(c >> level));
+        let index = signed.block.at(parent).expect("cells of the level are in its block") as u32;
+        signed.outliers.binary_search(&index).is_ok()
+    };
+    let occupancy = if signed.outliers.is_empty() {
+        occupancy
+    } else {
+        let left = occupancy.filtered(|cell| !is_outlier(cell), context)?;
+        levels.clear();
+        while (levels.len() as u32) < level {
+            levels.push(levels.last().unwrap_or(&left).coarser(context)?);
+        }
+        left
+    };
+    for l in (0..=level).rev() {
+        let here = if l == 0 { &occupancy } else { &levels[l as usize - 1] };
+        if l < level {
+            sides = sides.refined(here, context)?;
+        }
+        sides = sides.fallen(here, l, context, progress)?;
+    }
+    let solid = Solid::between(&occupancy, &sides, context)?;
+    drop(sides);
+    let solid = solid.without_hollows(&occupancy, context)?;
+    Ok(ClosedBySign { solid, occupancy, level, two_sided: signed.two_sided })
 }

@@ -24,6 +24,7 @@ pub mod raster;
 pub mod retreat;
 pub mod seal;
 pub mod sides;
+pub mod sign;
 pub mod smooth;
 pub mod solid;
 pub mod spot;

@@ -147,6 +147,38 @@ impl Occupancy {
         Ok(out)
     }
 
+    /// The same cells without those that `keep` turns down.
+    ///
+    /// # Errors
+    /// As [`Occupancy::of_buckets`].
+    pub fn filtered(&self, keep: impl Fn(Cell) -> bool + Sync, context: &Context) -> Result<Occupancy> {
+        let mut out = Occupancy::new(self.cells, context);
+        let mut jobs = chunks(self.cells[1]);
+        context.workers.in_order(
+            context.memory.chunks_in_flight,
+            || Ok(jobs.next()),
+            |chunk| {
+                let mut runs = Runs::default();
+                let mut out = Raster::default();
+                for y in chunk {
+                    self.store.read(y, &mut runs)?;
+                    let mut left = Runs::default();
+                    for z in 0..runs.row_count() {
+                        for run in runs.row(z) {
+                            (run.start..run.end).filter(|&x| keep([x, y, z])).for_each(|x| left.push_run(x, x + 1));
+                        }
+                        left.end_row();
+                    }
+                    out.push_runs(&left);
+                }
+                Ok(out)
+            },
+            |slices| out.append(&slices),
+        )?;
+        out.sparse = self.sparse;
+        Ok(out)
+    }
+
     /// An occupancy of given cells, for tests and for callers that have cells instead of points.
     ///
     /// # Errors

@@ -25,6 +25,7 @@ use crate::slice::{Bits, Runs, SliceStore, Slices, behind, set_range};
 use crate::stage::dilate::Ball;
 use crate::stage::exterior::{Exterior, Padded, Scratch};
 use crate::stage::raster::Occupancy;
+use crate::stage::sign::{Side, Signed};
 use crate::stage::walls::{INSIDE, OUTSIDE, Open};
 
 /// The last step's squared radius.
@@ -68,6 +69,34 @@ impl Sides {
             Ok(out)
         })?;
         Ok(Sides { padded, outside, inside, squared })
+    }
+
+    /// The sides that a field's sign tells, of all free cells of its level.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn signed(signed: &Signed, context: &Context) -> Result<Sides> {
+        let padded = Padded::new(signed.cells(), 1);
+        let pad = i64::from(padded.pad);
+        let [outside, inside] = stores(padded, 1, context, |slices| {
+            let mut bits = [padded.bits(), padded.bits()];
+            let mut out: [Slices; 2] = Default::default();
+            for y in slices.map(i64::from) {
+                bits.iter_mut().for_each(Bits::clear);
+                for z in 0..padded.cells[2] {
+                    for x in 0..padded.cells[0] {
+                        match signed.side([i64::from(x) - pad, y - pad, i64::from(z) - pad]) {
+                            Side::Outside => bits[0].set(x, z),
+                            Side::Inside => bits[1].set(x, z),
+                            Side::Wall => {}
+                        }
+                    }
+                }
+                out.iter_mut().zip(&bits).for_each(|(out, bits)| out.push(bits));
+            }
+            Ok(out)
+        })?;
+        Ok(Sides { padded, outside, inside, squared: 1 })
     }
 
     /// Lets the ball fall to the last step of this level; `progress` is told the slices of each step.

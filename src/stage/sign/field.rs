@@ -1,0 +1,206 @@
+//! The field u, and its least by conjugate gradients.
+//!
+//! All sums are formed in the order of cells and walls, on one thread: the field is the same bits everywhere.
+
+use super::Side;
+use super::block::Block;
+
+/// What a wall weighs, against a face between free cells.
+const WALL: f32 = 4.0;
+
+/// What a face weighs if one of its cells lies between two occupied ones: a gap in a wall, as sparse sampling leaves.
+const GAP: f32 = 0.1;
+
+/// The residual, as a part of the first one, at which the search ends.
+const TOLERANCE: f64 = 1e-3;
+
+/// The most steps of the search. It takes about as many as the longest side has cells.
+const STEPS: usize = 1000;
+
+const NONE: u32 = u32::MAX;
+
+/// The field on the free cells of a block.
+#[derive(Debug)]
+pub struct Field<'a> {
+    pub(super) block: &'a Block,
+    occupied: &'a [bool],
+    /// Cells with an occupied one among the 26 round them.
+    pub(super) lined: Vec<bool>,
+    gaps: Vec<bool>,
+    /// Cells that are outside, whatever the field.
+    outside: Vec<bool>,
+    /// Of each cell, its number among those whose u is looked for.
+    number: Vec<u32>,
+    /// These cells.
+    pub(super) cells: Vec<u32>,
+    /// Their u.
+    pub(super) u: Vec<f32>,
+}
+
+impl<'a> Field<'a> {
+    /// The field that is −1 on the cells `outside`.
+    pub fn new(block: &'a Block, occupied: &'a [bool], walls: &[u32], outside: Vec<bool>) -> Field<'a> {
+        let mut lined = vec![false; occupied.len()];
+        for step in block.around() {
+            walls.iter().for_each(|&wall| lined[(wall as usize).wrapping_add_signed(step)] = true);
+        }
+        let opposite: Vec<isize> = block.around().into_iter().filter(|step| *step > 0).collect();
+        let mut gaps = vec![false; occupied.len()];
+        for cell in (0..occupied.len()).filter(|&cell| lined[cell] && !occupied[cell] && !block.at_border(cell)) {
+            gaps[cell] = opposite
+                .iter()
+                .any(|&step| occupied[cell.wrapping_add_signed(step)] && occupied[cell.wrapping_add_signed(-step)]);
+        }
+        let mut field = Field {
+            block,
+            occupied,
+            lined,
+            gaps,
+            outside,
+            number: vec![NONE; occupied.len()],
+            cells: Vec::new(),
+            u: Vec::new(),
+        };
+        field.renumber();
+        field
+    }
+
+    fn renumber(&mut self) {
+        let before = std::mem::take(&mut self.u);
+        let mut cells = Vec::new();
+        let mut u = Vec::new();
+        for cell in 0..self.number.len() {
+            let old = std::mem::replace(&mut self.number[cell], NONE);
+            if !self.occupied[cell] && !self.outside[cell] {
+                self.number[cell] = cells.len() as u32;
+                cells.push(cell as u32);
+                u.push(before.get(old as usize).copied().unwrap_or(0.0));
+            }
+        }
+        (self.cells, self.u) = (cells, u);
+    }
+
+    /// The number of a cell, if its u is looked for.
+    pub(super) fn number(&self, cell: usize) -> Option<usize> {
+        Some(self.number[cell]).filter(|n| *n != NONE).map(|n| n as usize)
+    }
+
+    /// Whether a cell is free and outside.
+    pub(super) fn is_outside(&self, cell: usize) -> bool {
+        match self.number(cell) {
+            Some(number) => self.u[number] <= 0.0,
+            None => !self.occupied[cell],
+        }
+    }
+
+    fn weight(&self, a: usize, b: usize) -> f32 {
+        if self.gaps[a] | self.gaps[b] { GAP } else { 1.0 }
+    }
+
+    /// Finds the u that makes E least, from where it is. `pairs`: the free cells on both sides of the walls.
+    pub fn solve(&mut self, pairs: &[[u32; 2]]) {
+        let n = self.cells.len();
+        let strides = self.block.strides();
+        let (mut diagonal, mut b) = (vec![1e-9f32; n], vec![0f32; n]);
+        for (i, &cell) in self.cells.iter().enumerate() {
+            let cell = cell as usize;
+            for next in strides.into_iter().flat_map(|s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)]) {
+                if !self.occupied[next] {
+                    let weight = self.weight(cell, next);
+                    diagonal[i] += weight;
+                    if self.outside[next] {
+                        b[i] -= weight;
+                    }
+                }
+            }
+        }
+        let mut walls = Vec::with_capacity(pairs.len());
+        for &[one, other] in pairs {
+            match [one, other].map(|cell| self.number(cell as usize)) {
+                [Some(i), Some(j)] => {
+                    diagonal[i] += WALL;
+                    diagonal[j] += WALL;
+                    walls.push([i as u32, j as u32]);
+                }
+                [Some(i), None] | [None, Some(i)] => {
+                    diagonal[i] += WALL;
+                    b[i] += WALL;
+                }
+                [None, None] => {}
+            }
+        }
+        let mut u = std::mem::take(&mut self.u);
+        let product = |x: &[f32], out: &mut [f32]| {
+            for (i, &cell) in self.cells.iter().enumerate() {
+                let cell = cell as usize;
+                let mut sum = diagonal[i] * x[i];
+                for s in strides {
+                    for next in [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)] {
+                        let j = self.number[next];
+                        if j != NONE {
+                            sum -= self.weight(cell, next) * x[j as usize];
+                        }
+                    }
+                }
+                out[i] = sum;
+            }
+            for &[i, j] in &walls {
+                out[i as usize] += WALL * x[j as usize];
+                out[j as usize] += WALL * x[i as usize];
+            }
+        };
+        conjugate_gradients(product, &diagonal, &b, &mut u);
+        self.u = u;
+    }
+
+    /// Lets the outside into the components that are `bare` (by number), as far as it is `reached`.
+    pub fn open(&mut self, bare: &[bool], reached: &[bool]) {
+        for (&cell, bare) in self.cells.iter().zip(bare) {
+            self.outside[cell as usize] |= bare & reached[cell as usize];
+        }
+        self.renumber();
+    }
+
+    /// Gives all that is `bare` (by number) to the outside.
+    pub fn give_up(&mut self, bare: &[bool]) {
+        self.u.iter_mut().zip(bare).filter(|(_, bare)| **bare).for_each(|(u, _)| *u = -1.0);
+    }
+
+    /// The side of every cell.
+    pub fn sides(&self) -> Vec<Side> {
+        let side = |cell: usize| match self.number(cell) {
+            Some(number) if self.u[number] > 0.0 => Side::Inside,
+            None if self.occupied[cell] => Side::Wall,
+            _ => Side::Outside,
+        };
+        (0..self.occupied.len()).map(side).collect()
+    }
+}
+
+/// Solves A x = b for a positive definite A, given as its product with a vector, and its diagonal; from x on.
+fn conjugate_gradients(product: impl Fn(&[f32], &mut [f32]), diagonal: &[f32], b: &[f32], x: &mut [f32]) {
+    let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
+    let mut out = vec![0f32; b.len()];
+    product(x, &mut out);
+    let mut r: Vec<f32> = b.iter().zip(&out).map(|(b, a)| b - a).collect();
+    let mut p: Vec<f32> = r.iter().zip(diagonal).map(|(r, d)| r / d).collect();
+    let mut rz = dot(&r, &p);
+    let enough = TOLERANCE * TOLERANCE * dot(b, b);
+    for _ in 0..STEPS {
+        if dot(&r, &r) <= enough {
+            return;
+        }
+        product(&p, &mut out);
+        let alpha = (rz / dot(&p, &out)) as f32;
+        for i in 0..x.len() {
+            x[i] += alpha * p[i];
+            r[i] -= alpha * out[i];
+        }
+        let next = r.iter().zip(diagonal).map(|(r, d)| f64::from(*r) * f64::from(*r / *d)).sum::<f64>();
+        let beta = (next / rz) as f32;
+        rz = next;
+        for i in 0..x.len() {
+            p[i] = r[i] / diagonal[i] + beta * p[i];
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Sign: which free cells lie inside, by a field that changes its sign across every wall.
+//!
+//! A wall that bounds a body has the outside on one side and the inside on the other. So the field u wants to be smooth where nothing stands
+//! between two cells, and to turn its sign where a wall does. With u = −1 outside, it is the least of
+//!
+//! ```text
+//!   E(u) = Σ g_ij (u_i − u_j)²  over free cells that share a face  +  C Σ (u_a + u_b)²  over walls, a and b being the free cells on both sides
+//!
+//!   u = -1 (outside)    -1   -1        # occupied
+//!     # # # # # # . . # #              Round a whole body u is -1 outside and +1 inside, and E is 0, however folded the body is.
+//!     #  +1  +1  +.5 0 .5 #            In a hole u passes through 0: the body is closed there by a membrane that its walls hold,
+//!     #  +1  +1  +1  +1   #            whatever the hole's width. Where sampled walls face a concavity, they hold it open.
+//!     # # # # # # # # # # #
+//! ```
+//!
+//! No radius is looked for. E is quadratic; its least is found by conjugate gradients ([`field`]). The inside is where u > 0.
+//!
+//! *What is outside* to begin with: all that a ball as large as the largest hole reaches ([`rolling`]). On the concave side of a surface that is open that
+//! ball may not fit, and u may rise above 0 there. What is inside of a body is lined by its walls; what merely lies before a dome or on a floor is
+//! bare on its other side. So where too much of a component's border is bare, a smaller ball rolls in, until what is left is lined or gone ([`support`]).
+//!
+//! All of that happens on one level of the pyramid, whose cells are held whole: at most [`LONGEST`] along any axis, so that its memory is bounded.
+//! What is finer is decided where it is seen, by [`crate::stage::sides`].
+//!
+//! Source: the idea that an unsigned distance can be given signs by a Laplacian is that of P. Mullen et al., *Signing the Unsigned* (2010).
+
+mod block;
+mod distance;
+mod field;
+mod normal;
+mod outliers;
+mod rolling;
+mod support;
+
+use crate::context::Context;
+use crate::error::Result;
+use crate::grid::Cell;
+use crate::stage::raster::Occupancy;
+
+pub use self::block::Block;
+use self::field::Field;
+
+/// The most cells along any axis of a level that is held whole.
+pub const LONGEST: u32 = 128;
+
+/// The radius of the first ball, as a share of the longest side. A hole of a tenth of a sphere's surface is .6 of its side wide.
+const FIRST: f64 = 0.3;
+
+/// Each ball is so many times as large as the next.
+const STEP: f64 = std::f64::consts::SQRT_2;
+
+/// What a cell of the block is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Side {
+    /// Occupied: a wall.
+    Wall,
+    /// Free, and outside.
+    Outside,
+    /// Free, and inside.
+    Inside,
+}
+
+/// A level of the pyramid with the side of every cell.
+#[derive(Debug)]
+pub struct Signed {
+    /// The cells, [`block::PAD`] more on every side.
+    pub block: Block,
+    /// Of each cell of the block.
+    pub sides: Vec<Side>,
+    /// Occupied cells that belong to no surface, as indices of the block.
+    pub outliers: Vec<u32>,
+    /// Occupied cells that have the outside on both sides, of all that are walls.
+    pub two_sided: (u64, u64),
+}
+
+impl Signed {
+    /// Finds the sides on a level.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn find(occupancy: &Occupancy, context: &Context) -> Result<Signed> {
+        let (block, mut occupied) = Block::of(occupancy)?;
+        let outliers = outliers::take_out(&block, &mut occupied);
+        let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
+        let pairs = normal::pairs(&block, &occupied, &walls);
+        let longest = f64::from(occupancy.cells.into_iter().max().unwrap_or(1));
+        let mut radius = (FIRST * longest).max(2.0);
+        let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
+        loop {
+            context.workers.check_cancelled()?;
+            field.solve(&pairs);
+            let bare = support::bare(&field);
+            if !bare.iter().any(|&b| b) {
+                break;
+            }
+            radius /= STEP;
+            if radius < SMALLEST {
+                field.give_up(&bare);
+                break;
+            }
+            let reached = rolling::reached(&block, &occupied, radius);
+            field.open(&bare, &reached);
+        }
+        let sides = field.sides();
+        let two_sided = normal::two_sided(&pairs, &sides);
+        Ok(Signed { block, sides, outliers, two_sided })
+    }
+
+    /// The side of a cell of the level; beyond it, all is outside.
+    pub fn side(&self, cell: [i64; 3]) -> Side {
+        self.block.at(cell).map_or(Side::Outside, |index| self.sides[index])
+    }
+
+    /// Cells of the level along x, slices, rows.
+    pub fn cells(&self) -> Cell {
+        self.block.cells
+    }
+}
+
+/// A ball smaller than this, in cells, is no ball.
+const SMALLEST: f64 = 1.5;

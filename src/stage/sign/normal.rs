@@ -1,0 +1,114 @@
+//! Normals of walls, and the free cells on both sides of them.
+
+use super::Side;
+use super::block::Block;
+
+/// Squared radius of the ball whose occupied cells tell a wall's normal; and the one if there are too few in it.
+const NEAR: (i32, i32) = (5, 12);
+
+/// Fewer occupied cells in the smaller ball are too few.
+const ENOUGH: i64 = 7;
+
+/// How far a wall's sides are looked for, in half cells.
+const REACH: i32 = 8;
+
+/// The nearest free cells on both sides of the walls that have them, as indices of the block.
+pub fn pairs(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<[u32; 2]> {
+    let near = |squared| -> Vec<([i64; 3], isize)> {
+        Block::ball(squared).into_iter().map(|d| (d.map(i64::from), block.step(d))).collect()
+    };
+    let (near, wide) = (near(NEAR.0), near(NEAR.1));
+    let strides = block.strides();
+    let mut pairs = Vec::with_capacity(walls.len());
+    for &wall in walls {
+        let wall = wall as usize;
+        let mut moments = Moments::of(occupied, wall, &near);
+        if moments.count < ENOUGH {
+            moments = Moments::of(occupied, wall, &wide);
+        }
+        let normal = moments.normal();
+        let side = |sign: f64| {
+            (2..=REACH).find_map(|half| {
+                let t = sign * f64::from(half) / 2.0;
+                let step: isize = (0..3).map(|a| (t * normal[a]).round() as isize * strides[a]).sum();
+                let cell = wall.checked_add_signed(step)?;
+                (!occupied[cell]).then_some(cell as u32)
+            })
+        };
+        if let (Some(a), Some(b)) = (side(1.0), side(-1.0)) {
+            pairs.push([a, b]);
+        }
+    }
+    pairs
+}
+
+/// Of the walls' pairs, how many have the outside on both sides; and how many there are.
+pub fn two_sided(pairs: &[[u32; 2]], sides: &[Side]) -> (u64, u64) {
+    let outside = |cell: u32| sides[cell as usize] == Side::Outside;
+    (pairs.iter().filter(|[a, b]| outside(*a) && outside(*b)).count() as u64, pairs.len() as u64)
+}
+
+/// Sums over the offsets of occupied cells.
+struct Moments {
+    count: i64,
+    first: [i64; 3],
+    /// xx, yy, zz, xy, yz, zx.
+    second: [i64; 6],
+}
+
+impl Moments {
+    fn of(occupied: &[bool], wall: usize, near: &[([i64; 3], isize)]) -> Moments {
+        let mut sums = Moments { count: 0, first: [0; 3], second: [0; 6] };
+        for &([x, y, z], step) in near {
+            if occupied[wall.wrapping_add_signed(step)] {
+                sums.count += 1;
+                for (sum, d) in sums.first.iter_mut().zip([x, y, z]) {
+                    *sum += d;
+                }
+                for (sum, d) in sums.second.iter_mut().zip([x * x, y * y, z * z, x * y, y * z, z * x]) {
+                    *sum += d;
+                }
+            }
+        }
+        sums
+    }
+
+    /// The direction in which the cells spread least.
+    fn normal(&self) -> [f64; 3] {
+        let covariance = |product: usize, a: usize, b: usize| {
+            (self.count * self.second[product] - self.first[a] * self.first[b]) as f64
+        };
+        least_axis([
+            [covariance(0, 0, 0), covariance(3, 0, 1), covariance(5, 2, 0)],
+            [covariance(3, 0, 1), covariance(1, 1, 1), covariance(4, 1, 2)],
+            [covariance(5, 2, 0), covariance(4, 1, 2), covariance(2, 2, 2)],
+        ])
+    }
+}
+
+/// The eigenvector of a symmetric matrix's least eigenvalue, by Jacobi's rotations; of equal ones that of the first axis.
+fn least_axis(mut a: [[f64; 3]; 3]) -> [f64; 3] {
+    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    for _ in 0..6 {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            if a[p][q] == 0.0 {
+                continue;
+            }
+            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+            let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
+            let c = 1.0 / (t * t + 1.0).sqrt();
+            let s = t * c;
+            for row in &mut a {
+                (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
+            }
+            for k in 0..3 {
+                (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
+            }
+            for row in &mut v {
+                (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
+            }
+        }
+    }
+    let least = (1..3).fold(0, |least, i| if a[i][i] < a[least][least] { i } else { least });
+    [v[0][least], v[1][least], v[2][least]]
+}
