@@ -11,8 +11,8 @@ use crate::stage::dilate::Ball;
 use crate::stage::ground;
 use crate::stage::raster::Occupancy;
 use crate::stage::seal::{self, Pyramid};
-use crate::stage::sides::Sides;
-use crate::stage::sign::{self, Signed};
+use crate::stage::sides::{LAST, LAST_COARSE, Sides};
+use crate::stage::sign::{self, Seen, Signed};
 use crate::stage::solid::Solid;
 
 pub use crate::stage::seal::Closing;
@@ -97,7 +97,7 @@ pub fn close(
     let (solid, occupancy, closing, falls, two_sided) = match given {
         None => {
             let signed = close_signed(occupancy, context, &mut progress)?;
-            (signed.solid, signed.occupancy, Closing { level: 0, radius: 1 }, signed.level > 0, Some(signed.two_sided))
+            (signed.solid, signed.occupancy, Closing { level: 0, radius: 1 }, signed.falls, Some(signed.two_sided))
         }
         Some(_) => {
             let wanted = given.map(Closing::with_radius).expect("a radius is given");
@@ -159,68 +159,81 @@ pub fn close_below(
     Ok(Closed { solid, occupancy, closing, falls: false, sealing_radius: None, trials: Vec::new(), components: None })
 }
 
-/// A level whose occupied cells are fewer than this times those of the next coarser one is finer than the sampling: cells between samples are empty by
-/// chance. Of samples at random, 2.7 means cells of 1.3 sampling distances.
-const FILLED: f64 = 2.7;
+/// The side of the cells that the field is looked for on, in sampling distances, at the least.
+const COARSE: f64 = 1.3;
 
-/// A level with fewer cells than this along its longest axis shows no body.
-const SHORTEST: u32 = 8;
+/// The last ball's radius, in sampling distances.
+const BALL: f64 = 1.5;
 
 /// What the field's sign made of the cells.
 struct ClosedBySign {
     solid: Solid,
     occupancy: Occupancy,
-    level: u32,
+    falls: bool,
     two_sided: (u64, u64),
 }
 
+/// The side of a cell in sampling distances, from how many occupied cells there are for each one twice as large. Of samples at random on a surface that is
+/// q = exp(-r²/1.5) of its cells empty by chance, 4 / ((1 + q) (1 + q²)).
+fn side_in_samples(filling: f64) -> f64 {
+    const TABLE: [(f64, f64); 11] = [
+        (1.0, 0.1),
+        (1.09, 0.3),
+        (1.26, 0.5),
+        (1.45, 0.65),
+        (1.70, 0.8),
+        (2.09, 1.0),
+        (2.52, 1.2),
+        (2.73, 1.3),
+        (3.11, 1.5),
+        (3.72, 2.0),
+        (4.0, 3.0),
+    ];
+    let above = TABLE.iter().position(|(f, _)| *f > filling).unwrap_or(TABLE.len() - 1).max(1);
+    let ((f0, r0), (f1, r1)) = (TABLE[above - 1], TABLE[above]);
+    r0 + (r1 - r0) * ((filling - f0) / (f1 - f0)).clamp(0.0, 1.0)
+}
+
 /// Closes the occupied cells by the sign of a field on a coarse level ([`crate::stage::sign`]), and finer levels by what that says.
-fn close_signed(occupancy: Occupancy, context: &Context, progress: &mut dyn FnMut(u32)) -> Result<ClosedBySign> {
-    let mut levels: Vec<Occupancy> = Vec::new();
-    let longest = |occupancy: &Occupancy| occupancy.cells.into_iter().max().unwrap_or(1);
-    loop {
-        let last = levels.last().unwrap_or(&occupancy);
-        if longest(last) > sign::LONGEST {
-            levels.push(last.coarser(context)?);
-            continue;
+fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn FnMut(u32)) -> Result<ClosedBySign> {
+    let longest = occupancy.cells.into_iter().max().unwrap_or(1);
+    let least = longest.div_ceil(sign::LONGEST);
+    let levels = |occupancy: &Occupancy, count: u32| -> Result<Vec<Occupancy>> {
+        let mut levels = Vec::new();
+        while (levels.len() as u32) < count {
+            levels.push(levels.last().unwrap_or(occupancy).coarser(context)?);
         }
-        if longest(last) < 2 * SHORTEST {
-            break;
-        }
-        let coarser = last.coarser(context)?;
-        if last.occupied as f64 >= FILLED * coarser.occupied as f64 {
-            break;
-        }
-        levels.push(coarser);
+        Ok(levels)
+    };
+    let first = Seen::of(&occupancy, least)?;
+    if first.has_outliers() {
+        occupancy = occupancy.filtered(|cell| !first.is_outlier(cell.map(|c| c / least)), context)?;
     }
-    let level = levels.len() as u32;
-    let signed = Signed::find(levels.last().unwrap_or(&occupancy), context)?;
-    progress(longest(&occupancy));
-    let mut sides = Sides::signed(&signed, context)?;
-    let is_outlier = |cell: [u32; 3]| {
-        let parent = cell.map(|c| i64::from(c >> level));
-        let index = signed.block.at(parent).expect("cells of the level are in its block") as u32;
-        signed.outliers.binary_search(&index).is_ok()
-    };
-    let occupancy = if signed.outliers.is_empty() {
-        occupancy
-    } else {
-        let left = occupancy.filtered(|cell| !is_outlier(cell), context)?;
-        levels.clear();
-        while (levels.len() as u32) < level {
-            levels.push(levels.last().unwrap_or(&left).coarser(context)?);
-        }
-        left
-    };
+    drop(first);
+    let coarser = occupancy.coarser(context)?;
+    let side = side_in_samples(occupancy.occupied as f64 / coarser.occupied as f64);
+    let factor = (env("COARSE", COARSE) / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
+    let level = factor.ilog2();
+    let last = ((env("BALL", BALL) / side).powi(2) as u32).clamp(LAST, 64);
+    if std::env::var("DBG").is_ok() {
+        eprintln!("longest {longest} filling {:.2} side {side:.2} factor {factor} level {level} last {last}", occupancy.occupied as f64 / coarser.occupied as f64);
+    }
+    let seen = Seen::of(&occupancy, factor)?;
+    let signed = Signed::find(seen, context)?;
+    progress(longest);
+    drop(coarser);
+    let levels = levels(&occupancy, level)?;
+    let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
+    let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
     for l in (0..=level).rev() {
-        let here = if l == 0 { &occupancy } else { &levels[l as usize - 1] };
         if l < level {
-            sides = sides.refined(here, context)?;
+            sides = sides.refined(at(l), context)?;
         }
-        sides = sides.fallen(here, l, context, progress)?;
+        sides = sides.fallen(at(l), if l > 0 { LAST_COARSE.max(last >> (2 * l)) } else { last }, context, progress)?;
     }
-    let solid = Solid::between(&occupancy, &sides, context)?;
+    let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     let solid = solid.without_hollows(&occupancy, context)?;
-    Ok(ClosedBySign { solid, occupancy, level, two_sided: signed.two_sided })
+    Ok(ClosedBySign { solid, occupancy, falls: level > 0, two_sided: signed.two_sided })
 }
+fn env(name: &str, value: f64) -> f64 { std::env::var(name).ok().and_then(|t| t.parse().ok()).unwrap_or(value) }

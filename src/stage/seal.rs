@@ -24,7 +24,7 @@ use crate::error::Result;
 use crate::stage::dilate::{Ball, squared};
 use crate::stage::exterior::Exterior;
 use crate::stage::raster::Occupancy;
-use crate::stage::sides::Sides;
+use crate::stage::sides::{LAST, LAST_COARSE, Sides};
 use crate::stage::solid::Solid;
 
 /// The coarsest level is the first with no more cells than this along any axis. With half of that, the several jumps of a scan that lacks parts
@@ -157,9 +157,10 @@ impl<'a> Pyramid<'a> {
             if level < closing.level {
                 sides = sides.refined(occupancy, context)?;
             }
-            sides = sides.fallen(occupancy, level, context, &mut progress)?;
+            let last = if level > 0 { LAST_COARSE } else { LAST };
+            sides = sides.fallen(occupancy, last, context, &mut progress)?;
         }
-        let solid = Solid::between(self.finest, &sides, context)?;
+        let solid = Solid::between(self.finest, &sides, &Ball::new(1), context)?;
         drop(sides);
         let solid = solid.without_hollows(self.finest, context)?;
         progress(solid.cells[1]);

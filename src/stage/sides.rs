@@ -29,10 +29,10 @@ use crate::stage::sign::{Side, Signed};
 use crate::stage::walls::{INSIDE, OUTSIDE, Open};
 
 /// The last step's squared radius.
-const LAST: u32 = 2;
+pub const LAST: u32 = 2;
 
 /// On a coarser level the ball falls no further than to this squared radius: what is finer is seen better on the next level.
-const LAST_COARSE: u32 = 4;
+pub const LAST_COARSE: u32 = 4;
 
 /// The squared radius of the step after one of `squared`: half of it, but not past 4, and then the last. Smaller steps change nothing but the time.
 fn next(squared: u32) -> u32 {
@@ -71,48 +71,56 @@ impl Sides {
         Ok(Sides { padded, outside, inside, squared })
     }
 
-    /// The sides that a field's sign tells, of all free cells of its level.
+    /// The sides that a field's sign tells, on a level of the pyramid: a free cell has the side of the cell of `signed` that its middle lies in. `factor`: how
+    /// many cells of the grid one of `signed` is wide.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn signed(signed: &Signed, context: &Context) -> Result<Sides> {
-        let padded = Padded::new(signed.cells(), 1);
+    pub fn signed(signed: &Signed, factor: u32, occupancy: &Occupancy, level: u32, context: &Context) -> Result<Sides> {
+        // A cell that is free there is so for a ball of one of its cells at the least.
+        let squared = (factor >> level).max(1).pow(2);
+        let padded = Padded::new(occupancy.cells, Ball::squared(squared).radius());
         let pad = i64::from(padded.pad);
+        let parent = |c: u32| (((2 * (i64::from(c) - pad) + 1) << level) / 2).div_euclid(i64::from(factor));
         let [outside, inside] = stores(padded, 1, context, |slices| {
+            let (mut occupied, mut runs) = (padded.bits(), Runs::default());
             let mut bits = [padded.bits(), padded.bits()];
             let mut out: [Slices; 2] = Default::default();
-            for y in slices.map(i64::from) {
+            for y in slices {
                 bits.iter_mut().for_each(Bits::clear);
                 for z in 0..padded.cells[2] {
                     for x in 0..padded.cells[0] {
-                        match signed.side([i64::from(x) - pad, y - pad, i64::from(z) - pad]) {
+                        match signed.side([x, y, z].map(parent)) {
                             Side::Outside => bits[0].set(x, z),
                             Side::Inside => bits[1].set(x, z),
                             Side::Wall => {}
                         }
                     }
                 }
-                out.iter_mut().zip(&bits).for_each(|(out, bits)| out.push(bits));
+                padded.paint_occupied(occupancy, i64::from(y), &mut occupied, &mut runs)?;
+                for (out, bits) in out.iter_mut().zip(&mut bits) {
+                    bits.and_not(&occupied);
+                    out.push(bits);
+                }
             }
             Ok(out)
         })?;
-        Ok(Sides { padded, outside, inside, squared: 1 })
+        Ok(Sides { padded, outside, inside, squared })
     }
 
-    /// Lets the ball fall to the last step of this level; `progress` is told the slices of each step.
+    /// Lets the ball fall to the squared radius `last`; `progress` is told the slices of each step.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn fallen(
         mut self,
         occupancy: &Occupancy,
-        level: u32,
+        last: u32,
         context: &Context,
         progress: &mut dyn FnMut(u32),
     ) -> Result<Sides> {
-        let last = if level > 0 { LAST_COARSE } else { LAST };
         while self.squared > last {
-            let squared = next(self.squared);
+            let squared = next(self.squared).max(last);
             self = self.step(occupancy, squared, context)?;
             progress(occupancy.cells[1]);
         }

@@ -94,13 +94,13 @@ impl Solid {
         Ok(Solid::grown(occupancy, Grown::Exterior(exterior), ball, Wanted::Volume, context)?.volume)
     }
 
-    /// The solid between the two sides: the outside cells grown back by one cell, neither into an occupied cell nor into an inside
+    /// The solid between the two sides: the outside cells grown back by `ball`, neither into an occupied cell nor into an inside
     /// one; the rest is solid.
     ///
     /// # Errors
     /// As [`Solid::close`].
-    pub fn between(occupancy: &Occupancy, sides: &Sides, context: &Context) -> Result<Solid> {
-        Solid::grown(occupancy, Grown::Outside(sides), &Ball::new(1), Wanted::Slices, context)
+    pub fn between(occupancy: &Occupancy, sides: &Sides, ball: &Ball, context: &Context) -> Result<Solid> {
+        Solid::grown(occupancy, Grown::Outside(sides), ball, Wanted::Slices, context)
     }
 
     /// The volume that closing the occupied cells with `ball` gives, and how much of the shell encloses something: the faces that the shell

@@ -28,20 +28,21 @@ impl Block {
         Block { cells, width, slices, rows }
     }
 
-    /// The block of a level, and which of its cells are occupied.
+    /// The block of a level whose cells are taken together by `factor` along every axis, and which of its cells are occupied: those any of whose cells is.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn of(occupancy: &Occupancy) -> Result<(Block, Vec<bool>)> {
-        let block = Block::new(occupancy.cells);
+    pub fn of(occupancy: &Occupancy, factor: u32) -> Result<(Block, Vec<bool>)> {
+        let block = Block::new(occupancy.cells.map(|c| c.div_ceil(factor)));
         let mut occupied = vec![false; block.len()];
         let mut runs = Runs::default();
         for y in 0..occupancy.cells[1] {
             occupancy.store.read(y, &mut runs)?;
             for z in 0..runs.row_count() {
-                let first = block.index([0, y as usize, z as usize]);
+                let first = block.index([0, (y / factor) as usize, (z / factor) as usize]);
                 for run in runs.row(z) {
-                    occupied[first + run.start as usize..first + run.end as usize].fill(true);
+                    let cells = (run.start / factor) as usize..run.end.div_ceil(factor) as usize;
+                    occupied[first + cells.start..first + cells.end].fill(true);
                 }
             }
         }
@@ -64,6 +65,12 @@ impl Block {
         let inside = |c: i64, n: usize| (0..n as i64).contains(&c);
         (inside(x, self.width) && inside(y, self.slices) && inside(z, self.rows))
             .then(|| (y as usize * self.rows + z as usize) * self.width + x as usize)
+    }
+
+    /// The cell of the level that has an index.
+    pub fn cell(&self, index: usize) -> [usize; 3] {
+        let (x, rest) = (index % self.width, index / self.width);
+        [x, rest / self.rows, rest % self.rows].map(|c| c.saturating_sub(PAD))
     }
 
     /// Steps to the next cell along x, slices and rows.

@@ -166,14 +166,31 @@ impl<'a> Field<'a> {
         self.u.iter_mut().zip(bare).filter(|(_, bare)| **bare).for_each(|(u, _)| *u = -1.0);
     }
 
-    /// The side of every cell.
+    /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start, and else enclosed: inside.
     pub fn sides(&self) -> Vec<Side> {
-        let side = |cell: usize| match self.number(cell) {
-            Some(number) if self.u[number] > 0.0 => Side::Inside,
-            None if self.occupied[cell] => Side::Wall,
-            _ => Side::Outside,
-        };
-        (0..self.occupied.len()).map(side).collect()
+        let mut sides = vec![Side::Inside; self.occupied.len()];
+        let mut stack = Vec::new();
+        for (cell, side) in sides.iter_mut().enumerate() {
+            if self.occupied[cell] {
+                *side = Side::Wall;
+            } else if self.outside[cell] {
+                *side = Side::Outside;
+                stack.push(cell);
+            }
+        }
+        let strides = self.block.strides();
+        while let Some(cell) = stack.pop() {
+            if self.block.at_border(cell) {
+                continue;
+            }
+            for next in strides.into_iter().flat_map(|s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)]) {
+                if sides[next] == Side::Inside && self.is_outside(next) {
+                    sides[next] = Side::Outside;
+                    stack.push(next);
+                }
+            }
+        }
+        sides
     }
 }
 

@@ -61,6 +61,39 @@ pub enum Side {
     Inside,
 }
 
+/// A level of the pyramid, held whole, and which of its cells are walls.
+#[derive(Debug)]
+pub struct Seen {
+    block: Block,
+    occupied: Vec<bool>,
+    walls: Vec<u32>,
+    outliers: Vec<u32>,
+}
+
+impl Seen {
+    /// Looks at a level whose cells are taken together by `factor`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn of(occupancy: &Occupancy, factor: u32) -> Result<Seen> {
+        let (block, mut occupied) = Block::of(occupancy, factor)?;
+        let outliers = outliers::take_out(&block, &mut occupied);
+        let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
+        Ok(Seen { block, occupied, walls, outliers })
+    }
+
+    /// Whether there are outliers.
+    pub fn has_outliers(&self) -> bool {
+        !self.outliers.is_empty()
+    }
+
+    /// Whether a cell of the block is an outlier.
+    pub fn is_outlier(&self, cell: Cell) -> bool {
+        let index = self.block.index(cell.map(|c| c as usize));
+        self.outliers.binary_search(&(index as u32)).is_ok()
+    }
+}
+
 /// A level of the pyramid with the side of every cell.
 #[derive(Debug)]
 pub struct Signed {
@@ -79,12 +112,10 @@ impl Signed {
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn find(occupancy: &Occupancy, context: &Context) -> Result<Signed> {
-        let (block, mut occupied) = Block::of(occupancy)?;
-        let outliers = outliers::take_out(&block, &mut occupied);
-        let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
+    pub fn find(seen: Seen, context: &Context) -> Result<Signed> {
+        let Seen { block, occupied, walls, outliers } = seen;
         let pairs = normal::pairs(&block, &occupied, &walls);
-        let longest = f64::from(occupancy.cells.into_iter().max().unwrap_or(1));
+        let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
         let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
         loop {
