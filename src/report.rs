@@ -344,7 +344,8 @@ impl fmt::Display for Report {
                     format!("open on purpose, {boundary} boundary {loops}")
                 };
                 writeln!(f, "; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components))?;
-                writeln!(f, "         area {}, volume {}", short(check.area), short(check.volume))?;
+                let volume = check.volume.map_or_else(String::new, |volume| format!(", volume {}", short(volume)));
+                writeln!(f, "         area {}{volume}", short(check.area))?;
             }
         }
         let Counts { retreated, tangled, bridged_area, .. } = self.vertices;

@@ -124,7 +124,7 @@ pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
         None => None,
     };
 
-    let inside_out = |report: &CheckReport| is_inside_out(report.closed, report.volume);
+    let inside_out = |report: &CheckReport| is_inside_out(report.volume);
     let over = reference_checked.as_ref().is_some_and(inside_out) != inside_out(&checked);
     let comparing = Comparing { mesh: Source::Mesh(mesh), reference, over, room };
     let found = comparing.run(job, heat.as_mut(), progress)?;

@@ -44,8 +44,8 @@ pub struct MeshSide {
     pub triangles: u64,
     /// Surface area.
     pub area: f64,
-    /// Signed volume, relative to the centre of the box, which matters only for an open mesh.
-    pub volume: f64,
+    /// Signed volume; `None` if the mesh is not closed.
+    pub volume: Option<f64>,
     /// Whether every edge belongs to exactly two triangles.
     pub closed: bool,
 }
@@ -176,7 +176,7 @@ impl Comparison {
                 points: found.reference.places,
                 triangles: surface.map_or(0, |surface| surface.triangles),
                 area: surface.map(|surface| surface.area),
-                volume: surface.map(|surface| surface.volume),
+                volume: surface.and_then(|surface| surface.volume),
                 closed: surface.map(|surface| surface.closed),
             },
             longest_side,
@@ -187,7 +187,7 @@ impl Comparison {
                 along_normal: facing.and_then(|facing| facing.along.as_ref()).map(mse),
                 along_normal_missed: facing.map_or(0, |facing| facing.missed),
             },
-            avr: surface.and_then(|surface| avr([mesh.area, mesh.volume], [surface.area, surface.volume])),
+            avr: surface.and_then(|surface| avr([mesh.area, mesh.volume?], [surface.area, surface.volume?])),
             mesh_to_reference: MeshToReference {
                 centroids: distances(&found.mesh_centroids),
                 vertices: distances(&found.mesh_vertices),
@@ -202,8 +202,8 @@ impl Comparison {
 }
 
 /// Whether the normals of a mesh point inwards.
-pub(super) fn is_inside_out(closed: bool, volume: f64) -> bool {
-    closed && volume < 0.0
+pub(super) fn is_inside_out(volume: Option<f64>) -> bool {
+    volume.is_some_and(|volume| volume < 0.0)
 }
 
 /// Eq. 6, of areas and volumes. A mesh inside out has a negative volume, which is no error here.
@@ -216,7 +216,11 @@ fn avr([area, volume]: [f64; 2], [reference_area, reference_volume]: [f64; 2]) -
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let closed = |closed: bool| if closed { "closed" } else { "not closed" };
-        let inside_out = |closed, volume| if is_inside_out(closed, volume) { " (inside out)" } else { "" };
+        let measures = |area: f64, volume: Option<f64>| {
+            let inside_out = if is_inside_out(volume) { " (inside out)" } else { "" };
+            let volume = volume.map_or_else(String::new, |volume| format!(", volume {}{inside_out}", short(volume)));
+            format!("area {}{volume}", short(area))
+        };
         let MeshSide { path, vertices, triangles, area, volume, closed: is_closed } = &self.mesh;
         writeln!(f, "mesh       {}", path.display())?;
         writeln!(
@@ -226,11 +230,11 @@ impl fmt::Display for Comparison {
             thousands(*triangles),
             closed(*is_closed)
         )?;
-        writeln!(f, "           area {}, volume {}{}", short(*area), short(*volume), inside_out(*is_closed, *volume))?;
+        writeln!(f, "           {}", measures(*area, *volume))?;
         let ReferenceSide { path, points, triangles, area, volume, closed: is_closed, .. } = &self.reference;
         writeln!(f, "reference  {}", path.display())?;
-        match (area, volume, is_closed) {
-            (Some(area), Some(volume), Some(is_closed)) => {
+        match (area, is_closed) {
+            (Some(area), Some(is_closed)) => {
                 writeln!(
                     f,
                     "           taken as a mesh: {} vertices, {} triangles; {}",
@@ -238,13 +242,7 @@ impl fmt::Display for Comparison {
                     thousands(*triangles),
                     closed(*is_closed)
                 )?;
-                writeln!(
-                    f,
-                    "           area {}, volume {}{}",
-                    short(*area),
-                    short(*volume),
-                    inside_out(*is_closed, *volume)
-                )?;
+                writeln!(f, "           {}", measures(*area, *volume))?;
             }
             _ => writeln!(f, "           taken as a cloud: {} points", thousands(*points))?,
         }
@@ -303,7 +301,10 @@ impl fmt::Display for Comparison {
         }
         match self.avr {
             Some(avr) => write!(f, "AVR (Eq. 6), area by volume{:>21} %", short(avr)),
-            None => write!(f, "AVR (Eq. 6): none, as it takes an area and a volume of both"),
+            None => write!(
+                f,
+                "AVR (Eq. 6): none, as it takes an area and a volume of both, and only closed meshes have a volume"
+            ),
         }
     }
 }

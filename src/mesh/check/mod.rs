@@ -160,7 +160,7 @@ impl Check<'_> {
             components,
             genus: (closed && oriented && manifold).then(|| (components as i64 - euler / 2) as u64),
             area: sums.area,
-            volume: sums.volume_about(centre),
+            volume: closed.then(|| sums.volume_about(centre)),
             bounds,
             closed,
             oriented,

@@ -42,9 +42,8 @@ pub struct CheckReport {
     pub genus: Option<u64>,
     /// Surface area.
     pub area: f64,
-    /// Signed volume, positive if the triangles run counter-clockwise seen from outside; relative to the box's centre, which
-    /// matters only for an open mesh.
-    pub volume: f64,
+    /// Signed volume, positive if the triangles run counter-clockwise seen from outside; `None` if the mesh is not closed.
+    pub volume: Option<f64>,
     /// Smallest and largest coordinates of referenced, finite vertices; `None` if there are none.
     pub bounds: Option<[[f64; 3]; 2]>,
     /// Every edge belongs to exactly two triangles (and there is one).
@@ -100,7 +99,11 @@ impl fmt::Display for CheckReport {
         if let Some(genus) = self.genus {
             write!(f, ", genus {genus}")?;
         }
-        writeln!(f, "\narea {}, volume {}", self.area, self.volume)?;
+        write!(f, "\narea {}", self.area)?;
+        match self.volume {
+            Some(volume) => writeln!(f, ", volume {volume}")?,
+            None => writeln!(f)?,
+        }
         if let Some([low, high]) = self.bounds {
             let [a, b, c] = low;
             let [x, y, z] = high;

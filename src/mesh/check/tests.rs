@@ -82,7 +82,7 @@ fn a_tetrahedron_is_a_closed_oriented_manifold() {
     assert!(found.is_closed_oriented_manifold());
     assert_eq!((found.vertices, found.edges, found.triangles, found.euler), (4, 6, 4, 2));
     assert_eq!((found.components, found.genus), (1, Some(0)));
-    assert_eq!((found.volume, found.area), (4.5, 13.5 + 4.5 * 3f64.sqrt()));
+    assert_eq!((found.volume, found.area), (Some(4.5), 13.5 + 4.5 * 3f64.sqrt()));
     assert_eq!(found.bounds, Some([[0.0; 3], [3.0; 3]]));
     assert!(found.to_string().ends_with("closed, consistently oriented, manifold"), "{found}");
 }
@@ -94,7 +94,7 @@ fn a_torus_has_genus_one_and_its_volume() {
     assert!(found.is_closed_oriented_manifold());
     assert_eq!((found.euler, found.components, found.genus), (0, 1, Some(1)));
     let (area, volume) = (12.0 * std::f64::consts::PI.powi(2), 6.0 * std::f64::consts::PI.powi(2));
-    assert!((found.area / area - 1.0).abs() < 0.01 && (found.volume / volume - 1.0).abs() < 0.01);
+    assert!((found.area / area - 1.0).abs() < 0.01 && (found.volume.unwrap() / volume - 1.0).abs() < 0.01);
 }
 
 #[test]
@@ -161,7 +161,7 @@ fn positions_that_are_not_finite_are_counted_and_measured_around() {
     let found = report(&at, &TETRAHEDRON);
     assert_eq!(found.nonfinite_vertices, 2);
     assert!(found.closed && found.manifold && !found.is_closed_oriented_manifold());
-    assert!(found.area.is_finite() && found.volume.is_finite());
+    assert!(found.area.is_finite() && found.volume.unwrap().is_finite());
     assert_eq!(found.bounds, Some([[0.0; 3], [2.0, 4.0, 8.0]]));
 }
 
@@ -180,11 +180,19 @@ fn a_vertex_number_out_of_range_is_told() {
 }
 
 #[test]
+fn an_open_mesh_has_no_volume() {
+    let found = report(&positions(4), &TETRAHEDRON[..3]);
+    assert!(!found.closed && found.area > 0.0);
+    assert_eq!(found.volume, None);
+    assert!(found.to_string().contains("area") && !found.to_string().contains("volume"), "{found}");
+}
+
+#[test]
 fn volume_survives_coordinates_of_millions() {
     let (mut at, faces) = torus(30, 20);
-    let near = report(&at, &faces).volume;
+    let near = report(&at, &faces).volume.unwrap();
     at.iter_mut().for_each(|p| *p = [p[0] + 500_000.0, p[1] + 5_100_000.0, p[2] + 300.0]);
-    assert!((report(&at, &faces).volume / near - 1.0).abs() < 1e-9);
+    assert!((report(&at, &faces).volume.unwrap() / near - 1.0).abs() < 1e-9);
 }
 
 #[test]
