@@ -8,6 +8,9 @@
 //! ```
 
 use std::fmt;
+use std::path::Path;
+
+use crate::error::{Error, Result};
 
 /// The longest WKT read; real ones have some thousand bytes.
 pub const MAX_WKT: usize = 1 << 18;
@@ -87,6 +90,105 @@ impl Crs {
                 (.., (Some(a), Some(b))) => a == b,
                 _ => false,
             }
+    }
+}
+
+/// What the numbers of a reference system are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Axes {
+    /// Longitude and latitude.
+    Degrees,
+    /// Metres from the Earth's centre.
+    Geocentric,
+    /// Lengths on a map.
+    Map,
+}
+
+impl Crs {
+    /// What the system expects, if coordinates from `low` to `high` cannot be in it. Lengths on a map may be anything.
+    pub fn contradicted_by(&self, low: [f64; 3], high: [f64; 3]) -> Option<&'static str> {
+        /// From the deepest sea to beyond the highest mountain, in metres from the Earth's centre, with room.
+        const SURFACE: [f64; 2] = [6.3e6, 6.5e6];
+        let largest = |a: usize| low[a].abs().max(high[a].abs());
+        match self.axes()? {
+            // In any order, and in gradians, too.
+            Axes::Degrees if largest(0) > 400.0 || largest(1) > 400.0 => Some("degrees of longitude and latitude"),
+            Axes::Geocentric => {
+                let near: [f64; 3] = std::array::from_fn(|a| 0f64.clamp(low[a].min(high[a]), high[a].max(low[a])));
+                let far: [f64; 3] = std::array::from_fn(largest);
+                let length = |p: [f64; 3]| p.iter().map(|c| c * c).sum::<f64>().sqrt();
+                let outside = length(far) < SURFACE[0] || length(near) > SURFACE[1];
+                outside.then_some("metres from the centre of the Earth, some 6,370,000 away")
+            }
+            _ => None,
+        }
+    }
+
+    fn axes(&self) -> Option<Axes> {
+        let Some(wkt) = &self.wkt else {
+            // The usual ones.
+            return match self.epsg? {
+                4326 | 4979 | 4258 | 4937 | 4269 | 6319 | 6318 | 7844 | 7843 => Some(Axes::Degrees),
+                4978 | 4936 | 6317 | 7842 | 7789 | 9988 => Some(Axes::Geocentric),
+                _ => None,
+            };
+        };
+        // Of a compound system, the first part's: wherever a keyword stands that tells.
+        let upper = wkt.to_ascii_uppercase();
+        let found = [
+            "PROJCS",
+            "PROJCRS",
+            "PROJECTEDCRS",
+            "GEOCCS",
+            "GEODCRS",
+            "GEODETICCRS",
+            "GEOGCS",
+            "GEOGCRS",
+            "GEOGRAPHICCRS",
+            "LOCAL_CS",
+            "ENGCRS",
+        ]
+        .into_iter()
+        .filter_map(|keyword| {
+            let at = upper.match_indices(keyword).map(|(at, _)| at).find(|at| {
+                let before = upper[..*at].chars().next_back();
+                let after = upper[at + keyword.len()..].trim_start().chars().next();
+                !before.is_some_and(|c| c.is_ascii_alphanumeric() || c == '_' || c == '"')
+                    && matches!(after, Some('[' | '('))
+            })?;
+            Some((at, keyword))
+        })
+        .min();
+        match found?.1 {
+            "GEOCCS" => Some(Axes::Geocentric),
+            "GEODCRS" | "GEODETICCRS" if upper.contains("CS[CARTESIAN") => Some(Axes::Geocentric),
+            "GEODCRS" | "GEODETICCRS" | "GEOGCS" | "GEOGCRS" | "GEOGRAPHICCRS" => Some(Axes::Degrees),
+            "LOCAL_CS" | "ENGCRS" => None,
+            _ => Some(Axes::Map),
+        }
+    }
+
+    /// What `--crs` is told: `none`; an EPSG code; WKT, or a file that holds it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if it is none of these.
+    pub fn given(text: &str) -> Result<Option<Crs>> {
+        if text.eq_ignore_ascii_case("none") {
+            return Ok(None);
+        }
+        let crs = match Crs::parse(text).filter(|crs| crs.epsg.is_some() || crs.wkt.is_some()) {
+            Some(crs) => Some(crs),
+            None => {
+                let path = Path::new(text);
+                let file = path
+                    .is_file()
+                    .then(|| std::fs::read_to_string(path).map_err(Error::io(path, "read")))
+                    .transpose()?;
+                file.and_then(|text| Crs::parse(&text)).filter(|crs| crs.epsg.is_some() || crs.wkt.is_some())
+            }
+        };
+        let expected = "expected EPSG: and a code, WKT, the name of a file that holds WKT, or none";
+        crs.map(Some).ok_or_else(|| Error::Usage(format!("--crs {text}: {expected}")))
     }
 }
 
@@ -190,6 +292,47 @@ mod tests {
             assert_eq!((crs.epsg, crs.vertical, crs.to_string().as_str()), (epsg, vertical, printed), "{text}");
         }
         assert_eq!(Crs::parse(" \0"), None);
+    }
+
+    #[test]
+    fn coordinates_that_cannot_be_in_a_system_are_told() {
+        let utm = ([515_000.0, 5_420_000.0, 100.0], [516_000.0, 5_421_000.0, 200.0]);
+        let degrees = ([8.1, 48.9, 100.0], [8.2, 49.0, 200.0]);
+        let geocentric = ([4_146_000.0, 613_000.0, 4_791_000.0], [4_147_000.0, 614_000.0, 4_792_000.0]);
+        let geoccs = r#"GEOCCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],UNIT["metre",1]]"#;
+        let geodcrs =
+            r#"GEODCRS["WGS 84",DATUM["W",ELLIPSOID["W",6378137,298.2]],CS[Cartesian,3],LENGTHUNIT["metre",1]]"#;
+        let geogcs = r#"COMPD_CS["PROJCS",GEOGCS["WGS 84",DATUM["W",SPHEROID["W",6378137,298.2]]],VERT_CS["h"]]"#;
+        for (text, right, wrong) in [
+            (geoccs, vec![geocentric], vec![utm, degrees]),
+            (geodcrs, vec![geocentric], vec![utm, degrees]),
+            ("EPSG:4978", vec![geocentric], vec![utm, degrees]),
+            (geogcs, vec![degrees], vec![utm, geocentric]),
+            ("EPSG:4326", vec![degrees], vec![utm, geocentric]),
+            (COMPOUND, vec![utm, degrees, geocentric], vec![]),
+            ("EPSG:25832", vec![utm, degrees], vec![]),
+            ("my own system", vec![utm, degrees, geocentric], vec![]),
+        ] {
+            let crs = Crs::parse(text).unwrap();
+            for (low, high) in right {
+                assert_eq!(crs.contradicted_by(low, high), None, "{text} {low:?}");
+            }
+            for (low, high) in wrong {
+                assert!(crs.contradicted_by(low, high).is_some(), "{text} {low:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_system_is_given_by_code_text_file_or_not_at_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("site.prj");
+        std::fs::write(&path, COMPOUND).unwrap();
+        assert_eq!(Crs::given("none").unwrap(), None);
+        assert_eq!(Crs::given("EPSG:25832").unwrap().unwrap().epsg, Some(25832));
+        assert_eq!(Crs::given(COMPOUND).unwrap().unwrap().epsg, Some(26910));
+        assert_eq!(Crs::given(path.to_str().unwrap()).unwrap().unwrap().vertical, Some(5703));
+        assert!(Crs::given("somewhere").unwrap_err().to_string().contains("--crs somewhere: expected EPSG"));
     }
 
     #[test]

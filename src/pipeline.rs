@@ -410,7 +410,7 @@ fn origin(precision: Precision, bounds: &Bounds) -> [f64; 3] {
     if precision == Precision::Single || extent <= 0.0 {
         return [0.0; 3];
     }
-    let step = 10f64.powi(extent.log10().floor() as i32);
+    let step = 10f64.powi(libm::log10(extent).floor() as i32);
     std::array::from_fn(|a| {
         let near = bounds.min[a].abs().min(bounds.max[a].abs());
         let same_sign = (bounds.min[a] > 0.0) == (bounds.max[a] > 0.0);

@@ -120,7 +120,7 @@ fn asked(settings: &Settings, scale: f64) -> Asked {
 /// times as much.
 fn growth(last: f64, steps: f64) -> f64 {
     if last > 1.0 {
-        last.powf(steps.max(1.0).log2()).min(ROUGHEST)
+        libm::pow(last, libm::log2(steps.max(1.0))).min(ROUGHEST)
     } else {
         1.0 - (1.0 / last.max(0.5) - 1.0) * (1.0 - 1.0 / steps.max(1.0))
     }

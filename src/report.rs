@@ -11,6 +11,7 @@ use crate::grid::{Bounds, Grid};
 use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
 use crate::open::{Kind, Open};
+use crate::output::{Format, Positions};
 use crate::partition::REACH;
 use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
 use crate::plan::MemoryPlan;
@@ -165,6 +166,8 @@ pub struct OutputReport {
     pub triangles: u64,
     /// Added to the vertices, gives the input's coordinates.
     pub origin: [f64; 3],
+    /// Whether the file has the input's own coordinates, or is less the origin.
+    pub coordinates: Positions,
 }
 
 /// Memory and disk, planned and used.
@@ -368,6 +371,16 @@ impl fmt::Display for Report {
             writeln!(f, "         {} pairs of triangles still intersect", thousands(tangled))?;
         }
         writeln!(f, "output   {}, {}", self.output.path.display(), ByteSize(self.output.bytes))?;
+        if self.output.origin != [0.0; 3] {
+            let [x, y, z] = self.output.origin;
+            let how = match Format::from_path(&self.output.path) {
+                Ok(Format::Stl | Format::Glb) => {
+                    "32 bits would not hold them; .ply and .obj with --coordinates input do"
+                }
+                _ => "--coordinates input leaves them as they are",
+            };
+            writeln!(f, "         origin {x} {y} {z} taken off the coordinates: {how}")?;
+        }
         if let Some(preview) = &self.output.preview {
             writeln!(f, "preview  {}", preview.display())?;
         }
@@ -388,7 +401,7 @@ pub fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }
-    let magnitude = value.abs().log10().floor() as i32;
+    let magnitude = libm::log10(value.abs()).floor() as i32;
     if (-4..9).contains(&magnitude) {
         let text = format!("{value:.*}", (5 - magnitude).max(0) as usize);
         if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }

@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Instant;
 
+use crate::attribute::Wanted;
 use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
-use crate::output::{Filled, Positions, Target, Tiles};
+use crate::output::{self, Filled, Positions, Target, Tiles};
 use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
 use crate::plan::MemoryPlan;
 use crate::preview::{DrawnPreview, PlannedPreview, Preview};
@@ -38,8 +39,8 @@ pub struct Job {
     pub preview: Preview,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
-    /// Which coordinates the mesh file has.
-    pub positions: Positions,
+    /// Which coordinates the mesh file has; by default what is usual for its format.
+    pub positions: Option<Positions>,
     /// What the run may use.
     pub means: Means,
     /// Whether the mesh is checked before it gets its name.
@@ -57,7 +58,7 @@ impl Job {
             tile: None,
             preview: Preview::None,
             overwrite: Overwrite::Refuse,
-            positions: Positions::default(),
+            positions: None,
             means: Means::default(),
             check: Check::Always,
         }
@@ -74,6 +75,9 @@ pub struct Means {
     /// The folder for temporary files; by default `TMPDIR`, or else the output's folder.
     pub temp_dir: Option<PathBuf>,
 }
+
+/// Threads that may be asked for on any machine; more than a few for each processor only cost time and memory.
+const MOST_THREADS: usize = 256;
 
 /// Whether the mesh is checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -94,8 +98,15 @@ impl Means {
     /// The worker threads.
     ///
     /// # Errors
-    /// As [`Workers::new`].
+    /// [`Error::Usage`] for more threads than any machine could use; as [`Workers::new`].
     pub fn workers(&self) -> Result<Workers> {
+        let most = MOST_THREADS.max(4 * machine::processors());
+        if let Some(threads) = self.threads.filter(|threads| *threads > most) {
+            return Err(Error::Usage(format!(
+                "--threads {threads}: there are {} processors; at most {most} threads",
+                machine::processors()
+            )));
+        }
         Workers::new(self.threads.unwrap_or_else(machine::processors))
     }
 
@@ -118,6 +129,17 @@ fn default_output(inputs: &[PathBuf], files: &[PathBuf]) -> PathBuf {
     let named = inputs.first().filter(|input| input.exists() && input.file_name().is_some()).unwrap_or(&files[0]);
     let bare = Packing::named(named).filter(|_| named.is_file()).map(|(_, bare)| bare);
     bare.as_ref().unwrap_or(named).with_extension("mesh.ply")
+}
+
+/// The mesh's name for `inputs` that stand for `files`, if nobody gave it one.
+///
+/// # Errors
+/// [`Error::Usage`] if the first input is standard input.
+pub fn default_output_of(inputs: &[PathBuf], files: &[PathBuf]) -> Result<PathBuf> {
+    if inputs[0] == Path::new(STANDARD_INPUT) {
+        return Err(Error::Usage("standard input has no name that the mesh could have; pass --output".to_string()));
+    }
+    Ok(default_output(inputs, files))
 }
 
 /// What is known of a job before its first point is sorted.
@@ -143,6 +165,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     describe(&cloud, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    refuse_contradiction(&cloud, &surveyed)?;
     let budget = job.means.budget();
     let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget)?;
     let memory = pipeline::plan(&surveyed, workers, budget)?;
@@ -212,6 +235,30 @@ fn describe(cloud: &Cloud, progress: &Progress) {
     }
 }
 
+/// No mesh is put where its points cannot be.
+fn refuse_contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Result<()> {
+    match contradiction(cloud, surveyed) {
+        Some(words) => {
+            Err(Error::Usage(format!("{words}; name the right one with --crs, as in --crs EPSG:25832, or --crs none")))
+        }
+        None => Ok(()),
+    }
+}
+
+/// What a cloud's reference system says, if its coordinates say something else.
+pub fn contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Option<String> {
+    let bounds = &surveyed.survey.bounds;
+    let crs = cloud.crs()?;
+    let expected = crs.contradicted_by(bounds.min, bounds.max)?;
+    let [[a, b, c], [x, y, z]] = [bounds.min, bounds.max];
+    let path = cloud.sources().iter().find(|source| source.crs.is_some()).or(cloud.sources().first())?.path.display();
+    let head: String = crs.wkt.as_deref().unwrap_or_default().chars().take(60).collect();
+    let head = if head.is_empty() { head } else { format!(", {head}...") };
+    Some(format!(
+        "{path}: the reference system ({crs}{head}) expects {expected}, but coordinates go from {a} {b} {c} to {x} {y} {z}"
+    ))
+}
+
 /// No mesh takes the place of the points it is made from.
 fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
     let same = |path: &Path| matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);
@@ -233,16 +280,14 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let files = files(job)?;
     let output = match &job.output {
         Some(output) => output.clone(),
-        None if job.inputs[0] == Path::new(STANDARD_INPUT) => {
-            return Err(Error::Usage("standard input has no name that the mesh could have; pass --output".to_string()));
-        }
-        None => default_output(&job.inputs, &files),
+        None => default_output_of(&job.inputs, &files)?,
     };
     refuse_input_as_output(&files, &output)?;
+    let positions = Positions::of(&output, job.positions)?;
     // What can fail for want of room or rights fails now, not after the work.
     let mut target = match job.tile {
-        None => Place::File(Target::prepare(&output, job.overwrite, job.positions)?),
-        Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, job.positions)?),
+        None => Place::File(Target::prepare(&output, job.overwrite, positions)?),
+        Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, positions)?),
     };
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
     let workspace = job.means.workspace(&output)?;
@@ -250,6 +295,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
 
     describe(&cloud, progress);
     let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    refuse_contradiction(&cloud, &surveyed)?;
     // What the box alone lets expect may be too much.
     if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, job.means.budget()).is_err() {
         surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, job.means.budget())?;
@@ -261,7 +307,14 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
 
-    let header = header(&cloud, &surveyed, job, &made);
+    let mut header = header(&cloud, &surveyed, job, &made);
+    if job.input.attributes == Wanted::All {
+        for (name, value) in output::constant(&made.mesh, workers)? {
+            header.comments.push(format!("constant {name} {value}"));
+            header.constant.push(name);
+        }
+    }
+    let origin = if positions == Positions::Absolute { [0.0; 3] } else { made.origin };
     let mut checked = None;
     if job.check == Check::Always {
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
@@ -272,8 +325,11 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             0 => (work(), Ok(target)),
             _ => target.filled_meanwhile(&made.mesh, &header, workers, work),
         };
-        let report = report?;
+        let mut report = report?;
         target = filled?;
+        if let (Some(bounds), Positions::Absolute) = (&mut report.bounds, positions) {
+            bounds.iter_mut().for_each(|corner| (0..3).for_each(|a| corner[a] += made.origin[a]));
+        }
         let open = job.settings.open.is_some_and(|open| open.base.is_none());
         if !report.is_sound(open) {
             return Err(Error::CheckFailed(report.to_string()));
@@ -317,7 +373,8 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             bytes: written.bytes,
             vertices: made.mesh.vertex_count(),
             triangles: made.mesh.face_count(),
-            origin: made.origin,
+            origin,
+            coordinates: positions,
         },
         seconds: progress.times().iter().map(|(phase, time)| (*phase, time.as_secs_f64())).collect(),
         seconds_total: start.elapsed().as_secs_f64(),
@@ -372,6 +429,8 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
     let mut header = MeshHeader {
         crs: cloud.crs().cloned(),
+        sheet: job.settings.open.is_some_and(|open| open.base.is_none()),
+        constant: Vec::new(),
         origin: made.origin,
         comments: vec![
             format!("asra-stream {}", env!("CARGO_PKG_VERSION")),

@@ -268,7 +268,7 @@ pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_f
 fn points_to_a_cell(found: f64) -> f64 {
     let mut points = found;
     for _ in 0..STEPS {
-        points = found * (1.0 - (-points).exp());
+        points = found * (1.0 - libm::exp(-points));
     }
     // A lattice may have one point in each of its cells: no more than half of the cells are taken to have been missed.
     points.max(found / 2.0)

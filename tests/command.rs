@@ -3,6 +3,7 @@
 mod command {
     mod compare;
     pub mod folder;
+    mod outputs;
 }
 
 use std::io::{BufRead, BufReader};

@@ -9,7 +9,7 @@ use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
     PlanArguments, ReconstructArguments, RenderArguments, overwrite,
 };
-use super::{Exit, stop_on_signal};
+use super::{Exit, outputs, stop_on_signal};
 use crate::compare::compare;
 use crate::densify::densify;
 use crate::error::{Error, Result};
@@ -22,13 +22,14 @@ use crate::render;
 use crate::report::{GridReport, short};
 use crate::run::{Means, Planned, look, plan, run};
 use crate::survey::sampling_distance;
-use crate::whole::{Overwrite, WholeFile};
+use crate::whole::WholeFile;
 
 /// Does what the arguments say.
 ///
 /// # Errors
 /// Those of the work.
 pub fn execute(arguments: Arguments) -> Result<Exit> {
+    outputs::check(&arguments)?;
     match &arguments.command {
         None => reconstruct(&arguments.reconstruct),
         Some(Command::Plan(arguments)) => show_plan(arguments),
@@ -250,7 +251,7 @@ fn generate_cloud(arguments: &GenerateArguments) -> Result<Exit> {
 
 /// The report's file, created before the work.
 fn json_file(path: Option<&Path>) -> Result<Option<WholeFile>> {
-    path.map(|path| WholeFile::create(path, Overwrite::Replace)).transpose()
+    path.map(WholeFile::report).transpose()
 }
 
 fn write_json(file: WholeFile, report: &impl serde::Serialize) -> Result<()> {

@@ -2,6 +2,7 @@
 
 mod args;
 mod commands;
+mod outputs;
 mod sizes;
 
 use std::process::ExitCode;

@@ -227,7 +227,7 @@ fn side(a: Point, b: Point) -> f64 {
 /// The angle between two directions, in degrees, accurate for small ones, too.
 pub(super) fn angle(a: Point, b: Point) -> f64 {
     let (a, b) = (DVec3::from_array(a), DVec3::from_array(b));
-    a.cross(b).length().atan2(a.dot(b)).to_degrees()
+    libm::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
 #[cfg(test)]

@@ -150,7 +150,7 @@ impl FromStr for Shape {
 /// A normally distributed number: mean 0, standard deviation 1 (Marsaglia's polar method, of whose pair one is used).
 pub fn gaussian<R: Rng + ?Sized>(rng: &mut R) -> f64 {
     let ([u, _], square) = in_disc(rng);
-    u * (-2.0 * square.ln() / square).sqrt()
+    u * (-2.0 * libm::log(square) / square).sqrt()
 }
 
 /// Uniform in −½ … ½.
@@ -222,7 +222,7 @@ struct Frame {
 
 impl Frame {
     fn of_trefoil(t: f64) -> Frame {
-        let ((s2, c2), (s3, c3)) = ((2.0 * t).sin_cos(), (3.0 * t).sin_cos());
+        let ((s2, c2), (s3, c3)) = (libm::sincos(2.0 * t), libm::sincos(3.0 * t));
         // In the plane: radius r(t) = 2 + cos 3t at angle 2t; e points outwards, f along the angle.
         let (r, r1, r2) = (2.0 + c3, -3.0 * s3, -9.0 * c3);
         let planar = |e: f64, f: f64, z: f64| [e * c2 - f * s2, e * s2 + f * c2, z];

@@ -204,7 +204,7 @@ impl Grid {
             Resolution::Slices(_) | Resolution::K(_) => {
                 let s = match resolution {
                     Resolution::Slices(s) => f64::from(s),
-                    Resolution::K(k) => (k * (n as f64).cbrt()).floor().max(1.0),
+                    Resolution::K(k) => (k * libm::cbrt(n as f64)).floor().max(1.0),
                     Resolution::Cell(_) => unreachable!("handled above"),
                 };
                 if s > f64::from(CELLS_LIMIT) {

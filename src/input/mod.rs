@@ -80,6 +80,8 @@ pub struct InputOptions {
     pub attributes: Wanted,
     /// Which points count.
     pub filter: Filter,
+    /// The coordinate reference system, whatever files say: `Some(None)` if there is none.
+    pub crs: Option<Option<Crs>>,
 }
 
 /// Several files as one cloud.
@@ -183,6 +185,9 @@ impl Cloud {
             cloud.precision = cloud.precision.max(format.precision());
             cloud.sources.push(source);
             cloud.formats.push(format);
+        }
+        if let Some(given) = &options.crs {
+            cloud.sources.iter_mut().for_each(|source| source.crs.clone_from(given));
         }
         cloud.crs = common_crs(&cloud.sources)?;
         (cloud.unpacked, cloud.unpacked_later) = (unpacking.bytes(), unpacking.later());

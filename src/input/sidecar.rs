@@ -76,6 +76,10 @@ impl Sidecar {
     /// [`Error::Malformed`] if it is not as described above.
     pub fn beside(path: &Path) -> Result<Option<Sidecar>> {
         let path = Sidecar::path_for(path);
+        // Asked first: opening a pipe would wait for a writer.
+        if std::fs::metadata(&path).is_ok_and(|there| !there.is_file()) {
+            return Err(Error::io(&path, "read")(std::io::Error::other("it is not a regular file")));
+        }
         let file = match File::open(&path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             opened => opened.map_err(Error::io(&path, "open"))?,

@@ -53,6 +53,10 @@ pub struct MeshHeader {
     pub comments: Vec<String>,
     /// The input's coordinate reference system, if it tells it.
     pub crs: Option<Crs>,
+    /// Whether the surface is open, so that it is seen from both sides.
+    pub sheet: bool,
+    /// Attributes that are not written since all vertices have one value, which the comments tell.
+    pub constant: Vec<String>,
 }
 
 /// The origin that a line of text tells, as in `origin 512000 5403000 300`: the program's own meshes say so in comments.

@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::mesh::MeshSource;
 use crate::mesh::spool::MeshSpool;
 use crate::scalar::{Column, Endian, Reader, Scalar, reader};
+use crate::schedule::Workers;
 
 /// Vertices looked at, or written, at once.
 pub const BLOCK: usize = 1 << 15;
@@ -62,7 +63,48 @@ pub fn properties(job: &Job<'_>) -> Result<Vec<Property>> {
         };
         Property { name: name.to_string(), from, scalar, high, read: reader(from.scalar, Endian::NATIVE) }
     };
-    Ok(schema.attributes().iter().map(|a| property(&a.name, a.scalar)).collect())
+    let written = schema.attributes().iter().filter(|a| !job.header.constant.contains(&a.name));
+    Ok(written.map(|a| property(&a.name, a.scalar)).collect())
+}
+
+/// The attributes that all vertices of a mesh have with the same bits, and their values. A colour that changes in one of its three numbers changes.
+///
+/// # Errors
+/// Those of reading the mesh; [`crate::Error::Interrupted`].
+pub fn constant(mesh: &MeshSpool, workers: &Workers) -> Result<Vec<(String, f64)>> {
+    let (schema, vertices) = (mesh.schema(), mesh.vertex_count());
+    let stride = schema.stride();
+    if stride == 0 || vertices == 0 {
+        return Ok(Vec::new());
+    }
+    let first = records(mesh, 0, 1)?;
+    let columns: Vec<_> = schema.attributes().iter().filter_map(|a| schema.column(&a.name)).collect();
+    let differs = |record: &[u8], column: &Column| {
+        let bytes = column.offset..column.offset + column.scalar.bytes();
+        record[bytes.clone()] != first[bytes]
+    };
+    let mut changes = vec![false; columns.len()];
+    let look = |number: usize| {
+        let records = records(mesh, number as u64 * BLOCK as u64, BLOCK)?;
+        let changes = |column: &Column| records.chunks_exact(stride).any(|record| differs(record, column));
+        Ok(columns.iter().map(changes).collect::<Vec<bool>>())
+    };
+    let blocks = vertices.div_ceil(BLOCK as u64) as usize;
+    workers.in_order_range(workers.threads() + 1, blocks, look, |part| {
+        changes.iter_mut().zip(part).for_each(|(all, part)| *all |= part);
+        Ok(())
+    })?;
+    let names: Vec<&str> = schema.attributes().iter().map(|a| a.name.as_str()).collect();
+    let is_colour = |name: &&str| COLOURS.contains(name);
+    let coloured = names.iter().zip(&changes).any(|(name, changes)| is_colour(name) && *changes);
+    let kept = names
+        .iter()
+        .zip(&columns)
+        .zip(&changes)
+        .filter(|((name, _), changes)| !**changes && !(coloured && is_colour(name)));
+    Ok(kept
+        .map(|((name, column), _)| (name.to_string(), reader(column.scalar, Endian::NATIVE)(&first[column.offset..])))
+        .collect())
 }
 
 /// Where in 16 bits a colour lies.

@@ -6,10 +6,12 @@
 //!             JSON, padded with spaces to a multiple of 4
 //!   8 bytes   length of the binary chunk, "BIN\0"
 //!             positions, f32×3 each; colours, u8×4 or u16×4 each; other attributes, one after the other, 4 bytes each; vertex
-//!             numbers, u32×3 each
+//!             numbers, u16×3 or u32×3 each, padded to a multiple of 4
 //! ```
 //!
-//! Colours are the stored ones, without a conversion to linear light. Attributes of no more than 16 bits keep their type, with padding; others become
+//! Coordinates stand as in the input, less the origin; the scene's only node turns them so that y is up, as glTF has it, and moves them. Far origins stand there
+//! alone, so that positions stay small. Colours are converted to linear light, in 16 bits, as glTF has them. The material is no metal, and a sheet's has two sides.
+//! Vertex numbers are `u16` where they fit. Attributes of no more than 16 bits keep their type, with padding; others become
 //! `f32`, since glTF has no wider type for a vertex's attribute.
 //!
 //! Lengths are 32 bits wide, which limits the file to 4 GiB. A mesh without triangles becomes an empty scene, since glTF
@@ -29,9 +31,14 @@ const BLOCK: usize = 1 << 16;
 const ELEMENT: u64 = 12;
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
+const UNSIGNED_SHORT: u32 = 5123;
+/// The most vertices that are numbered in 16 bits: the last number has a meaning of its own.
+const MOST_SHORT: u64 = 65_535;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const TRIANGLES: u32 = 4;
+/// A quarter turn about x: glTF has y up, maps have z.
+pub const Z_UP_TO_Y_UP: [f64; 4] = [-std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
 
 pub(super) fn write(job: &mut Job) -> Result<()> {
     let mesh = job.mesh;
@@ -44,10 +51,12 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
     let mut json = scene(job.header, vertices, faces, bounds, &views).to_string().into_bytes();
     json.resize(json.len().next_multiple_of(4), b' ');
 
-    let binary = views.iter().map(|view| view.bytes * vertices).sum::<u64>() + ELEMENT * (vertices + faces);
+    let (number, short) = (number_bytes(vertices), vertices <= MOST_SHORT);
+    let indices = (3 * number * faces).next_multiple_of(4);
+    let binary = views.iter().map(|view| view.bytes * vertices).sum::<u64>() + ELEMENT * vertices + indices;
     let overhead = 12 + 8 + json.len() as u64 + 8;
     let Ok(length) = u32::try_from(overhead + binary) else {
-        let limit = (u64::from(u32::MAX) - overhead).saturating_sub(ELEMENT * vertices) / ELEMENT;
+        let limit = (u64::from(u32::MAX) - overhead).saturating_sub(ELEMENT * vertices) / (3 * number);
         return Err(Error::TooManyElements { count: faces, what: "triangles", limit, carrier: "a GLB file of 4 GiB" });
     };
     // An empty scene has no binary chunk.
@@ -74,7 +83,11 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
             let mut out = Vec::with_capacity(len * view.bytes as usize);
             for record in records.chunks_exact(mesh.schema().stride()) {
                 let start = out.len();
-                view.properties.iter().for_each(|property| view.scalar.put(property.value(record), &mut out));
+                for property in &view.properties {
+                    let value = property.value(record);
+                    let value = if view.kind == "VEC4" { linear(value / property.full()) } else { value };
+                    view.scalar.put(value, &mut out);
+                }
                 // Behind a colour: that it hides all.
                 out.resize(start + view.bytes as usize, if view.kind == "VEC4" { 0xff } else { 0 });
             }
@@ -84,8 +97,25 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
     job.put_blocks(faces, BLOCK, |first, len| {
         let mut numbers = vec![[0; 3]; len];
         mesh.read_faces(first, &mut numbers)?;
-        Ok(numbers.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect())
-    })
+        let numbers = numbers.as_flattened().iter();
+        Ok(match short {
+            true => numbers.flat_map(|v| (*v as u16).to_le_bytes()).collect(),
+            false => numbers.flat_map(|v| v.to_le_bytes()).collect(),
+        })
+    })?;
+    let padding = indices - 3 * number * faces;
+    job.put(&[0; 3][..padding as usize])
+}
+
+/// Bytes of a vertex number.
+fn number_bytes(vertices: u64) -> u64 {
+    if vertices <= MOST_SHORT { 2 } else { 4 }
+}
+
+/// The 16 bits of linear light for a stored colour, which is in sRGB, from 0 to 1.
+fn linear(colour: f64) -> f64 {
+    let light = if colour <= 0.04045 { colour / 12.92 } else { libm::pow((colour + 0.055) / 1.055, 2.4) };
+    (light * 65535.0).round()
 }
 
 /// Smallest and largest coordinates of all vertices, as they will be written: glTF asks for them in the JSON.
@@ -140,7 +170,8 @@ fn views(properties: &[Property]) -> Vec<View> {
     let coloured = colours.len() == 3 && colours.iter().all(light);
     let mut views = Vec::new();
     if coloured {
-        let scalar = colours[0].scalar;
+        // In eight bits, linear light would not tell dark colours apart.
+        let scalar = Scalar::U16;
         let (name, bytes) = ("COLOR_0".to_string(), 4 * scalar.bytes() as u64);
         views.push(View { name, properties: colours, scalar, kind: "VEC4", bytes });
     }
@@ -198,21 +229,25 @@ fn scene(header: &MeshHeader, vertices: u64, faces: u64, [low, high]: [[f32; 3];
         );
         at += length;
     }
-    let mut node = json!({ "mesh": 0, "translation": header.origin });
+    let [x, y, z] = header.origin;
+    let mut node = json!({ "mesh": 0, "rotation": Z_UP_TO_Y_UP, "translation": [x, z, 0.0 - y] });
     if let Some(crs) = &header.crs {
         node["extras"] = json!({ "crs": crs.to_string(), "wkt": crs.wkt, "epsg": crs.epsg });
     }
-    let (indices, length, target) = (accessors.len(), ELEMENT * faces, ELEMENT_ARRAY_BUFFER);
-    accessors.push(json!({ "bufferView": buffer_views.len(), "componentType": UNSIGNED_INT, "count": 3 * faces, "type": "SCALAR" }));
+    let (indices, length, target) = (accessors.len(), 3 * number_bytes(vertices) * faces, ELEMENT_ARRAY_BUFFER);
+    let kind = if vertices <= MOST_SHORT { UNSIGNED_SHORT } else { UNSIGNED_INT };
+    accessors
+        .push(json!({ "bufferView": buffer_views.len(), "componentType": kind, "count": 3 * faces, "type": "SCALAR" }));
     buffer_views.push(json!({ "buffer": 0, "byteOffset": at, "byteLength": length, "target": target }));
     json!({
         "asset": asset,
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
         "nodes": [node],
-        "meshes": [{ "primitives": [{ "attributes": attributes, "indices": indices, "mode": TRIANGLES }] }],
+        "meshes": [{ "primitives": [{ "attributes": attributes, "indices": indices, "material": 0, "mode": TRIANGLES }] }],
+        "materials": [{ "pbrMetallicRoughness": { "metallicFactor": 0 }, "doubleSided": header.sheet }],
         "accessors": accessors,
         "bufferViews": buffer_views,
-        "buffers": [{ "byteLength": at + ELEMENT * faces }],
+        "buffers": [{ "byteLength": at + length.next_multiple_of(4) }],
     })
 }

@@ -7,13 +7,13 @@
 //!
 //! | format | coordinates | triangles | attributes | origin | limit |
 //! |--------|-------------|-----------|------------|--------|-------|
-//! | PLY | `float` or `double`, as the mesh has them | `list uchar int` | properties | comment | 2³¹ − 1 vertices |
+//! | PLY | `float` or `double`, as the mesh has them; the input's own, unless the origin is to be taken off | `list uchar int` | properties | comment | 2³¹ − 1 vertices |
 //! | STL | `f32` | corners, not shared; with normals | none | 80-byte header | 2³² − 1 triangles |
-//! | OBJ | shortest decimals that read back exactly | from 1 | colours | comment | none |
-//! | GLB | `f32` | `u32` | `COLOR_0`, `_NAME` | node translation, `asset.extras` | 4 GiB |
+//! | OBJ | shortest decimals that, with the origin, read back exactly | from 1 | colours | comment | none |
+//! | GLB | `f32`, turned by the node so that y is up | `u16` or `u32` | `COLOR_0`, `_NAME` | node translation, `asset.extras` | 4 GiB |
 
 mod attributes;
-mod glb;
+pub(crate) mod glb;
 mod obj;
 mod ply;
 mod points;
@@ -25,7 +25,7 @@ mod tiles;
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::mesh::MeshHeader;
@@ -67,18 +67,54 @@ impl Format {
     }
 }
 
-pub use points::{CloudTarget, Description, FileKind};
-pub use tiles::Tiles;
+/// The names of the side-cars that a mesh may have beside it, by its format.
+pub fn beside(mesh: &Path) -> Vec<PathBuf> {
+    match Format::from_path(mesh) {
+        Ok(format) if sidecar::needed(format) => sidecar::paths(mesh).to_vec(),
+        _ => Vec::new(),
+    }
+}
 
-/// Which coordinates vertices are written with, where the format has a choice.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub use attributes::constant;
+pub use points::{CloudTarget, Description, FileKind};
+pub use tiles::{INDEX as TILE_INDEX, Tiles};
+
+/// Which coordinates vertices are written with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Positions {
     /// The mesh's own, in the input's precision, less the origin.
-    #[default]
     Shifted,
-    /// The input's, in double precision: PLY only.
+    /// The input's: PLY and OBJ.
     Absolute,
 }
+
+impl Positions {
+    /// What is chosen for a file of this name, or else what is usual: the input's own in PLY, where double precision holds them, and less the origin in
+    /// formats of 32 bits, and in OBJ, which most programs read in 32 bits.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the format cannot hold what is chosen, or is unknown.
+    pub fn of(path: &Path, chosen: Option<Positions>) -> Result<Positions> {
+        let format = Format::from_path(path)?;
+        match (chosen, format) {
+            (Some(Positions::Absolute), Format::Stl | Format::Glb) => Err(Error::Usage(format!(
+                "--coordinates input: {} has coordinates of 32 bits, which do not hold the input's own; .ply and .obj do",
+                path.display()
+            ))),
+            (Some(chosen), _) => Ok(chosen),
+            (None, Format::Ply) => Ok(Positions::Absolute),
+            (None, _) => Ok(Positions::Shifted),
+        }
+    }
+}
+
+/// The longest comment line: readers that other programs share take 1,024 bytes for a line of PLY, or less.
+const MOST_OF_A_LINE: usize = 200;
+/// The most lines of a reference system's text; of one that is longer, comments have the name alone.
+const MOST_WKT_LINES: usize = 64;
+/// Bytes of it in a line.
+const WKT_LINE: usize = 120;
 
 /// What was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -100,13 +136,11 @@ impl Target {
     /// Creates the temporary file beside `path`.
     ///
     /// # Errors
-    /// [`Error::Usage`] for an unknown extension, and absolute positions in other formats than PLY; those of [`WholeFile::create`], also for
+    /// [`Error::Usage`] for an unknown extension, and absolute positions in formats of 32 bits; those of [`WholeFile::create`], also for
     /// the side-cars that the format may need.
     pub fn prepare(path: &Path, overwrite: Overwrite, positions: Positions) -> Result<Target> {
         let format = Format::from_path(path)?;
-        if positions == Positions::Absolute && format != Format::Ply {
-            return Err(Error::Usage(format!("--ply-double: {} is no PLY file", path.display())));
-        }
+        let positions = Positions::of(path, Some(positions))?;
         if sidecar::needed(format)
             && overwrite == Overwrite::Refuse
             && let Some(there) = sidecar::paths(path).into_iter().find(|path| path.exists())
@@ -140,10 +174,15 @@ impl Target {
         let written = Written { bytes: job.bytes };
         drop(job);
         let beside = match sidecar::needed(self.format) {
-            true => sidecar::write(path, header, self.overwrite)?,
+            true => sidecar::write(path, header, positions, self.overwrite)?,
             false => Vec::new(),
         };
-        Ok(Filled { file: self.file, beside, written })
+        // What an older mesh of that name had beside it would be taken for this one's.
+        let mut stale = Vec::new();
+        if sidecar::needed(self.format) && self.overwrite == Overwrite::Replace {
+            stale = sidecar::paths(path).into_iter().filter(|old| beside.iter().all(|new| new.path() != old)).collect();
+        }
+        Ok(Filled { file: self.file, beside, stale, written })
     }
 }
 
@@ -152,6 +191,8 @@ impl Target {
 pub struct Filled {
     file: WholeFile,
     beside: Vec<WholeFile>,
+    /// Side-cars that must not stay.
+    stale: Vec<PathBuf>,
     written: Written,
 }
 
@@ -163,6 +204,9 @@ impl Filled {
     pub fn finish(self) -> Result<Written> {
         self.file.finish()?;
         self.beside.into_iter().try_for_each(WholeFile::finish)?;
+        for path in self.stale.iter().filter(|path| path.symlink_metadata().is_ok_and(|there| !there.is_dir())) {
+            std::fs::remove_file(path).map_err(Error::io(path, "remove the older mesh's side-car"))?;
+        }
         Ok(self.written)
     }
 }
@@ -179,7 +223,7 @@ pub fn write(
     workers: &Workers,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Written> {
-    Target::prepare(path, overwrite, Positions::Shifted)?.fill(mesh, header, workers, progress)?.finish()
+    Target::prepare(path, overwrite, Positions::of(path, None)?)?.fill(mesh, header, workers, progress)?.finish()
 }
 
 /// One file under way: what the formats share.
@@ -236,12 +280,27 @@ impl Job<'_> {
         let mut lines: Vec<String> = self.header.comments.iter().map(|comment| line(comment)).collect();
         if let Some(crs) = &self.header.crs {
             lines.push(line(&format!("crs {crs}")));
-            lines.extend(crs.wkt.as_ref().map(|wkt| line(&format!("wkt {wkt}"))));
+            lines.extend(crs.wkt.as_ref().map(|wkt| wkt_lines(&line(wkt))).unwrap_or_default());
         }
         if self.header.origin != [0.0; 3] && self.positions == Positions::Shifted {
             let [x, y, z] = self.header.origin;
             lines.push(format!("origin {x} {y} {z}"));
         }
+        for line in &mut lines {
+            line.truncate(line.floor_char_boundary(MOST_OF_A_LINE));
+        }
         lines
     }
+}
+
+/// A reference system's text in lines that any reader takes, without the runs of blanks that some writers put in; none if it is too long.
+fn wkt_lines(wkt: &str) -> Vec<String> {
+    let text = wkt.split_whitespace().collect::<Vec<_>>().join(" ");
+    let (mut rest, mut lines) = (text.as_str(), Vec::new());
+    while !rest.is_empty() {
+        let (piece, beyond) = rest.split_at(rest.floor_char_boundary(WKT_LINE));
+        lines.push(format!("wkt {piece}"));
+        rest = beyond;
+    }
+    if lines.len() > MOST_WKT_LINES { Vec::new() } else { lines }
 }

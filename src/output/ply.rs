@@ -23,7 +23,8 @@ pub(super) fn write(job: &mut Job) -> Result<()> {
         let limit = i32::MAX as u64;
         return Err(Error::TooManyElements { count: vertices, what: "vertices", limit, carrier: "a PLY file" });
     }
-    let absolute = (job.positions == Positions::Absolute).then_some(job.header.origin);
+    let moved = job.positions == Positions::Absolute && job.header.origin != [0.0; 3];
+    let absolute = moved.then_some(job.header.origin);
     let scalar = match job.mesh.precision() {
         Precision::Single if absolute.is_none() => "float",
         _ => "double",

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::Format;
+use super::{Format, Positions};
 use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::mesh::MeshHeader;
@@ -24,10 +24,10 @@ pub fn needed(format: Format) -> bool {
 ///
 /// # Errors
 /// [`Error::OutputExists`]; [`Error::Io`].
-pub fn write(mesh: &Path, header: &MeshHeader, overwrite: Overwrite) -> Result<Vec<WholeFile>> {
+pub fn write(mesh: &Path, header: &MeshHeader, positions: Positions, overwrite: Overwrite) -> Result<Vec<WholeFile>> {
     let [prj, offset] = paths(mesh);
     let [x, y, z] = header.origin;
-    let place = (header.origin != [0.0; 3]).then(|| format!("{x} {y} {z}\n"));
+    let place = (header.origin != [0.0; 3] && positions == Positions::Shifted).then(|| format!("{x} {y} {z}\n"));
     let texts = [(prj, header.crs.as_ref().map(projection)), (offset, place)];
     let mut files = Vec::new();
     for (path, text) in texts {

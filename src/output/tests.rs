@@ -9,6 +9,8 @@ use crate::mesh::spool::FaceRecord;
 use crate::points::Precision;
 use crate::spool::Workspace;
 
+const ORIGIN: [f64; 3] = [500_000.25, -0.1, 0.0];
+
 type Elements = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
 /// A strip of `n` squares over coordinates that no short decimal has.
@@ -34,10 +36,11 @@ fn elements(mesh: &dyn MeshSource) -> Elements {
 }
 
 fn write_to(path: &Path, mesh: &MeshSpool, threads: usize) -> Written {
-    let header = MeshHeader { origin: [500_000.25, -0.1, 0.0], comments: vec!["two\nlines".into()], crs: None };
+    let header = MeshHeader { origin: ORIGIN, comments: vec!["two\nlines".into()], ..MeshHeader::default() };
     let mut told = 0;
     let workers = Workers::new(threads).unwrap();
-    let written = write(mesh, &header, path, Overwrite::Replace, &workers, &mut |done| told = done).unwrap();
+    let target = Target::prepare(path, Overwrite::Replace, Positions::Shifted).unwrap();
+    let written = target.fill(mesh, &header, &workers, &mut |done| told = done).unwrap().finish().unwrap();
     let faces = mesh.face_count();
     assert!(told == faces || told == faces + mesh.vertex_count());
     assert_eq!(written.bytes, std::fs::metadata(path).unwrap().len());
@@ -75,6 +78,12 @@ fn every_writer_is_read_back() {
                     // Shortest decimals of an `f32` name that `f32`, not that `f64`.
                     vertices.iter_mut().for_each(|v| *v = v.map(|c| f64::from(c as f32)));
                 }
+                if name == "m.OBJ" && precision == Precision::Double {
+                    // With the origin added, they are the same.
+                    let whole = |v: &[f64; 3]| [0, 1, 2].map(|a| v[a] + ORIGIN[a]);
+                    assert!(vertices.iter().map(whole).eq(expected.0.iter().map(whole)));
+                    vertices.clone_from(&expected.0);
+                }
                 assert!((&vertices, &faces) == (&expected.0, &expected.1), "{name} at {in_memory}");
             }
         }
@@ -88,7 +97,7 @@ fn a_file_that_is_full_has_no_name_until_it_is_finished() {
     let dir = tempfile::tempdir().unwrap();
     let workspace = Workspace::new(dir.path()).unwrap();
     let mesh = spool(&strip(10), Precision::Single, &workspace);
-    let header = MeshHeader { origin: [0.0, 1.0, 2.0], crs: None, comments: vec![] };
+    let header = MeshHeader { origin: [0.0, 1.0, 2.0], ..MeshHeader::default() };
     let path = dir.path().join("m.obj");
     let count = || std::fs::read_dir(dir.path()).unwrap().count();
     let fill = || {
@@ -119,7 +128,7 @@ fn origin_and_comments_stand_in_the_file() {
     assert!(text("m.ply").starts_with(ply));
     assert!(text("m.obj").starts_with("# two lines\n# origin 500000.25 -0.1 0\nv 0 -0 0\nv 0 -0.00000011 1000\n"));
     assert!(text("m.stl").starts_with("origin 500000.25 -0.1 0   "));
-    assert!(text("m.glb").contains("\"translation\":[500000.25,-0.1,0.0]"));
+    assert!(text("m.glb").contains("\"translation\":[500000.25,0.0,0.1]"));
 }
 
 #[test]
@@ -167,14 +176,16 @@ fn where_a_mesh_lies_is_told_in_it_or_beside_it() {
     let workspace = Workspace::new(dir.path()).unwrap();
     let mesh = spool(&strip(3), Precision::Double, &workspace);
     let wkt = r#"PROJCS["UTM 32N",AUTHORITY["EPSG","25832"]]"#;
-    let header = MeshHeader { origin: [500_000.0, 5.4e6, 0.0], comments: vec![], crs: crate::crs::Crs::parse(wkt) };
+    let crs = crate::crs::Crs::parse(wkt);
+    let header = MeshHeader { origin: [500_000.0, 5.4e6, 0.0], crs, ..MeshHeader::default() };
     let workers = Workers::new(1).unwrap();
     let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
     let text = |name: &str| String::from_utf8_lossy(&read(name)).into_owned();
-    let write = |name: &str, positions| {
-        let target = Target::prepare(&dir.path().join(name), Overwrite::Refuse, positions)?;
-        target.fill(&mesh, &header, &workers, &mut |_| ())?.finish()
+    let put = |name: &str, positions, overwrite, header: &MeshHeader| {
+        let target = Target::prepare(&dir.path().join(name), overwrite, positions)?;
+        target.fill(&mesh, header, &workers, &mut |_| ())?.finish()
     };
+    let write = |name: &str, positions| put(name, positions, Overwrite::Refuse, &header);
     for name in ["m.ply", "m.glb", "m.obj"] {
         write(name, Positions::Shifted).unwrap();
         assert!(text(name).contains("EPSG:25832"), "{name}");
@@ -192,6 +203,130 @@ fn where_a_mesh_lies_is_told_in_it_or_beside_it() {
     let moved: Vec<[f64; 3]> = own.iter().map(|p| [0, 1, 2].map(|a| p[a] + header.origin[a])).collect();
     assert_eq!(absolute, (moved, faces));
     assert!(matches!(write("a.glb", Positions::Absolute), Err(Error::Usage(_))));
+    assert!(matches!(write("a.stl", Positions::Absolute), Err(Error::Usage(_))));
+    write("b.obj", Positions::Absolute).unwrap();
+    assert_eq!(elements(&*open(&dir.path().join("b.obj"), &workspace, 1 << 20).unwrap()), absolute);
+    assert!(dir.path().join("b.prj").exists() && !dir.path().join("b_offset.xyz").exists());
+
+    // A mesh that takes the place of another does not lie where that one lay.
+    put("m.obj", Positions::Shifted, Overwrite::Replace, &MeshHeader::default()).unwrap();
+    assert!(!dir.path().join("m.prj").exists() && !dir.path().join("m_offset.xyz").exists());
+}
+
+/// Reads a PLY header as RPly does, which CloudCompare and Open3D share: words of at most 255 characters, lines of less than 1,024, a comment as a line.
+fn read_as_rply(bytes: &[u8]) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut rest = bytes;
+    loop {
+        let end = rest.iter().position(|b| *b == b'\n').expect("a line end");
+        let line = std::str::from_utf8(&rest[..end]).unwrap();
+        assert!(line.len() < 500, "Line too long: {line}");
+        let comment = line.starts_with("comment ");
+        assert!(comment || line.split(' ').all(|word| word.len() < 256));
+        lines.push(line.to_string());
+        rest = &rest[end + 1..];
+        if line == "end_header" {
+            return lines;
+        }
+    }
+}
+
+#[test]
+fn headers_stay_within_what_strict_readers_take() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let mesh = spool(&strip(3), Precision::Double, &workspace);
+    let wkt = |parts: usize| {
+        let parameters = ",      PARAMETER[\"Latitude of örigin\",   49.0]".repeat(parts);
+        format!("PROJCS[\"{}\"{parameters},AUTHORITY[\"EPSG\",\"6341\"]]", "long name ".repeat(40))
+    };
+    let path = dir.path().join("m.ply");
+    for (parts, whole) in [(30, true), (4000, false)] {
+        let crs = crate::crs::Crs::parse(&wkt(parts));
+        assert!(crs.is_some());
+        let header = MeshHeader { crs, comments: vec!["c".repeat(3000)], ..MeshHeader::default() };
+        let target = Target::prepare(&path, Overwrite::Replace, Positions::Absolute).unwrap();
+        target.fill(&mesh, &header, &Workers::new(1).unwrap(), &mut |_| ()).unwrap().finish().unwrap();
+        let lines = read_as_rply(&std::fs::read(&path).unwrap());
+        assert!(lines.len() < 100 && lines.iter().any(|line| line.starts_with("comment crs EPSG:6341")));
+        let text: String = lines.iter().filter_map(|line| line.strip_prefix("comment wkt ")).collect();
+        let bare = |text: &str| text.split_whitespace().collect::<String>();
+        assert_eq!(bare(&text), if whole { bare(&wkt(parts)) } else { String::new() });
+    }
+}
+
+#[test]
+fn a_glb_is_as_viewers_expect_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let workers = Workers::new(2).unwrap();
+    let path = dir.path().join("m.glb");
+    for (squares, sheet, short) in [(1u32, true, true), (32_766, false, true), (32_767, false, false)] {
+        let strip = strip(squares);
+        let mesh = spool(&strip, Precision::Single, &workspace);
+        let header = MeshHeader { origin: [470_620.0, 3_810_220.0, 2270.0], sheet, ..MeshHeader::default() };
+        write(&mesh, &header, &path, Overwrite::Replace, &workers, &mut |_| ()).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let scene: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+        assert_eq!(bytes.len() as u64, u64::from(u32::from_le_bytes(bytes[8..12].try_into().unwrap())));
+        let indices = &scene["accessors"][1];
+        assert_eq!(indices["componentType"], if short { 5123 } else { 5125 });
+        let [view, buffer] =
+            [&scene["bufferViews"][1], &scene["buffers"][0]].map(|v| v["byteLength"].as_u64().unwrap());
+        assert_eq!(view, u64::from(squares) * 6 * if short { 2 } else { 4 });
+        assert!(buffer.is_multiple_of(4) && 28 + length as u64 + buffer == bytes.len() as u64);
+        let material = &scene["materials"][0];
+        assert_eq!(
+            (&material["doubleSided"], &material["pbrMetallicRoughness"]["metallicFactor"]),
+            (&sheet.into(), &0.into())
+        );
+        assert_eq!(scene["meshes"][0]["primitives"][0]["material"], 0);
+
+        // North lies away from the viewer, and up is up.
+        let node = &scene["nodes"][0];
+        let [x, y, z, w]: [f64; 4] = serde_json::from_value(node["rotation"].clone()).unwrap();
+        let turn = glam::DQuat::from_xyzw(x, y, z, w);
+        let near = |a: glam::DVec3, b: [f64; 3]| (a - glam::DVec3::from(b)).length() < 1e-9;
+        assert!(near(turn * glam::DVec3::Z, [0.0, 1.0, 0.0]) && near(turn * glam::DVec3::Y, [0.0, 0.0, -1.0]));
+        let moved: [f64; 3] = serde_json::from_value(node["translation"].clone()).unwrap();
+        assert_eq!(moved, [470_620.0, 2270.0, -3_810_220.0]);
+        let read = open(&path, &workspace, 1 << 24).unwrap();
+        assert_eq!((read.origin(), elements(&*read).1), (header.origin, strip.1));
+    }
+}
+
+#[test]
+fn attributes_that_never_change_are_found() {
+    use crate::attribute::{Attribute, Schema};
+    use crate::scalar::Scalar;
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let names = [
+        ("red", Scalar::U8),
+        ("green", Scalar::U8),
+        ("blue", Scalar::U8),
+        ("class", Scalar::U8),
+        ("gps_time", Scalar::F64),
+    ];
+    let schema = Schema::new(names.map(|(name, scalar)| Attribute::new(name, scalar)).to_vec());
+    let strip = strip(40_000);
+    for (red, time, found) in [(7, 1.5, "red green blue class gps_time"), (8, 1.5, "class gps_time"), (8, 2.5, "class")]
+    {
+        let mut mesh = MeshSpool::with_attributes(&workspace, Precision::Single, schema.clone(), 1 << 20);
+        mesh.append_vertices(&strip.0).unwrap();
+        for number in 0..strip.0.len() {
+            // One that differs, far behind the first.
+            let last = number == 70_001;
+            let mut record = vec![if last { red } else { 7 }, 3, 4, 2];
+            record.extend(f64::to_ne_bytes(if last { time } else { 1.5 }));
+            mesh.append_attributes(&record).unwrap();
+        }
+        let constant = constant(&mesh, &Workers::new(2).unwrap()).unwrap();
+        let names: Vec<&str> = constant.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names.join(" "), found);
+        assert!(constant.iter().any(|(name, value)| name == "class" && *value == 2.0));
+    }
 }
 
 #[test]

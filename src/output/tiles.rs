@@ -26,6 +26,9 @@ use crate::mesh::{MeshHeader, MeshSource};
 use crate::schedule::Workers;
 use crate::spool::{Spool, Workspace};
 
+/// The file of a folder of tiles that lists them.
+pub const INDEX: &str = "index.json";
+
 /// Triangles sorted at a time.
 const BLOCK: usize = 1 << 15;
 /// The most tiles: more files than that in one folder serve nobody.
@@ -70,9 +73,7 @@ impl Tiles {
         if !matches!(format, Format::Ply | Format::Glb) {
             return Err(Error::Usage(format!("--tile: {} names no PLY or GLB files", output.display())));
         }
-        if positions == Positions::Absolute && format != Format::Ply {
-            return Err(Error::Usage(format!("--ply-double: {} is no PLY file", output.display())));
-        }
+        let positions = Positions::of(output, Some(positions))?;
         let path = Self::path(output);
         if overwrite == Overwrite::Refuse && path.exists() {
             return Err(Error::OutputExists(path));
@@ -128,7 +129,7 @@ impl Tiles {
         let index = json!({
             "version": 1, "side": self.side, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
         });
-        let path = self.folder.path().join("index.json");
+        let path = self.folder.path().join(INDEX);
         let text = serde_json::to_vec_pretty(&index).expect("numbers and text are JSON");
         written.bytes += text.len() as u64;
         std::fs::File::create_new(&path)

@@ -150,7 +150,7 @@ pub fn unpack_normal(packed: u32) -> Option<Vec3> {
 static LINEAR: std::sync::LazyLock<[f32; 256]> = std::sync::LazyLock::new(|| {
     std::array::from_fn(|i| {
         let c = i as f64 / 255.0;
-        (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
+        (if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) }) as f32
     })
 });
 
@@ -163,7 +163,7 @@ pub fn linear(colour: [u8; 3]) -> Vec3 {
 /// The sRGB value nearest to a linear one.
 pub fn encode(light: f32) -> u8 {
     let c = light.clamp(0.0, 1.0);
-    let value = if c <= 0.003_130_8 { c * 12.92 } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
+    let value = if c <= 0.003_130_8 { c * 12.92 } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 };
     (value * 255.0 + 0.5) as u8
 }
 

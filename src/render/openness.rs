@@ -49,11 +49,11 @@ impl Openness {
             let turn = (pixel * 7 % 16) as f32 / 16.0;
             let nearer = (pixel * 11 % 16) as f32 / 16.0;
             for line in 0..LINES {
-                let (sin, cos) = (std::f32::consts::PI * (line as f32 + turn) / LINES as f32).sin_cos();
+                let (sin, cos) = libm::sincosf(std::f32::consts::PI * (line as f32 + turn) / LINES as f32);
                 for step in 0..STEPS {
-                    let distance = (reach / GROWTH.powf((STEPS - 1 - step) as f32 + nearer)).max(1.0);
+                    let distance = (reach / libm::powf(GROWTH, (STEPS - 1 - step) as f32 + nearer)).max(1.0);
                     let (x, y) = ((cos * distance).round(), (sin * distance).round());
-                    looks.push((x as i32, y as i32, 1.0 / x.hypot(y)));
+                    looks.push((x as i32, y as i32, 1.0 / libm::hypotf(x, y)));
                 }
             }
         }

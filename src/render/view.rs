@@ -113,8 +113,8 @@ impl View {
 
     /// The view from a direction, where z is up, in whole degrees.
     pub fn from_direction([x, y, z]: [f64; 3]) -> View {
-        let azimuth = y.atan2(x).to_degrees().round().rem_euclid(360.0);
-        View::from_angles(azimuth, z.atan2(x.hypot(y)).to_degrees().round())
+        let azimuth = libm::atan2(y, x).to_degrees().round().rem_euclid(360.0);
+        View::from_angles(azimuth, libm::atan2(z, libm::hypot(x, y)).to_degrees().round())
     }
 
     /// Its frame, in the mesh's coordinates.
@@ -157,7 +157,7 @@ fn sin_cos(degrees: f64) -> (f64, f64) {
         90.0 => (1.0, 0.0),
         180.0 => (0.0, -1.0),
         270.0 => (-1.0, 0.0),
-        degrees => degrees.to_radians().sin_cos(),
+        degrees => libm::sincos(degrees.to_radians()),
     }
 }
 

@@ -10,6 +10,7 @@ pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, Rende
 use super::sizes;
 use crate::attribute::Wanted;
 use crate::closing::Sealing;
+use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
@@ -63,6 +64,15 @@ pub enum Command {
     Generate(GenerateArguments),
 }
 
+/// Which coordinates a mesh has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CoordinatesWord {
+    /// The input's own.
+    Input,
+    /// Less an origin.
+    Local,
+}
+
 /// Arguments of a reconstruction.
 #[derive(Debug, Args)]
 pub struct ReconstructArguments {
@@ -81,9 +91,10 @@ pub struct ReconstructArguments {
     /// Draw a picture of the mesh, too [default: the mesh's name with .png]
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     pub preview: Option<Option<PathBuf>>,
-    /// Write the input's own coordinates in double precision, without an origin: PLY only
-    #[arg(long)]
-    pub ply_double: bool,
+    /// Which coordinates the mesh has: the input's own, in double precision, or local ones, less a round origin that the file, or one beside it, tells [default:
+    /// input for PLY, local for OBJ, STL and GLB]
+    #[arg(long, value_name = "KIND", value_enum)]
+    pub coordinates: Option<CoordinatesWord>,
     /// Do not check the mesh at the end
     #[arg(long)]
     pub no_check: bool,
@@ -117,6 +128,9 @@ pub struct CloudArguments {
     /// What is carried from points to the mesh's vertices: all that files have (but normals), none, or a list such as rgb,intensity
     #[arg(long, value_name = "all|none|NAMES", default_value = "all", help_heading = "Input")]
     pub attributes: Wanted,
+    /// The coordinate reference system, whatever the files say: EPSG:25832, WKT, a file with WKT, or none. Nothing is reprojected
+    #[arg(long, value_name = "CRS", help_heading = "Input")]
+    pub crs: Option<String>,
     /// Leave out points of these classes, such as 7,18
     #[arg(long, value_name = "CLASSES", value_delimiter = ',', help_heading = "Input")]
     pub drop_class: Vec<u8>,
@@ -404,7 +418,7 @@ impl CloudArguments {
         Ok(Settings { fineness, axis, seal, window, min_points, min_component, surface, open })
     }
 
-    fn input(&self) -> InputOptions {
+    fn input(&self) -> Result<InputOptions> {
         let endian = self.endian.map(|word| match word {
             EndianWord::Little => Endian::Little,
             EndianWord::Big => Endian::Big,
@@ -421,7 +435,8 @@ impl CloudArguments {
             withheld: if self.keep_withheld { Withheld::Kept } else { Withheld::Dropped },
         };
         let (layout, skip_bytes, attributes) = (self.layout.clone(), self.skip_bytes, self.attributes.clone());
-        InputOptions { layout, skip_bytes, endian, attributes, filter }
+        let crs = self.crs.as_deref().map(Crs::given).transpose()?;
+        Ok(InputOptions { layout, skip_bytes, endian, attributes, filter, crs })
     }
 }
 
@@ -440,7 +455,10 @@ impl ReconstructArguments {
     pub fn job(&self) -> Result<Job> {
         let check = if self.no_check { Check::Never } else { Check::Always };
         let output = self.output.clone();
-        let positions = if self.ply_double { Positions::Absolute } else { Positions::Shifted };
+        let positions = self.coordinates.map(|coordinates| match coordinates {
+            CoordinatesWord::Input => Positions::Absolute,
+            CoordinatesWord::Local => Positions::Shifted,
+        });
         Ok(Job {
             output,
             tile: self.tile,
@@ -479,7 +497,7 @@ impl InfoArguments {
 }
 
 fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
-    Ok(Job { input: cloud.input(), settings: cloud.settings()?, means, ..Job::new(&cloud.inputs) })
+    Ok(Job { input: cloud.input()?, settings: cloud.settings()?, means, ..Job::new(&cloud.inputs) })
 }
 
 /// How a cloud is read of which only the places count.

@@ -360,8 +360,8 @@ impl Reading {
         let mut point = self.coordinates.map(value);
         if self.spherical {
             let [range, azimuth, elevation] = point;
-            let flat = range * elevation.cos();
-            point = [flat * azimuth.cos(), flat * azimuth.sin(), range * elevation.sin()];
+            let flat = range * libm::cos(elevation);
+            point = [flat * libm::cos(azimuth), flat * libm::sin(azimuth), range * libm::sin(elevation)];
         }
         if let Some((rows, by)) = &self.pose {
             let turned = |row: &[f64; 3]| row[0] * point[0] + row[1] * point[1] + row[2] * point[2];

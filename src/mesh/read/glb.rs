@@ -1,7 +1,7 @@
 //! GLB: the triangles of all meshes of a glTF 2.0 file with one binary chunk.
 //!
 //! Meshes keep their own coordinates, each once: the transformations of the scene's nodes are not applied. But if there is one node with a mesh, on its own, that
-//! is only moved, this is the origin, as in the program's own files.
+//! is only moved, or moved and turned so that y is up, this is the origin, as in the program's own files. Colours, which are in linear light, become sRGB.
 
 use std::collections::BTreeMap;
 
@@ -12,12 +12,17 @@ use super::{Input, chosen, colours};
 use crate::attribute::{Attribute, Schema, Wanted, canonical};
 use crate::error::{Error, Result};
 use crate::mesh::spool::MeshSpool;
+use crate::output::glb::Z_UP_TO_Y_UP;
 use crate::points::Precision;
 use crate::scalar::{Endian, Scalar, reader};
 use crate::spool::Workspace;
 
-/// The most bytes of JSON: a scene of hundreds of thousands of nodes.
+/// The most bytes of JSON: a scene of hundreds of thousands of meshes.
 const LONGEST_JSON: u64 = 1 << 26;
+/// JSON that is read whatever the budget is.
+const SHORT_JSON: u64 = 1 << 20;
+/// What JSON takes when it is read, by its length, at the most.
+const JSON_IN_MEMORY: u64 = 36;
 /// Elements read at once.
 const PIECE: u64 = 1 << 12;
 const TRIANGLES: u32 = 4;
@@ -31,8 +36,8 @@ struct Scene {
     buffer_views: Vec<View>,
     #[serde(default)]
     meshes: Vec<Mesh>,
-    #[serde(default)]
-    nodes: Vec<Node>,
+    #[serde(default, deserialize_with = "only")]
+    nodes: Option<Node>,
     #[serde(default)]
     extensions_required: Vec<String>,
 }
@@ -60,11 +65,33 @@ struct View {
     byte_stride: Option<u64>,
 }
 
+/// The node of a scene that has one. Of others, nothing is kept, however many there are.
+fn only<'de, D: serde::Deserializer<'de>>(deserializer: D) -> std::result::Result<Option<Node>, D::Error> {
+    struct Only;
+    impl<'de> serde::de::Visitor<'de> for Only {
+        type Value = Option<Node>;
+
+        fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            f.write_str("a list of nodes")
+        }
+
+        fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut list: A) -> std::result::Result<Option<Node>, A::Error> {
+            let first = list.next_element::<Node>()?;
+            let mut others = false;
+            while list.next_element::<serde::de::IgnoredAny>()?.is_some() {
+                others = true;
+            }
+            Ok(first.filter(|_| !others))
+        }
+    }
+    deserializer.deserialize_seq(Only)
+}
+
 #[derive(Deserialize)]
 struct Node {
     mesh: Option<usize>,
     translation: Option<[f64; 3]>,
-    rotation: Option<serde::de::IgnoredAny>,
+    rotation: Option<[f64; 4]>,
     scale: Option<serde::de::IgnoredAny>,
     matrix: Option<serde::de::IgnoredAny>,
 }
@@ -72,8 +99,18 @@ struct Node {
 impl Scene {
     /// Where its only node puts its mesh.
     fn origin(&self) -> [f64; 3] {
-        match &self.nodes[..] {
-            [Node { mesh: Some(_), translation: Some(origin), rotation: None, scale: None, matrix: None }] => *origin,
+        match &self.nodes {
+            Some(Node { mesh: Some(_), translation: Some(origin), rotation: None, scale: None, matrix: None }) => {
+                *origin
+            }
+            // Turned so that y is up: back to where z is.
+            Some(Node {
+                mesh: Some(_),
+                translation: Some([x, y, z]),
+                rotation: Some(turn),
+                scale: None,
+                matrix: None,
+            }) if turn.iter().zip(Z_UP_TO_Y_UP).all(|(a, b)| (a - b).abs() < 1e-6) => [*x, 0.0 - *z, *y],
             _ => [0.0; 3],
         }
     }
@@ -102,6 +139,11 @@ struct Elements {
 
 pub(super) fn read(input: &Input, workspace: &Workspace, in_memory: u64, wanted: &Wanted) -> Result<MeshSpool> {
     let (json, binary) = chunks(input)?;
+    let room = (in_memory / JSON_IN_MEMORY).max(SHORT_JSON);
+    if json.end - json.start > room {
+        let expected = format!("JSON of at most {room} bytes, for which there is room in the budget (--max-memory)");
+        return Err(Error::malformed(input.path, "the JSON chunk", expected, json.end - json.start));
+    }
     let mut text = vec![0; json.end as usize - json.start as usize];
     input.read_at(json.start, &mut text)?;
     let scene: Scene = serde_json::from_slice(&text)
@@ -226,7 +268,13 @@ fn read_attributes(
             _ => (Scalar::F32, 65535.0),
         };
         let factor = if name == Some(COLOUR) { factor } else { 1.0 };
-        columns.push(Some((found, number * scalar.bytes(), reader(scalar, Endian::Little), factor)));
+        columns.push(Some((
+            found,
+            number * scalar.bytes(),
+            reader(scalar, Endian::Little),
+            factor,
+            name == Some(COLOUR),
+        )));
     }
     if columns.is_empty() {
         return Ok(());
@@ -243,16 +291,26 @@ fn read_attributes(
         for i in 0..len as usize {
             let mut pieces = pieces.iter();
             for (value, column) in values.iter_mut().zip(&columns) {
-                if let (Some((elements, offset, read, factor)), Some(piece)) =
+                if let (Some((elements, offset, read, factor, colour)), Some(piece)) =
                     (column, column.as_ref().and_then(|_| pieces.next()))
                 {
                     *value = read(&piece[i * elements.stride as usize + offset..]) * factor;
+                    if *colour {
+                        *value = encoded(*value / 65535.0);
+                    }
                 }
             }
             mesh.attributes(&values)?;
         }
     }
     Ok(())
+}
+
+/// The 16 bits of sRGB for linear light from 0 to 1.
+fn encoded(light: f64) -> f64 {
+    let light = light.clamp(0.0, 1.0);
+    let colour = if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * libm::pow(light, 1.0 / 2.4) - 0.055 };
+    (colour * 65535.0).round()
 }
 
 /// Where the JSON and the binary chunk lie.

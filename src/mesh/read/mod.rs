@@ -103,6 +103,10 @@ struct Input<'a> {
 
 impl<'a> Input<'a> {
     fn open(path: &'a Path) -> Result<Input<'a>> {
+        // Asked first: opening a pipe would wait for a writer.
+        if !std::fs::metadata(path).map_err(Error::io(path, "open"))?.is_file() {
+            return Err(Error::io(path, "read a mesh from")(std::io::Error::other("it is not a regular file")));
+        }
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
         Ok(Input { file, path, length })

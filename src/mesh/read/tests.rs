@@ -344,3 +344,34 @@ fn attributes_of_glb_are_colours_and_what_has_a_name_of_its_own() {
         assert!(matches!(values("m.glb", &bytes, "scan_angle", "scan_angle"), Err(Error::Malformed { .. })), "{to}");
     }
 }
+
+#[test]
+fn nodes_of_a_glb_cost_nothing_and_its_json_stays_within_the_budget() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.glb");
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let write = |nodes: &str| {
+        let mut json = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{nodes}]}}"#).into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let mut bytes = b"glTF\x02\0\0\0".to_vec();
+        bytes.extend((20 + json.len() as u32).to_le_bytes());
+        bytes.extend((json.len() as u32).to_le_bytes());
+        bytes.extend(b"JSON");
+        bytes.extend(json);
+        std::fs::write(&path, bytes).unwrap();
+    };
+    let moved = r#"{"mesh":0,"translation":[1,2,3]}"#;
+    for (nodes, origin) in [
+        (moved.to_string(), [1.0, 2.0, 3.0]),
+        (format!("{moved},{{}}"), [0.0; 3]),
+        (format!("{{}},{moved}"), [0.0; 3]),
+        (String::new(), [0.0; 3]),
+    ] {
+        write(&nodes);
+        assert_eq!(open(&path, &workspace, 0).unwrap().origin(), origin, "{nodes}");
+    }
+    write(&vec!["{}"; 400_000].join(","));
+    let error = open(&path, &workspace, 32 << 20).err().unwrap().to_string();
+    assert!(error.contains("the JSON chunk: expected JSON of at most 1048576 bytes"), "{error}");
+    assert!(open(&path, &workspace, 1 << 30).is_ok());
+}

@@ -9,10 +9,11 @@
 //! `first` is the first corner of the same position, so vertices keep the order in which the file meets them, whatever the
 //! number of buckets, and what lies close together in the file stays so.
 
-use std::collections::hash_map::Entry;
+use std::collections::HashMap;
+use std::collections::hash_map::{Entry, RandomState};
+use std::hash::{BuildHasher, Hasher};
 
 use bytemuck::{Pod, Zeroable};
-use rustc_hash::FxHashMap;
 
 use crate::error::Result;
 use crate::mesh::check_vertex_count;
@@ -50,19 +51,72 @@ struct Numbered {
     unused: u32,
 }
 
+/// Hashes positions with numbers drawn for every mesh, so that nobody can make a file whose positions all have one hash. It decides no byte of the result.
+#[derive(Clone, Copy)]
+struct Seeds([u64; 2]);
+
+/// A hash in the making.
+struct Mixed {
+    seeds: [u64; 2],
+    state: u64,
+}
+
+impl Seeds {
+    fn new() -> Seeds {
+        let drawn = RandomState::new();
+        Seeds([0u8, 1].map(|number| drawn.hash_one(number) | 1))
+    }
+
+    fn of(self, position: [f32; 3]) -> u64 {
+        self.hash_one(position.map(f32::to_bits))
+    }
+}
+
+impl BuildHasher for Seeds {
+    type Hasher = Mixed;
+
+    fn build_hasher(&self) -> Mixed {
+        Mixed { seeds: self.0, state: self.0[0] }
+    }
+}
+
+impl Hasher for Mixed {
+    fn write(&mut self, bytes: &[u8]) {
+        for piece in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..piece.len()].copy_from_slice(piece);
+            self.write_u64(u64::from_le_bytes(word));
+        }
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        // Both halves of the product: every bit of the word, and of the seeds, reaches all others.
+        let product = u128::from(self.state ^ word) * u128::from(self.seeds[1]);
+        self.state = (product as u64) ^ (product >> 64) as u64 ^ self.seeds[0].rotate_left(23);
+    }
+
+    // The length of the key, which is the same for all.
+    fn write_usize(&mut self, _: usize) {}
+
+    fn finish(&self) -> u64 {
+        self.state
+    }
+}
+
 /// Takes corners, three for each triangle, and gives a mesh of single precision.
 pub(super) struct Welder<'a> {
     workspace: &'a Workspace,
     in_memory: u64,
     corners: u64,
     by_position: Vec<Queue<Corner>>,
+    seeds: Seeds,
 }
 
 impl Welder<'_> {
     /// For up to about `most_corners`: more would take more memory, no more.
     pub fn new(workspace: &Workspace, most_corners: u64, in_memory: u64) -> Welder<'_> {
         let buckets = (most_corners * SEEN_BYTES / in_memory.max(1)).clamp(1, MOST_BUCKETS);
-        let mut welder = Welder { workspace, in_memory, corners: 0, by_position: Vec::new() };
+        let mut welder = Welder { workspace, in_memory, corners: 0, by_position: Vec::new(), seeds: Seeds::new() };
         welder.by_position = welder.queues(buckets as usize);
         welder
     }
@@ -75,8 +129,7 @@ impl Welder<'_> {
     pub fn corner(&mut self, position: [f32; 3]) -> Result<()> {
         // Adding zero makes negative zero positive and nothing else.
         let position = position.map(|c| c + 0.0);
-        let hash = position.iter().fold(0u64, |h, c| (h ^ u64::from(c.to_bits())).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        let bucket = (hash >> 32) as usize % self.by_position.len();
+        let bucket = (self.seeds.of(position) >> 32) as usize % self.by_position.len();
         self.by_position[bucket].push(Corner { corner: self.corners, position, unused: 0 })?;
         self.corners += 1;
         Ok(())
@@ -89,7 +142,8 @@ impl Welder<'_> {
         let range = (self.corners.div_ceil(buckets as u64)).next_multiple_of(3).max(3);
         let mut by_first = self.queues(buckets);
         for bucket in std::mem::take(&mut self.by_position) {
-            let mut firsts: FxHashMap<[u32; 3], u64> = FxHashMap::default();
+            // Other seeds than those of the buckets, in each of which hashes have something in common.
+            let mut firsts: HashMap<[u32; 3], u64, Seeds> = HashMap::with_hasher(Seeds::new());
             bucket.read(|corner| {
                 let first = match firsts.entry(corner.position.map(f32::to_bits)) {
                     Entry::Occupied(seen) => *seen.get(),
@@ -136,5 +190,25 @@ impl Welder<'_> {
             mesh.append_faces(&triangles.into_iter().map(FaceRecord::new).collect::<Vec<_>>())?;
         }
         Ok(mesh)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+
+    #[test]
+    fn positions_that_were_chosen_to_share_a_hash_do_not() {
+        let seeds = Seeds::new();
+        // What undoes the first step of hashes without seeds.
+        let start = [0x243f_6a88, 0x85a3_08d3].map(f32::from_bits);
+        let positions = || (0..100_000).map(|i| [start[1], start[0], i as f32]);
+        let hashes: HashSet<u64> = positions().map(|position| seeds.of(position)).collect();
+        assert_eq!(hashes.len(), 100_000);
+        let low: HashSet<u64> = positions().map(|position| seeds.of(position) & 0xffff).collect();
+        assert!(low.len() > 40_000, "{}", low.len());
+        assert_ne!(Seeds::new().of([1.0; 3]), seeds.of([1.0; 3]));
     }
 }

@@ -15,6 +15,7 @@
 //! encoder writes. So both are looked at beforehand. What cannot be seen from outside: its GPS times of layered chunks call themselves for every change of
 //! sequence, so that a file that was made for it can use up the stack, which ends the process. For those of pointwise chunks see `gps.rs`.
 
+mod guard;
 mod pieces;
 mod table;
 
@@ -28,6 +29,7 @@ use laz::las::{v1, v2};
 use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
 use laz::{DecompressionSelection, LazItem, LazItemRecordBuilder, LazItemType, LazVlr};
 
+use self::guard::guarded;
 use self::pieces::Chunk;
 pub use self::pieces::{Blocks, Cutter, unpack};
 use self::table::{Entries, Entry};
@@ -79,8 +81,8 @@ impl Packed {
             Error::malformed(file.path(), format_args!("LASzip's record, {place}"), expected, found)
         };
         let content = header.laszip.as_deref().ok_or_else(|| wrong("in the VLRs", &"one", &"none"))?;
-        let vlr =
-            LazVlr::from_buffer(content).map_err(|e| wrong("content", &"a description of the compression", &e))?;
+        let vlr = guarded(|| LazVlr::from_buffer(content).map_err(std::io::Error::other))
+            .map_err(|e| wrong("content", &"a description of the compression", &e))?;
         let compressor = LE::read_u16(content);
         let items = vlr.items().clone();
 
@@ -243,16 +245,28 @@ impl Packed {
     ) -> Stopped {
         let at = |done: u64| move |error: std::io::Error| (done, error);
         let mut piece = vec![0; (PIECE / self.record).max(1) * self.record];
-        for passed in 0..skip {
-            decompressor.decompress_next(&mut piece[..self.record]).map_err(at(passed))?;
-        }
+        let mut passed = 0;
+        guarded(|| {
+            while passed < skip {
+                decompressor.decompress_next(&mut piece[..self.record])?;
+                passed += 1;
+            }
+            Ok(())
+        })
+        .map_err(at(passed))?;
         let mut done = 0;
         while done < take {
             let records = ((piece.len() / self.record) as u64).min(take - done);
             let piece = &mut piece[..records as usize * self.record];
-            for (i, record) in piece.chunks_exact_mut(self.record).enumerate() {
-                decompressor.decompress_next(record).map_err(at(skip + done + i as u64))?;
-            }
+            let mut here = 0;
+            guarded(|| {
+                for record in piece.chunks_exact_mut(self.record) {
+                    decompressor.decompress_next(record)?;
+                    here += 1;
+                }
+                Ok(())
+            })
+            .map_err(at(skip + done + here))?;
             sink(piece);
             done += records;
         }

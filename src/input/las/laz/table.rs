@@ -9,6 +9,7 @@ use laz::decompressors::{IntegerDecompressor, IntegerDecompressorBuilder};
 
 use super::super::super::mapped::Mapped;
 use super::super::window::Window;
+use super::guard::guarded;
 
 /// A chunk as the table has it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,7 +42,7 @@ impl Entries {
             if first == [0xff; 4] {
                 return Err(ErrorKind::InvalidData.into());
             }
-            decoder.read_init_bytes()?;
+            guarded(|| decoder.read_init_bytes())?;
         }
         let numbers = IntegerDecompressorBuilder::new().bits(32).contexts(2).build_initialized();
         Ok(Entries { decoder, numbers, left, size, before: [0; 2] })
@@ -53,7 +54,8 @@ impl Entries {
         }
         self.left -= 1;
         let mut number = |context: usize| {
-            let number = self.numbers.decompress(&mut self.decoder, self.before[context], context as u32)?;
+            let before = self.before[context];
+            let number = guarded(|| self.numbers.decompress(&mut self.decoder, before, context as u32))?;
             self.before[context] = number;
             u64::try_from(number).map_err(|_| std::io::Error::from(ErrorKind::InvalidData))
         };

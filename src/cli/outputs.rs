@@ -1,0 +1,238 @@
+//! Before any work: nothing that a command is going to write takes the place of something it reads, of another output, or of what is no ordinary file.
+
+use std::ffi::OsStr;
+use std::fs::{self, File};
+use std::io::Read;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+use super::args::{Arguments, Command};
+use crate::error::{Error, Result};
+use crate::input::{STANDARD_INPUT, Sidecar, expand};
+use crate::output::{self, Format, Tiles};
+use crate::preview::Preview;
+use crate::run;
+use crate::whole::{Overwrite, WholeFile};
+
+/// Extensions of points that have no side-car.
+const WITHOUT_SIDECAR: [&str; 15] =
+    ["ply", "las", "laz", "e57", "xyz", "txt", "csv", "pts", "asc", "pcd", "npy", "obj", "stl", "gz", "zst"];
+
+/// A file that is going to be written.
+struct Output {
+    path: PathBuf,
+    /// What it is, for messages.
+    what: &'static str,
+    kind: Kind,
+    overwrite: Overwrite,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    /// A file of its own.
+    File,
+    /// A file that comes beside another if there is something to say.
+    Beside,
+    /// JSON, which replaces an older report.
+    Report,
+    /// A folder of tiles.
+    Tiles,
+}
+
+/// Refuses a command whose outputs would replace what they must not, or that cannot be written where they should be.
+///
+/// # Errors
+/// [`Error::Usage`]; [`Error::OutputExists`]; [`Error::Io`] if a folder cannot be written to.
+pub fn check(arguments: &Arguments) -> Result<()> {
+    let (inputs, outputs) = reads_and_writes(arguments);
+    let inputs: Vec<PathBuf> = inputs.into_iter().flat_map(with_sidecar).collect();
+    for (number, output) in outputs.iter().enumerate() {
+        if let Some(input) = inputs.iter().find(|input| is_same(input, &output.path)) {
+            return Err(Error::Usage(format!(
+                "{}: is an input, which the {} would replace; choose another name",
+                input.display(),
+                output.what
+            )));
+        }
+        let within = |input: &&PathBuf| output.kind == Kind::Tiles && is_within(input, &output.path);
+        if let Some(input) = inputs.iter().find(within) {
+            return Err(Error::Usage(format!(
+                "{}: is an input, in the folder that the tiles would replace",
+                input.display()
+            )));
+        }
+        if let Some(other) = outputs[..number].iter().find(|other| is_same(&other.path, &output.path)) {
+            return Err(Error::Usage(format!(
+                "{}: cannot be both the {} and the {}",
+                output.path.display(),
+                other.what,
+                output.what
+            )));
+        }
+    }
+    outputs.iter().try_for_each(Output::check)
+}
+
+impl Output {
+    /// Whether it can be written where it is to be.
+    fn check(&self) -> Result<()> {
+        match self.kind {
+            Kind::File => WholeFile::create(&self.path, self.overwrite).map(drop),
+            Kind::Beside if self.path.symlink_metadata().is_ok() => {
+                WholeFile::create(&self.path, self.overwrite).map(drop)
+            }
+            Kind::Beside => Ok(()),
+            Kind::Report => {
+                let older = self.path.is_file() && self.overwrite == Overwrite::Refuse;
+                if older && !begins_like_json(&self.path) {
+                    return Err(Error::Usage(format!(
+                        "{}: exists and is no report, which alone --report replaces; choose another name",
+                        self.path.display()
+                    )));
+                }
+                WholeFile::report(&self.path).map(drop)
+            }
+            Kind::Tiles => {
+                let (there, path) = (self.path.symlink_metadata().is_ok(), self.path.display());
+                if there && self.overwrite == Overwrite::Refuse {
+                    return Err(Error::OutputExists(self.path.clone()));
+                }
+                let empty = || fs::read_dir(&self.path).is_ok_and(|mut entries| entries.next().is_none());
+                if there && !self.path.join(output::TILE_INDEX).is_file() && !empty() {
+                    let index = output::TILE_INDEX;
+                    return Err(Error::Usage(format!(
+                        "{path}: is no folder of tiles (it has no {index}), which alone --overwrite replaces; choose another --output"
+                    )));
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+/// What a command reads, as far as it is there, and what it writes.
+fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
+    let mut outputs = Vec::new();
+    let may = super::args::overwrite;
+    let mut put = |path: PathBuf, what: &'static str, kind: Kind, overwrite: Overwrite| {
+        outputs.push(Output { path, what, kind, overwrite });
+    };
+    let inputs = match &arguments.command {
+        None => {
+            let arguments = &arguments.reconstruct;
+            let overwrite = may(arguments.overwrite);
+            let files = expand(&arguments.cloud.inputs).unwrap_or_default();
+            // What is wrong with the arguments otherwise is told where they are used.
+            let output = match &arguments.output {
+                Some(output) => Some(output.clone()),
+                None if files.is_empty() => None,
+                None => run::default_output_of(&arguments.cloud.inputs, &files).ok(),
+            };
+            if let Some(output) = &output {
+                match arguments.tile {
+                    Some(_) => put(Tiles::path(output), "tiles", Kind::Tiles, overwrite),
+                    None if Format::from_path(output).is_ok() => {
+                        put(output.clone(), "mesh", Kind::File, overwrite);
+                        for path in output::beside(output) {
+                            put(path, "mesh's side-car", Kind::Beside, overwrite);
+                        }
+                    }
+                    None => {}
+                }
+                let preview = match &arguments.preview {
+                    None => Preview::None,
+                    Some(None) => Preview::Beside,
+                    Some(Some(path)) => Preview::At(path.clone()),
+                };
+                if let Some(path) = preview.path(output) {
+                    put(path, "preview", Kind::File, overwrite);
+                }
+            }
+            if let Some(path) = &arguments.report {
+                put(path.clone(), "report", Kind::Report, overwrite);
+            }
+            files
+        }
+        Some(Command::Check(arguments)) => {
+            if let Some(path) = &arguments.report {
+                put(path.clone(), "report", Kind::Report, Overwrite::Refuse);
+            }
+            vec![arguments.mesh.clone()]
+        }
+        Some(Command::Compare(arguments)) => {
+            let overwrite = may(arguments.overwrite);
+            if let Some(path) = &arguments.heatmap {
+                put(path.clone(), "heat map", Kind::File, overwrite);
+            }
+            if let Some(path) = &arguments.report {
+                put(path.clone(), "report", Kind::Report, overwrite);
+            }
+            let mut inputs = expand(std::slice::from_ref(&arguments.reference)).unwrap_or_default();
+            inputs.push(arguments.mesh.clone());
+            inputs
+        }
+        Some(Command::Densify(arguments)) => {
+            let overwrite = may(arguments.overwrite);
+            put(arguments.output.clone(), "cloud", Kind::File, overwrite);
+            put(Sidecar::path_for(&arguments.output), "cloud's side-car", Kind::Beside, overwrite);
+            let mut inputs = expand(std::slice::from_ref(&arguments.cloud)).unwrap_or_default();
+            inputs.push(arguments.mesh.clone());
+            inputs
+        }
+        Some(Command::Render(arguments)) => {
+            let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
+            put(output, "picture", Kind::File, may(arguments.overwrite));
+            vec![arguments.mesh.clone()]
+        }
+        Some(Command::Generate(arguments)) => {
+            let overwrite = may(arguments.overwrite);
+            put(arguments.output.clone(), "cloud", Kind::File, overwrite);
+            put(Sidecar::path_for(&arguments.output), "cloud's side-car", Kind::Beside, overwrite);
+            Vec::new()
+        }
+        Some(Command::Plan(_) | Command::Info(_)) => Vec::new(),
+    };
+    (inputs, outputs)
+}
+
+/// A file, and its side-car if there is one, or if one that came up there would change how the file is read.
+fn with_sidecar(input: PathBuf) -> Vec<PathBuf> {
+    if input == Path::new(STANDARD_INPUT) {
+        return Vec::new();
+    }
+    let sidecar = Sidecar::path_for(&input);
+    let extension = input.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase();
+    match sidecar.exists() || !WITHOUT_SIDECAR.contains(&extension.as_str()) {
+        true => vec![input, sidecar],
+        false => vec![input],
+    }
+}
+
+/// Whether two names are of one file, which need not be there.
+fn is_same(a: &Path, b: &Path) -> bool {
+    match (fs::metadata(a), fs::metadata(b)) {
+        (Ok(a), Ok(b)) => (a.dev(), a.ino()) == (b.dev(), b.ino()),
+        (Err(_), Err(_)) => resolved(a).is_some_and(|a| resolved(b) == Some(a)),
+        _ => false,
+    }
+}
+
+fn is_within(path: &Path, folder: &Path) -> bool {
+    matches!((path.canonicalize(), folder.canonicalize()), (Ok(path), Ok(folder)) if path.starts_with(&folder))
+}
+
+/// A name without links and dots, of a file that is not there in a folder that is.
+fn resolved(path: &Path) -> Option<PathBuf> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    Some(folder.canonicalize().ok()?.join(path.file_name()?))
+}
+
+/// Whether a file is empty or begins as reports do.
+fn begins_like_json(path: &Path) -> bool {
+    let mut first = [0];
+    match File::open(path).and_then(|mut file| file.read(&mut first)) {
+        Ok(0) => true,
+        Ok(_) => first == *b"{",
+        Err(_) => false,
+    }
+}
