@@ -109,3 +109,65 @@ fn a_pipe_where_a_mesh_or_a_side_car_should_be_is_refused_at_once() {
     f.fails("info p.bin", 1, &["p.bin.json: cannot read", "it is not a regular file"]);
     f.fails("s.bin -o j.ply -j 10000", 2, &["10000", "threads"]);
 }
+
+/// The header of a PLY file.
+fn header(f: &Folder, name: &str) -> String {
+    let bytes = f.read(name);
+    let end = bytes.windows(10).position(|w| w == b"end_header").unwrap();
+    String::from_utf8(bytes[..end].to_vec()).unwrap()
+}
+
+#[test]
+fn coordinates_are_the_inputs_own_unless_the_summary_says_so() {
+    let f = Folder::new();
+    f.ok("generate torus 5000 -o t.ply --size 10 --offset 500000,5400000,200");
+    let own = f.ok("t.ply -o own.ply");
+    assert!(!own.err.contains("taken off"), "{}", own.err);
+    assert!(!header(&f, "own.ply").contains("origin") && header(&f, "own.ply").contains("property double x"));
+    for (line, words) in [
+        ("t.ply -o local.ply --coordinates local", "taken off the coordinates: --coordinates input leaves them"),
+        ("t.ply -o m.obj", "taken off the coordinates: --coordinates input leaves them"),
+        ("t.ply -o m.glb", "taken off the coordinates: 32 bits would not hold them"),
+    ] {
+        let told = f.ok(line).err;
+        assert!(told.contains(words) && told.contains("origin 499"), "{told}");
+    }
+    assert!(header(&f, "local.ply").contains("comment origin 499"));
+    assert!(f.path("m_offset.xyz").exists());
+    let compared = f.ok("compare local.ply own.ply");
+    assert!(compared.out.contains("closed"), "{}", compared.out);
+    f.ok("t.ply -o m.obj --coordinates input --overwrite");
+    assert!(!f.path("m_offset.xyz").exists(), "the older mesh's origin");
+    f.fails("t.ply -o x.stl --coordinates input", 2, &["x.stl has coordinates of 32 bits"]);
+}
+
+#[test]
+fn a_reference_system_that_contradicts_the_coordinates_is_an_error_until_one_is_given() {
+    let f = Folder::new();
+    f.ok("generate torus 5000 -o t.bin --size 10 --offset 500000,5400000,200");
+    for (crs, expected) in [("EPSG:4326", "degrees of longitude"), ("EPSG:4978", "metres from the centre of the Earth")] {
+        for command in ["t.bin -o a.ply", "plan t.bin"] {
+            let line = format!("{command} --crs {crs}");
+            f.fails(&line, 2, &["t.bin: the reference system", crs, expected, "coordinates go from 499", "--crs none"]);
+        }
+    }
+    f.fails("t.bin -o a.ply --crs nowhere", 2, &["--crs nowhere: expected EPSG: and a code"]);
+    f.ok("t.bin -o a.ply --crs EPSG:25832");
+    assert!(header(&f, "a.ply").contains("comment crs EPSG:25832\n"));
+    f.ok("t.bin -o b.ply --crs none");
+    assert!(!header(&f, "b.ply").contains("crs"));
+}
+
+#[test]
+fn attributes_that_never_change_are_left_out_unless_they_are_named() {
+    let f = Folder::new();
+    let points = f.knot(3000);
+    let rows = points.iter().enumerate().map(|(i, [x, y, z])| format!("{x},{y},{z},2,{}\n", i % 9));
+    f.write("k.csv", format!("Easting,Northing,Height,classification,intensity\n{}", rows.collect::<String>()));
+    f.ok("k.csv -o all.ply");
+    let all = header(&f, "all.ply");
+    assert!(all.contains("uchar intensity") && !all.contains("property uchar classification"), "{all}");
+    assert!(all.contains("comment constant classification 2\n"), "{all}");
+    f.ok("k.csv -o named.ply --attributes classification");
+    assert!(header(&f, "named.ply").contains("property uchar classification"));
+}

@@ -125,7 +125,7 @@ pub struct CloudArguments {
     /// Byte order of raw files [default: the side-car's, else little]
     #[arg(long, value_enum, help_heading = "Input")]
     pub endian: Option<EndianWord>,
-    /// What is carried from points to the mesh's vertices: all that files have (but normals), none, or a list such as rgb,intensity
+    /// What is carried from points to the mesh's vertices: all that files have (but normals, and what never changes), none, or a list such as rgb,intensity
     #[arg(long, value_name = "all|none|NAMES", default_value = "all", help_heading = "Input")]
     pub attributes: Wanted,
     /// The coordinate reference system, whatever the files say: EPSG:25832, WKT, a file with WKT, or none. Nothing is reprojected

@@ -327,7 +327,8 @@ fn attributes_of_glb_are_colours_and_what_has_a_name_of_its_own() {
         "bufferViews":[{"buffer":0,"byteLength":80,"byteStride":16},{"buffer":0,"byteOffset":80,"byteLength":20,"byteStride":4}],
         "buffers":[{"byteLength":100}]}"#;
     let bytes = glb(json, &binary);
-    assert_eq!(values("m.glb", &bytes, "rgb", "red").unwrap(), [0.0, 2570.0, 5140.0]);
+    // Linear light, a twenty-fifth and two of it, as sRGB.
+    assert_eq!(values("m.glb", &bytes, "rgb", "red").unwrap(), [0.0, 14329.0, 20334.0]);
     assert_eq!(values("m.glb", &bytes, "blue,scan_angle", "blue").unwrap(), [65535.0; 3]);
     assert_eq!(values("m.glb", &bytes, "blue,scan_angle", "scan_angle").unwrap(), [0.0, -1.0, -2.0]);
     let error = values("m.glb", &bytes, "intensity", "intensity").unwrap_err().to_string();
