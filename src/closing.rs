@@ -234,6 +234,7 @@ fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn 
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     let solid = solid.without_hollows(&occupancy, context)?;
+    let solid = if env("UNRES", 1.0) > 0.0 { solid.without_unresolved(&occupancy, context)? } else { solid };
     Ok(ClosedBySign { solid, occupancy, falls: level > 0, two_sided: signed.two_sided })
 }
 fn env(name: &str, value: f64) -> f64 { std::env::var(name).ok().and_then(|t| t.parse().ok()).unwrap_or(value) }

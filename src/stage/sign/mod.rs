@@ -59,6 +59,8 @@ pub enum Side {
     Outside,
     /// Free, and inside.
     Inside,
+    /// Free, on the outer side of walls, but reached from nowhere: not among what is found.
+    Enclosed,
 }
 
 /// A level of the pyramid, held whole, and which of its cells are walls.
