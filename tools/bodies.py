@@ -1,0 +1,334 @@
+#!/usr/bin/env python3
+"""Whether asra-stream makes the body that was scanned: pieces, genus and volume on bodies whose truth is known, and whether what it calls sealed is.
+
+    cargo build --release
+    tools/bodies.py matrix PROGRAM --work DIR      simple bodies, sampled, turned: --sizes, --turns, --axes, --bodies
+    tools/bodies.py scans PROGRAM --work DIR --data DIR      simulated scans beside Open3D's Poisson on normals that it estimates
+    tools/bodies.py holes PROGRAM --work DIR --data DIR      holes of shares of the surface: --places, --shares, --bodies
+    tools/bodies.py clouds PROGRAM --work DIR --data DIR     real bodies, the same whatever the window
+    tools/bodies.py raw PROGRAM --work DIR --data DIR        raw scans: told, not judged
+    tools/bodies.py open PROGRAM --work DIR [--data DIR]     what has no inside must never be called sealed
+    tools/bodies.py family PROGRAM --work DIR --seed N --count M      bodies at random
+
+Prints a line for each case, then how many were wrong. A matrix or family case is excused where Open3D's Poisson with the true normals of the same
+points has not the right pieces and genus either. Bodies, samples and what Poisson made of them are kept in the work folder. A Python environment is
+made in the user's cache.
+"""
+
+import argparse
+import concurrent.futures
+import dataclasses
+import json
+import re
+import shlex
+import sys
+import zlib
+from pathlib import Path
+
+from shared import environment, model, must_import, stoppable
+
+PACKAGES = ["numpy", "scipy", "open3d", "manifold3d"]
+WINDOWS = ["default", "3"]
+# From so many points on, volumes are judged, if walls and slots are so many sampling distances wide.
+VOLUME_POINTS = 3000
+VOLUME_SPACINGS = 2
+VOLUME = 0.02
+# How much farther off than Poisson's a scan's volume and distances may be.
+SCAN_VOLUME = 0.005
+SCAN_DISTANCE = 1.02
+FAMILY_VOLUME = 0.03
+# Of what lies clearly in a body on a floor, and clearly out of it.
+FLOOR_SHARE = 0.98
+
+
+@dataclasses.dataclass
+class Case:
+    """One run, and what is held against it."""
+
+    name: str
+    window: str
+    cloud: object
+    options: list = dataclasses.field(default_factory=list)
+    # Takes what was made and measured, gives the reasons why it is wrong.
+    judge: object = None
+    # More numbers to tell and to keep.
+    measure: object = None
+    excused: bool = False
+    # Whether only a claim to be sealed can be wrong.
+    told_only: bool = False
+
+
+def amount(ratio):
+    return "–" if ratio is None else f"{ratio:.4f}"
+
+
+def against(truth, tolerance):
+    """Judges pieces, genus and, if there is a tolerance, volume."""
+
+    def judge(made, _):
+        body, reasons = made.body, []
+        if body.components != truth.components:
+            reasons.append(f"{body.components} pieces, not {truth.components}")
+        if body.genus != truth.genus:
+            reasons.append(f"genus {body.genus}, not {truth.genus}")
+        if body.open_edges or body.tangled_edges:
+            reasons.append(f"{body.open_edges} open and {body.tangled_edges} tangled edges")
+        if tolerance and body.volume is not None and abs(body.volume / truth.volume - 1) > tolerance:
+            reasons.append(f"volume {body.volume / truth.volume:.4f}")
+        return reasons
+
+    return judge
+
+
+def measuring(truth):
+    def measure(made):
+        return {"volume_ratio": made.body.volume / truth.volume if made.body.volume is not None else None}
+
+    return measure
+
+
+def number_of(text):
+    return zlib.crc32(text.encode())
+
+
+# -- What is run
+
+
+def carried_out(case, arguments):
+    """Runs a case and gives its record."""
+    import judge
+
+    folder = arguments.work / "runs"
+    name = re.sub(r"[^A-Za-z0-9.]+", "-", f"{arguments.what}-{case.name}-{case.window}")
+    options = case.options + shlex.split(arguments.options)
+    made = judge.run(arguments.program, case.cloud, folder, name, case.window, options, arguments.seconds, arguments.keep)
+    more, reasons = {}, []
+    if made.outcome != "ok":
+        if not case.told_only:
+            reasons.append(f"{made.outcome}: {made.words}")
+    else:
+        if case.measure:
+            more = case.measure(made)
+        if case.judge:
+            reasons = case.judge(made, more)
+    verdict = "right" if not reasons else "excused" if case.excused else "wrong"
+    if case.told_only and not case.judge:
+        verdict = "told"
+    record = {"what": arguments.what, "case": case.name, "window": case.window, "outcome": made.outcome, "verdict": verdict}
+    record |= {"reasons": reasons, "sealed": made.sealed, "seconds": round(made.seconds, 2), "digest": made.digest}
+    return record | (dataclasses.asdict(made.body) if made.body else {}) | more
+
+
+def line(record):
+    parts = []
+    if "components" in record:
+        parts.append(f"{record['components']} pieces, genus {record['genus']}")
+        parts += [f"{record['open_edges']} open edges"] if record["open_edges"] else []
+        if "volume_ratio" in record:
+            parts.append(f"volume {amount(record['volume_ratio'])}")
+        elif record["volume"] is not None:
+            parts.append(f"volume {record['volume']:.6g}")
+        parts.append(f"{record['triangles']:,} triangles")
+    parts += [f"{key} {value}" for key, value in record.get("tell", {}).items()]
+    if record["sealed"]:
+        parts.append("says sealed")
+    if record["reasons"]:
+        parts.append("BECAUSE " + "; ".join(record["reasons"]))
+    elif record["outcome"] != "ok":
+        parts.append(record["outcome"])
+    return f"{record['verdict']:8}{record['case']} [{record['window']}]: {', '.join(parts)} ({record['seconds']:.1f} s)"
+
+
+def run_all(cases, arguments, after=None):
+    """Runs the cases in turn, tells of each and of all."""
+    if arguments.prepare:
+        return
+    wanted = [case for case in cases if arguments.only in case.name] if arguments.only else cases
+    records = []
+    out = open(arguments.output, "w") if arguments.output else None
+
+    def tell(record):
+        records.append(record)
+        print(line(record), flush=True)
+        if out:
+            out.write(json.dumps(record) + "\n")
+            out.flush()
+
+    with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
+        for record in pool.map(lambda case: carried_out(case, arguments), wanted):
+            tell(record)
+    for record in after(records) if after else []:
+        tell(record)
+    sealed = [record for record in records if record["sealed"]]
+    false = sum(1 for record in sealed if record["reasons"])
+    judged = [record for record in records if record["verdict"] != "told"]
+    wrong = sum(1 for record in judged if record["verdict"] == "wrong")
+    excused = sum(1 for record in judged if record["verdict"] == "excused")
+    print(f"wrong {wrong} of {len(judged)} ({excused} more excused); says sealed and is wrong: {false} of {len(sealed)}")
+
+
+# -- Simple bodies
+
+
+def with_poisson(key, points, normals, truth, work):
+    """Whether Poisson, of the true normals, has the right pieces and genus. Kept under the key."""
+    import judge
+    import solids
+
+    def make():
+        vertices, faces = solids.poisson(points, normals)
+        return dataclasses.asdict(judge.examine(vertices, faces))
+
+    found = solids.remembered(work / f"poisson.{solids.VERSION}" / f"{key}.json", make)
+    return (found["components"], found["genus"]) == (truth.components, truth.genus)
+
+
+def judge_floor(body, points, turn):
+    """A sphere on a floor is one closed body; the floor is left out, a sheet, or a slab that it may stand on."""
+    import numpy as np
+
+    import judge
+    import solids
+
+    rng = np.random.default_rng(5)
+    way = rng.normal(size=(8000, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    core = way[:4000] * rng.uniform(0, 0.9, (4000, 1))
+    air = way[4000:] * rng.uniform(1.15, 1.6, (4000, 1))
+    air = air[air[:, 2] > body.floor + 0.5]
+    turning = solids.rotation(turn).T
+
+    def verdict(made, _):
+        reasons = []
+        if made.body.components not in (1, 2):
+            reasons.append(f"{made.body.components} pieces, not 1 or 2")
+        if made.body.genus:
+            reasons.append(f"genus {made.body.genus}, not 0")
+        if points >= VOLUME_POINTS:
+            vertices, faces = judge.closed_part(*made.mesh)
+            full = judge.inside(vertices, faces, core @ turning).mean()
+            free = 1 - judge.inside(vertices, faces, air @ turning).mean()
+            if full < FLOOR_SHARE or free < FLOOR_SHARE:
+                reasons.append(f"{full:.2f} of the sphere is inside, {free:.2f} of the air outside")
+        return reasons
+
+    return verdict
+
+
+def matrix(arguments):
+    import numpy as np
+
+    import solids
+
+    cases = []
+    for name in arguments.bodies or solids.BODIES:
+        upright = solids.BODIES[name]()
+        for points in arguments.sizes:
+            for turn in arguments.turns:
+                body = upright.turned(turn)
+                where, normals = solids.sample(body, points, np.random.default_rng([number_of(name), points]))
+                key = f"{name}-{points}-{turn:g}"
+                cloud = solids.stored(arguments.work / f"clouds.{solids.VERSION}" / f"{key}.ply", where)
+                if upright.floor is None:
+                    excused = not with_poisson(key, where, normals, upright.truth, arguments.work)
+                    volumes = points >= VOLUME_POINTS and upright.narrow >= VOLUME_SPACINGS * body.spacing(points)
+                    judge, measure = against(upright.truth, VOLUME if volumes else None), measuring(upright.truth)
+                else:
+                    excused, judge, measure = False, judge_floor(upright, points, turn), None
+                for axis in arguments.axes:
+                    for window in arguments.window:
+                        title = f"{name} {points} turn {turn:g} axis {axis}"
+                        cases.append(Case(title, window, cloud, ["--axis", axis], judge, measure, excused))
+    run_all(cases, arguments)
+
+
+# -- Scans
+
+
+def truth_of(path):
+    """A closed mesh, facing outwards."""
+    import judge
+    import solids
+
+    vertices, faces = judge.read_ply(path)
+    return solids.Solid(vertices, faces if judge.volume(vertices, faces) > 0 else faces[:, ::-1])
+
+
+def scans(arguments):
+    import judge
+    import solids
+
+    cases = []
+    for body, file in (("horse", "horse.ply"), ("rocker", "rocker_arm.ply")):
+        truth = truth_of(arguments.data / file)
+        distances = judge.Truth(truth.vertices, truth.faces)
+        for cloud in sorted((arguments.data / "scans").glob(f"{body}_*.ply")):
+
+            def make(cloud=cloud, truth=truth, distances=distances):
+                vertices, faces = solids.poisson(judge.read_ply(cloud)[0])
+                # What is open would have no volume; the flux through it tells enough.
+                ratio = judge.volume(vertices, faces) / truth.truth.volume
+                found = dataclasses.asdict(judge.examine(vertices, faces))
+                return found | {"volume_ratio": ratio, "rms": distances.root_mean_squares(vertices, faces)}
+
+            peer = solids.remembered(arguments.work / f"poisson.{solids.VERSION}" / f"scan-{cloud.stem}.json", make)
+
+            def measure(made, truth=truth, distances=distances, peer=peer):
+                rms = distances.root_mean_squares(*made.mesh)
+                beside = f"{rms[0]:.3f} and {rms[1]:.3f} %"
+                theirs = f"{peer['components']} pieces, genus {peer['genus']}, volume {peer['volume_ratio']:.4f}, "
+                theirs += f"RMS {peer['rms'][0]:.3f} and {peer['rms'][1]:.3f} %"
+                found = measuring(truth.truth)(made)
+                return found | {"rms": rms, "poisson": peer, "tell": {"RMS": beside, "| Poisson": theirs}}
+
+            def verdict(made, more, truth=truth, peer=peer):
+                reasons = against(truth.truth, None)(made, more)
+                ratio = more["volume_ratio"]
+                if ratio is not None and abs(ratio - 1) > abs(peer["volume_ratio"] - 1) + SCAN_VOLUME:
+                    reasons.append(f"volume {ratio:.4f} beside {peer['volume_ratio']:.4f}")
+                for way, ours, theirs in zip(("to the mesh", "to the truth"), more["rms"], peer["rms"], strict=True):
+                    if ours > SCAN_DISTANCE * theirs:
+                        reasons.append(f"RMS {way} {ours:.3f} beside {theirs:.3f} %")
+                return reasons
+
+            cases += [Case(cloud.stem, window, cloud, [], verdict, measure) for window in arguments.window]
+    run_all(cases, arguments)
+
+
+def words(kind):
+    return lambda text: [kind(word) for word in text.split(",")]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="what", required=True)
+    for function in (matrix, scans):
+        command = commands.add_parser(function.__name__)
+        command.set_defaults(function=function)
+        command.add_argument("program", type=Path)
+        command.add_argument("--work", type=Path, required=True, help="keeps clouds, truths and what Poisson made")
+        command.add_argument("--data", type=Path, required=function in (scans,), help="folder of scans and models")
+        command.add_argument("--window", type=words(str), default=WINDOWS, help="windows to run with; 'default' gives none")
+        command.add_argument("--options", default="", help="more options of the program, in one word")
+        command.add_argument("--only", help="only cases whose name has this")
+        command.add_argument("--jobs", type=int, default=1, choices=(1, 2), help="runs at a time")
+        command.add_argument("--seconds", type=float, default=1200, help="cap of a run")
+        command.add_argument("--prepare", action="store_true", help="only make what the work folder keeps")
+        command.add_argument("--keep", action="store_true", help="keep the meshes, in runs/ of the work folder")
+        command.add_argument("-o", "--output", type=Path, help="a file for the records, a line of JSON each")
+        if function is matrix:
+            command.add_argument("--sizes", type=words(int), default=[300, 1000, 3000, 10_000])
+            command.add_argument("--turns", type=words(float), default=[0, 17, 33])
+            command.add_argument("--axes", type=words(str), default=["y"])
+            command.add_argument("--bodies", type=words(str))
+    arguments = parser.parse_args()
+    environment("bodies", PACKAGES)
+    must_import("open3d")
+    arguments.program = arguments.program.resolve()
+    arguments.work.mkdir(parents=True, exist_ok=True)
+    arguments.function(arguments)
+
+
+if __name__ == "__main__":
+    sys.dont_write_bytecode = True
+    stoppable(main, "stopped; call it again to continue")
