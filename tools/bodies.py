@@ -19,8 +19,10 @@ import argparse
 import concurrent.futures
 import dataclasses
 import json
+import os
 import re
 import shlex
+import shutil
 import sys
 import zlib
 from pathlib import Path
@@ -98,7 +100,7 @@ def carried_out(case, arguments):
     """Runs a case and gives its record."""
     import judge
 
-    folder = arguments.work / "runs"
+    folder = arguments.runs
     name = re.sub(r"[^A-Za-z0-9.]+", "-", f"{arguments.what}-{case.name}-{case.window}")
     options = case.options + shlex.split(arguments.options)
     made = judge.run(arguments.program, case.cloud, folder, name, case.window, options, arguments.seconds, arguments.keep)
@@ -326,7 +328,13 @@ def main():
     must_import("open3d")
     arguments.program = arguments.program.resolve()
     arguments.work.mkdir(parents=True, exist_ok=True)
-    arguments.function(arguments)
+    # Two programs may be measured at a time with one work folder.
+    arguments.runs = arguments.work / "runs" / ("" if arguments.keep else str(os.getpid()))
+    try:
+        arguments.function(arguments)
+    finally:
+        if not arguments.keep:
+            shutil.rmtree(arguments.runs, ignore_errors=True)
 
 
 if __name__ == "__main__":
