@@ -153,14 +153,25 @@ def examine(vertices, faces):
     )
 
 
-def closed_part(vertices, faces):
-    """The triangles of the components that have no open edges."""
+def labelled(vertices, faces):
+    """The component of each vertex; the edges, as one number, and how many triangles use each."""
     count = len(vertices)
     begin, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     keys, uses = np.unique(np.minimum(begin, end) * count + np.maximum(begin, end), return_counts=True)
     graph = coo_matrix((np.ones(len(keys), np.int8), (keys // count, keys % count)), shape=(count, count))
-    label = connected_components(graph, directed=False)[1]
-    return vertices, faces[~np.isin(label[faces[:, 0]], label[keys[uses == 1] // count])]
+    return connected_components(graph, directed=False)[1], keys, uses
+
+
+def closed_part(vertices, faces):
+    """The triangles of the components that have no open edges."""
+    label, keys, uses = labelled(vertices, faces)
+    return vertices, faces[~np.isin(label[faces[:, 0]], label[keys[uses == 1] // len(vertices)])]
+
+
+def without_specks(vertices, faces, share=0.01):
+    """The triangles of the components that have at least this share of all."""
+    label = labelled(vertices, faces)[0][faces[:, 0]]
+    return vertices, faces[np.bincount(label)[label] >= share * len(faces)]
 
 
 def surface_samples(vertices, faces, count, rng, weight=None):

@@ -5,6 +5,8 @@ import json
 import math
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from judge import examine, surface_samples, volume, write_ply
 
@@ -178,16 +180,182 @@ BODIES = {
 }
 
 
-def sample(body, points, rng, noise=0.0, uneven=1.0):
-    """Points on the body and their normals, as 32 bits hold them. Noise in sampling distances; density uneven by a factor, along a direction."""
+def sample(body, points, rng, uneven=1.0):
+    """Points on the body and their normals, as 32 bits hold them. Density uneven by a factor, along a direction."""
     weight = None
     if uneven > 1:
         middle = body.vertices[body.faces].mean(1) @ rng.normal(size=3)
         weight = uneven ** ((middle - middle.min()) / np.ptp(middle))
     where, face = surface_samples(body.vertices, body.faces, points, rng, weight)
-    if noise:
-        where = where + rng.normal(scale=noise * body.spacing(points), size=where.shape)
     return where.astype(np.float32), body.normals()[face]
+
+
+# -- Holes
+
+
+def smoothed_normals(body, rounds=10):
+    """Normals of faces, each mean of those round it, so many times."""
+    normal = body.normals()
+    for _ in range(rounds):
+        corner = np.zeros_like(body.vertices)
+        for i in range(3):
+            np.add.at(corner, body.faces[:, i], normal)
+        normal = corner[body.faces].sum(1)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    return normal
+
+
+class Cutter:
+    """Cuts holes of a share of the surface into a body: what lies in a ball about a place on it, hangs together with the place, and faces
+    as the place does, so that the far side of a thin limb stays."""
+
+    def __init__(self, body):
+        self.faces, corners = body.faces, body.vertices[body.faces]
+        self.centres, self.normals = corners.mean(1), smoothed_normals(body)
+        self.areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+        begin, end = body.faces.ravel(), np.roll(body.faces, -1, axis=1).ravel()
+        keys = np.minimum(begin, end) * len(body.vertices) + np.maximum(begin, end)
+        order = np.argsort(keys, kind="stable")
+        same = np.flatnonzero(keys[order][1:] == keys[order][:-1])
+        self.pairs = order[same] // 3, order[same + 1] // 3
+
+    def patch(self, chosen, start):
+        """Those of the chosen faces that hang together with the first."""
+        label = self.pieces(chosen)
+        return chosen & (label == label[start])
+
+    def pieces(self, chosen):
+        first, second = self.pairs
+        both = chosen[first] & chosen[second]
+        shape = (len(self.faces), len(self.faces))
+        graph = coo_matrix((np.ones(both.sum(), np.int8), (first[both], second[both])), shape=shape)
+        return connected_components(graph, directed=False)[1]
+
+    def cut(self, share, rng):
+        """Which faces a hole takes. Places where it would cut a part off are passed over."""
+        wanted = share * self.areas.sum()
+        for _ in range(500):
+            start = rng.choice(len(self.faces), p=self.areas / self.areas.sum())
+            distance = np.linalg.norm(self.centres - self.centres[start], axis=1)
+            facing = self.normals @ self.normals[start] > 0
+            low, high = 0.0, float(distance.max())
+            if self.areas[self.patch(facing, start)].sum() < wanted:
+                continue
+            for _ in range(24):
+                middle = (low + high) / 2
+                enough = self.areas[self.patch(facing & (distance <= middle), start)].sum() >= wanted
+                low, high = (low, middle) if enough else (middle, high)
+            taken = self.patch(facing & (distance <= high), start)
+            left = np.bincount(self.pieces(~taken)[~taken], self.areas[~taken])
+            if left.max() > 0.99 * left.sum() and abs(self.areas[taken].sum() / wanted - 1) < 0.1:
+                return taken
+        raise ValueError(f"no place for a hole of {share} of the surface")
+
+
+# -- Bodies that no list names
+
+
+def smooth_body(rng):
+    """Balls, rings and bars, blended."""
+    from manifold3d import Manifold
+
+    parts = []
+    for _ in range(rng.integers(2, 5)):
+        turn = rotation(rng.uniform(0, 360), rng.normal(size=3))
+        parts.append((rng.integers(3), rng.uniform(-0.55, 0.55, 3), turn.tolist(), rng.uniform(0.3, 0.5), rng.uniform(0.14, 0.2)))
+    parts = [(kind, centre.tolist(), turn, large, small) for kind, centre, turn, large, small in parts]
+
+    def depth(x, y, z):
+        total = 0.0
+        for kind, (u, v, w), turn, large, small in parts:
+            dx, dy, dz = x - u, y - v, z - w
+            a, b, c = (row[0] * dx + row[1] * dy + row[2] * dz for row in turn)
+            if kind == 0:
+                far = math.sqrt(a * a + b * b + c * c) - large
+            elif kind == 1:
+                far = math.hypot(math.hypot(a, b) - large, c) - small
+            else:
+                far = math.hypot(math.hypot(a, b), max(abs(c) - large, 0)) - small
+            total += math.exp(min(-far / 0.06, 60))
+        return 0.06 * math.log(max(total, 1e-30))
+
+    return solid(Manifold.level_set(depth, (-1.5, -1.5, -1.5, 1.5, 1.5, 1.5), 0.045))
+
+
+def edged_body(rng):
+    """Balls, boxes, rods and rings, joined, and bores through them."""
+    part, centre = None, np.zeros(3)
+    for _ in range(rng.integers(2, 6)):
+        kind, turn, place = rng.integers(4), rng.uniform(0, 360, 3), centre.tolist()
+        if kind == 0:
+            new = ball(rng.uniform(0.3, 0.6))
+        elif kind == 1:
+            new = block(rng.uniform(0.4, 1.1, 3).tolist())
+        elif kind == 2:
+            new = rod(rng.uniform(0.2, 0.45), rng.uniform(0.5, 1.4))
+        else:
+            new = ring(rng.uniform(0.45, 0.7), rng.uniform(0.15, 0.22))
+        new = new.rotate(turn.tolist()).translate(place)
+        part = new if part is None else part + new
+        way = rng.normal(size=3)
+        centre = centre + rng.uniform(0.4, 0.7) * way / np.linalg.norm(way)
+    for _ in range(rng.integers(0, 4)):
+        low, high = np.array(part.bounding_box()).reshape(2, 3)
+        place = (low + high) / 2 + rng.uniform(-0.2, 0.2, 3) * (high - low)
+        part -= rod(rng.uniform(0.1, 0.2), 10, turn=rng.uniform(0, 360, 3).tolist()).translate(place.tolist())
+    return solid(part)
+
+
+def random_body(rng):
+    """One piece, of any genus."""
+    while True:
+        body = smooth_body(rng) if rng.random() < 0.4 else edged_body(rng)
+        if body.truth.components == 1 and not body.truth.open_edges and not body.truth.tangled_edges and body.truth.volume > 0.05:
+            return body
+
+
+# -- What has no inside
+
+
+def sheet(name, points, rng):
+    """Samples of an open surface, about 1 wide."""
+    u, v = rng.uniform(-1, 1, (2, points))
+    angle, spacing = math.pi * v, 2 / math.sqrt(points)
+    zero = np.zeros(points)
+    match name:
+        case "flat":
+            found = [u, v, zero]
+        case "noisy":
+            found = [u, v, rng.normal(scale=0.5 * spacing, size=points)]
+        case "tilted":
+            return (np.column_stack([u, v, zero]) @ rotation(35).T).astype(np.float32)
+        case "half-bowl" | "dome":
+            z = (u + 1) / 2 * (1 if name == "dome" else -1)
+            found = [np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z]
+        case "shallow-bowl":
+            radius = np.sqrt((u + 1) / 2)
+            found = [radius * np.cos(angle), radius * np.sin(angle), 0.3 * radius**2]
+        case "wavy":
+            found = [u, v, 0.12 * np.sin(5 * u) * np.cos(4 * v)]
+        case "ell":
+            kept = (u < 0) | (v < 0)
+            found = [u[kept], v[kept], zero[kept]]
+        case "floor-and-wall":
+            floor = np.arange(points) < points // 2
+            found = [u, np.where(floor, v, 1), np.where(floor, 0, v + 1)]
+        case "room-corner":
+            which = np.arange(points) % 3
+            found = [np.where(which == 0, -1, u), np.where(which == 1, -1, np.where(which == 0, u, v)), np.where(which == 2, -1, v)]
+        case "pipe" | "cup":
+            z = u.copy()
+            floor = np.arange(points) < (points // 9 if name == "cup" else 0)
+            radius = np.where(floor, 0.5 * np.sqrt((u + 1) / 2), 0.5)
+            z[floor] = -1
+            found = [radius * np.cos(angle), radius * np.sin(angle), z]
+    return np.column_stack(found).astype(np.float32)
+
+
+SHEETS = "flat noisy tilted half-bowl dome shallow-bowl wavy ell floor-and-wall room-corner pipe cup".split()
 
 
 # -- Poisson
