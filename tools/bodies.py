@@ -152,14 +152,15 @@ def run_all(cases, arguments, after=None):
         return
     wanted = [case for case in cases if arguments.only in case.name] if arguments.only else cases
     records = []
-    out = open(arguments.output, "w") if arguments.output else None
+    if arguments.output:
+        arguments.output.write_text("")
 
     def tell(record):
         records.append(record)
         print(line(record), flush=True)
-        if out:
-            out.write(json.dumps(record) + "\n")
-            out.flush()
+        if arguments.output:
+            with open(arguments.output, "a") as out:
+                out.write(json.dumps(record) + "\n")
 
     with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
         for record in pool.map(lambda case: carried_out(case, arguments), wanted):
@@ -172,7 +173,9 @@ def run_all(cases, arguments, after=None):
     judged = [record for record in records if record["verdict"] != "told"]
     wrong = sum(1 for record in judged if record["verdict"] == "wrong")
     excused = sum(1 for record in judged if record["verdict"] == "excused")
-    print(f"wrong {wrong} of {len(judged)} ({excused} more excused); says sealed and is wrong: {len(false)} of {len(sealed)} ({pardoned} of them excused)")
+    print(
+        f"wrong {wrong} of {len(judged)} ({excused} more excused); says sealed and is wrong: {len(false)} of {len(sealed)} ({pardoned} of them excused)"
+    )
 
 
 # -- Simple bodies
@@ -481,7 +484,9 @@ def main():
         command.add_argument("program", type=Path)
         command.add_argument("--work", type=Path, required=True, help="keeps clouds, truths and what Poisson made")
         command.add_argument("--data", type=Path, required=name in ("scans", "holes", "clouds", "raw"), help="folder of scans and models")
-        command.add_argument("--window", type=words(str), default=EVERY if name == "clouds" else WINDOWS, help="windows to run with; 'default' gives none")
+        command.add_argument(
+            "--window", type=words(str), default=EVERY if name == "clouds" else WINDOWS, help="windows to run with; 'default' gives none"
+        )
         command.add_argument("--options", default="", help="more options of the program, in one word")
         command.add_argument("--only", help="only cases whose name has this")
         command.add_argument("--jobs", type=int, default=1, choices=(1, 2), help="runs at a time")

@@ -141,9 +141,7 @@ def cad():
     """A block with a fin, a boss, a cone, a wedge, a bore and a groove."""
     from manifold3d import Manifold
 
-    wedge = Manifold.hull_points(
-        np.array([(1, -0.25, 0.0), (1, 0.25, 0), *((0.45, y, z) for y in (-0.25, 0.25) for z in (-0.12, 0.12))])
-    )
+    wedge = Manifold.hull_points(np.array([(1, -0.25, 0.0), (1, 0.25, 0), *((0.45, y, z) for y in (-0.25, 0.25) for z in (-0.12, 0.12))]))
     part = block((1, 0.7, 0.3)) + block((0.5, 0.08, 0.4), (0.2, 0.2, 0.3)) + rod(0.12, 0.3, (0.3, -0.15, 0.25)) + wedge
     part += rod(0.14, 0.35, (-0.28, 0.14, 0.315), top=0)
     part -= rod(0.12, 2, (-0.25, -0.14, 0))
@@ -174,9 +172,9 @@ def on_floor(gap):
     return floor
 
 
-BODIES = {
-    **{"sphere": sphere, "box": box, "torus": torus, "knot": knot, "gauge": gauge, "cad": cad, "plate": plate, "two": two, "nested": nested},
-    **{"floor": lambda: on_floor(0), "hover": lambda: on_floor(0.35)},
+BODIES = {body.__name__: body for body in (sphere, box, torus, knot, gauge, cad, plate, two, nested)} | {
+    "floor": lambda: on_floor(0),
+    "hover": lambda: on_floor(0.35),
 }
 
 
