@@ -10,9 +10,9 @@
     tools/bodies.py open PROGRAM --work DIR [--data DIR]     what has no inside must never be called sealed
     tools/bodies.py family PROGRAM --work DIR --seed N --count M      bodies at random
 
-Prints a line for each case, then how many were wrong. A matrix case is excused where Open3D's Poisson with the true normals of the same points
-has not the right pieces and genus either; one of the family where Poisson, without its specks, has not of the points without their noise. Bodies, samples and what Poisson made of them are kept in the work folder. A Python environment is
-made in the user's cache.
+Prints a line for each case, then how many were wrong. A matrix case is excused where Open3D's Poisson with the true normals of the same points has
+not the right pieces and genus either; one of the family where Poisson, without its specks, has not of the points without their noise. Bodies,
+samples and what Poisson made of them are kept in the work folder. A Python environment is made in the user's cache.
 """
 
 import argparse
