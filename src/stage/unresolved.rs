@@ -26,6 +26,7 @@ use crate::error::Result;
 use crate::slice::{Bits, Run, Runs, SliceStore, Slices, clip};
 use crate::stage::dilate::{Ball, Dilation};
 use crate::stage::exterior::{Padded, Scratch, invert};
+use crate::stage::hollow::Lining;
 use crate::stage::label::{Labeller, Labels, Measure, Parts};
 use crate::stage::raster::Occupancy;
 use crate::stage::solid::{Solid, faces, move_back};
@@ -99,12 +100,15 @@ struct Group {
     cells: u64,
     /// Eight times χ with the group less χ without it.
     change: i64,
+    /// Of a pit: its faces to the occupied cells, and to other solid cells.
+    lining: Lining,
 }
 
 impl Measure for Group {
     fn add(&mut self, other: &Group) {
         self.cells += other.cells;
         self.change += other.change;
+        self.lining.add(&other.lining);
     }
 }
 
@@ -114,7 +118,7 @@ impl Group {
             Change::Removed => self.change < 0,
             Change::Filled => self.change > 0,
         };
-        if better && self.cells < BELIEVED { CHANGES } else { STAYS }
+        if better && self.cells < BELIEVED && (change == Change::Removed || !self.lining.is_sampled() || self.cells <= std::env::var("SMALL").ok().and_then(|t| t.parse().ok()).unwrap_or(8)) { CHANGES } else { STAYS }
     }
 }
 
@@ -271,14 +275,16 @@ impl<'a> Seen<'a> {
     fn groups(mut self, slices: std::ops::Range<u32>) -> Result<(bool, Parts<Group>)> {
         let [width, _, rows] = self.solid.cells;
         let mut cells = Window::new(3, || Bits::new(width, rows));
-        let mut solid = Window::new(3, || Bits::new(width, rows));
+        let mut around = [(); 2].map(|()| Window::new(3, || Bits::new(width, rows)));
         let (mut runs, mut held, mut groups) = (Runs::default(), Vec::with_capacity(slices.len()), Vec::new());
         for y in slices.map(i64::from) {
             cells.slide_to(y - 1, |y, bits| self.paint(y, bits))?;
-            solid.slide_to(y - 1, |y, bits| self.solid.store.paint(y, bits, &mut runs))?;
+            for (window, store) in around.iter_mut().zip([&self.solid.store, &self.occupancy.store]) {
+                window.slide_to(y - 1, |y, bits| store.paint(y, bits, &mut runs))?;
+            }
             let found = Runs::from_bits(cells.get(y));
             for z in 0..rows {
-                groups.extend(found.row(z).iter().map(|run| Group::of(&solid, &cells, y, z, *run)));
+                groups.extend(found.row(z).iter().map(|run| Group::of(&around, &cells, y, z, *run)));
             }
             held.push(found);
         }
@@ -290,8 +296,9 @@ impl<'a> Seen<'a> {
 
 impl Group {
     /// What a run of row `z` of slice `y` adds: its cells, and the change at the corners whose first cell of a group is one of them.
-    fn of(solid: &Window<Bits>, cells: &Window<Bits>, y: i64, z: u32, run: Run) -> Group {
+    fn of(around: &[Window<Bits>; 2], cells: &Window<Bits>, y: i64, z: u32, run: Run) -> Group {
         let mut change = 0;
+        let [solid, _] = around;
         for x in i64::from(run.start)..i64::from(run.end) {
             for corner in 0..8i64 {
                 let [dx, dz, dy] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
@@ -313,7 +320,7 @@ impl Group {
                 }
             }
         }
-        Group { cells: u64::from(run.end - run.start), change }
+        Group { cells: u64::from(run.end - run.start), change, lining: Lining::of(around, y, z, run) }
     }
 }
 

@@ -3,6 +3,7 @@
 //! All sums are formed in the order of cells and walls, on one thread: the field is the same bits everywhere.
 
 use super::block::Block;
+use super::normal::Wall;
 use super::{Side, support};
 
 /// What a wall weighs, against a face between free cells.
@@ -100,8 +101,8 @@ impl<'a> Field<'a> {
         if self.gaps[a] | self.gaps[b] { GAP } else { 1.0 }
     }
 
-    /// Finds the u that makes E least, from where it is. `pairs`: the free cells on both sides of the walls.
-    pub fn solve(&mut self, pairs: &[[u32; 2]]) {
+    /// Finds the u that makes E least, from where it is. 
+    pub fn solve(&mut self, walls: &[Wall]) {
         let n = self.cells.len();
         let strides = self.block.strides();
         let (mut diagonal, mut b) = (vec![1e-9f32; n], vec![0f32; n]);
@@ -117,13 +118,13 @@ impl<'a> Field<'a> {
                 }
             }
         }
-        let mut walls = Vec::with_capacity(pairs.len());
-        for &[one, other] in pairs {
-            match [one, other].map(|cell| self.number(cell as usize)) {
+        let mut pairs = Vec::with_capacity(walls.len());
+        for wall in walls {
+            match wall.sides.map(|cell| self.number(cell as usize)) {
                 [Some(i), Some(j)] => {
                     diagonal[i] += WALL;
                     diagonal[j] += WALL;
-                    walls.push([i as u32, j as u32]);
+                    pairs.push([i as u32, j as u32]);
                 }
                 [Some(i), None] | [None, Some(i)] => {
                     diagonal[i] += WALL;
@@ -147,7 +148,7 @@ impl<'a> Field<'a> {
                 }
                 out[i] = sum;
             }
-            for &[i, j] in &walls {
+            for &[i, j] in &pairs {
                 out[i as usize] += WALL * x[j as usize];
                 out[j as usize] += WALL * x[i as usize];
             }
