@@ -127,7 +127,7 @@ pub fn close(
             (solid, occupancy, Some(components))
         }
     };
-    let sealing_radius = two_sided.filter(|(two, all)| 20 * two < *all).map(|_| 1);
+    let sealing_radius = two_sided.filter(|(two, _)| *two == 0).map(|_| 1);
     Ok(Closed { solid, occupancy, closing, falls, sealing_radius, trials: Vec::new(), components })
 }
 
@@ -220,6 +220,9 @@ fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn 
     }
     let seen = Seen::of(&occupancy, factor)?;
     let signed = Signed::find(seen, context)?;
+    if std::env::var("DBG").is_ok() {
+        eprintln!("walls {} sheets {:?}", signed.walls, signed.sheets.iter().map(|s| s.walls.len()).collect::<Vec<_>>());
+    }
     progress(longest);
     drop(coarser);
     let levels = levels(&occupancy, level)?;
@@ -234,6 +237,7 @@ fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn 
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     let solid = solid.without_hollows(&occupancy, context)?;
-    Ok(ClosedBySign { solid, occupancy, falls: level > 0, two_sided: signed.two_sided })
+    let solid = if env("UNRES", 1.0) > 0.0 { solid.without_unresolved(&occupancy, context)? } else { solid };
+    Ok(ClosedBySign { solid, occupancy, falls: level > 0, two_sided: (signed.sheets.iter().map(|s| s.walls.len() as u64).sum(), signed.walls) })
 }
 fn env(name: &str, value: f64) -> f64 { std::env::var(name).ok().and_then(|t| t.parse().ok()).unwrap_or(value) }

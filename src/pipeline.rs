@@ -51,9 +51,16 @@ use crate::survey::{Survey, planes_with_points, sampling_distance, survey, turne
 /// points thinned to a tenth, 1.25 still gives one component of the right genus, at a radius of 4.
 const AUTO_CELL: f64 = 1.25;
 
+/// Of clouds of more points the cells by k = 4 are not smaller than [`AUTO_CELL`] samplings distances, unless their surface is more than four times the longest
+/// side squared times four: their side is L / (4 n^(1/3)), the sampling distance (A / n)^(1/2).
+const COARSE_ENOUGH: u64 = 1 << 22;
+
 /// How fine the grid is to be.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Fineness {
+    /// The paper's k = 4, but cells no smaller than `--cell-size auto` would make them: of smaller ones too many are empty by chance.
+    #[default]
+    Default,
     /// As told.
     Given(Resolution),
     /// Cells tied to the sampling distance.
@@ -84,12 +91,12 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Settings {
-            fineness: Fineness::Given(Resolution::default()),
+            fineness: Fineness::Default,
             axis: AxisChoice::Longest,
             seal: Sealing::Auto,
             window: None,
             min_points: 1,
-            min_component: None,
+            min_component: Some(Least::Auto),
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
             open: None,
         }
@@ -113,7 +120,7 @@ impl Settings {
         if self.surface.smooth > 100 {
             return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
         }
-        if self.open.is_some() && self.min_component.is_some() {
+        if self.open.is_some() && self.min_component.is_some_and(|least| least != Least::Auto) {
             let message = "--min-component: a surface that is seen from one side has no components; --min-points thins out strays";
             return Err(Error::Usage(message.into()));
         }
@@ -157,6 +164,15 @@ pub fn survey_cloud(
             let distance = sampling_distance(cloud, &survey, workers, in_flight)?;
             // A single place has no sampling distance; any cell does.
             (Resolution::Cell(distance.map_or(1.0, |d| d * AUTO_CELL)), distance)
+        }
+        Fineness::Default if survey.points > COARSE_ENOUGH => (Resolution::default(), None),
+        Fineness::Default => {
+            let distance = sampling_distance(cloud, &survey, workers, in_flight)?;
+            let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?;
+            let least = distance.map_or(0.0, |d| d * AUTO_CELL);
+            let resolution =
+                if usual.cell_size() < least { Resolution::Cell(least) } else { Resolution::default() };
+            (resolution, distance)
         }
     };
     let grid = match &settings.open {

@@ -190,7 +190,7 @@ impl Parameters {
             Fineness::Given(Resolution::K(value)) => k = Some(value),
             Fineness::Given(Resolution::Slices(value)) => slices = Some(value),
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
-            Fineness::Sampling => {}
+            Fineness::Sampling | Fineness::Default => {}
         }
         let Settings { seal, window, min_points, min_component, surface, open, .. } = *settings;
         Parameters { k, slices, cell_size, seal, window, min_points, min_component, surface, open }

@@ -14,9 +14,13 @@ use crate::stage::raster::{Occupancy, Raster};
 use crate::stage::solid::Solid;
 
 /// Which components are kept.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Least {
+    /// All but specks: components of fewer than [`SPECK`] cells and less than a thousandth of the largest, if all of them together have less than a
+    /// fiftieth of the cells. More are no accident: then all are kept.
+    #[default]
+    Auto,
     /// Those of at least so many cells.
     Cells(u64),
     /// Those of at least this share of the largest's cells, from 0 to 1.
@@ -29,6 +33,7 @@ impl Least {
     /// The least number of cells, where the largest component has `largest`.
     fn cells(self, largest: u64) -> u64 {
         match self {
+            Least::Auto => SPECK.min(largest.div_ceil(SHARE)),
             Least::Cells(cells) => cells,
             Least::Share(share) => (share * largest as f64).ceil() as u64,
             Least::Largest => largest,
@@ -39,12 +44,14 @@ impl Least {
 impl FromStr for Least {
     type Err = String;
 
-    /// `largest`, a share such as `1%`, or a number of cells.
+    /// `auto`, `largest`, a share such as `1%`, or a number of cells.
     fn from_str(text: &str) -> std::result::Result<Least, String> {
         let wrong =
-            || format!("expected a number of cells, a share of the largest such as 1%, or `largest`, found {text:?}");
-        if text == "largest" {
-            return Ok(Least::Largest);
+            || format!("expected a number of cells, a share of the largest such as 1%, `largest` or `auto`, found {text:?}");
+        match text {
+            "auto" => return Ok(Least::Auto),
+            "largest" => return Ok(Least::Largest),
+            _ => {}
         }
         match text.strip_suffix('%') {
             Some(percent) => {
@@ -55,6 +62,15 @@ impl FromStr for Least {
         }
     }
 }
+
+/// Components of fewer cells are specks.
+pub const SPECK: u64 = 64;
+
+/// So many times as large as a speck is the largest component, at the least.
+const SHARE: u64 = 1000;
+
+/// Specks are less than this part of all cells.
+const FEW: u64 = 50;
 
 /// What was found and left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
@@ -118,9 +134,16 @@ pub fn keep(
         components.found += 1;
         components.largest = components.largest.max(cells.0);
     })?;
-    let least = least.cells(components.largest);
+    let mut limit = least.cells(components.largest);
+    if least == Least::Auto {
+        let mut specks = 0;
+        labelled.for_each(|cells| specks += if cells.0 < limit { cells.0 } else { 0 })?;
+        if FEW * specks >= solid.volume {
+            limit = 0;
+        }
+    }
     let labels = labelled.judged(context, |cells| {
-        if cells.0 >= least {
+        if cells.0 >= limit {
             return KEPT;
         }
         components.dropped += 1;

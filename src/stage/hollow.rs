@@ -131,7 +131,7 @@ impl Solid {
 /// What a hollow's faces turn to.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Zeroable, Pod)]
 #[repr(C)]
-struct Lining {
+pub struct Lining {
     /// Faces to occupied cells.
     sampled: u64,
     /// Faces to other solid cells.
@@ -147,7 +147,7 @@ impl Measure for Lining {
 
 impl Lining {
     /// The lining of a run of row `z` of slice `y`, among the solid and the occupied cells of the slices round it.
-    fn of([solid, occupied]: &[Window<Bits>; 2], y: i64, z: u32, run: Run) -> Lining {
+    pub fn of([solid, occupied]: &[Window<Bits>; 2], y: i64, z: u32, run: Run) -> Lining {
         let mut lining = Lining::default();
         let mut add = |y: i64, z: u32, start: u32, end: u32| {
             let (solid, occupied) = (solid.get(y).row(z), occupied.get(y).row(z));
@@ -173,6 +173,12 @@ impl Lining {
         add(y - 1, z, start, end);
         add(y + 1, z, start, end);
         lining
+    }
+
+    /// Whether most of it was sampled.
+    pub fn is_sampled(&self) -> bool {
+        let t: f64 = std::env::var("LINED").ok().and_then(|t| t.parse().ok()).unwrap_or(0.6);
+        self.sampled as f64 > t * (self.sampled + self.bare) as f64
     }
 
     /// Less than two sampled faces in seven: found by trying, from .3 to .67 sampled faces for each bare one. With .67, concavities of the horse are

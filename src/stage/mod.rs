@@ -28,4 +28,5 @@ pub mod sign;
 pub mod smooth;
 pub mod solid;
 pub mod spot;
+pub mod unresolved;
 pub mod walls;

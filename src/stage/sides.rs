@@ -93,7 +93,7 @@ impl Sides {
                         match signed.side([x, y, z].map(parent)) {
                             Side::Outside => bits[0].set(x, z),
                             Side::Inside => bits[1].set(x, z),
-                            Side::Wall => {}
+                            Side::Wall | Side::Enclosed => {}
                         }
                     }
                 }

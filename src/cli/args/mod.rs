@@ -173,9 +173,10 @@ pub struct CloudArguments {
     /// Points that make a cell occupied, at least: thins out strays
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Surface")]
     pub min_points: u32,
-    /// Cells of a component, at least: a number, a share of the largest's such as 1%, or `largest` [default: all are kept]
-    #[arg(long, value_name = "N|P%|largest", allow_negative_numbers = true, help_heading = "Surface")]
-    pub min_component: Option<Least>,
+    /// Cells of a component, at least: a number (1 keeps all), a share of the largest's such as 1%, or `largest`; auto leaves out specks: fewer than 64 cells,
+    /// less than a thousandth of the largest, and in all less than a fiftieth of the cells
+    #[arg(long, value_name = "auto|N|P%|largest", default_value = "auto", allow_negative_numbers = true, help_heading = "Surface")]
+    pub min_component: Least,
     /// A closed surface; or one that is open where the points end: of what was scanned from one side, or of ground seen from above
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
     pub surface: SurfaceWord,
@@ -404,7 +405,7 @@ impl CloudArguments {
             (Some(k), ..) => given(Resolution::K(k)),
             (_, Some(slices), _) => given(Resolution::Slices(slices)),
             (.., Some(fineness)) => fineness,
-            _ => given(Resolution::default()),
+            _ => Fineness::Default,
         };
         let axis = match self.axis {
             AxisWord::Longest => AxisChoice::Longest,
@@ -413,7 +414,7 @@ impl CloudArguments {
             AxisWord::Z => AxisChoice::Fixed(Axis::Z),
         };
         let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
-        let (min_points, min_component) = (self.min_points, self.min_component);
+        let (min_points, min_component) = (self.min_points, Some(self.min_component));
         let (seal, window, open) = (self.seal, self.window, self.open()?);
         Ok(Settings { fineness, axis, seal, window, min_points, min_component, surface, open })
     }

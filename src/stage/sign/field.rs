@@ -2,8 +2,9 @@
 //!
 //! All sums are formed in the order of cells and walls, on one thread: the field is the same bits everywhere.
 
-use super::Side;
 use super::block::Block;
+use super::normal::Wall;
+use super::{Side, support};
 
 /// What a wall weighs, against a face between free cells.
 const WALL: f32 = 4.0;
@@ -16,6 +17,9 @@ const TOLERANCE: f64 = 1e-3;
 
 /// The most steps of the search. It takes about as many as the longest side has cells.
 const STEPS: usize = 1000;
+
+/// Fewer enclosed cells are no cavity.
+const CAVITY: usize = 27;
 
 const NONE: u32 = u32::MAX;
 
@@ -97,8 +101,8 @@ impl<'a> Field<'a> {
         if self.gaps[a] | self.gaps[b] { GAP } else { 1.0 }
     }
 
-    /// Finds the u that makes E least, from where it is. `pairs`: the free cells on both sides of the walls.
-    pub fn solve(&mut self, pairs: &[[u32; 2]]) {
+    /// Finds the u that makes E least, from where it is. 
+    pub fn solve(&mut self, walls: &[Wall]) {
         let n = self.cells.len();
         let strides = self.block.strides();
         let (mut diagonal, mut b) = (vec![1e-9f32; n], vec![0f32; n]);
@@ -114,13 +118,13 @@ impl<'a> Field<'a> {
                 }
             }
         }
-        let mut walls = Vec::with_capacity(pairs.len());
-        for &[one, other] in pairs {
-            match [one, other].map(|cell| self.number(cell as usize)) {
+        let mut pairs = Vec::with_capacity(walls.len());
+        for wall in walls {
+            match wall.sides.map(|cell| self.number(cell as usize)) {
                 [Some(i), Some(j)] => {
                     diagonal[i] += WALL;
                     diagonal[j] += WALL;
-                    walls.push([i as u32, j as u32]);
+                    pairs.push([i as u32, j as u32]);
                 }
                 [Some(i), None] | [None, Some(i)] => {
                     diagonal[i] += WALL;
@@ -144,7 +148,7 @@ impl<'a> Field<'a> {
                 }
                 out[i] = sum;
             }
-            for &[i, j] in &walls {
+            for &[i, j] in &pairs {
                 out[i as usize] += WALL * x[j as usize];
                 out[j as usize] += WALL * x[i as usize];
             }
@@ -166,20 +170,35 @@ impl<'a> Field<'a> {
         self.u.iter_mut().zip(bare).filter(|(_, bare)| **bare).for_each(|(u, _)| *u = -1.0);
     }
 
-    /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start, and else enclosed: inside.
+    /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start. Else it is enclosed: a cavity if
+    /// walls line it ([`support::is_lined`]), and else inside.
     pub fn sides(&self) -> Vec<Side> {
-        let mut sides = vec![Side::Inside; self.occupied.len()];
-        let mut stack = Vec::new();
-        for (cell, side) in sides.iter_mut().enumerate() {
-            if self.occupied[cell] {
-                *side = Side::Wall;
-            } else if self.outside[cell] {
-                *side = Side::Outside;
-                stack.push(cell);
+        let mut sides: Vec<Side> =
+            self.occupied.iter().map(|occupied| if *occupied { Side::Wall } else { Side::Inside }).collect();
+        let starts = (0..sides.len()).filter(|&cell| self.outside[cell] && !self.occupied[cell]).collect();
+        self.spread(&mut sides, starts, |_| {});
+        for cell in 0..sides.len() {
+            if sides[cell] == Side::Inside && self.is_outside(cell) {
+                let mut enclosed = Vec::new();
+                self.spread(&mut sides, vec![cell], |cell| enclosed.push(cell));
+                if enclosed.len() < CAVITY || !support::is_lined(self, &enclosed) {
+                    // Not outside, and not to be found again.
+                    enclosed.into_iter().for_each(|cell| sides[cell] = Side::Enclosed);
+                }
             }
         }
+        sides.iter_mut().filter(|side| **side == Side::Enclosed).for_each(|side| *side = Side::Inside);
+        sides
+    }
+
+    /// Makes cells that are not inside outside, and all that faces join to them.
+    fn spread(&self, sides: &mut [Side], mut stack: Vec<usize>, mut found: impl FnMut(usize)) {
         let strides = self.block.strides();
+        for &cell in &stack {
+            sides[cell] = Side::Outside;
+        }
         while let Some(cell) = stack.pop() {
+            found(cell);
             if self.block.at_border(cell) {
                 continue;
             }
@@ -190,7 +209,6 @@ impl<'a> Field<'a> {
                 }
             }
         }
-        sides
     }
 }
 

@@ -30,6 +30,7 @@ mod field;
 mod normal;
 mod outliers;
 mod rolling;
+mod sheet;
 mod support;
 
 use crate::context::Context;
@@ -39,6 +40,7 @@ use crate::stage::raster::Occupancy;
 
 pub use self::block::Block;
 use self::field::Field;
+pub use self::sheet::Sheet;
 
 /// The most cells along any axis of a level that is held whole.
 pub const LONGEST: u32 = 128;
@@ -59,6 +61,8 @@ pub enum Side {
     Outside,
     /// Free, and inside.
     Inside,
+    /// Free, on the outer side of walls, but reached from nowhere: not among what is found.
+    Enclosed,
 }
 
 /// A level of the pyramid, held whole, and which of its cells are walls.
@@ -103,8 +107,10 @@ pub struct Signed {
     pub sides: Vec<Side>,
     /// Occupied cells that belong to no surface, as indices of the block.
     pub outliers: Vec<u32>,
-    /// Occupied cells that have the outside on both sides, of all that are walls.
-    pub two_sided: (u64, u64),
+    /// Number of occupied cells that are walls.
+    pub walls: u64,
+    /// Patches of walls that have the outside on both sides, the largest first.
+    pub sheets: Vec<Sheet>,
 }
 
 impl Signed {
@@ -114,13 +120,13 @@ impl Signed {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn find(seen: Seen, context: &Context) -> Result<Signed> {
         let Seen { block, occupied, walls, outliers } = seen;
-        let pairs = normal::pairs(&block, &occupied, &walls);
+        let two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
         let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
         loop {
             context.workers.check_cancelled()?;
-            field.solve(&pairs);
+            field.solve(&two_sided);
             let bare = support::bare(&field);
             if !bare.iter().any(|&b| b) {
                 break;
@@ -133,9 +139,11 @@ impl Signed {
             let reached = rolling::reached(&block, &occupied, radius);
             field.open(&bare, &reached);
         }
-        let sides = field.sides();
-        let two_sided = normal::two_sided(&pairs, &sides);
-        Ok(Signed { block, sides, outliers, two_sided })
+        let mut sides = field.sides();
+        let sheets = sheet::find(&block, &two_sided, &sides);
+        sheet::fill(&block, &sheets, &mut sides);
+        let walls = walls.len() as u64;
+        Ok(Signed { block, sides, outliers, walls, sheets })
     }
 
     /// The side of a cell of the level; beyond it, all is outside.

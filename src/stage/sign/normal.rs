@@ -1,6 +1,5 @@
 //! Normals of walls, and the free cells on both sides of them.
 
-use super::Side;
 use super::block::Block;
 
 /// Squared radius of the ball whose occupied cells tell a wall's normal; and the one if there are too few in it.
@@ -12,16 +11,25 @@ const ENOUGH: i64 = 7;
 /// How far a wall's sides are looked for, in half cells.
 const REACH: i32 = 8;
 
-/// The nearest free cells on both sides of the walls that have them, as indices of the block.
-pub fn pairs(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<[u32; 2]> {
+/// An occupied cell with the nearest free cells on both of its sides, as indices of the block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wall {
+    /// The occupied cell.
+    pub cell: u32,
+    /// The free cells.
+    pub sides: [u32; 2],
+}
+
+/// Those of the occupied cells `walls` that have free cells on both sides.
+pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
     let near = |squared| -> Vec<([i64; 3], isize)> {
         Block::ball(squared).into_iter().map(|d| (d.map(i64::from), block.step(d))).collect()
     };
     let (near, wide) = (near(NEAR.0), near(NEAR.1));
     let strides = block.strides();
-    let mut pairs = Vec::with_capacity(walls.len());
-    for &wall in walls {
-        let wall = wall as usize;
+    let mut out = Vec::with_capacity(walls.len());
+    for &cell in walls {
+        let wall = cell as usize;
         let mut moments = Moments::of(occupied, wall, &near);
         if moments.count < ENOUGH {
             moments = Moments::of(occupied, wall, &wide);
@@ -36,16 +44,10 @@ pub fn pairs(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<[u32; 2]> {
             })
         };
         if let (Some(a), Some(b)) = (side(1.0), side(-1.0)) {
-            pairs.push([a, b]);
+            out.push(Wall { cell, sides: [a, b] });
         }
     }
-    pairs
-}
-
-/// Of the walls' pairs, how many have the outside on both sides; and how many there are.
-pub fn two_sided(pairs: &[[u32; 2]], sides: &[Side]) -> (u64, u64) {
-    let outside = |cell: u32| sides[cell as usize] == Side::Outside;
-    (pairs.iter().filter(|[a, b]| outside(*a) && outside(*b)).count() as u64, pairs.len() as u64)
+    out
 }
 
 /// Sums over the offsets of occupied cells.

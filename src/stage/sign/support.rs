@@ -55,3 +55,19 @@ pub fn bare(field: &Field<'_>) -> Vec<bool> {
     }
     bare
 }
+
+/// Whether what is enclosed is lined by walls, so that it is a cavity that was sampled.
+pub fn is_lined(field: &Field<'_>, enclosed: &[usize]) -> bool {
+    let strides = field.block.strides();
+    let (mut lined, mut open) = (0u64, 0u64);
+    for &cell in enclosed {
+        if field.lined[cell] {
+            lined += 1;
+        } else {
+            let mut next =
+                strides.into_iter().flat_map(|s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)]);
+            open += u64::from(next.any(|next| field.number(next).is_some_and(|number| field.u[number] > 0.0)));
+        }
+    }
+    open as f64 <= BARE * (open + lined) as f64
+}

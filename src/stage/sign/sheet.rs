@@ -1,0 +1,75 @@
+//! Sheets: patches of walls that have the outside on both sides.
+//!
+//! ```text
+//!      o o o o o o o      # walls, o outside, i inside
+//!      # # # # # # #      Left, the floor is a sheet: the outside lies on both of its sides. The body on it is not.
+//!      o o # i # o o      Sheets have no inside. They are kept as slabs that are one cell thick; what is missing between their samples is filled in.
+//!          # i #
+//!      o o # # # o o
+//! ```
+
+use super::Side;
+use super::block::Block;
+use super::distance::squared;
+use super::normal::Wall;
+
+/// A patch of fewer walls is no sheet: single walls at the edges of bodies may see the outside on both sides.
+const SHEET: usize = 27;
+
+/// The squared radius of the ball that does not pass between the samples of a sheet.
+const BETWEEN: i32 = 6;
+
+/// A patch of walls with the outside on both sides.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Sheet {
+    /// Its walls, as indices of the block.
+    pub walls: Vec<u32>,
+}
+
+/// Finds the sheets, the largest first.
+pub fn find(block: &Block, walls: &[Wall], sides: &[Side]) -> Vec<Sheet> {
+    let outside = |cell: u32| sides[cell as usize] == Side::Outside;
+    let mut open = vec![false; sides.len()];
+    let cells: Vec<u32> = walls.iter().filter(|w| w.sides.into_iter().all(outside)).map(|w| w.cell).collect();
+    cells.iter().for_each(|&cell| open[cell as usize] = true);
+    let around = block.around();
+    let mut sheets = Vec::new();
+    for &first in &cells {
+        if !std::mem::take(&mut open[first as usize]) {
+            continue;
+        }
+        let (mut walls, mut at) = (vec![first], 0);
+        while at < walls.len() {
+            for step in &around {
+                let next = (walls[at] as usize).wrapping_add_signed(*step);
+                if std::mem::take(&mut open[next]) {
+                    walls.push(next as u32);
+                }
+            }
+            at += 1;
+        }
+        if walls.len() >= SHEET {
+            sheets.push(Sheet { walls });
+        }
+    }
+    sheets.sort_by_key(|sheet| std::cmp::Reverse(sheet.walls.len()));
+    sheets
+}
+
+/// Makes the outside cells between the samples of the sheets inside: those that a ball does not reach that touches no sheet.
+pub fn fill(block: &Block, sheets: &[Sheet], sides: &mut [Side]) {
+    if sheets.is_empty() {
+        return;
+    }
+    let size = [block.width, block.rows, block.slices];
+    let mut cells = vec![false; sides.len()];
+    sheets.iter().flat_map(|sheet| &sheet.walls).for_each(|&wall| cells[wall as usize] = true);
+    let near = squared(&cells, size);
+    cells.iter_mut().zip(&near).for_each(|(cell, near)| *cell = *near > BETWEEN);
+    let reached = squared(&cells, size);
+    for ((side, near), reached) in sides.iter_mut().zip(near).zip(reached) {
+        if *side == Side::Outside && near <= BETWEEN && reached > BETWEEN {
+            *side = Side::Inside;
+        }
+    }
+}
