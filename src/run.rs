@@ -1,10 +1,12 @@
 //! A whole run: files in, mesh file out. What the command does, as a call.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::Instant;
 
 use crate::attribute::Wanted;
+use crate::defect;
 use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
@@ -290,7 +292,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, positions)?),
     };
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
-    let workspace = job.means.workspace(&output)?;
+    let workspace = job.means.workspace(&output)?.stopped_with(workers);
     let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
 
     describe(&cloud, progress);
@@ -307,6 +309,9 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
 
+    if job.settings.open.is_some() && made.mesh.face_count() == 0 {
+        return Err(Error::NoSurface);
+    }
     let mut header = header(&cloud, &surveyed, job, &made);
     if job.input.attributes == Wanted::All {
         for (name, value) in output::constant(&made.mesh, workers)? {
@@ -403,10 +408,18 @@ impl Place {
         work: impl FnOnce() -> R,
     ) -> (R, Result<Place>) {
         let Place::File(target) = self else { return (work(), Ok(self)) };
+        let waiting = Mutex::new(Some(target));
+        let fill = || {
+            let target = waiting.lock().unwrap_or_else(PoisonError::into_inner).take();
+            target.map(|target| defect::caught(|| target.fill(mesh, header, workers, &mut |_| ())))
+        };
         thread::scope(|scope| {
-            let filling = scope.spawn(|| target.fill(mesh, header, workers, &mut |_| ()));
+            let filling = thread::Builder::new().name("asra-writer".into()).spawn_scoped(scope, fill);
             let done = work();
-            (done, filling.join().expect("no writer panics").map(Place::Filled))
+            // A thread that the system refuses costs time only: then nobody has taken the target yet.
+            let filled = filling.ok().and_then(|filling| filling.join().ok().flatten()).or_else(fill);
+            let lost = || Err(Error::Internal("the writer is gone, and the mesh's file with it".into()));
+            (done, filled.unwrap_or_else(lost).map(Place::Filled))
         })
     }
 }

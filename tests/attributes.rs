@@ -25,7 +25,11 @@ fn write_raw(path: &Path, samples: &[Sample]) {
 }
 
 fn job(inputs: &[PathBuf], output: &Path, threads: usize, budget: u64) -> Job {
-    let input = InputOptions { layout: Some("xyz,i:u16,class:u8".parse().unwrap()), attributes: "intensity,classification".parse().unwrap(), ..InputOptions::default() };
+    let input = InputOptions {
+        layout: Some("xyz,i:u16,class:u8".parse().unwrap()),
+        attributes: "intensity,classification".parse().unwrap(),
+        ..InputOptions::default()
+    };
     let temp_dir = Some(output.parent().unwrap().to_path_buf());
     let means = Means { threads: Some(threads), max_memory: Some(budget), temp_dir };
     Job { input, means, output: Some(output.to_path_buf()), ..Job::new(inputs) }

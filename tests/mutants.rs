@@ -38,14 +38,19 @@ fn seeds(folder: &Path) -> Vec<(String, Vec<u8>)> {
     for format in [0, 1, 3, 6, 7, 8] {
         for compressed in [false, true] {
             let name = format!("f{format}.{}", if compressed { "laz" } else { "las" });
-            seeds.push((name, las(format, compressed)));
+            las(format, &path(&name));
+            let bytes = std::fs::read(path(&name)).unwrap();
+            seeds.push((name, bytes));
         }
     }
     seeds.push(("a.e57".to_string(), e57()));
     let points = [[0.0f32, 0.5, 1.0], [1.5, -2.0, 3.25], [-4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
     let bytes: &[u8] = bytemuck::cast_slice(&points);
     let pcd = |kind: &str| {
-        format!("VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4\nHEIGHT 1\nPOINTS 4\nDATA {kind}\n").into_bytes()
+        format!(
+            "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4\nHEIGHT 1\nPOINTS 4\nDATA {kind}\n"
+        )
+        .into_bytes()
     };
     seeds.push(("b.pcd".to_string(), [pcd("binary"), bytes.to_vec()].concat()));
     seeds.push(("t.pcd".to_string(), [pcd("ascii"), b"0 1 2\n3 4 5\n6 7 8\n9 9 9\n".to_vec()].concat()));
@@ -61,14 +66,13 @@ fn seeds(folder: &Path) -> Vec<(String, Vec<u8>)> {
     seeds
 }
 
-fn las(format: u8, compressed: bool) -> Vec<u8> {
+/// Writes a LAS file, or LAZ, as its name says.
+fn las(format: u8, path: &Path) {
     let mut builder = las::Builder::from((1, if format < 6 { 2 } else { 4 }));
     builder.point_format = las::point::Format::new(format).unwrap();
-    builder.point_format.is_compressed = compressed;
     let header = builder.into_header().unwrap();
     let kind = header.point_format().to_owned();
-    let mut content = Cursor::new(Vec::new());
-    let mut writer = las::Writer::new(&mut content, header).unwrap();
+    let mut writer = las::Writer::from_path(path, header).unwrap();
     for i in 0..600 {
         let at = f64::from(i);
         let point = las::Point {
@@ -84,8 +88,6 @@ fn las(format: u8, compressed: bool) -> Vec<u8> {
         writer.write_point(point).unwrap();
     }
     writer.close().unwrap();
-    drop(writer);
-    content.into_inner()
 }
 
 fn e57() -> Vec<u8> {

@@ -78,7 +78,10 @@ impl Sidecar {
         let path = Sidecar::path_for(path);
         // Asked first: opening a pipe would wait for a writer.
         if std::fs::metadata(&path).is_ok_and(|there| !there.is_file()) {
-            return Err(Error::io(&path, "read")(std::io::Error::other("it is not a regular file")));
+            return Err(Error::io(&path, "read")(std::io::Error::new(
+                std::io::ErrorKind::InvalidInput,
+                "it is not a regular file",
+            )));
         }
         let file = match File::open(&path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),

@@ -105,7 +105,7 @@ fn a_file_that_is_full_has_no_name_until_it_is_finished() {
         target.fill(&mesh, &header, &Workers::new(1).unwrap(), &mut |_| ()).unwrap()
     };
     let filled = fill();
-    assert!(!path.exists() && count() == 2, "the file and its side-car, under other names");
+    assert!(!path.exists() && !dir.path().join("m_offset.xyz").exists(), "neither the file nor its side-car");
     drop(filled);
     assert_eq!(count(), 0, "what is not finished is removed");
     let written = fill().finish().unwrap();
@@ -310,14 +310,14 @@ fn attributes_that_never_change_are_found() {
         ("gps_time", Scalar::F64),
     ];
     let schema = Schema::new(names.map(|(name, scalar)| Attribute::new(name, scalar)).to_vec());
-    let strip = strip(40_000);
+    let strip = strip(32_000);
     for (red, time, found) in [(7, 1.5, "red green blue class gps_time"), (8, 1.5, "class gps_time"), (8, 2.5, "class")]
     {
         let mut mesh = MeshSpool::with_attributes(&workspace, Precision::Single, schema.clone(), 1 << 20);
         mesh.append_vertices(&strip.0).unwrap();
         for number in 0..strip.0.len() {
             // One that differs, far behind the first.
-            let last = number == 70_001;
+            let last = number == 60_001;
             let mut record = vec![if last { red } else { 7 }, 3, 4, 2];
             record.extend(f64::to_ne_bytes(if last { time } else { 1.5 }));
             mesh.append_attributes(&record).unwrap();

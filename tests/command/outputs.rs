@@ -102,11 +102,11 @@ fn a_pipe_where_a_mesh_or_a_side_car_should_be_is_refused_at_once() {
         "compare m.ply f.ply",
         "densify f.ply s.bin -o f.bin",
     ] {
-        f.fails(line, 1, &["f.ply: cannot read", "it is not a regular file"]);
+        f.fails(line, 66, &["f.ply: cannot read", "it is not a regular file"]);
     }
     f.write("p.bin", f.read("s.bin"));
     pipe("p.bin.json");
-    f.fails("info p.bin", 1, &["p.bin.json: cannot read", "it is not a regular file"]);
+    f.fails("info p.bin", 66, &["p.bin.json: cannot read", "it is not a regular file"]);
     f.fails("s.bin -o j.ply -j 10000", 2, &["10000", "threads"]);
 }
 
@@ -145,7 +145,8 @@ fn coordinates_are_the_inputs_own_unless_the_summary_says_so() {
 fn a_reference_system_that_contradicts_the_coordinates_is_an_error_until_one_is_given() {
     let f = Folder::new();
     f.ok("generate torus 5000 -o t.bin --size 10 --offset 500000,5400000,200");
-    for (crs, expected) in [("EPSG:4326", "degrees of longitude"), ("EPSG:4978", "metres from the centre of the Earth")] {
+    for (crs, expected) in [("EPSG:4326", "degrees of longitude"), ("EPSG:4978", "metres from the centre of the Earth")]
+    {
         for command in ["t.bin -o a.ply", "plan t.bin"] {
             let line = format!("{command} --crs {crs}");
             f.fails(&line, 2, &["t.bin: the reference system", crs, expected, "coordinates go from 499", "--crs none"]);

@@ -32,9 +32,7 @@ use crate::whole::Overwrite;
 /// and fitting. The mesh is always closed, oriented and 2-manifold, and the same bytes for any memory and threads.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, arg_required_else_help = true)]
-#[command(after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 the mesh failed its own check, \
-                        4 `check` found a mesh that is no closed oriented 2-manifold or intersects itself, \
-                        130 interrupted.")]
+#[command(after_help = super::exit_codes())]
 pub struct Arguments {
     /// What to do instead of reconstructing.
     #[command(subcommand)]
@@ -175,7 +173,13 @@ pub struct CloudArguments {
     pub min_points: u32,
     /// Cells of a component, at least: a number (1 keeps all), a share of the largest's such as 1%, or `largest`; auto leaves out specks: fewer than 64 cells,
     /// less than a thousandth of the largest, and in all less than a fiftieth of the cells
-    #[arg(long, value_name = "auto|N|P%|largest", default_value = "auto", allow_negative_numbers = true, help_heading = "Surface")]
+    #[arg(
+        long,
+        value_name = "auto|N|P%|largest",
+        default_value = "auto",
+        allow_negative_numbers = true,
+        help_heading = "Surface"
+    )]
     pub min_component: Least,
     /// A closed surface; or one that is open where the points end: of what was scanned from one side, or of ground seen from above
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]

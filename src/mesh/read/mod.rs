@@ -105,7 +105,10 @@ impl<'a> Input<'a> {
     fn open(path: &'a Path) -> Result<Input<'a>> {
         // Asked first: opening a pipe would wait for a writer.
         if !std::fs::metadata(path).map_err(Error::io(path, "open"))?.is_file() {
-            return Err(Error::io(path, "read a mesh from")(std::io::Error::other("it is not a regular file")));
+            return Err(Error::io(path, "read a mesh from")(std::io::Error::new(
+                std::io::ErrorKind::InvalidInput,
+                "it is not a regular file",
+            )));
         }
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
