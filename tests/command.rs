@@ -600,8 +600,9 @@ fn a_mesh_becomes_a_picture_whatever_the_means() {
 fn pictures_show_attributes_that_are_there() {
     let f = Folder::new();
     f.write("i.ply", with_intensity(&f.knot(5000)));
-    f.ok("i.ply -o m.ply");
-    f.ok("i.ply -o m.glb");
+    // One value everywhere is left out unless it is named.
+    f.ok("i.ply -o m.ply --attributes intensity");
+    f.ok("i.ply -o m.glb --attributes intensity");
     f.ok("i.ply -o m.stl");
     f.ok("render m.ply --size 90x90 --color-by Intensity");
     f.ok("render m.glb --size 90x90 --color-by intensity -o g.png");
@@ -860,7 +861,7 @@ fn report(f: &Folder, name: &str) -> serde_json::Value {
 fn the_report_holds_what_batch_jobs_ask_for() {
     let f = Folder::new();
     f.knot(3000);
-    f.write("r.json", "an older report");
+    f.write("r.json", "{\"version\": \"an older report\"}");
     f.ok("k.ply -o m.ply --report r.json --k 3 --window 3 --smooth 2 -q");
     let r = report(&f, "r.json");
     for pointer in [

@@ -142,9 +142,9 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
 fn through(path: &Path, folder: &Path, workers: &Workers) -> Result<(), String> {
     let means = Means { max_memory: Some(BUDGET), temp_dir: Some(folder.to_path_buf()), ..Means::default() };
     let looked = look(&Job { means, ..Job::new([path]) }, workers, &mut Progress::new(Show::Nothing)).map(drop);
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let mut seen = looked.map_err(|error| error.to_string());
-    if ["ply", "stl", "obj", "glb"].contains(&extension) {
+    if name.starts_with("m.") {
         let workspace = Workspace::new(folder).unwrap();
         let opened = read::open_with(path, &workspace, BUDGET, &Wanted::All).and_then(|mesh| {
             let mut vertices = vec![[0.0; 3]; mesh.vertex_count().min(1 << 16) as usize];

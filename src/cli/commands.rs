@@ -32,7 +32,13 @@ use crate::whole::WholeFile;
 /// # Errors
 /// Those of the work.
 pub fn execute(arguments: Arguments) -> Result<Kind> {
-    outputs::check(&arguments)?;
+    if let Err(error) = outputs::check(&arguments) {
+        // Told in the report, too, if that is not what must not be written.
+        if let Some(path) = outputs::sound_report(&arguments) {
+            write_json(WholeFile::report(&path)?, &error.failure(exit_code(&error)))?;
+        }
+        return Err(error);
+    }
     match &arguments.command {
         None => reconstruct(&arguments.reconstruct),
         Some(Command::Plan(arguments)) => show_plan(arguments),

@@ -73,6 +73,16 @@ pub fn check(arguments: &Arguments) -> Result<()> {
     outputs.iter().try_for_each(Output::check)
 }
 
+/// The report's file, if nothing speaks against writing that.
+pub fn sound_report(arguments: &Arguments) -> Option<PathBuf> {
+    let (inputs, outputs) = reads_and_writes(arguments);
+    let report = outputs.iter().find(|output| output.kind == Kind::Report)?;
+    let mut others = outputs.iter().filter(|output| output.kind != Kind::Report).map(|output| &output.path);
+    let taken = inputs.into_iter().flat_map(with_sidecar).any(|input| is_same(&input, &report.path))
+        || others.any(|other| is_same(other, &report.path));
+    (!taken && report.check().is_ok()).then(|| report.path.clone())
+}
+
 impl Output {
     /// Whether it can be written where it is to be.
     fn check(&self) -> Result<()> {
@@ -130,7 +140,10 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             };
             if let Some(output) = &output {
                 match arguments.tile {
-                    Some(_) => put(Tiles::path(output), "tiles", Kind::Tiles, overwrite),
+                    Some(_) if matches!(Format::from_path(output), Ok(Format::Ply | Format::Glb)) => {
+                        put(Tiles::path(output), "tiles", Kind::Tiles, overwrite);
+                    }
+                    Some(_) => {}
                     None if Format::from_path(output).is_ok() => {
                         put(output.clone(), "mesh", Kind::File, overwrite);
                         for path in output::beside(output) {
