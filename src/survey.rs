@@ -211,7 +211,7 @@ const ASKEW: [[f64; 3]; 3] = [[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.
 /// Those of reading the input; [`Error::Interrupted`].
 pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_flight: usize) -> Result<Option<f64>> {
     const LEVELS: usize = 20;
-    let diagonal = survey.bounds.extent().into_iter().fold(0.0, f64::hypot);
+    let diagonal = survey.bounds.extent().into_iter().fold(0.0, libm::hypot);
     if diagonal <= 0.0 {
         return Ok(None);
     }
