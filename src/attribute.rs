@@ -60,6 +60,9 @@ pub fn canonical(name: &str) -> String {
 const LEFT_OUT: [&str; 11] =
     ["x", "y", "z", "nx", "ny", "nz", "normal_x", "normal_y", "normal_z", "curvature", "withheld"];
 
+/// The most bytes that a point's attributes may take: buckets are filled in pieces of 12 KiB or more, and a piece holds a point.
+pub const MOST_BYTES: usize = 8 << 10;
+
 /// Which attributes are carried to the mesh.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Wanted {
@@ -103,7 +106,7 @@ impl Wanted {
     /// Of the attributes that files have, those that are wanted, each once, in a type that holds every file's values.
     ///
     /// # Errors
-    /// [`Error::Usage`] if one that is named is in no file.
+    /// [`Error::Usage`] if one that is named is in no file, or if they take more than [`MOST_BYTES`].
     pub fn of<'a>(&self, files: impl IntoIterator<Item = &'a [Attribute]>) -> Result<Schema> {
         let mut all: Vec<Attribute> = Vec::new();
         for attribute in files.into_iter().flatten() {
@@ -121,7 +124,15 @@ impl Wanted {
                 names.iter().map(find).collect::<Result<_>>()?
             }
         };
-        Ok(Schema { attributes })
+        let schema = Schema { attributes };
+        if schema.stride() > MOST_BYTES {
+            return Err(Error::Usage(format!(
+                "--attributes: the {} attributes of a point take {} bytes, more than {MOST_BYTES}; name those to carry, or none",
+                schema.attributes.len(),
+                schema.stride()
+            )));
+        }
+        Ok(schema)
     }
 }
 
@@ -315,6 +326,16 @@ mod tests {
         ] {
             assert_eq!(canonical(name), expected);
         }
+    }
+
+    #[test]
+    fn a_point_of_too_many_attributes_is_refused_until_some_are_named() {
+        let names: Vec<String> = (0..1025).map(|i| format!("band{i}")).collect();
+        let all: Vec<Attribute> = names.iter().map(|name| Attribute::new(name, Scalar::F64)).collect();
+        assert_eq!(Wanted::All.of([&all[..1024]]).unwrap().stride(), MOST_BYTES);
+        let error = Wanted::All.of([&all[..]]).unwrap_err().to_string();
+        assert!(error.contains("the 1025 attributes of a point take 8200 bytes, more than 8192"), "{error}");
+        assert_eq!(Wanted::Named(names[..2].to_vec()).of([&all[..]]).unwrap().stride(), 16);
     }
 
     #[test]

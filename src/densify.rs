@@ -11,6 +11,7 @@ use crate::points::{Batch, Points, Precision};
 use crate::progress::{Phase, Progress};
 use crate::run::Means;
 use crate::schedule::Workers;
+use crate::steady::Steady;
 use crate::whole::Overwrite;
 
 /// Triangles of a job.
@@ -62,7 +63,8 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
     }
     let budget = job.means.budget();
     let workspace = job.means.workspace(&job.output)?;
-    let mesh = mesh::read::open(&job.mesh, &workspace, budget / 2)?;
+    let steady = Steady::of([&job.mesh]);
+    let mesh = steady.settle(mesh::read::open(&job.mesh, &workspace, budget / 2))?;
     if mesh.face_count() == 0 {
         return Err(Error::malformed(&job.mesh, "the mesh", "triangles", "none"));
     }
@@ -113,10 +115,11 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
         }
         Ok(encoded(kind, precision, places.into_iter()))
     };
-    workers.in_order_range(in_flight, pieces, piece, |(count, bytes)| {
+    let added = workers.in_order_range(in_flight, pieces, piece, |(count, bytes)| {
         progress.add(count);
         target.append(&bytes)
-    })?;
+    });
+    steady.settle(added)?;
     let (bytes, _) = target.finish()?;
     progress.end();
     Ok(Densified { points, centroids, bytes })

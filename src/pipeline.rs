@@ -158,6 +158,12 @@ pub fn survey_cloud(
     let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
     progress.begin(Phase::Survey, known);
     let (survey, sketch) = survey(cloud, workers, in_flight, |records| progress.add(records))?;
+    let farthest = survey.bounds.min.into_iter().chain(survey.bounds.max).fold(0.0, |most: f64, c| most.max(c.abs()));
+    if cloud.precision() == Precision::Single && farthest > FARTHEST_SINGLE {
+        return Err(Error::Usage(format!(
+            "a coordinate of {farthest:e} leaves single precision no room for a surface, which ends at {FARTHEST_SINGLE:e}; scale the points down"
+        )));
+    }
     let (resolution, sampling) = match settings.fineness {
         Fineness::Given(resolution) => (resolution, None),
         Fineness::Sampling => {
@@ -416,6 +422,9 @@ fn reconstruct_as<T: Coordinate>(
     })
 }
 
+/// The farthest that points in single precision may lie: corners of cells lie a few extents beyond them, and must be numbers, too.
+const FARTHEST_SINGLE: f64 = f32::MAX as f64 / 64.0;
+
 /// What is taken off positions so that formats and programs with `f32` coordinates keep their resolution: nothing for
 /// `f32` input, whose coordinates are written as they are, and nothing for boxes near zero.
 ///
@@ -447,6 +456,7 @@ pub fn context(surveyed: &Surveyed, workers: &Workers, workspace: &Workspace, bu
             path: workspace.dir().to_path_buf(),
             available: ByteSize(available),
             needed: ByteSize(memory.predicted_disk),
+            capacity: ByteSize(workspace.capacity()?),
         });
     }
     Ok(Context { workers: workers.clone(), workspace: workspace.clone(), memory, load: surveyed.load.clone() })

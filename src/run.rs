@@ -1,9 +1,11 @@
 //! A whole run: files in, mesh file out. What the command does, as a call.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::Instant;
 
+use crate::defect;
 use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
@@ -261,6 +263,9 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
 
+    if made.mesh.face_count() == 0 {
+        return Err(Error::NoSurface);
+    }
     let header = header(&cloud, &surveyed, job, &made);
     let mut checked = None;
     if job.check == Check::Always {
@@ -346,10 +351,18 @@ impl Place {
         work: impl FnOnce() -> R,
     ) -> (R, Result<Place>) {
         let Place::File(target) = self else { return (work(), Ok(self)) };
+        let waiting = Mutex::new(Some(target));
+        let fill = || {
+            let target = waiting.lock().unwrap_or_else(PoisonError::into_inner).take();
+            target.map(|target| defect::caught(|| target.fill(mesh, header, workers, &mut |_| ())))
+        };
         thread::scope(|scope| {
-            let filling = scope.spawn(|| target.fill(mesh, header, workers, &mut |_| ()));
+            let filling = thread::Builder::new().name("asra-writer".into()).spawn_scoped(scope, fill);
             let done = work();
-            (done, filling.join().expect("no writer panics").map(Place::Filled))
+            // A thread that the system refuses costs time only: then nobody has taken the target yet.
+            let filled = filling.ok().and_then(|filling| filling.join().ok().flatten()).or_else(fill);
+            let lost = || Err(Error::Internal("the writer is gone, and the mesh's file with it".into()));
+            (done, filled.unwrap_or_else(lost).map(Place::Filled))
         })
     }
 }

@@ -70,6 +70,15 @@ impl Workspace {
         Ok(stat.f_bavail * stat.f_frsize)
     }
 
+    /// The size of the folder's file system.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn capacity(&self) -> Result<u64> {
+        let stat = rustix::fs::statvfs(self.dir()).map_err(|e| self.failed("read the size")(e.into()))?;
+        Ok(stat.f_blocks * stat.f_frsize)
+    }
+
     /// A new store that keeps up to `in_memory` bytes in memory and goes to disk beyond.
     pub fn spool(&self, in_memory: u64) -> Spool {
         Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0 }
@@ -290,12 +299,15 @@ impl Temporary {
         if self.promised.load(Ordering::Relaxed) < more {
             let available = self.workspace.available()?;
             let written = self.written.load(Ordering::Relaxed);
-            let promise = promise(available, more).ok_or_else(|| Error::Disk {
-                path: self.workspace.dir().to_path_buf(),
-                // Of all that was free at first, and for all that is to be written: more may come yet.
-                available: ByteSize(written + available),
-                needed: ByteSize(written + more + LOOK),
-            })?;
+            let Some(promise) = promise(available, more) else {
+                return Err(Error::Disk {
+                    path: self.workspace.dir().to_path_buf(),
+                    // Of all that was free at first, and for all that is to be written: more may come yet.
+                    available: ByteSize(written + available),
+                    needed: ByteSize(written + more + LOOK),
+                    capacity: ByteSize(self.workspace.capacity()?),
+                });
+            };
             self.promised.store(promise, Ordering::Relaxed);
         }
         self.file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;

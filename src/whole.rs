@@ -1,10 +1,18 @@
 //! Files that appear under their name only when they are whole.
+//!
+//! A file in the making has no name at all where the system can do that: then nothing is left of it however the process ends. Elsewhere, and for folders, it has
+//! a hidden name beside its own, and is locked; what a process that was killed has left there, locked by nobody, goes when the next one of the same name is
+//! made.
 
-use std::fs::{File, Permissions};
-use std::os::unix::fs::PermissionsExt;
+use std::fs::{File, OpenOptions, Permissions};
+use std::io::{self, Seek};
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use rustix::fs::{AtFlags, CWD, FlockOperation, Mode, OFlags, RenameFlags, flock, linkat, renameat_with};
+use rustix::io::Errno;
+use tempfile::{Builder, TempDir, TempPath};
 
 use crate::error::{Error, Result};
 
@@ -17,16 +25,19 @@ pub enum Overwrite {
     Replace,
 }
 
-/// A file in the making, under a temporary name beside its own. Dropping it removes it.
+/// A file in the making. Dropping it removes it.
 #[derive(Debug)]
 pub struct WholeFile {
-    file: NamedTempFile,
+    file: File,
+    /// Its hidden name, where it needs one.
+    hidden: Option<TempPath>,
     path: PathBuf,
     overwrite: Overwrite,
+    synced: bool,
 }
 
 impl WholeFile {
-    /// Creates the temporary file, with the permissions any new file gets.
+    /// Creates the file, with the permissions any new file gets.
     ///
     /// # Errors
     /// [`Error::OutputExists`]; [`Error::Io`] if the folder cannot be written to.
@@ -34,17 +45,29 @@ impl WholeFile {
         if overwrite == Overwrite::Refuse && path.exists() {
             return Err(Error::OutputExists(path.to_path_buf()));
         }
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(path);
         folder.metadata().map_err(Error::io(folder, "open the folder"))?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let file = tempfile::Builder::new()
-            .prefix(&format!(".{name}."))
-            .suffix(".tmp")
-            // Less the process's umask, as for any file that is created.
-            .permissions(Permissions::from_mode(0o666))
-            .tempfile_in(folder)
-            .map_err(Error::io(path, "create a file beside"))?;
-        Ok(WholeFile { file, path: path.to_path_buf(), overwrite })
+        reap(path);
+        let (file, hidden) = match nameless(folder) {
+            Some(file) => (file, None),
+            None => {
+                let (file, hidden) = hidden(path).map_err(Error::io(path, "create a file beside"))?;
+                (file, Some(hidden))
+            }
+        };
+        Ok(WholeFile { file, hidden, path: path.to_path_buf(), overwrite, synced: true })
+    }
+
+    /// Creates a file in a folder of this process's own, where nothing else is and nobody looks before the folder has its name. Whoever gives it that sees to
+    /// it that what it holds has reached the disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn within(path: &Path) -> Result<WholeFile> {
+        let file = OpenOptions::new().read(true).write(true).create_new(true).open(path);
+        let file = file.map_err(Error::io(path, "create"))?;
+        let hidden = Some(TempPath::try_from_path(path).map_err(Error::io(path, "create"))?);
+        Ok(WholeFile { file, hidden, path: path.to_path_buf(), overwrite: Overwrite::Replace, synced: false })
     }
 
     /// The name it is going to have.
@@ -54,23 +77,232 @@ impl WholeFile {
 
     /// The file, to write to.
     pub fn file(&self) -> &File {
-        self.file.as_file()
+        &self.file
     }
 
-    /// Gives it its name.
+    /// Gives it its name, once what was written has reached the disk: after a power cut, what has the name is whole.
     ///
     /// # Errors
     /// [`Error::OutputExists`] if a file of that name has come up meanwhile; [`Error::Io`].
-    pub fn finish(self) -> Result<()> {
-        let named = match self.overwrite {
-            Overwrite::Replace => self.file.persist(&self.path),
-            Overwrite::Refuse => self.file.persist_noclobber(&self.path),
-        };
-        named.map(drop).map_err(|refused| match refused.error.kind() {
-            std::io::ErrorKind::AlreadyExists => Error::OutputExists(self.path.clone()),
-            _ => Error::io(&self.path, "name the finished file")(refused.error),
-        })
+    pub fn finish(mut self) -> Result<()> {
+        if self.synced {
+            synced(self.file.sync_all()).map_err(Error::io(&self.path, "write"))?;
+        }
+        self.name().map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists => Error::OutputExists(self.path.clone()),
+            _ => Error::io(&self.path, "name the finished file")(error),
+        })?;
+        if self.synced {
+            sync_folder(&self.path);
+        }
+        Ok(())
     }
+
+    fn name(&mut self) -> io::Result<()> {
+        let hidden = match self.hidden.take() {
+            Some(hidden) => hidden,
+            None => match link(&self.file, &self.path) {
+                Ok(()) => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+                    if self.overwrite == Overwrite::Refuse {
+                        return Err(error);
+                    }
+                    // Only a name takes a name's place at once.
+                    let file = &self.file;
+                    beside(&self.path, |builder, folder| builder.make_in(folder, |path| link(file, path)))?
+                        .into_temp_path()
+                }
+                // The system makes files without names, and then gives them none.
+                Err(_) => {
+                    let (mut file, path) = hidden(&self.path)?;
+                    self.file.rewind()?;
+                    io::copy(&mut &self.file, &mut file)?;
+                    synced(file.sync_all())?;
+                    path
+                }
+            },
+        };
+        match self.overwrite {
+            Overwrite::Replace => hidden.persist(&self.path),
+            Overwrite::Refuse => hidden.persist_noclobber(&self.path),
+        }
+        .map_err(|refused| refused.error)
+    }
+}
+
+/// A folder in the making, beside its own place under a hidden name. Dropping it removes it and what it holds.
+#[derive(Debug)]
+pub struct WholeFolder {
+    folder: TempDir,
+    /// Holds the lock.
+    handle: File,
+    path: PathBuf,
+    overwrite: Overwrite,
+}
+
+impl WholeFolder {
+    /// Creates the folder, with the permissions any new one gets.
+    ///
+    /// # Errors
+    /// [`Error::OutputExists`]; [`Error::Io`].
+    pub fn create(path: &Path, overwrite: Overwrite) -> Result<WholeFolder> {
+        if overwrite == Overwrite::Refuse && path.exists() {
+            return Err(Error::OutputExists(path.to_path_buf()));
+        }
+        reap(path);
+        let make = || -> io::Result<(TempDir, File)> {
+            loop {
+                let permissions = Permissions::from_mode(0o777);
+                let folder = beside(path, |builder, folder| builder.permissions(permissions).tempdir_in(folder))?;
+                let handle = File::open(folder.path())?;
+                if held(&handle) {
+                    return Ok((folder, handle));
+                }
+            }
+        };
+        let (folder, handle) = make().map_err(Error::io(path, "create a folder beside"))?;
+        Ok(WholeFolder { folder, handle, path: path.to_path_buf(), overwrite })
+    }
+
+    /// Where it lies until it has its name.
+    pub fn place(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Gives it its name, once what it holds has reached the disk. What has the name already, if it may go, goes in the same moment.
+    ///
+    /// # Errors
+    /// [`Error::OutputExists`] if something of that name has come up meanwhile; [`Error::Io`].
+    pub fn finish(self) -> Result<()> {
+        let synced = synced(rustix::fs::syncfs(&self.handle).map_err(io::Error::from));
+        synced.map_err(Error::io(&self.path, "write"))?;
+        let replaced = self.name().map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => Error::OutputExists(self.path.clone()),
+            _ => Error::io(&self.path, "name the finished folder")(error),
+        })?;
+        sync_folder(&self.path);
+        let old = self.folder.keep();
+        if replaced {
+            let is_folder = old.symlink_metadata().is_ok_and(|there| there.is_dir());
+            let removed = if is_folder { std::fs::remove_dir_all(&old) } else { std::fs::remove_file(&old) };
+            removed.map_err(Error::io(&old, "remove"))?;
+        }
+        Ok(())
+    }
+
+    /// Whether something else lies under the hidden name now.
+    fn name(&self) -> io::Result<bool> {
+        let (here, there) = (self.place(), &*self.path);
+        let replaces = self.overwrite == Overwrite::Replace && there.symlink_metadata().is_ok();
+        let flags = if replaces { RenameFlags::EXCHANGE } else { RenameFlags::NOREPLACE };
+        match renameat_with(CWD, here, CWD, there, flags) {
+            Ok(()) => Ok(replaces),
+            Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) if replaces => {
+                // In two steps; if the second fails, the first is taken back.
+                let aside = here.with_extension("old");
+                std::fs::rename(there, &aside)?;
+                std::fs::rename(here, there).inspect_err(|_| drop(std::fs::rename(&aside, there)))?;
+                std::fs::rename(&aside, here)?;
+                Ok(true)
+            }
+            // Onto a folder that is there, this works only if that is empty.
+            Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) => std::fs::rename(here, there).map(|()| false),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// The parts of hidden names that are the same for all in the making of one name.
+fn hidden_parts(path: &Path) -> (String, &'static str) {
+    (format!(".{}.", path.file_name().unwrap_or_default().to_string_lossy()), ".tmp")
+}
+
+/// Random letters of a hidden name.
+const RANDOM: usize = 6;
+
+/// Makes what lies under a hidden name.
+fn beside<R>(path: &Path, make: impl FnOnce(&mut Builder, &Path) -> R) -> R {
+    let (prefix, suffix) = hidden_parts(path);
+    make(Builder::new().prefix(&prefix).suffix(suffix).rand_bytes(RANDOM), folder_of(path))
+}
+
+/// A file without a name that can be given one.
+fn nameless(folder: &Path) -> Option<File> {
+    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+    // Less the process's umask, as for any file that is created.
+    let file = File::from(rustix::fs::open(folder, flags, Mode::from_raw_mode(0o666)).ok()?);
+    // For the moment in which it may have a hidden name.
+    let _ = flock(&file, FlockOperation::NonBlockingLockExclusive);
+    by_number(&file).symlink_metadata().is_ok().then_some(file)
+}
+
+/// An open file's place among those of the process.
+fn by_number(file: &File) -> PathBuf {
+    PathBuf::from(format!("/proc/self/fd/{}", file.as_raw_fd()))
+}
+
+fn link(file: &File, path: &Path) -> io::Result<()> {
+    Ok(linkat(CWD, by_number(file), CWD, path, AtFlags::SYMLINK_FOLLOW)?)
+}
+
+/// A file under a hidden name.
+fn hidden(path: &Path) -> io::Result<(File, TempPath)> {
+    loop {
+        let permissions = Permissions::from_mode(0o666);
+        let made = beside(path, |builder, folder| builder.permissions(permissions).tempfile_in(folder))?;
+        let (file, name) = made.into_parts();
+        if held(&file) {
+            return Ok((file, name));
+        }
+    }
+}
+
+/// Locks what was just made, unless the system knows no locks. False if someone else took it for a leftover before it was locked.
+fn held(file: &File) -> bool {
+    let locked = flock(file, FlockOperation::NonBlockingLockExclusive) != Err(Errno::WOULDBLOCK);
+    locked && file.metadata().is_ok_and(|there| there.nlink() > 0)
+}
+
+/// Removes what processes that are no more left under hidden names of this one. Whether that works or not is no matter of this one's.
+fn reap(path: &Path) {
+    let (prefix, suffix) = hidden_parts(path);
+    let Ok(entries) = std::fs::read_dir(folder_of(path)) else { return };
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let random = name.to_str().and_then(|name| name.strip_prefix(&prefix)?.strip_suffix(suffix));
+        if !random.is_some_and(|random| random.len() == RANDOM && random.bytes().all(|b| b.is_ascii_alphanumeric())) {
+            continue;
+        }
+        let Ok(kind) = entry.file_type() else { continue };
+        let mut options = OpenOptions::new();
+        options.read(true).write(kind.is_file()).custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
+        if !kind.is_file() && !kind.is_dir() {
+            continue;
+        }
+        let Ok(left) = options.open(entry.path()) else { continue };
+        // Who makes it holds its lock.
+        if flock(&left, FlockOperation::NonBlockingLockExclusive).is_ok() {
+            let _ =
+                if kind.is_dir() { std::fs::remove_dir_all(entry.path()) } else { std::fs::remove_file(entry.path()) };
+        }
+    }
+}
+
+/// Where there is nothing to be brought to a disk, nothing failed.
+fn synced(outcome: io::Result<()>) -> io::Result<()> {
+    match outcome {
+        Err(error) if matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => Ok(()),
+        outcome => outcome,
+    }
+}
+
+/// Brings a name to the disk, if the system does such a thing: what has the name is whole in any case.
+fn sync_folder(path: &Path) {
+    let _ = File::open(folder_of(path)).and_then(|folder| folder.sync_all());
 }
 
 #[cfg(test)]
@@ -116,5 +348,97 @@ mod tests {
         std::fs::write(&path, b"theirs").unwrap();
         assert!(matches!(whole.finish(), Err(Error::OutputExists(_))));
         assert_eq!(std::fs::read(&path).unwrap(), b"theirs");
+    }
+
+    /// As on a file system that makes no files without names.
+    fn with_hidden_name(path: &Path, overwrite: Overwrite) -> WholeFile {
+        let (file, name) = hidden(path).unwrap();
+        WholeFile { file, hidden: Some(name), path: path.to_path_buf(), overwrite, synced: true }
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> =
+            folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn in_the_making_it_has_no_name_where_the_system_can() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("out.ply");
+        let whole = WholeFile::create(&path, Overwrite::Refuse).unwrap();
+        assert_eq!(whole.hidden.is_some(), nameless(dir.path()).is_none());
+        assert_eq!(names(dir.path()).len(), usize::from(whole.hidden.is_some()));
+    }
+
+    #[test]
+    fn what_a_killed_process_left_goes_and_what_others_hold_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("out.ply");
+        let held_by_another = with_hidden_name(&path, Overwrite::Replace);
+        let folder_of_another = WholeFolder::create(&path, Overwrite::Replace).unwrap();
+        // As a kill leaves them: there, and unlocked. The others only look like it.
+        let mine = [".out.ply.a1B2c3.tmp", ".out.ply.backup-of-mine.tmp", ".out.ply.tmp", ".other.ply.a1B2c3.tmp"];
+        mine.iter().for_each(|name| std::fs::write(dir.path().join(name), "left").unwrap());
+        std::fs::create_dir(dir.path().join(".out.ply.d4E5f6.tmp")).unwrap();
+        std::fs::write(dir.path().join(".out.ply.d4E5f6.tmp/1_2.ply"), "left").unwrap();
+        let before = names(dir.path());
+        let whole = WholeFile::create(&path, Overwrite::Replace).unwrap();
+        let gone: Vec<String> = before.into_iter().filter(|name| !names(dir.path()).contains(name)).collect();
+        assert_eq!(gone, [".out.ply.a1B2c3.tmp", ".out.ply.d4E5f6.tmp"]);
+        whole.file().write_all(b"one").unwrap();
+        whole.finish().unwrap();
+        held_by_another.file().write_all(b"two").unwrap();
+        held_by_another.finish().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"two");
+        drop(folder_of_another);
+        assert_eq!(
+            names(dir.path()),
+            [".other.ply.a1B2c3.tmp", ".out.ply.backup-of-mine.tmp", ".out.ply.tmp", "out.ply"]
+        );
+    }
+
+    #[test]
+    fn a_hidden_name_serves_as_well_as_none() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("out.ply");
+        for (overwrite, expected) in [(Overwrite::Refuse, "one"), (Overwrite::Replace, "two")] {
+            let whole = with_hidden_name(&path, overwrite);
+            whole.file().write_all(expected.as_bytes()).unwrap();
+            whole.finish().unwrap();
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
+        }
+        assert!(matches!(with_hidden_name(&path, Overwrite::Refuse).finish(), Err(Error::OutputExists(_))));
+        assert_eq!(names(dir.path()), ["out.ply"]);
+    }
+
+    #[test]
+    fn a_folder_takes_its_place_at_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("city.tiles");
+        let make = |overwrite, content: &str| {
+            let folder = WholeFolder::create(&path, overwrite).unwrap();
+            let file = WholeFile::within(&folder.place().join("a")).unwrap();
+            file.file().write_all(content.as_bytes()).unwrap();
+            file.finish().unwrap();
+            folder
+        };
+        make(Overwrite::Refuse, "one").finish().unwrap();
+        assert_eq!(std::fs::read_to_string(path.join("a")).unwrap(), "one");
+        make(Overwrite::Replace, "two").finish().unwrap();
+        assert_eq!(std::fs::read_to_string(path.join("a")).unwrap(), "two");
+        assert!(matches!(WholeFolder::create(&path, Overwrite::Refuse), Err(Error::OutputExists(_))));
+        // What comes up meanwhile is kept.
+        std::fs::remove_dir_all(&path).unwrap();
+        let folder = make(Overwrite::Refuse, "three");
+        std::fs::create_dir(&path).unwrap();
+        assert!(matches!(folder.finish(), Err(Error::OutputExists(_))));
+        // A file of that name is replaced, too.
+        std::fs::remove_dir(&path).unwrap();
+        std::fs::write(&path, "a file").unwrap();
+        make(Overwrite::Replace, "four").finish().unwrap();
+        assert_eq!(std::fs::read_to_string(path.join("a")).unwrap(), "four");
+        assert_eq!(names(dir.path()), ["city.tiles"]);
     }
 }

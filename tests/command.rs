@@ -19,17 +19,17 @@ const SHAPES: [&str; 10] = ["sphere", "torus", "knot", "terrain", "plane", "box"
 #[test]
 fn a_wrong_path_is_named() {
     let f = Folder::new();
-    f.fails("gone.ply", 1, &["gone.ply: cannot open: No such file"]);
-    f.fails("gone*.ply", 2, &["gone*.ply: the pattern matches no file"]);
+    f.fails("gone.ply", 66, &["gone.ply: cannot open: No such file"]);
+    f.fails("gone*.ply", 66, &["gone*.ply: the pattern matches no file"]);
     f.make("nothing");
-    f.fails("nothing", 2, &["nothing: the folder holds no point file"]);
+    f.fails("nothing", 66, &["nothing: the folder holds no point file"]);
 }
 
 #[test]
 fn an_empty_file_is_no_cloud() {
     let f = Folder::new();
     f.write("a.ply", "");
-    f.fails("a.ply", 1, &["a.ply: length: expected points, found an empty file"]);
+    f.fails("a.ply", 65, &["a.ply: length: expected points, found an empty file"]);
 }
 
 #[test]
@@ -38,9 +38,9 @@ fn a_truncated_file_says_where_it_ends() {
     f.knot(1000);
     let whole = f.read("k.ply");
     f.write("cut.ply", &whole[..whole.len() - 5]);
-    f.fails("cut.ply", 1, &["cut.ply: vertex 999: expected 1000 vertices of 12 bytes", "found the end of the file"]);
+    f.fails("cut.ply", 65, &["cut.ply: vertex 999: expected 1000 vertices of 12 bytes", "found the end of the file"]);
     f.write("head.ply", &whole[..40]);
-    f.fails("head.ply", 1, &["head.ply"]);
+    f.fails("head.ply", 65, &["head.ply"]);
 }
 
 #[test]
@@ -56,7 +56,7 @@ fn points_that_are_not_finite_are_dropped_and_counted() {
     assert_eq!(report(&f, "r.json")["points"]["dropped"], 2);
     assert_eq!(f.read("dirty.mesh.ply"), f.read("clean.ply"));
     f.write("none.ply", ply(&[[f32::NAN; 3]; 3]));
-    f.fails("none.ply", 1, &["the input holds no points (3 records dropped as not finite, 0 left out by filters)"]);
+    f.fails("none.ply", 65, &["the input holds no points (3 records dropped as not finite, 0 left out by filters)"]);
 }
 
 #[test]
@@ -65,21 +65,21 @@ fn a_raw_file_is_told_by_side_car_flag_or_numbers_or_refused() {
     f.ok("generate sphere 20k -o s.bin");
     f.ok("s.bin -o sidecar.ply");
     f.write("bare.bin", f.read("s.bin"));
-    f.fails("bare.bin", 1, &["bare.bin: the record layout is ambiguous; name one with --layout", "--layout xyzir"]);
+    f.fails("bare.bin", 2, &["bare.bin: the record layout is ambiguous; name one with --layout", "--layout xyzir"]);
     let answer = f.ok("bare.bin --layout xyz -o given.ply");
     assert!(answer.err.contains("bare.bin: raw xyz little-endian (given)"), "{}", answer.err);
     assert_eq!(f.read("given.ply"), f.read("sidecar.ply"));
     f.fails("bare.bin --layout xy", 2, &["expected one field z, found 0"]);
-    f.fails("bare.bin --layout xyz --skip-bytes 5", 1, &["expected a multiple of 12 bytes", "7 left over"]);
+    f.fails("bare.bin --layout xyz --skip-bytes 5", 65, &["expected a multiple of 12 bytes", "7 left over"]);
 }
 
 #[test]
 fn foreign_formats_are_refused_by_name() {
     let f = Folder::new();
     f.write("a.bin", [b"CCB2".as_slice(), &[0; 300]].concat());
-    f.fails("a.bin", 1, &["a.bin: this is a CloudCompare project", "save the cloud as PLY"]);
+    f.fails("a.bin", 65, &["a.bin: this is a CloudCompare project", "save the cloud as PLY"]);
     f.write("a.ply", [b"BZh".as_slice(), &[0; 300]].concat());
-    f.fails("a.ply", 1, &["a bzip2-compressed file"]);
+    f.fails("a.ply", 65, &["a bzip2-compressed file"]);
 }
 
 // ---- Compressed files, standard input, other programs' formats ----
@@ -166,15 +166,15 @@ fn standard_input_that_is_no_cloud_is_refused() {
         assert_eq!(f.names(""), before);
     };
     refused("-", b"1 2 3\n", 2, "standard input has no name that the mesh could have; pass --output");
-    refused("- -o m.ply", b"", 1, "standard input: length: expected points, found an empty file");
-    refused("- -o m.ply", b"PK\x03\x04", 1, "standard input: this is a ZIP archive");
+    refused("- -o m.ply", b"", 65, "standard input: length: expected points, found an empty file");
+    refused("- -o m.ply", b"PK\x03\x04", 65, "standard input: this is a ZIP archive");
     refused(
         "- -o m.ply",
         &gzip(b"1 2 3\n")[..20],
-        1,
+        65,
         "standard input: compressed byte 20: expected gzip data, found the end of the file",
     );
-    refused("./-", b"", 1, "./-: cannot open");
+    refused("./-", b"", 66, "./-: cannot open");
 }
 
 /// The mesh's name is refused, and the folder for temporary files, before anything is read or unpacked.
@@ -184,9 +184,9 @@ fn what_cannot_be_written_is_refused_before_anything_is_unpacked() {
     f.write("m.ply", "precious");
     f.write("k.gz", &gzip(b"1 2 3\n")[..20]);
     f.fails("k.gz -o m.ply", 2, &["m.ply: exists already"]);
-    f.fails("k.gz -o n.ply --temp-dir no", 1, &["no: cannot create a temporary file"]);
-    f.fails("info k.gz --temp-dir no", 1, &["no: cannot create a temporary file"]);
-    f.fails("k.gz -o n.ply", 1, &["k.gz: compressed byte 20: expected gzip data, found the end of the file"]);
+    f.fails("k.gz -o n.ply --temp-dir no", 73, &["no: cannot create a temporary file"]);
+    f.fails("info k.gz --temp-dir no", 73, &["no: cannot create a temporary file"]);
+    f.fails("k.gz -o n.ply", 65, &["k.gz: compressed byte 20: expected gzip data, found the end of the file"]);
 }
 
 #[test]
@@ -214,7 +214,7 @@ fn a_disk_that_fills_up_while_unpacking_is_reported() {
     shell.arg("-c").arg("trap '' XFSZ; ulimit -f 1000; exec \"$0\" k.xyz.gz -o m.ply --temp-dir tmp").arg(program);
     let answer = Answer::of(shell.current_dir(f.path("")).env_remove("TMPDIR").output().unwrap());
     assert!(
-        answer.code == 1 && answer.err.contains("tmp: cannot write temporary data: File too large"),
+        answer.code == 71 && answer.err.contains("tmp: cannot write temporary data: File too large"),
         "{}",
         answer.err
     );
@@ -291,9 +291,9 @@ fn an_output_that_cannot_be_is_refused_at_once() {
     let f = Folder::new();
     f.knot(2000);
     f.fails("k.ply -o k.off", 2, &["k.off", ".ply, .stl, .obj or .glb"]);
-    f.fails("k.ply -o no/where/k.obj", 1, &["no/where: cannot open the folder: No such file"]);
-    f.fails("k.ply --report no/r.json", 1, &["no: cannot open the folder"]);
-    f.fails("k.ply --temp-dir no", 1, &["no: cannot create a temporary file: No such file"]);
+    f.fails("k.ply -o no/where/k.obj", 73, &["no/where: cannot open the folder: No such file"]);
+    f.fails("k.ply --report no/r.json", 73, &["no: cannot open the folder"]);
+    f.fails("k.ply --temp-dir no", 73, &["no: cannot create a temporary file: No such file"]);
 }
 
 #[test]
@@ -306,8 +306,8 @@ fn a_folder_without_write_permission_is_refused() {
     if std::fs::write(f.path("locked/probe"), "").is_ok() {
         return; // The superuser may write anywhere.
     }
-    f.fails("k.ply --temp-dir locked", 1, &["locked: cannot create a temporary file: Permission denied"]);
-    f.fails("k.ply -o locked/k.ply", 1, &["locked/k.ply: cannot create a file beside: Permission denied"]);
+    f.fails("k.ply --temp-dir locked", 73, &["locked: cannot create a temporary file: Permission denied"]);
+    f.fails("k.ply -o locked/k.ply", 73, &["locked/k.ply: cannot create a file beside: Permission denied"]);
 }
 
 /// A limit on the length of files stands in for a disk that is full: the system's answer comes at the same call.
@@ -326,7 +326,7 @@ fn a_full_disk_is_reported_and_nothing_is_left() {
         shell.arg("-c").arg(format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" {arguments}")).arg(program);
         let before = f.names("");
         let answer = Answer::of(shell.current_dir(f.path("")).env_remove("TMPDIR").output().unwrap());
-        assert_eq!(answer.code, 1, "{}", answer.err);
+        assert_eq!(answer.code, 71, "{}", answer.err);
         assert!(answer.err.contains(says) && answer.err.contains("File too large"), "{}", answer.err);
         assert_eq!(f.names(""), before);
         assert_eq!(f.names("tmp").len(), 0);
@@ -362,7 +362,7 @@ fn arguments_out_of_range_are_refused_before_the_input_is_read() {
     f.fails("", 2, &["Usage: asra-stream [OPTIONS] <INPUT>..."]);
     f.fails("generate dragon 10 -o a.ply", 2, &["dragon", "sphere, torus, knot"]);
     f.fails("generate knot 10 -o a.las", 2, &["a.las: expected a name with .bin, .ply, .xyz or .txt"]);
-    f.fails("k.ply --cell-size 1e-9", 1, &["cells long along", "--cell-size"]);
+    f.fails("k.ply --cell-size 1e-9", 71, &["cells long along", "--cell-size"]);
 }
 
 /// Crumbs and strays beside a knot, in the same box: what is left without them is what would be without their points.
@@ -423,7 +423,7 @@ fn least_memory(f: &Folder, arguments: &str) -> String {
         if answer.code == 0 {
             return budget;
         }
-        assert_eq!(answer.code, 1, "{}", answer.err);
+        assert_eq!(answer.code, 71, "{}", answer.err);
         let (_, after) = answer.err.split_once("pass --max-memory ").expect("a figure that would do");
         budget = after.split_whitespace().next().unwrap().to_owned();
     }
@@ -547,12 +547,12 @@ fn check_tells_a_good_mesh_from_a_broken_one() {
     assert_eq!((&found["pairs"], &found["complete"]), (&3.into(), &true.into()), "{found}");
     assert_eq!(found["first"]["triangles"], serde_json::json!([3, 4]));
 
-    f.fails("check gone.ply", 1, &["gone.ply: cannot open"]);
-    f.fails("check good.obj --temp-dir no", 1, &["no: cannot create a temporary file"]);
+    f.fails("check gone.ply", 66, &["gone.ply: cannot open"]);
+    f.fails("check good.obj --temp-dir no", 73, &["no: cannot create a temporary file"]);
     f.write("cloud.txt", "1 2 3\n");
     f.fails("check cloud.txt", 2, &["cloud.txt: not a mesh that can be read"]);
     f.knot(10);
-    f.fails("check k.ply", 1, &["k.ply: the header: expected one element face (is this a point cloud?)"]);
+    f.fails("check k.ply", 65, &["k.ply: the header: expected one element face (is this a point cloud?)"]);
 }
 
 /// Width, height and channels of a PNG file, and its pixels.
@@ -619,11 +619,11 @@ fn what_cannot_be_drawn_leaves_no_picture() {
     let f = Folder::new();
     f.knot(3000);
     f.ok("k.ply -o m.ply");
-    f.fails("render gone.ply", 1, &["gone.ply: cannot open"]);
-    f.fails("render k.ply", 1, &["is this a point cloud?"]);
+    f.fails("render gone.ply", 66, &["gone.ply: cannot open"]);
+    f.fails("render k.ply", 65, &["is this a point cloud?"]);
     f.fails("render m.ply -o m.jpg", 2, &["m.jpg: pictures are .png"]);
-    f.fails("render m.ply -o no/m.png", 1, &["no: cannot open the folder"]);
-    f.fails("render m.ply --max-memory 4M", 1, &["--max-memory 4.0 MiB: a picture of this size needs", "M or more"]);
+    f.fails("render m.ply -o no/m.png", 73, &["no: cannot open the folder"]);
+    f.fails("render m.ply --max-memory 4M", 71, &["--max-memory 4.0 MiB: a picture of this size needs", "M or more"]);
     f.fails(
         "render m.ply --size 3x3 --views iso,top,left,right,front,back,bottom,1:2,3:4,5:6",
         2,
@@ -644,12 +644,12 @@ fn what_cannot_be_drawn_leaves_no_picture() {
     assert_eq!(f.read("m.png"), b"theirs");
     let whole = f.read("m.ply");
     f.write("cut.ply", &whole[..whole.len() - 40]);
-    f.fails("render cut.ply", 1, &["cut.ply"]);
+    f.fails("render cut.ply", 65, &["cut.ply"]);
     let mut wrong = whole.clone();
     let last = wrong.len() - 1;
     wrong[last] = 0x7f;
     f.write("wrong.ply", &wrong);
-    f.fails("render wrong.ply", 1, &["wrong.ply: face", "vertex numbers below"]);
+    f.fails("render wrong.ply", 65, &["wrong.ply: face", "vertex numbers below"]);
     f.write("empty.obj", "v 0 0 0\n");
     let answer = f.ok("render empty.obj --size 20x20");
     assert!(answer.err.contains("the picture is empty"), "{}", answer.err);
@@ -669,7 +669,7 @@ fn a_run_draws_a_preview() {
     assert!(f.read("other.png") == first);
     f.fails("k.ply -o c.ply --preview=other.png", 2, &["other.png: exists already"]);
     f.fails("k.ply -o c.ply --preview=c.jpg", 2, &["c.jpg: pictures are .png"]);
-    f.fails("k.ply -o c.ply --preview --max-memory 25M", 1, &["the preview needs", "M or more"]);
+    f.fails("k.ply -o c.ply --preview --max-memory 25M", 71, &["the preview needs", "M or more"]);
     f.ok("generate terrain 20k -o t.bin");
     f.ok("t.bin --surface terrain --cell-size auto --preview --tile 0.5 -o t.ply");
     assert!(f.path("t.png").exists() && f.path("t.tiles").exists());
@@ -722,8 +722,8 @@ fn plan_and_info_look_and_write_nothing() {
     }
     let named = plan.lines().find(|l| l.starts_with("least memory")).unwrap();
     let megabytes = named.split_whitespace().nth(2).unwrap().trim_end_matches(".0");
-    f.fails("plan k.ply --max-memory 1M", 1, &[&format!("pass --max-memory {megabytes}M or more")]);
-    f.fails("k.ply --max-memory 1M", 1, &[&format!("pass --max-memory {megabytes}M or more")]);
+    f.fails("plan k.ply --max-memory 1M", 71, &[&format!("pass --max-memory {megabytes}M or more")]);
+    f.fails("k.ply --max-memory 1M", 71, &[&format!("pass --max-memory {megabytes}M or more")]);
     let info = f.ok("info k.ply").out;
     for row in ["k.ply, 58.7 KiB", "PLY binary little-endian, 5000 vertices", "dropped", "extent", "sampling distance"]
     {
@@ -920,8 +920,106 @@ fn ctrl_c_leaves_nothing_behind() {
             err.ends_with("asra-stream: interrupted; temporary files are removed, no output was written\n"),
             "{err}"
         );
+        let failure = report(&f, "r.json");
+        assert_eq!((&failure["error"]["kind"], &failure["error"]["code"]), (&"signal".into(), &130.into()));
+        std::fs::remove_file(f.path("r.json")).unwrap();
         assert_eq!(f.names(""), before);
         assert_eq!(f.names("tmp").len(), 0);
         assert_eq!(f.read("m.ply"), b"precious");
     }
+}
+
+/// What ends the process tells so; what was ignored when it began (nohup, a script's `&`) does not.
+#[test]
+fn signals_end_a_run_as_such_unless_they_were_ignored() {
+    use rustix::process::{Pid, Signal, kill_process};
+    use std::io::{Read, Write};
+    let f = Folder::new();
+    let points = f.knot(20_000);
+    let text: String = points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    let program = f.command("").get_program().to_owned();
+    for (signal, name, code) in [(Signal::HUP, "HUP", 129), (Signal::INT, "INT", 130), (Signal::TERM, "TERM", 143)] {
+        for ignored in [false, true] {
+            let mut shell = Command::new("sh");
+            let trap = if ignored { format!("trap '' {name}; ") } else { String::new() };
+            shell.arg("-c").arg(format!("{trap}exec \"$0\" - -o m.ply --overwrite --report r.json")).arg(&program);
+            let piped = std::process::Stdio::piped;
+            shell.current_dir(f.path("")).env_remove("TMPDIR").stdin(piped()).stderr(piped());
+            let mut child = shell.spawn().unwrap();
+            let mut input = child.stdin.take().unwrap();
+            // More than a pipe holds: when all is written, some was read, and signals are seen to.
+            input.write_all(text.as_bytes()).unwrap();
+            kill_process(Pid::from_child(&child), signal).unwrap();
+            if ignored {
+                drop(input);
+            }
+            let mut err = String::new();
+            child.stderr.take().unwrap().read_to_string(&mut err).unwrap();
+            let expected = if ignored { 0 } else { code };
+            assert_eq!(child.wait().unwrap().code(), Some(expected), "{name}, ignored: {ignored}\n{err}");
+            let told = &report(&f, "r.json")["error"];
+            assert_eq!(told["code"], if ignored { serde_json::Value::Null } else { code.into() }, "{told}");
+        }
+    }
+}
+
+/// A failed run tells a machine why, too.
+#[test]
+fn a_failure_is_reported_with_what_is_known() {
+    let f = Folder::new();
+    f.knot(2000);
+    let whole = f.read("k.ply");
+    f.write("cut.ply", &whole[..whole.len() - 5]);
+    f.write("s.bin.json", "{\"layout\": \"xyz\"}");
+    let failed = |line: &str, code: i32| {
+        assert_eq!(f.run(&format!("{line} --report r.json")).code, code, "{line}");
+        let failure = report(&f, "r.json")["error"].clone();
+        assert_eq!(failure["code"], code);
+        failure
+    };
+    let data = failed("cut.ply -o m.ply", 65);
+    assert_eq!(
+        (&data["kind"], &data["path"], &data["place"]),
+        (&"data".into(), &"cut.ply".into(), &"vertex 999".into())
+    );
+    assert_eq!(failed("gone.ply -o m.ply", 66)["kind"], "no-input");
+    assert_eq!(failed("gone*.ply -o m.ply", 66)["path"], "gone*.ply");
+    let budget = failed("k.ply -o m.ply --max-memory 1M", 71);
+    assert_eq!((&budget["kind"], &budget["given"]), (&"cannot-fit".into(), &(1 << 20).into()));
+    assert!(budget["needed"].as_u64().unwrap() > 1 << 20);
+    assert_eq!(failed("k.ply -o k.ply", 2)["kind"], "usage");
+    assert_eq!(failed("check k.ply", 65)["path"], "k.ply");
+    assert_eq!(failed("compare gone.ply k.ply", 66)["path"], "gone.ply");
+    // What is no report stays, as long as it is not known whether it is an input.
+    let before = f.read("s.bin.json");
+    f.fails("gone.ply s.bin --report s.bin.json", 66, &["gone.ply"]);
+    assert!(f.read("s.bin.json") == before);
+}
+
+#[test]
+fn standard_error_that_cannot_be_written_is_no_panic() {
+    let f = Folder::new();
+    f.knot(2000);
+    let full = || std::fs::File::options().write(true).open("/dev/full").unwrap();
+    assert_eq!(f.command("gone.ply").stderr(full()).status().unwrap().code(), Some(66));
+    assert_eq!(f.command("k.ply -o m.ply").stderr(full()).status().unwrap().code(), Some(0));
+}
+
+/// Points that have no surface to be seen are no defect of the program.
+#[test]
+fn a_sheet_of_nothing_is_an_error_of_its_own() {
+    let f = Folder::new();
+    f.write("three.xyz", "0 0 0\n1 0 0\n2 1 0\n");
+    f.write("line.xyz", (0..10).map(|i| format!("{i} 0 0\n")).collect::<String>());
+    f.write("place.xyz", "1 1 1\n".repeat(5));
+    for name in ["three", "line", "place"] {
+        for surface in ["terrain", "sheet --facing +z"] {
+            let line = format!("{name}.xyz --surface {surface} -o m.ply");
+            let answer = f.fails(&line, 65, &["the points make no surface"]);
+            assert!(!answer.err.contains("report this"), "{}", answer.err);
+        }
+    }
+    let far: Vec<[f32; 3]> = f.knot(2000).iter().map(|p| p.map(|c| c * 3e38)).collect();
+    f.write("far.ply", ply(&far));
+    f.fails("far.ply --surface sheet --facing @0,0,0 -o m.ply", 2, &["leaves single precision no room"]);
 }

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use asra_stream::cli::{Arguments, Exit};
+use asra_stream::cli::Arguments;
+use asra_stream::error::Kind;
 use asra_stream::generate::Shape;
 use clap::{Arg, Command, CommandFactory};
 
@@ -99,9 +100,24 @@ fn other_subcommands_take_options_of_the_table() {
 
 #[test]
 fn exit_codes_and_shapes_are_those_of_the_program() {
-    let codes: Vec<String> = rows(section("### Exit codes")).into_iter().map(|[code, _]| code).collect();
-    let known = [Exit::Done, Exit::Failed, Exit::Usage, Exit::OwnCheckFailed, Exit::NotSound, Exit::Interrupted];
-    assert_eq!(codes, known.map(|exit| (exit as i32).to_string()));
+    let lines = section("### Exit codes").lines().filter(|line| line.starts_with("| ")).skip(1);
+    let rows: Vec<String> = lines.map(str::to_owned).collect();
+    let known = Kind::ALL.map(|kind| {
+        let row = kind.row();
+        let codes: Vec<String> = row.codes.iter().map(u8::to_string).collect();
+        let name = if kind == Kind::Done { row.name.to_owned() } else { format!("`{}`", row.name) };
+        format!("| {} | {name} | {} | {} |", codes.join(", "), row.meaning, row.again)
+    });
+    assert_eq!(rows, known);
+    let help = program().get_after_help().unwrap().to_string();
+    assert!(
+        Kind::ALL[1..].iter().all(|kind| help.contains(&format!(
+            "{} {}",
+            kind.row().codes.last().unwrap(),
+            kind.row().name
+        ))),
+        "{help}"
+    );
     let shapes: Vec<String> = Shape::ALL.iter().map(Shape::to_string).collect();
     assert!(README.contains(&format!("`{}`", shapes.join(" "))));
 }

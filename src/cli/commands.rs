@@ -9,18 +9,21 @@ use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
     PlanArguments, ReconstructArguments, RenderArguments, overwrite,
 };
-use super::{Exit, stop_on_signal};
+use super::{exit_code, signals};
 use crate::compare::compare;
+use crate::defect;
 use crate::densify::densify;
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::generate;
 use crate::mesh;
+use crate::mesh::check::CheckReport;
 use crate::pipeline::Fineness;
 use crate::plan::MemoryPlan;
 use crate::progress::{Phase, Progress, Show, thousands};
 use crate::render;
 use crate::report::{GridReport, short};
 use crate::run::{Means, Planned, look, plan, run};
+use crate::steady::Steady;
 use crate::survey::sampling_distance;
 use crate::whole::{Overwrite, WholeFile};
 
@@ -28,7 +31,7 @@ use crate::whole::{Overwrite, WholeFile};
 ///
 /// # Errors
 /// Those of the work.
-pub fn execute(arguments: Arguments) -> Result<Exit> {
+pub fn execute(arguments: Arguments) -> Result<Kind> {
     match &arguments.command {
         None => reconstruct(&arguments.reconstruct),
         Some(Command::Plan(arguments)) => show_plan(arguments),
@@ -45,24 +48,22 @@ fn show(quiet: bool) -> Show {
     if quiet { Show::Nothing } else { Show::fitting() }
 }
 
-fn reconstruct(arguments: &ReconstructArguments) -> Result<Exit> {
-    let job = arguments.job()?;
-    let workers = job.means.workers()?;
-    stop_on_signal(&workers)?;
-    let report_file = json_file(arguments.report.as_deref())?;
-    let mut progress = Progress::new(show(arguments.quiet));
-    let report = run(&job, &workers, &mut progress)?;
-    progress.note(&report.to_string());
-    if let Some(file) = report_file {
-        write_json(file, &report)?;
-    }
-    Ok(Exit::Done)
+fn reconstruct(arguments: &ReconstructArguments) -> Result<Kind> {
+    reported(json_file(arguments.report.as_deref())?, || {
+        let job = arguments.job()?;
+        let workers = job.means.workers()?;
+        signals::stop(&workers)?;
+        let mut progress = Progress::new(show(arguments.quiet));
+        let report = run(&job, &workers, &mut progress)?;
+        progress.note(&report.to_string());
+        Ok((report, Kind::Done))
+    })
 }
 
-fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
+fn show_plan(arguments: &PlanArguments) -> Result<Kind> {
     let job = arguments.job()?;
     let workers = job.means.workers()?;
-    stop_on_signal(&workers)?;
+    signals::stop(&workers)?;
     let mut progress = Progress::new(Show::fitting());
     let Planned { cloud, surveyed, workspace, memory } = plan(&job, &workers, &mut progress)?;
     let load = &surveyed.load;
@@ -102,10 +103,10 @@ fn show_plan(arguments: &PlanArguments) -> Result<Exit> {
     print(&lines)
 }
 
-fn show_info(arguments: &InfoArguments) -> Result<Exit> {
+fn show_info(arguments: &InfoArguments) -> Result<Kind> {
     let job = arguments.job()?;
     let workers = job.means.workers()?;
-    stop_on_signal(&workers)?;
+    signals::stop(&workers)?;
     let mut progress = Progress::new(Show::fitting());
     let (cloud, surveyed) = look(&job, &workers, &mut progress)?;
     let distance = match (job.settings.fineness, surveyed.sampling) {
@@ -137,11 +138,15 @@ fn show_info(arguments: &InfoArguments) -> Result<Exit> {
     print(&lines)
 }
 
-fn check(arguments: &CheckArguments) -> Result<Exit> {
+fn check(arguments: &CheckArguments) -> Result<Kind> {
+    let steady = Steady::of([&arguments.mesh]);
+    reported(json_file(arguments.report.as_deref())?, || steady.settle(checked(arguments)))
+}
+
+fn checked(arguments: &CheckArguments) -> Result<(CheckReport, Kind)> {
     let means = arguments.means.means();
     let workers = means.workers()?;
-    stop_on_signal(&workers)?;
-    let report_file = json_file(arguments.report.as_deref())?;
+    signals::stop(&workers)?;
     let budget = means.budget();
     let workspace = means.workspace(&arguments.mesh)?;
     let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 2)?;
@@ -157,32 +162,28 @@ fn check(arguments: &CheckArguments) -> Result<Exit> {
     if !arguments.quiet {
         print_text(&report.to_string())?;
     }
-    if let Some(file) = report_file {
-        write_json(file, &report)?;
-    }
-    Ok(if report.is_sound(arguments.open) { Exit::Done } else { Exit::NotSound })
+    let kind = if report.is_sound(arguments.open) { Kind::Done } else { Kind::Found };
+    Ok((report, kind))
 }
 
-fn compare_mesh(arguments: &CompareArguments) -> Result<Exit> {
-    let job = arguments.job();
-    let workers = job.means.workers()?;
-    stop_on_signal(&workers)?;
-    let report_file = json_file(arguments.report.as_deref())?;
-    let mut progress = Progress::new(show(arguments.quiet));
-    let found = compare(&job, &workers, &mut progress)?;
-    if !arguments.quiet {
-        print_text(&found.to_string())?;
-    }
-    if let Some(file) = report_file {
-        write_json(file, &found)?;
-    }
-    Ok(Exit::Done)
+fn compare_mesh(arguments: &CompareArguments) -> Result<Kind> {
+    reported(json_file(arguments.report.as_deref())?, || {
+        let job = arguments.job();
+        let workers = job.means.workers()?;
+        signals::stop(&workers)?;
+        let mut progress = Progress::new(show(arguments.quiet));
+        let found = compare(&job, &workers, &mut progress)?;
+        if !arguments.quiet {
+            print_text(&found.to_string())?;
+        }
+        Ok((found, Kind::Done))
+    })
 }
 
-fn densify_cloud(arguments: &DensifyArguments) -> Result<Exit> {
+fn densify_cloud(arguments: &DensifyArguments) -> Result<Kind> {
     let job = arguments.job();
     let workers = job.means.workers()?;
-    stop_on_signal(&workers)?;
+    signals::stop(&workers)?;
     let mut progress = Progress::new(show(arguments.quiet));
     let made = densify(&job, &workers, &mut progress)?;
     progress.note(&format!(
@@ -192,13 +193,13 @@ fn densify_cloud(arguments: &DensifyArguments) -> Result<Exit> {
         thousands(made.centroids),
         ByteSize(made.bytes)
     ));
-    Ok(Exit::Done)
+    Ok(Kind::Done)
 }
 
-fn draw(arguments: &RenderArguments) -> Result<Exit> {
+fn draw(arguments: &RenderArguments) -> Result<Kind> {
     let means = arguments.means.means();
     let workers = means.workers()?;
-    stop_on_signal(&workers)?;
+    signals::stop(&workers)?;
     let options = arguments.options();
     let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
     // Of the budget: an eighth for a mesh that has to be converted, another for the process.
@@ -209,24 +210,28 @@ fn draw(arguments: &RenderArguments) -> Result<Exit> {
     }
     let file = render::picture_file(&output, overwrite(arguments.overwrite))?;
     let workspace = means.workspace(&output)?;
-    let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 8, &options.colour_by.wanted())?;
     let mut progress = Progress::new(show(arguments.quiet));
-    progress.begin(Phase::Render, Some(mesh.face_count()));
-    let told = &mut |done| progress.set(done);
-    let picture = render::render(&*mesh, &options, budget / 4 * 3, &workers, &workspace, told)?;
+    let steady = Steady::of([&arguments.mesh]);
+    let mut drawn = || {
+        let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 8, &options.colour_by.wanted())?;
+        progress.begin(Phase::Render, Some(mesh.face_count()));
+        let told = &mut |done| progress.set(done);
+        render::render(&*mesh, &options, budget / 4 * 3, &workers, &workspace, told)
+    };
+    let picture = steady.settle(drawn())?;
     picture.write(file)?;
     progress.end();
     if picture.triangles == 0 {
         progress.note("the picture is empty: the mesh has no triangle with finite corners");
     }
     progress.note(&format!("{}: {} triangles", output.display(), thousands(picture.triangles)));
-    Ok(Exit::Done)
+    Ok(Kind::Done)
 }
 
-fn generate_cloud(arguments: &GenerateArguments) -> Result<Exit> {
+fn generate_cloud(arguments: &GenerateArguments) -> Result<Kind> {
     let means = Means { threads: arguments.threads.map(usize::from), ..Means::default() };
     let workers = means.workers()?;
-    stop_on_signal(&workers)?;
+    signals::stop(&workers)?;
     let options = generate::Options {
         seed: arguments.seed,
         noise: arguments.noise,
@@ -245,12 +250,46 @@ fn generate_cloud(arguments: &GenerateArguments) -> Result<Exit> {
         thousands(made.points),
         ByteSize(made.bytes)
     ));
-    Ok(Exit::Done)
+    Ok(Kind::Done)
 }
 
 /// The report's file, created before the work.
 fn json_file(path: Option<&Path>) -> Result<Option<WholeFile>> {
     path.map(|path| WholeFile::create(path, Overwrite::Replace)).transpose()
+}
+
+/// Does some work and writes its report, if one was asked for: of a failure, too.
+fn reported<R: serde::Serialize>(file: Option<WholeFile>, work: impl FnOnce() -> Result<(R, Kind)>) -> Result<Kind> {
+    let Some(file) = file else { return Ok(work()?.1) };
+    match defect::caught(work) {
+        Ok((report, kind)) => write_json(file, &report).map(|()| kind),
+        Err(error) => {
+            if !early(&error) || !file.path().exists() || is_report(file.path()) {
+                let failure = error.failure(exit_code(&error));
+                if let Err(second) = write_json(file, &failure) {
+                    let _ = writeln!(std::io::stderr(), "asra-stream: {second}");
+                }
+            }
+            Err(error)
+        }
+    }
+}
+
+/// Whether the work may have failed before it was found out what the report's path is.
+fn early(error: &Error) -> bool {
+    matches!(error.kind(), Kind::Usage | Kind::NoInput)
+}
+
+/// Whether the file is a report of this program: nothing else is replaced before the arguments are known to be in order.
+fn is_report(path: &Path) -> bool {
+    /// Reports are far shorter.
+    const MOST_BYTES: u64 = 1 << 20;
+    /// One of these is in each, and in no side-car.
+    const KEYS: [&str; 4] = ["error", "parameters", "closed", "mesh_to_reference"];
+    let is_short = std::fs::metadata(path).is_ok_and(|there| there.is_file() && there.len() <= MOST_BYTES);
+    let text = is_short.then(|| std::fs::read(path).ok()).flatten();
+    let value: Option<serde_json::Value> = text.and_then(|text| serde_json::from_slice(&text).ok());
+    value.is_some_and(|value| KEYS.iter().any(|key| value.get(key).is_some()))
 }
 
 fn write_json(file: WholeFile, report: &impl serde::Serialize) -> Result<()> {
@@ -264,11 +303,11 @@ fn write_json(file: WholeFile, report: &impl serde::Serialize) -> Result<()> {
     file.finish()
 }
 
-fn print(lines: &[(&str, String)]) -> Result<Exit> {
+fn print(lines: &[(&str, String)]) -> Result<Kind> {
     let width = lines.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     let text: Vec<String> = lines.iter().map(|(name, value)| format!("{name:<width$}  {value}")).collect();
     print_text(&text.join("\n"))?;
-    Ok(Exit::Done)
+    Ok(Kind::Done)
 }
 
 /// To standard output; a reader that has gone away is no failure.

@@ -2,45 +2,19 @@
 
 mod args;
 mod commands;
+mod signals;
 mod sizes;
 
+use std::io::Write;
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 
 use clap::Parser;
 
-use crate::error::{Error, Result};
-use crate::schedule::Workers;
+use crate::defect;
+use crate::error::{Error, Kind};
+use crate::input::bus;
 
 pub use args::{Arguments, Command};
-
-/// Exit codes; batch systems act on them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Exit {
-    /// Done.
-    Done = 0,
-    /// The work failed: input, disk, memory.
-    Failed = 1,
-    /// The arguments are wrong.
-    Usage = 2,
-    /// The reconstruction's mesh failed its own check.
-    OwnCheckFailed = 3,
-    /// `check` found that a mesh is not a closed, oriented 2-manifold, or that it intersects itself.
-    NotSound = 4,
-    /// Ctrl-C, or a termination signal.
-    Interrupted = 130,
-}
-
-impl From<&Error> for Exit {
-    fn from(error: &Error) -> Exit {
-        match error {
-            Error::Usage(_) | Error::OutputExists(_) => Exit::Usage,
-            Error::CheckFailed(_) => Exit::OwnCheckFailed,
-            Error::Interrupted => Exit::Interrupted,
-            _ => Exit::Failed,
-        }
-    }
-}
 
 /// Parses the command line, does what it says, and gives the exit code.
 pub fn main() -> ExitCode {
@@ -52,21 +26,34 @@ pub fn main() -> ExitCode {
             return ExitCode::from(words.exit_code() as u8);
         }
     };
-    let exit = commands::execute(arguments).unwrap_or_else(|error| {
-        eprintln!("asra-stream: {error}");
-        Exit::from(&error)
-    });
-    ExitCode::from(exit as u8)
+    defect::keep_for_the_error();
+    bus::survive();
+    let code = match defect::caught(|| commands::execute(arguments)) {
+        Ok(kind) => kind.row().codes[0],
+        Err(error) => {
+            // Whether anyone can be told or not.
+            let _ = writeln!(std::io::stderr(), "asra-stream: {error}");
+            exit_code(&error)
+        }
+    };
+    ExitCode::from(code)
 }
 
-/// Lets Ctrl-C and termination signals stop `workers` at the next job; a second one ends the process at once. Then the
-/// output in the making may stay, under its temporary name; the rest of the temporary files never has a name.
-fn stop_on_signal(workers: &Workers) -> Result<()> {
-    let flag = workers.cancel_flag();
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(Exit::Interrupted as i32);
-        }
-    })
-    .map_err(|e| Error::io("signals", "handle")(std::io::Error::other(e)))
+/// The exit code of a command that failed.
+fn exit_code(error: &Error) -> u8 {
+    match error.kind() {
+        Kind::Signal => signals::exit_code(),
+        kind => kind.row().codes[0],
+    }
+}
+
+/// The text below `--help`: the table of exit codes, in short.
+fn exit_codes() -> String {
+    let words = |kind: &Kind| {
+        let row = kind.row();
+        let codes: Vec<String> = row.codes.iter().map(u8::to_string).collect();
+        let name = if *kind == Kind::Done { "done" } else { row.name };
+        format!("{} {name}", codes.join(", "))
+    };
+    format!("Exit codes: {}.", Kind::ALL.iter().map(words).collect::<Vec<_>>().join("; "))
 }

@@ -48,6 +48,7 @@ use crate::progress::{Phase, Progress};
 use crate::report::short;
 use crate::run::Means;
 use crate::schedule::Workers;
+use crate::steady::Steady;
 
 pub use self::heatmap::{HeatMap, Reach};
 pub use self::report::{
@@ -87,6 +88,11 @@ pub enum Kind {
 /// Those of reading either side; [`Error::Malformed`] if the mesh has no triangles, or either side no finite places; [`Error::NoPoints`];
 /// [`Error::Usage`] if the reference is a single place; [`Error::Io`]; [`Error::Interrupted`].
 pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Comparison> {
+    let steady = Steady::of([&job.mesh, &job.reference]);
+    steady.settle(compared(job, &steady, workers, progress))
+}
+
+fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progress) -> Result<Comparison> {
     let budget = job.means.budget();
     let workspace = job.means.workspace(&job.mesh)?;
     let mesh = mesh::read::open(&job.mesh, &workspace, budget / 8)?;
@@ -129,6 +135,8 @@ pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
     let comparing = Comparing { mesh: Source::Mesh(mesh), reference, over, room };
     let found = comparing.run(job, heat.as_mut(), progress)?;
     let comparison = Comparison::new(job, &checked, reference_checked.as_ref(), &found);
+    // Before anything gets a name.
+    steady.settle(Ok(()))?;
     if let Some((heat, map)) = heat.zip(job.heatmap.as_ref()) {
         progress.begin(Phase::Write, None);
         let max = heat.write(comparing.mesh(), &comparing.room, &found.mesh_vertices, comparison.longest_side)?;

@@ -84,8 +84,8 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension().is_some_and(|e| extensions.iter().any(|known| e.eq_ignore_ascii_case(known)))
 }
 
-fn some(files: Vec<PathBuf>, input: &Path, otherwise: &str) -> Result<Vec<PathBuf>> {
-    if files.is_empty() { Err(Error::Usage(format!("{}: {otherwise}", input.display()))) } else { Ok(files) }
+fn some(files: Vec<PathBuf>, input: &Path, otherwise: &'static str) -> Result<Vec<PathBuf>> {
+    if files.is_empty() { Err(Error::NoInput { path: input.to_path_buf(), found: otherwise }) } else { Ok(files) }
 }
 
 #[cfg(test)]

@@ -1,11 +1,9 @@
 //! A file as bytes at positions: a memory map where the system allows one, plain reads where it does not.
 //!
-//! The only module with `unsafe`, apart from [`crate::allocator`]. A map lends pages of the file without copying them, at a price: if
-//! another program shortens the file meanwhile, touching a page that is gone raises SIGBUS, which ends the process.
-//! [`Mapped::bytes`] therefore asks the file's length before it lends anything, so a file that shrank between two
-//! blocks is an ordinary error; only a cut made during the decoding of a block remains fatal. A file that is
-//! rewritten in place gives mixed points, as it would with plain reads. Temporary files are unlinked on creation, so
-//! nothing is left behind even then.
+//! A map lends pages of the file without copying them, at a price: if another program shortens the file meanwhile, touching a page that is gone raises
+//! SIGBUS. [`Mapped::bytes`] therefore asks the file's length before it lends anything, so a file that shrank between two
+//! blocks is an ordinary error; a cut made during the decoding of a block is seen to by [`super::bus`]. A file that is
+//! rewritten in place gives mixed points, as it would with plain reads: [`crate::steady`] tells.
 //!
 //! A file's bytes are its [`Content`]: what lies under its name, or what was unpacked from that, and lies in a stretch of a temporary file.
 //! Nothing but this module knows the difference.
@@ -22,6 +20,7 @@ use std::sync::Arc;
 
 use memmap2::{Advice, Mmap, MmapOptions, UncheckedAdvice};
 
+use super::bus;
 use crate::error::{Error, Result};
 use crate::spool::Temporary;
 
@@ -75,11 +74,14 @@ impl Content {
         // the file while a block is decoded; the module's introduction says what happens if they do. No bytes from
         // the map are trusted: every decoder takes them for arbitrary data. Of a temporary file, no byte that is mapped is written again.
         let map = unsafe { options.map(&mapped.file) }.ok();
+        // What is unpacked lies in a file of this process's own, which nobody cuts; but its disk may fail.
+        let watched = map.as_ref().and_then(|map| bus::watch(&self.name, map));
+        let map = map.filter(|_| watched.is_some());
         if let Some(map) = &map {
             // Only a hint for read-ahead: failure costs speed, not correctness.
             drop(map.advise(Advice::Sequential));
         }
-        Ok(Arc::new(Mapped { map, ..mapped }))
+        Ok(Arc::new(Mapped { _watched: watched, map, ..mapped }))
     }
 
     /// Opens it for plain reads only: the fallback of [`Content::open`], and the choice for a look at a few places.
@@ -88,18 +90,25 @@ impl Content {
     /// As [`Content::open`].
     pub fn unmapped(&self) -> Result<Mapped> {
         if let Some(Unpacked { file, start, len }) = &self.unpacked {
-            return Ok(Mapped { content: self.clone(), file: file.handle()?, start: *start, len: *len, map: None });
+            return Ok(Mapped {
+                content: self.clone(),
+                file: file.handle()?,
+                start: *start,
+                len: *len,
+                _watched: None,
+                map: None,
+            });
         }
         let path = &self.name;
         // Asked first: opening a pipe would wait for a writer.
         let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
         if !metadata.is_file() {
-            let source = std::io::Error::other("it is not a regular file");
+            let source = std::io::Error::new(std::io::ErrorKind::InvalidInput, "it is not a regular file");
             return Err(Error::io(path, "read points from")(source));
         }
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let metadata = file.metadata().map_err(Error::io(path, "read the length of"))?;
-        Ok(Mapped { content: self.clone(), file, start: 0, len: metadata.len(), map: None })
+        Ok(Mapped { content: self.clone(), file, start: 0, len: metadata.len(), _watched: None, map: None })
     }
 }
 
@@ -111,6 +120,8 @@ pub struct Mapped {
     /// Where in the file the content begins, and its length.
     start: u64,
     len: u64,
+    /// Goes before the map.
+    _watched: Option<bus::Watched>,
     /// `None` where the file cannot be mapped: a pipe, an empty file, a file system without maps.
     map: Option<Mmap>,
 }
@@ -137,7 +148,7 @@ impl Mapped {
     /// If the range reaches past [`Mapped::len`]: a bug of the caller.
     ///
     /// # Errors
-    /// [`Error::Malformed`] if the file has become shorter since it was opened; [`Error::Io`] if reading fails.
+    /// [`Error::Changed`] if the file has become shorter since it was opened; [`Error::Io`] if reading fails.
     pub fn bytes(self: &Arc<Self>, range: Range<u64>) -> Result<Bytes> {
         assert!(range.start <= range.end && range.end <= self.len, "bytes {range:?} of a file of {}", self.len);
         if self.map.is_none() {
@@ -165,12 +176,7 @@ impl Mapped {
     }
 
     fn shrunk(&self, now: u64) -> Error {
-        Error::malformed(
-            self.path(),
-            "length",
-            format_args!("{} bytes as when it was opened", self.len),
-            format_args!("{now} bytes; another program is changing the file"),
-        )
+        Error::length_changed(self.path(), format_args!("{} bytes as when it was opened", self.len), now)
     }
 }
 

@@ -12,6 +12,7 @@
 //!
 //! A new format is a module that implements `PointFormat` and a line in `detect.rs`.
 
+pub(crate) mod bus;
 mod columns;
 mod detect;
 mod e57;
@@ -37,7 +38,7 @@ mod text;
 mod unpack;
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use self::filter::Sieve;
@@ -49,6 +50,7 @@ use crate::points::{Batch, Points, Precision};
 use crate::scalar::Endian;
 use crate::schedule::{Spares, Workers};
 use crate::spool::Workspace;
+use crate::steady::{Stamp, settle};
 
 pub use files::expand;
 pub use filter::{Filter, Returns, Withheld};
@@ -86,6 +88,8 @@ pub struct InputOptions {
 #[derive(Debug)]
 pub struct Cloud {
     sources: Vec<Source>,
+    /// Of each file that is read in every pass: how it was when it was opened.
+    stamps: Vec<Option<Stamp>>,
     formats: Vec<Arc<dyn PointFormat>>,
     precision: Precision,
     schema: Schema,
@@ -165,6 +169,7 @@ impl Cloud {
     pub fn open_in(files: &[PathBuf], options: &InputOptions, opening: Opening) -> Result<Cloud> {
         let mut cloud = Cloud {
             sources: Vec::new(),
+            stamps: Vec::new(),
             formats: Vec::new(),
             precision: Precision::Single,
             schema: Schema::default(),
@@ -175,12 +180,16 @@ impl Cloud {
         };
         let mut unpacking = Unpacking::new(opening);
         for path in files {
-            let (source, format) = detect::open(path, options, &mut unpacking)?;
+            let (stamp, unpacked) = (Stamp::of(path).filter(|_| path != Path::new(STANDARD_INPUT)), unpacking.bytes());
+            let opened = detect::open(path, options, &mut unpacking);
+            let (source, format) = settle(stamp.iter().map(|stamp| (path.as_path(), *stamp)), opened)?;
             if let Err(missing) = options.filter.check(format.attributes()) {
                 let path = path.display();
                 return Err(Error::Usage(format!("{path}: its points have no {missing}, which the filter asks for")));
             }
             cloud.precision = cloud.precision.max(format.precision());
+            // What is unpacked is not read again.
+            cloud.stamps.push(stamp.filter(|_| unpacking.bytes() == unpacked));
             cloud.sources.push(source);
             cloud.formats.push(format);
         }
@@ -252,7 +261,7 @@ impl Cloud {
     /// `in_flight` blocks are held.
     ///
     /// # Errors
-    /// Those of reading the files, of `work` and of `sink`; [`Error::Interrupted`].
+    /// Those of reading the files, of `work` and of `sink`; [`Error::Changed`] if a file is no longer as it was when it was opened; [`Error::Interrupted`].
     pub fn for_each_batch<R: Send>(
         &self,
         workers: &Workers,
@@ -263,7 +272,7 @@ impl Cloud {
     ) -> Result<()> {
         let mut blocks = self.blocks(carried);
         let batches = Spares::<Option<Batch>>::default();
-        workers.in_order(
+        let outcome = workers.in_order(
             in_flight,
             || blocks.next(),
             |block| {
@@ -274,7 +283,9 @@ impl Cloud {
                 })
             },
             sink,
-        )
+        );
+        let named = self.sources.iter().zip(&self.stamps);
+        settle(named.filter_map(|(source, stamp)| Some((source.path.as_path(), (*stamp)?))), outcome)
     }
 }
 
@@ -415,5 +426,32 @@ mod tests {
         std::fs::write(&path, "1 2 3\n4 5 6\n").unwrap();
         let error = collect_all(&cloud).unwrap_err().to_string();
         assert!(error.contains("6 bytes as in the first look") && error.contains("12 bytes"), "{error}");
+    }
+
+    /// As another program might do it: in place, with as many bytes.
+    #[test]
+    fn a_file_that_is_written_to_during_a_pass_is_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.bin");
+        std::fs::write(&path, bytemuck::cast_slice(&[[1f32, 2.0, 3.0]; 200_000])).unwrap();
+        let file = std::fs::File::options().write(true).open(&path).unwrap();
+        // Long ago, as far as the file system's clock can tell.
+        file.set_modified(std::time::SystemTime::UNIX_EPOCH).unwrap();
+        let layout = Some("xyz".parse().unwrap());
+        let cloud =
+            Cloud::open(std::slice::from_ref(&path), &InputOptions { layout, ..InputOptions::default() }).unwrap();
+        let workers = Workers::new(2).unwrap();
+        let pass = |sink: &mut dyn FnMut() -> Result<()>| {
+            cloud.for_each_batch(&workers, 2, Carried::Coordinates, |_| Ok(()), |()| sink())
+        };
+        pass(&mut || Ok(())).unwrap();
+        let mut write = || {
+            use std::os::unix::fs::FileExt;
+            file.write_all_at(&[0; 12], 12 * 199_999).map_err(Error::io("a.bin", "write"))
+        };
+        let error = pass(&mut write).unwrap_err();
+        assert!(matches!(&error, Error::Changed { path: named, .. } if *named == path), "{error}");
+        let error = pass(&mut || Ok(())).unwrap_err();
+        assert!(error.to_string().contains("a.bin: changed while it was read"), "{error}");
     }
 }

@@ -146,13 +146,12 @@ impl PointFormat for FixedRecords {
     }
 }
 
-/// [`Error::Malformed`] if the file no longer has the length it had when it was first looked at.
+/// [`Error::Changed`] if the file no longer has the length it had when it was first looked at.
 pub fn same_length(file: &Mapped, len: u64) -> Result<()> {
     if file.len() == len {
         return Ok(());
     }
-    let expected = format_args!("{len} bytes as in the first look").to_string();
-    Err(Error::malformed(file.path(), "length", expected, format_args!("{} bytes", file.len())))
+    Err(Error::length_changed(file.path(), format_args!("{len} bytes as in the first look"), file.len()))
 }
 
 struct RecordCutter {

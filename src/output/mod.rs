@@ -116,6 +116,11 @@ impl Target {
         Ok(Target { format, file: WholeFile::create(path, overwrite)?, overwrite, positions })
     }
 
+    /// Creates the file in a folder that has no name yet, as [`WholeFile::within`] does.
+    fn within(path: &Path, format: Format, positions: Positions) -> Result<Target> {
+        Ok(Target { format, file: WholeFile::within(path)?, overwrite: Overwrite::Refuse, positions })
+    }
+
     /// Writes the mesh; the file has no name yet. `progress` is told the number of vertices and triangles written so far.
     ///
     /// # Errors

@@ -16,7 +16,6 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
-use tempfile::TempDir;
 
 use super::{Format, Overwrite, Positions, Target, Written, attributes};
 use crate::error::{Error, Result};
@@ -25,6 +24,7 @@ use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::schedule::Workers;
 use crate::spool::{Spool, Workspace};
+use crate::whole::WholeFolder;
 
 /// Triangles sorted at a time.
 const BLOCK: usize = 1 << 15;
@@ -49,9 +49,7 @@ type Stretch = (u64, u32);
 pub struct Tiles {
     format: Format,
     side: f64,
-    folder: TempDir,
-    path: PathBuf,
-    overwrite: Overwrite,
+    folder: WholeFolder,
     positions: Positions,
 }
 
@@ -74,13 +72,8 @@ impl Tiles {
             return Err(Error::Usage(format!("--ply-double: {} is no PLY file", output.display())));
         }
         let path = Self::path(output);
-        if overwrite == Overwrite::Refuse && path.exists() {
-            return Err(Error::OutputExists(path));
-        }
-        let beside = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let folder = tempfile::Builder::new().prefix(".asra-stream.").suffix(".tiles").tempdir_in(beside);
-        let folder = folder.map_err(Error::io(&path, "create a folder beside"))?;
-        Ok(Tiles { format, side, folder, path, overwrite, positions })
+        let folder = WholeFolder::create(&path, overwrite)?;
+        Ok(Tiles { format, side, folder, positions })
     }
 
     /// Writes all tiles and their index, and gives the folder its name. `memory` bounds a tile; `progress` is told triangles sorted and written.
@@ -113,7 +106,7 @@ impl Tiles {
             }
             let tile = self.tile(mesh, &spool, &stretches, workspace)?;
             let name = format!("{x}_{y}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
-            let target = Target::prepare(&self.folder.path().join(&name), Overwrite::Refuse, self.positions)?;
+            let target = Target::within(&self.folder.place().join(&name), self.format, self.positions)?;
             let file = target.fill(&tile.mesh, header, workers, &mut |_| ())?.finish()?;
             written.bytes += file.bytes;
             done += triangles;
@@ -128,13 +121,13 @@ impl Tiles {
         let index = json!({
             "version": 1, "side": self.side, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
         });
-        let path = self.folder.path().join("index.json");
+        let path = self.folder.place().join("index.json");
         let text = serde_json::to_vec_pretty(&index).expect("numbers and text are JSON");
         written.bytes += text.len() as u64;
         std::fs::File::create_new(&path)
             .and_then(|mut file| file.write_all(&text))
             .map_err(Error::io(&path, "write"))?;
-        self.finish()?;
+        self.folder.finish()?;
         Ok(written)
     }
 
@@ -232,23 +225,6 @@ impl Tiles {
         let records: Vec<FaceRecord> = faces.iter().map(|face| FaceRecord::new(*face)).collect();
         out.append_faces(&records)?;
         Ok(Tile { mesh: out, bounds })
-    }
-
-    /// Gives the folder its name; one of that name goes if it may.
-    fn finish(self) -> Result<()> {
-        let name = |e| Error::io(&self.path, "name the finished folder")(e);
-        if self.overwrite == Overwrite::Replace && self.path.exists() {
-            // Out of the way first, at once; what it holds goes when the new one has its name.
-            let old = self.folder.path().with_extension("old");
-            std::fs::rename(&self.path, &old).map_err(name)?;
-            std::fs::rename(self.folder.keep(), &self.path).map_err(name)?;
-            let remove = if old.is_dir() { std::fs::remove_dir_all(&old) } else { std::fs::remove_file(&old) };
-            return remove.map_err(Error::io(&old, "remove"));
-        }
-        // Onto a folder that came up meanwhile, this works only if that is empty.
-        std::fs::rename(self.folder.path(), &self.path).map_err(name)?;
-        let _gone = self.folder.keep();
-        Ok(())
     }
 }
 

@@ -31,9 +31,7 @@ use crate::whole::Overwrite;
 /// and fitting. The mesh is always closed, oriented and 2-manifold, and the same bytes for any memory and threads.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, arg_required_else_help = true)]
-#[command(after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 the mesh failed its own check, \
-                        4 `check` found a mesh that is no closed oriented 2-manifold or intersects itself, \
-                        130 interrupted.")]
+#[command(after_help = super::exit_codes())]
 pub struct Arguments {
     /// What to do instead of reconstructing.
     #[command(subcommand)]
