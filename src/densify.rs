@@ -62,7 +62,7 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
         return Err(Error::OutputExists(job.output.clone()));
     }
     let budget = job.means.budget();
-    let workspace = job.means.workspace(&job.output)?;
+    let workspace = job.means.workspace(&job.output)?.stopped_with(workers);
     let steady = Steady::of([&job.mesh]);
     let mesh = steady.settle(mesh::read::open(&job.mesh, &workspace, budget / 2))?;
     if mesh.face_count() == 0 {

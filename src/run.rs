@@ -247,7 +247,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, job.positions)?),
     };
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
-    let workspace = job.means.workspace(&output)?;
+    let workspace = job.means.workspace(&output)?.stopped_with(workers);
     let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
 
     describe(&cloud, progress);
@@ -263,7 +263,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
 
-    if made.mesh.face_count() == 0 {
+    if job.settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
     let header = header(&cloud, &surveyed, job, &made);

@@ -10,11 +10,12 @@ use std::num::NonZeroU64;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
+use crate::schedule::Workers;
 
 /// The folder for temporary files and the account of what lies in it.
 ///
@@ -24,6 +25,7 @@ pub struct Workspace {
     dir: Arc<PathBuf>,
     on_disk: Arc<AtomicU64>,
     peak: Arc<AtomicU64>,
+    stopped: Arc<AtomicBool>,
 }
 
 impl Workspace {
@@ -39,7 +41,16 @@ impl Workspace {
 
     /// Uses `dir` for temporary files, which may turn out to be impossible when the first is needed: for work that hardly ever needs one.
     pub fn unchecked(dir: impl Into<PathBuf>) -> Workspace {
-        Workspace { dir: Arc::new(dir.into()), on_disk: Arc::default(), peak: Arc::default() }
+        Workspace { dir: Arc::new(dir.into()), on_disk: Arc::default(), peak: Arc::default(), stopped: Arc::default() }
+    }
+
+    /// Storage stops when the workers do: loops that go on for long without a job of theirs, such as the conversion of a mesh, end at their next piece of data.
+    pub fn stopped_with(self, workers: &Workers) -> Workspace {
+        Workspace { stopped: workers.cancel_flag(), ..self }
+    }
+
+    fn check_stopped(&self) -> Result<()> {
+        if self.stopped.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
     }
 
     /// The folder for temporary files of work on `file`, unless told otherwise: `TMPDIR`, or else the folder of `file`. The system's temporary
@@ -158,8 +169,9 @@ impl Spool {
     /// Adds `bytes` at the end and returns the position of their first. Unbuffered: append in large pieces.
     ///
     /// # Errors
-    /// [`Error::Io`] if the work directory is full or fails.
+    /// [`Error::Io`] if the work directory is full or fails; [`Error::Interrupted`].
     pub fn append(&mut self, bytes: &[u8]) -> Result<u64> {
+        self.workspace.check_stopped()?;
         let at = self.len;
         if let Store::Memory(held) = &mut self.store {
             if at + bytes.len() as u64 <= self.in_memory {
@@ -189,9 +201,10 @@ impl Spool {
     /// If the range was never appended: a bug of the caller.
     ///
     /// # Errors
-    /// [`Error::Io`] if the work directory fails.
+    /// [`Error::Io`] if the work directory fails; [`Error::Interrupted`].
     pub fn read_at(&self, at: u64, out: &mut [u8]) -> Result<()> {
         assert!(at + out.len() as u64 <= self.len, "read past the end of a spool");
+        self.workspace.check_stopped()?;
         match &self.store {
             Store::Memory(held) => {
                 let (mut number, mut from, mut out) = (at as usize / PIECE, at as usize % PIECE, out);
@@ -435,6 +448,17 @@ mod tests {
         assert_eq!(promise(LOOK + 9, 7), Some(9));
         assert_eq!(promise(LOOK + 6, 7), None);
         assert_eq!(promise(0, 7), None);
+    }
+
+    #[test]
+    fn storage_stops_with_the_workers() {
+        let dir = tempfile::tempdir().unwrap();
+        let workers = Workers::new(1).unwrap();
+        let mut spool = Workspace::new(dir.path()).unwrap().stopped_with(&workers).spool(100);
+        spool.append(b"abc").unwrap();
+        workers.cancel_flag().store(true, Ordering::Relaxed);
+        assert!(matches!(spool.append(b"d"), Err(Error::Interrupted)));
+        assert!(matches!(spool.read_at(0, &mut [0]), Err(Error::Interrupted)));
     }
 
     #[test]

@@ -980,7 +980,7 @@ fn a_failure_is_reported_with_what_is_known() {
     let data = failed("cut.ply -o m.ply", 65);
     assert_eq!(
         (&data["kind"], &data["path"], &data["place"]),
-        (&"data".into(), &"cut.ply".into(), &"vertex 999".into())
+        (&"data".into(), &"cut.ply".into(), &"vertex 1999".into())
     );
     assert_eq!(failed("gone.ply -o m.ply", 66)["kind"], "no-input");
     assert_eq!(failed("gone*.ply -o m.ply", 66)["path"], "gone*.ply");

@@ -148,7 +148,7 @@ fn checked(arguments: &CheckArguments) -> Result<(CheckReport, Kind)> {
     let workers = means.workers()?;
     signals::stop(&workers)?;
     let budget = means.budget();
-    let workspace = means.workspace(&arguments.mesh)?;
+    let workspace = means.workspace(&arguments.mesh)?.stopped_with(&workers);
     let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 2)?;
     let mut progress = Progress::new(show(arguments.quiet));
     progress.begin(Phase::Check, Some(mesh.face_count()));
@@ -209,7 +209,7 @@ fn draw(arguments: &RenderArguments) -> Result<Kind> {
         return Err(Error::Budget { given, needed, what: "a picture of this size" });
     }
     let file = render::picture_file(&output, overwrite(arguments.overwrite))?;
-    let workspace = means.workspace(&output)?;
+    let workspace = means.workspace(&output)?.stopped_with(&workers);
     let mut progress = Progress::new(show(arguments.quiet));
     let steady = Steady::of([&arguments.mesh]);
     let mut drawn = || {
