@@ -225,7 +225,11 @@ fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn 
     let seen = Seen::of(&occupancy, factor)?;
     let signed = Signed::find(seen, context)?;
     if std::env::var("DBG").is_ok() {
-        eprintln!("walls {} sheets {:?}", signed.walls, signed.sheets.iter().map(|s| s.walls.len()).collect::<Vec<_>>());
+        eprintln!(
+            "walls {} sheets {:?}",
+            signed.walls,
+            signed.sheets.iter().map(|s| s.walls.len()).collect::<Vec<_>>()
+        );
     }
     progress(longest);
     drop(coarser);
@@ -242,7 +246,12 @@ fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn 
     drop(sides);
     let solid = solid.without_hollows(&occupancy, context)?;
     let solid = if env("UNRES", 1.0) > 0.0 { solid.without_unresolved(&occupancy, context)? } else { solid };
-    Ok(ClosedBySign { solid, occupancy, falls: level > 0, two_sided: (signed.sheets.iter().map(|s| s.walls.len() as u64).sum(), signed.walls) })
+    Ok(ClosedBySign {
+        solid,
+        occupancy,
+        falls: level > 0,
+        two_sided: (signed.sheets.iter().map(|s| s.walls.len() as u64).sum(), signed.walls),
+    })
 }
 fn env(name: &str, value: f64) -> f64 {
     std::env::var(name).ok().and_then(|t| t.parse().ok()).unwrap_or(value)

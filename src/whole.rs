@@ -150,17 +150,13 @@ impl WholeFolder {
             return Err(Error::OutputExists(path.to_path_buf()));
         }
         reap(path);
-        let make = || -> io::Result<(TempDir, File)> {
-            loop {
-                let permissions = Permissions::from_mode(0o777);
-                let folder = beside(path, |builder, folder| builder.permissions(permissions).tempdir_in(folder))?;
-                let handle = File::open(folder.path())?;
-                if held(&handle) {
-                    return Ok((folder, handle));
-                }
-            }
-        };
-        let (folder, handle) = make().map_err(Error::io(path, "create a folder beside"))?;
+        let made = until_held(|| {
+            let permissions = Permissions::from_mode(0o777);
+            let folder = beside(path, |builder, folder| builder.permissions(permissions).tempdir_in(folder))?;
+            let handle = File::open(folder.path())?;
+            Ok((folder, handle))
+        });
+        let (folder, handle) = made.map_err(Error::io(path, "create a folder beside"))?;
         Ok(WholeFolder { folder, handle, path: path.to_path_buf(), overwrite })
     }
 
@@ -251,20 +247,32 @@ fn link(file: &File, path: &Path) -> io::Result<()> {
 
 /// A file under a hidden name.
 fn hidden(path: &Path) -> io::Result<(File, TempPath)> {
-    loop {
+    let (name, file) = until_held(|| {
         let permissions = Permissions::from_mode(0o666);
         let made = beside(path, |builder, folder| builder.permissions(permissions).tempfile_in(folder))?;
         let (file, name) = made.into_parts();
-        if held(&file) {
-            return Ok((file, name));
-        }
-    }
+        Ok((name, file))
+    })?;
+    Ok((file, name))
 }
 
 /// Locks what was just made, unless the system knows no locks. False if someone else took it for a leftover before it was locked.
 fn held(file: &File) -> bool {
     let locked = flock(file, FlockOperation::NonBlockingLockExclusive) != Err(Errno::WOULDBLOCK);
-    locked && file.metadata().is_ok_and(|there| there.nlink() > 0)
+    // Where the system does not tell, it is there as far as anyone knows.
+    locked && file.metadata().map_or(true, |there| there.nlink() > 0)
+}
+
+/// Makes something until it is held; others that look for leftovers are not so many.
+fn until_held<T>(mut make: impl FnMut() -> io::Result<(T, File)>) -> io::Result<(T, File)> {
+    const TRIES: usize = 16;
+    for _ in 0..TRIES {
+        let (made, handle) = make()?;
+        if held(&handle) {
+            return Ok((made, handle));
+        }
+    }
+    Err(io::ErrorKind::ResourceBusy.into())
 }
 
 /// Removes what processes that are no more left under hidden names of this one. Whether that works or not is no matter of this one's.
@@ -440,5 +448,19 @@ mod tests {
         make(Overwrite::Replace, "four").finish().unwrap();
         assert_eq!(std::fs::read_to_string(path.join("a")).unwrap(), "four");
         assert_eq!(names(dir.path()), ["city.tiles"]);
+    }
+
+    /// Whoever always loses what it made gives up; it does not go on making.
+    #[test]
+    fn what_cannot_be_held_is_not_made_for_ever() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut made = 0;
+        let outcome = until_held(|| {
+            made += 1;
+            let file = File::create(dir.path().join("gone"))?;
+            std::fs::remove_file(dir.path().join("gone"))?;
+            Ok(((), file))
+        });
+        assert_eq!((outcome.unwrap_err().kind(), made), (io::ErrorKind::ResourceBusy, 16));
     }
 }

@@ -118,7 +118,16 @@ impl Group {
             Change::Removed => self.change < 0,
             Change::Filled => self.change > 0,
         };
-        if better && self.cells < BELIEVED && (change == Change::Removed || !self.lining.is_sampled() || self.cells <= std::env::var("SMALL").ok().and_then(|t| t.parse().ok()).unwrap_or(8)) { CHANGES } else { STAYS }
+        if better
+            && self.cells < BELIEVED
+            && (change == Change::Removed
+                || !self.lining.is_sampled()
+                || self.cells <= std::env::var("SMALL").ok().and_then(|t| t.parse().ok()).unwrap_or(8))
+        {
+            CHANGES
+        } else {
+            STAYS
+        }
     }
 }
 
