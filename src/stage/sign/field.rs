@@ -6,9 +6,6 @@ use super::block::Block;
 use super::normal::Wall;
 use super::{Side, support};
 
-/// What a wall weighs, against a face between free cells.
-const WALL: f32 = 4.0;
-
 /// What a face weighs if one of its cells lies between two occupied ones: a gap in a wall, as sparse sampling leaves.
 const GAP: f32 = 0.1;
 
@@ -89,6 +86,11 @@ impl<'a> Field<'a> {
         Some(self.number[cell]).filter(|n| *n != NONE).map(|n| n as usize)
     }
 
+    /// Whether two free cells lie on the same side.
+    pub(super) fn same_side(&self, [a, b]: [u32; 2]) -> bool {
+        self.is_outside(a as usize) == self.is_outside(b as usize)
+    }
+
     /// Whether a cell is free and outside.
     pub(super) fn is_outside(&self, cell: usize) -> bool {
         match self.number(cell) {
@@ -122,13 +124,13 @@ impl<'a> Field<'a> {
         for wall in walls {
             match wall.sides.map(|cell| self.number(cell as usize)) {
                 [Some(i), Some(j)] => {
-                    diagonal[i] += WALL;
-                    diagonal[j] += WALL;
-                    pairs.push([i as u32, j as u32]);
+                    diagonal[i] += wall.weight;
+                    diagonal[j] += wall.weight;
+                    pairs.push(([i as u32, j as u32], wall.weight));
                 }
                 [Some(i), None] | [None, Some(i)] => {
-                    diagonal[i] += WALL;
-                    b[i] += WALL;
+                    diagonal[i] += wall.weight;
+                    b[i] += wall.weight;
                 }
                 [None, None] => {}
             }
@@ -148,9 +150,9 @@ impl<'a> Field<'a> {
                 }
                 out[i] = sum;
             }
-            for &[i, j] in &pairs {
-                out[i as usize] += WALL * x[j as usize];
-                out[j as usize] += WALL * x[i as usize];
+            for &([i, j], weight) in &pairs {
+                out[i as usize] += weight * x[j as usize];
+                out[j as usize] += weight * x[i as usize];
             }
         };
         conjugate_gradients(product, &diagonal, &b, &mut u);
@@ -213,7 +215,7 @@ impl<'a> Field<'a> {
 }
 
 /// Solves A x = b for a positive definite A, given as its product with a vector, and its diagonal; from x on.
-fn conjugate_gradients(product: impl Fn(&[f32], &mut [f32]), diagonal: &[f32], b: &[f32], x: &mut [f32]) {
+pub(super) fn conjugate_gradients(product: impl Fn(&[f32], &mut [f32]), diagonal: &[f32], b: &[f32], x: &mut [f32]) {
     let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
     let mut out = vec![0f32; b.len()];
     product(x, &mut out);

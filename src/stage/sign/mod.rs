@@ -27,6 +27,7 @@
 mod block;
 mod distance;
 mod field;
+mod membrane;
 mod normal;
 mod outliers;
 mod rolling;
@@ -120,26 +121,37 @@ impl Signed {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn find(seen: Seen, context: &Context) -> Result<Signed> {
         let Seen { block, occupied, walls, outliers } = seen;
-        let two_sided = normal::two_sided(&block, &occupied, &walls);
+        let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
-        let mut radius = (FIRST * longest).max(2.0);
+        let mut radius = (std::env::var("FIRST").ok().and_then(|t| t.parse().ok()).unwrap_or(FIRST) * longest).max(2.0);
         let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
+        let mut tries = 0;
         loop {
             context.workers.check_cancelled()?;
             field.solve(&two_sided);
             let bare = support::bare(&field);
-            if !bare.iter().any(|&b| b) {
-                break;
-            }
-            radius /= STEP;
-            if radius < SMALLEST {
+            if bare.iter().any(|&b| b) {
+                radius /= STEP;
+                if radius >= SMALLEST {
+                    let reached = rolling::reached(&block, &occupied, radius);
+                    field.open(&bare, &reached);
+                    continue;
+                }
                 field.give_up(&bare);
+            }
+            let nothing: Vec<bool> = two_sided.iter().map(|wall| field.same_side(wall.sides)).collect();
+            tries += 1;
+            let count = nothing.iter().filter(|n| **n).count();
+            let new = if tries < TRIES && count as f64 > SEEN * nothing.len() as f64 { sheet::weigh(&block, &mut two_sided, &nothing) } else { 0 };
+            if std::env::var("DBG").is_ok() {
+                eprintln!("radius {radius} same side {count} of {}; new sheet {new}", nothing.len());
+            }
+            if new == 0 {
                 break;
             }
-            let reached = rolling::reached(&block, &occupied, radius);
-            field.open(&bare, &reached);
         }
         let mut sides = field.sides();
+        if std::env::var("NOMEM").is_err() { membrane::stretch(&block, &two_sided, &field.lined, &mut sides); }
         let sheets = sheet::find(&block, &two_sided, &sides);
         sheet::fill(&block, &sheets, &mut sides);
         let walls = walls.len() as u64;
@@ -156,6 +168,12 @@ impl Signed {
         self.block.cells
     }
 }
+
+/// How often sheets are looked for.
+const TRIES: usize = 20;
+
+/// The part of the walls that part nothing, from which on sheets are looked for.
+const SEEN: f64 = 0.02;
 
 /// A ball smaller than this, in cells, is no ball.
 const SMALLEST: f64 = 1.5;

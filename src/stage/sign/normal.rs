@@ -8,16 +8,23 @@ const NEAR: (i32, i32) = (5, 12);
 /// Fewer occupied cells in the smaller ball are too few.
 const ENOUGH: i64 = 7;
 
+/// What a wall weighs, against a face between free cells.
+pub const WEIGHT: f32 = 4.0;
+
 /// How far a wall's sides are looked for, in half cells.
 const REACH: i32 = 8;
 
 /// An occupied cell with the nearest free cells on both of its sides, as indices of the block.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wall {
     /// The occupied cell.
     pub cell: u32,
     /// The free cells.
     pub sides: [u32; 2],
+    /// The direction from the second one to the first.
+    pub normal: [f32; 3],
+    /// What it weighs: how likely it parts an inside from the outside.
+    pub weight: f32,
 }
 
 /// Those of the occupied cells `walls` that have free cells on both sides.
@@ -44,7 +51,7 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
             })
         };
         if let (Some(a), Some(b)) = (side(1.0), side(-1.0)) {
-            out.push(Wall { cell, sides: [a, b] });
+            out.push(Wall { cell, sides: [a, b], normal: normal.map(|c| c as f32), weight: WEIGHT });
         }
     }
     out

@@ -7,7 +7,7 @@ use super::block::{Block, PAD};
 use super::distance::squared;
 
 /// The radius from which a coarser copy will do.
-const ROUND: f64 = 8.0;
+const ROUND: f64 = 24.0;
 
 /// Of each cell of the block, whether a ball of `radius` cells covers it that touches no occupied cell and can be moved there from far off.
 pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {

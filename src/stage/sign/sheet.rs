@@ -56,6 +56,48 @@ pub fn find(block: &Block, walls: &[Wall], sides: &[Side]) -> Vec<Sheet> {
     sheets
 }
 
+/// How far, in cells, walls are asked what they part.
+const ROUND: i32 = 6;
+
+/// Walls whose normals differ by less than this cosine belong to the same patch.
+const SMOOTH: f32 = 0.85;
+
+/// The part of the walls round a wall that part nothing, from which on it belongs to a sheet.
+const MOST: f64 = 0.5;
+
+/// What a sheet's wall weighs, as a part of what it weighed.
+const SHEET_WEIGHT: f32 = 0.05;
+
+/// Takes weight from the walls of sheets: those in whose neighbourhood, as far as it is smooth, more walls have the same side on both sides than do not. Says how many.
+pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize {
+    let mut at = vec![u32::MAX; block.len()];
+    walls.iter().zip(0..).for_each(|(wall, i)| at[wall.cell as usize] = i);
+    let near: Vec<[i32; 3]> = Block::ball(ROUND * ROUND);
+    let sheets: Vec<usize> = (0..walls.len())
+        .filter(|&i| {
+            let wall = &walls[i];
+            if wall.weight < super::normal::WEIGHT {
+                return false;
+            }
+            let [x, y, z] = block.cell(wall.cell as usize).map(|c| c as i64);
+            let (mut nothing, mut all) = (0u32, 0u32);
+            for d in &near {
+                let cell = [x + i64::from(d[0]), y + i64::from(d[1]), z + i64::from(d[2])];
+                let Some(j) = block.at(cell).map(|cell| at[cell]).filter(|j| *j != u32::MAX) else { continue };
+                let other = walls[j as usize].normal;
+                let along: f32 = (0..3).map(|a| other[a] * wall.normal[a]).sum();
+                if along.abs() >= SMOOTH {
+                    all += 1;
+                    nothing += u32::from(parts_nothing[j as usize]);
+                }
+            }
+            f64::from(nothing) > std::env::var("MOST").ok().and_then(|t| t.parse().ok()).unwrap_or(MOST) * f64::from(all)
+        })
+        .collect();
+    sheets.iter().for_each(|&i| walls[i].weight *= SHEET_WEIGHT);
+    sheets.len()
+}
+
 /// Makes the outside cells between the samples of the sheets inside: those that a ball does not reach that touches no sheet.
 pub fn fill(block: &Block, sheets: &[Sheet], sides: &mut [Side]) {
     if sheets.is_empty() {
