@@ -212,17 +212,11 @@ fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn 
     drop(first);
     let coarser = occupancy.coarser(context)?;
     let side = side_in_samples(occupancy.occupied as f64 / coarser.occupied as f64);
-    let factor = (env("COARSE", COARSE) / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
+    let factor = (COARSE / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
     let level = factor.ilog2();
-    let last = ((env("BALL", BALL) / side).powi(2) as u32).clamp(LAST, 64);
-    if std::env::var("DBG").is_ok() {
-        eprintln!("longest {longest} filling {:.2} side {side:.2} factor {factor} level {level} last {last}", occupancy.occupied as f64 / coarser.occupied as f64);
-    }
+    let last = ((BALL / side).powi(2) as u32).clamp(LAST, 64);
     let seen = Seen::of(&occupancy, factor)?;
     let signed = Signed::find(seen, context)?;
-    if std::env::var("DBG").is_ok() {
-        eprintln!("walls {} sheets {:?}", signed.walls, signed.sheets.iter().map(|s| s.walls.len()).collect::<Vec<_>>());
-    }
     progress(longest);
     drop(coarser);
     let levels = levels(&occupancy, level)?;
@@ -237,7 +231,11 @@ fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn 
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     let solid = solid.without_hollows(&occupancy, context)?;
-    let solid = if env("UNRES", 1.0) > 0.0 { solid.without_unresolved(&occupancy, context)? } else { solid };
-    Ok(ClosedBySign { solid, occupancy, falls: level > 0, two_sided: (signed.sheets.iter().map(|s| s.walls.len() as u64).sum(), signed.walls) })
+    let solid = solid.without_unresolved(&occupancy, context)?;
+    Ok(ClosedBySign {
+        solid,
+        occupancy,
+        falls: level > 0,
+        two_sided: (signed.sheets.iter().map(|s| s.walls.len() as u64).sum(), signed.walls),
+    })
 }
-fn env(name: &str, value: f64) -> f64 { std::env::var(name).ok().and_then(|t| t.parse().ok()).unwrap_or(value) }

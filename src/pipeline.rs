@@ -170,8 +170,7 @@ pub fn survey_cloud(
             let distance = sampling_distance(cloud, &survey, workers, in_flight)?;
             let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?;
             let least = distance.map_or(0.0, |d| d * AUTO_CELL);
-            let resolution =
-                if usual.cell_size() < least { Resolution::Cell(least) } else { Resolution::default() };
+            let resolution = if usual.cell_size() < least { Resolution::Cell(least) } else { Resolution::default() };
             (resolution, distance)
         }
     };

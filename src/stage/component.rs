@@ -46,8 +46,11 @@ impl FromStr for Least {
 
     /// `auto`, `largest`, a share such as `1%`, or a number of cells.
     fn from_str(text: &str) -> std::result::Result<Least, String> {
-        let wrong =
-            || format!("expected a number of cells, a share of the largest such as 1%, `largest` or `auto`, found {text:?}");
+        let wrong = || {
+            format!(
+                "expected a number of cells, a share of the largest such as 1%, `largest` or `auto`, found {text:?}"
+            )
+        };
         match text {
             "auto" => return Ok(Least::Auto),
             "largest" => return Ok(Least::Largest),

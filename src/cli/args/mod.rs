@@ -161,7 +161,13 @@ pub struct CloudArguments {
     pub min_points: u32,
     /// Cells of a component, at least: a number (1 keeps all), a share of the largest's such as 1%, or `largest`; auto leaves out specks: fewer than 64 cells,
     /// less than a thousandth of the largest, and in all less than a fiftieth of the cells
-    #[arg(long, value_name = "auto|N|P%|largest", default_value = "auto", allow_negative_numbers = true, help_heading = "Surface")]
+    #[arg(
+        long,
+        value_name = "auto|N|P%|largest",
+        default_value = "auto",
+        allow_negative_numbers = true,
+        help_heading = "Surface"
+    )]
     pub min_component: Least,
     /// A closed surface; or one that is open where the points end: of what was scanned from one side, or of ground seen from above
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]

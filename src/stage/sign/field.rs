@@ -103,7 +103,7 @@ impl<'a> Field<'a> {
         if self.gaps[a] | self.gaps[b] { GAP } else { 1.0 }
     }
 
-    /// Finds the u that makes E least, from where it is. 
+    /// Finds the u that makes E least, from where it is.
     pub fn solve(&mut self, walls: &[Wall]) {
         let n = self.cells.len();
         let strides = self.block.strides();

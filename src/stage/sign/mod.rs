@@ -47,7 +47,7 @@ pub use self::sheet::Sheet;
 pub const LONGEST: u32 = 128;
 
 /// The radius of the first ball, as a share of the longest side. A hole of a tenth of a sphere's surface is .6 of its side wide.
-const FIRST: f64 = 0.3;
+const FIRST: f64 = 0.35;
 
 /// Each ball is so many times as large as the next.
 const STEP: f64 = std::f64::consts::SQRT_2;
@@ -123,7 +123,7 @@ impl Signed {
         let Seen { block, occupied, walls, outliers } = seen;
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
-        let mut radius = (std::env::var("FIRST").ok().and_then(|t| t.parse().ok()).unwrap_or(FIRST) * longest).max(2.0);
+        let mut radius = (FIRST * longest).max(2.0);
         let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
         let mut tries = 0;
         loop {
@@ -142,16 +142,17 @@ impl Signed {
             let nothing: Vec<bool> = two_sided.iter().map(|wall| field.same_side(wall.sides)).collect();
             tries += 1;
             let count = nothing.iter().filter(|n| **n).count();
-            let new = if tries < TRIES && count as f64 > SEEN * nothing.len() as f64 { sheet::weigh(&block, &mut two_sided, &nothing) } else { 0 };
-            if std::env::var("DBG").is_ok() {
-                eprintln!("radius {radius} same side {count} of {}; new sheet {new}", nothing.len());
-            }
+            let new = if tries < TRIES && count as f64 > SEEN * nothing.len() as f64 {
+                sheet::weigh(&block, &mut two_sided, &nothing)
+            } else {
+                0
+            };
             if new == 0 {
                 break;
             }
         }
         let mut sides = field.sides();
-        if std::env::var("NOMEM").is_err() { membrane::stretch(&block, &two_sided, &field.lined, &mut sides); }
+        membrane::stretch(&block, &two_sided, &field.lined, &mut sides);
         let sheets = sheet::find(&block, &two_sided, &sides);
         sheet::fill(&block, &sheets, &mut sides);
         let walls = walls.len() as u64;
@@ -170,7 +171,7 @@ impl Signed {
 }
 
 /// How often sheets are looked for.
-const TRIES: usize = 20;
+const TRIES: usize = 8;
 
 /// The part of the walls that part nothing, from which on sheets are looked for.
 const SEEN: f64 = 0.02;

@@ -91,7 +91,7 @@ pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize
                     nothing += u32::from(parts_nothing[j as usize]);
                 }
             }
-            f64::from(nothing) > std::env::var("MOST").ok().and_then(|t| t.parse().ok()).unwrap_or(MOST) * f64::from(all)
+            f64::from(nothing) > MOST * f64::from(all)
         })
         .collect();
     sheets.iter().for_each(|&i| walls[i].weight *= SHEET_WEIGHT);
