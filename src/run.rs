@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Instant;
 
+use crate::closing::How;
 use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
 use crate::machine;
@@ -308,7 +309,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         points: PointsReport::of(&cloud, &surveyed),
         grid: GridReport::of(&surveyed.grid),
         points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
-        closing: Closing::of(&made),
+        closing: Closing::of(&made, &surveyed.grid),
         vertices: made.counts,
         check: checked,
         output: OutputReport {
@@ -370,6 +371,10 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
     let grid = &surveyed.grid;
     let surface = job.settings.surface;
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
+    let closing = match &made.how {
+        How::Ball(closing) => format!("radius {}", closing.rho()),
+        How::Sign(_) => "auto".to_owned(),
+    };
     let mut header = MeshHeader {
         crs: cloud.crs().cloned(),
         origin: made.origin,
@@ -377,9 +382,9 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
             format!("asra-stream {}", env!("CARGO_PKG_VERSION")),
             format!("cell_size {} slices {}", grid.cell_size(), grid.cells()[1]),
             format!(
-                "axis {} closing_radius {} smooth {} diagonals {} fit {}",
+                "axis {} closing {} smooth {} diagonals {} fit {}",
                 grid.axis().letter(),
-                made.closing.rho(),
+                closing,
                 surface.smooth,
                 words(&surface.diagonals),
                 words(&surface.fit)

@@ -41,7 +41,8 @@ use crate::stage::raster::Occupancy;
 
 pub use self::block::Block;
 use self::field::Field;
-pub use self::sheet::Sheet;
+use self::normal::Wall;
+use self::sheet::Sheet;
 
 /// The most cells along any axis of a level that is held whole.
 pub const LONGEST: u32 = 128;
@@ -108,10 +109,36 @@ pub struct Signed {
     pub sides: Vec<Side>,
     /// Occupied cells that belong to no surface, as indices of the block.
     pub outliers: Vec<u32>,
-    /// Number of occupied cells that are walls.
+    /// Number of walls: occupied cells that have free cells on both sides.
     pub walls: u64,
-    /// Patches of walls that have the outside on both sides, the largest first.
-    pub sheets: Vec<Sheet>,
+    /// How many of them have the same side on both sides.
+    pub part_nothing: u64,
+    /// Patches of walls with the outside on both sides, the largest first: sheets.
+    pub open: Vec<Patch>,
+    /// Patches of walls with the inside on both sides: of slots and folds that were filled.
+    pub filled: Vec<Patch>,
+}
+
+/// A patch of walls that part nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Patch {
+    /// Number of its walls.
+    pub walls: u64,
+    /// Its least and its greatest cell along each axis.
+    pub cells: [[usize; 3]; 2],
+}
+
+impl Patch {
+    fn of(block: &Block, sheet: &Sheet) -> Patch {
+        let mut cells = [[usize::MAX; 3], [0; 3]];
+        for cell in sheet.walls.iter().map(|wall| block.cell(*wall as usize)) {
+            for a in 0..3 {
+                cells[0][a] = cells[0][a].min(cell[a]);
+                cells[1][a] = cells[1][a].max(cell[a]);
+            }
+        }
+        Patch { walls: sheet.walls.len() as u64, cells }
+    }
 }
 
 impl Signed {
@@ -153,10 +180,13 @@ impl Signed {
         }
         let mut sides = field.sides();
         membrane::stretch(&block, &two_sided, &field.lined, &mut sides);
-        let sheets = sheet::find(&block, &two_sided, &sides);
-        sheet::fill(&block, &sheets, &mut sides);
-        let walls = walls.len() as u64;
-        Ok(Signed { block, sides, outliers, walls, sheets })
+        let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
+        let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
+        let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
+        sheet::fill(&block, &open, &mut sides);
+        let [open, filled] =
+            [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
+        Ok(Signed { walls: two_sided.len() as u64, part_nothing, open, filled, block, sides, outliers })
     }
 
     /// The side of a cell of the level; beyond it, all is outside.
