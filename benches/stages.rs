@@ -23,6 +23,7 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use asra_stream::bucket::Buckets;
+use asra_stream::closing::{self, Asked, Sealing};
 use asra_stream::context::Context;
 use asra_stream::grid::Grid;
 use asra_stream::input::{Cloud, InputOptions};
@@ -45,7 +46,7 @@ use asra_stream::stage::exterior::Exterior;
 use asra_stream::stage::extract::Surface;
 use asra_stream::stage::fit::{Fitted, Task, fit};
 use asra_stream::stage::raster::{Counted, Occupancy, Sampled};
-use asra_stream::stage::seal::{self, Pyramid};
+
 use asra_stream::stage::smooth::smooth;
 use asra_stream::stage::solid::Solid;
 use asra_stream::stitch::Stitcher;
@@ -135,21 +136,11 @@ fn cells_to_solid(group: &mut BenchmarkGroup<'_, WallTime>, occupancy: &Occupanc
             b.iter(|| Solid::close(occupancy, &ball, context).expect("a solid"));
         });
     }
-    let find = || {
-        let pyramid = Pyramid::over(occupancy, 0, context).expect("a pyramid");
-        (seal::find(&pyramid, context, |_| ()).expect("a radius"), pyramid)
-    };
-    group.bench_function("seal", |b| b.iter(find));
-    let (sealed, pyramid) = find();
-    let closing = sealed.closing.expect("an inside");
-    let fall = || pyramid.close(closing, None, context, |_| ()).expect("a solid");
-    if closing.rho() > 1 {
-        group.bench_function(BenchmarkId::new("sides", closing.rho()), |b| b.iter(fall));
-    }
-    let close = || match closing.rho() {
-        1 => Solid::close(occupancy, &Ball::new(1), context).expect("a solid"),
-        _ => fall(),
-    };
+    // The cells are closed anew each time: closing takes them.
+    let again = || occupancy.filtered(|_| true, context).expect("cells");
+    let asked = Asked { seal: Sealing::Auto, window: None, keep_outliers: false, min_component: None };
+    let close = || closing::close(again(), 1.0, asked, context, |_| ()).expect("a solid").solid;
+    group.bench_function("close", |b| b.iter(close));
     group.bench_function("lone", |b| {
         let drop_lone = |solid: Solid| solid.without_lone_cells(context).expect("a solid");
         b.iter_batched(close, drop_lone, BatchSize::PerIteration);

@@ -1,6 +1,10 @@
 //! Closing: from the occupied cells to the solid, as asked for.
 //!
-//! Finds the ball that seals (or takes the one that is asked for), lets it fall, and leaves out what is too small to be kept.
+//! Tells inside and outside apart by the sign of a field ([`crate::stage::sign`]) or by a ball that is asked for ([`crate::stage::seal`]), decides finer
+//! cells by falling balls, and leaves out what is too small to be kept.
+//!
+//! The field is found on one coarse level, whose cells are at least [`COARSE`] sampling distances wide, and no more than [`sign::LONGEST`] along any axis. A window
+//! of slices, however few, holds what finer levels need: on these the balls are a few cells wide.
 
 use crate::context::Context;
 use crate::error::{Error, Result};
@@ -10,9 +14,9 @@ use crate::stage::component::{self, Components, Least};
 use crate::stage::dilate::Ball;
 use crate::stage::ground;
 use crate::stage::raster::Occupancy;
-use crate::stage::seal::{self, Pyramid};
+use crate::stage::seal::Pyramid;
 use crate::stage::sides::{LAST, LAST_COARSE, Sides};
-use crate::stage::sign::{self, Seen, Signed};
+use crate::stage::sign::{self, Patch, Seen, Signed};
 use crate::stage::solid::Solid;
 
 pub use crate::stage::seal::Closing;
@@ -21,7 +25,7 @@ pub use crate::stage::seal::Closing;
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sealing {
-    /// By the smallest ball that seals, found by trying.
+    /// As wide as they are, where samples on their rims say so ([`crate::stage::sign`]).
     #[default]
     Auto,
     /// By a ball of this radius, in cells.
@@ -49,8 +53,10 @@ impl Sealing {
 pub struct Asked {
     /// How holes are closed.
     pub seal: Sealing,
-    /// The window's slices, which bound the closing radius: ρ ≤ (W − 1) / 2.
+    /// The window's slices, which bound a closing radius that is given: ρ ≤ (W − 1) / 2.
     pub window: Option<u32>,
+    /// Whether outliers stay.
+    pub keep_outliers: bool,
     /// The components that are kept; `None` keeps all.
     pub min_component: Option<Least>,
 }
@@ -62,16 +68,81 @@ pub struct Closed {
     pub solid: Solid,
     /// The occupied cells that count.
     pub occupancy: Occupancy,
-    /// The ball that was used.
-    pub closing: Closing,
-    /// Whether it fell to smaller ones ([`crate::stage::sides`]).
+    /// How they were closed.
+    pub how: How,
+    /// Whether a ball fell to smaller ones ([`crate::stage::sides`]).
     pub falls: bool,
-    /// The closing radius ρ that seals the cloud, in cells, if it was looked for and found.
-    pub sealing_radius: Option<u32>,
-    /// What was tried to find it; nothing if the radius was given.
-    pub trials: Vec<seal::Trial>,
     /// What was found and left out, if small components were to be.
     pub components: Option<Components>,
+}
+
+impl Closed {
+    /// Whether outliers were left out.
+    pub fn has_outliers(&self) -> bool {
+        matches!(&self.how, How::Sign(parted) if parted.outliers > 0)
+    }
+}
+
+/// How cells were closed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum How {
+    /// By a ball.
+    Ball(Closing),
+    /// By the sign of a field.
+    Sign(Parted),
+}
+
+/// What the walls part: the occupied cells that have free cells on both sides, on the level that the field was found on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parted {
+    /// How many there are.
+    pub walls: u64,
+    /// How many have the inside on both sides, or the outside.
+    pub part_nothing: u64,
+    /// Patches with the outside on both sides, the largest first.
+    pub open: Vec<PartingNothing>,
+    /// Patches with the inside on both sides, the largest first.
+    pub filled: Vec<PartingNothing>,
+    /// Occupied cells left out as outliers.
+    pub outliers: u64,
+}
+
+/// A patch of walls that part nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PartingNothing {
+    /// Number of its walls.
+    pub walls: u64,
+    /// Its box, in cells of the grid.
+    pub cells: [[f64; 3]; 2],
+}
+
+/// One wall in so many that parts nothing is too many for a sealed body.
+const SEALED: u64 = 50;
+
+impl Parted {
+    fn of(signed: &Signed, factor: u32, outliers: u64) -> Parted {
+        let patch = |patch: &Patch| {
+            let [low, high] = patch.cells;
+            let scale = f64::from(factor);
+            PartingNothing {
+                walls: patch.walls,
+                cells: [low.map(|c| c as f64 * scale), high.map(|c| (c + 1) as f64 * scale)],
+            }
+        };
+        Parted {
+            walls: signed.walls,
+            part_nothing: signed.part_nothing,
+            open: signed.open.iter().map(patch).collect(),
+            filled: signed.filled.iter().map(patch).collect(),
+            outliers,
+        }
+    }
+
+    /// Whether the mesh encloses the inside: the samples part inside and outside everywhere. No patch of walls has the same side on both of its
+    /// sides, and of all walls less than two in a hundred have.
+    pub fn is_sealed(&self) -> bool {
+        self.open.is_empty() && self.filled.is_empty() && SEALED * self.part_nothing < self.walls
+    }
 }
 
 /// Closes the occupied cells: with the radius that is asked for, or that seals, and that the window allows. `progress` is told the slices of
@@ -94,11 +165,8 @@ pub fn close(
             "--seal: a radius of {radius} cells is more than half of the longest side, {longest} cells"
         )));
     }
-    let (solid, occupancy, closing, falls, two_sided) = match given {
-        None => {
-            let signed = close_signed(occupancy, context, &mut progress)?;
-            (signed.solid, signed.occupancy, Closing { level: 0, radius: 1 }, signed.falls, Some(signed.two_sided))
-        }
+    let (solid, occupancy, how, falls) = match given {
+        None => close_signed(occupancy, asked.keep_outliers, context, &mut progress)?,
         Some(_) => {
             let wanted = given.map(Closing::with_radius).expect("a radius is given");
             let pyramid = Pyramid::over(&occupancy, wanted.level, context)?;
@@ -107,12 +175,12 @@ pub fn close(
             let falls = wanted.rho() > 1 && wanted.rho() <= most;
             let closing = if wanted.rho() <= most { wanted } else { Closing { level: 0, radius: most } };
             let solid = if closing == wanted {
-                pyramid.close(closing, None, context, &mut progress)?
+                pyramid.close(closing, context, &mut progress)?
             } else {
                 Solid::close(&occupancy, &Ball::new(closing.radius), context)?
             };
             drop(pyramid);
-            (solid, occupancy, closing, falls, None)
+            (solid, occupancy, How::Ball(closing), falls)
         }
     };
     let solid = solid.without_lone_cells(context)?;
@@ -127,8 +195,7 @@ pub fn close(
             (solid, occupancy, Some(components))
         }
     };
-    let sealing_radius = two_sided.filter(|(two, _)| *two == 0).map(|_| 1);
-    Ok(Closed { solid, occupancy, closing, falls, sealing_radius, trials: Vec::new(), components })
+    Ok(Closed { solid, occupancy, how, falls, components })
 }
 
 /// The solid below a surface that is not closed: columns, over which a small ball rolls. `progress` is told the slices.
@@ -155,8 +222,8 @@ pub fn close_below(
     };
     let solid = ground::solid(&occupancy, ground, context)?;
     progress(grid.cells()[1]);
-    let closing = Closing { level: 0, radius: ball.radius() };
-    Ok(Closed { solid, occupancy, closing, falls: false, sealing_radius: None, trials: Vec::new(), components: None })
+    let how = How::Ball(Closing { level: 0, radius: ball.radius() });
+    Ok(Closed { solid, occupancy, how, falls: false, components: None })
 }
 
 /// The side of the cells that the field is looked for on, in sampling distances, at the least.
@@ -164,14 +231,6 @@ const COARSE: f64 = 1.3;
 
 /// The last ball's radius, in sampling distances.
 const BALL: f64 = 1.5;
-
-/// What the field's sign made of the cells.
-struct ClosedBySign {
-    solid: Solid,
-    occupancy: Occupancy,
-    falls: bool,
-    two_sided: (u64, u64),
-}
 
 /// The side of a cell in sampling distances, from how many occupied cells there are for each one twice as large. Of samples at random on a surface that is
 /// q = exp(-r²/1.5) of its cells empty by chance, 4 / ((1 + q) (1 + q²)).
@@ -195,45 +254,33 @@ fn side_in_samples(filling: f64) -> f64 {
 }
 
 /// Closes the occupied cells by the sign of a field on a coarse level ([`crate::stage::sign`]), and finer levels by what that says.
-fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn FnMut(u32)) -> Result<ClosedBySign> {
+fn close_signed(
+    mut occupancy: Occupancy,
+    keep_outliers: bool,
+    context: &Context,
+    progress: &mut dyn FnMut(u32),
+) -> Result<(Solid, Occupancy, How, bool)> {
     let longest = occupancy.cells.into_iter().max().unwrap_or(1);
     let least = longest.div_ceil(sign::LONGEST);
-    let levels = |occupancy: &Occupancy, count: u32| -> Result<Vec<Occupancy>> {
-        let mut levels = Vec::new();
-        while (levels.len() as u32) < count {
-            levels.push(levels.last().unwrap_or(occupancy).coarser(context)?);
-        }
-        Ok(levels)
-    };
     let first = Seen::of(&occupancy, least)?;
-    if first.has_outliers() {
+    let all = occupancy.occupied;
+    if !keep_outliers && first.has_outliers() {
         occupancy = occupancy.filtered(|cell| !first.is_outlier(cell.map(|c| c / least)), context)?;
     }
     drop(first);
     let coarser = occupancy.coarser(context)?;
     let side = side_in_samples(occupancy.occupied as f64 / coarser.occupied as f64);
-    let factor =
-        (env("COARSE", COARSE) / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
+    let factor = (COARSE / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
     let level = factor.ilog2();
-    let last = ((env("BALL", BALL) / side).powi(2) as u32).clamp(LAST, 64);
-    if std::env::var("DBG").is_ok() {
-        eprintln!(
-            "longest {longest} filling {:.2} side {side:.2} factor {factor} level {level} last {last}",
-            occupancy.occupied as f64 / coarser.occupied as f64
-        );
-    }
+    let last = ((BALL / side).powi(2) as u32).clamp(LAST, 64);
     let seen = Seen::of(&occupancy, factor)?;
     let signed = Signed::find(seen, context)?;
-    if std::env::var("DBG").is_ok() {
-        eprintln!(
-            "walls {} sheets {:?}",
-            signed.walls,
-            signed.sheets.iter().map(|s| s.walls.len()).collect::<Vec<_>>()
-        );
-    }
     progress(longest);
     drop(coarser);
-    let levels = levels(&occupancy, level)?;
+    let mut levels: Vec<Occupancy> = Vec::new();
+    while (levels.len() as u32) < level {
+        levels.push(levels.last().unwrap_or(&occupancy).coarser(context)?);
+    }
     let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
     let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
     for l in (0..=level).rev() {
@@ -245,14 +292,7 @@ fn close_signed(mut occupancy: Occupancy, context: &Context, progress: &mut dyn 
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     let solid = solid.without_hollows(&occupancy, context)?;
-    let solid = if env("UNRES", 1.0) > 0.0 { solid.without_unresolved(&occupancy, context)? } else { solid };
-    Ok(ClosedBySign {
-        solid,
-        occupancy,
-        falls: level > 0,
-        two_sided: (signed.sheets.iter().map(|s| s.walls.len() as u64).sum(), signed.walls),
-    })
-}
-fn env(name: &str, value: f64) -> f64 {
-    std::env::var(name).ok().and_then(|t| t.parse().ok()).unwrap_or(value)
+    let solid = solid.without_unresolved(&occupancy, context)?;
+    let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied));
+    Ok((solid, occupancy, how, level > 0))
 }

@@ -5,7 +5,7 @@
 use bytesize::ByteSize;
 
 use crate::bucket::Buckets;
-use crate::closing::{self, Asked, Closed, Closing, Sealing};
+use crate::closing::{self, Asked, Closed, How, Sealing};
 use crate::context::Context;
 use crate::error::{Error, Result};
 use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
@@ -26,7 +26,6 @@ use crate::stage::component::{Components, Least};
 use crate::stage::ground;
 use crate::stage::plane;
 use crate::stage::raster::{Counted, Occupancy, Sampled};
-use crate::stage::seal::Trial;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
 use crate::survey::{Survey, planes_with_points, sampling_distance, survey, turned_bounds};
 
@@ -76,8 +75,10 @@ pub struct Settings {
     pub axis: AxisChoice,
     /// How holes are closed.
     pub seal: Sealing,
-    /// The window's slices, which bound the closing radius: ρ ≤ (W − 1) / 2. `None` leaves it free.
+    /// The window's slices, which bound a closing radius that is given: ρ ≤ (W − 1) / 2. `None` leaves it free.
     pub window: Option<u32>,
+    /// Whether outliers stay.
+    pub keep_outliers: bool,
     /// The least number of points that make a cell occupied.
     pub min_points: u32,
     /// The components that are kept; `None` keeps all.
@@ -95,6 +96,7 @@ impl Default for Settings {
             axis: AxisChoice::Longest,
             seal: Sealing::Auto,
             window: None,
+            keep_outliers: false,
             min_points: 1,
             min_component: Some(Least::Auto),
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
@@ -281,14 +283,10 @@ pub struct Reconstruction {
     pub mesh: MeshSpool,
     /// Taken off its positions: added to them, it gives the input's coordinates.
     pub origin: [f64; 3],
-    /// The ball that closed the cells.
-    pub closing: Closing,
-    /// Whether it fell from there to smaller ones.
+    /// How the cells were closed.
+    pub how: How,
+    /// Whether a ball fell to smaller ones.
     pub falls: bool,
-    /// The closing radius that seals the cloud, if it has an inside.
-    pub sealing_radius: Option<u32>,
-    /// What was tried to find it.
-    pub trials: Vec<Trial>,
     /// Occupied cells.
     pub occupied: u64,
     /// Cells with points, but too few to be occupied.
@@ -352,7 +350,12 @@ fn reconstruct_as<T: Coordinate>(
     }
     progress.begin(Phase::Seal, None);
     let (occupied, sparse) = (occupancy.occupied, occupancy.sparse);
-    let asked = Asked { seal: settings.seal, window: settings.window, min_component: settings.min_component };
+    let asked = Asked {
+        seal: settings.seal,
+        window: settings.window,
+        keep_outliers: settings.keep_outliers,
+        min_component: settings.min_component,
+    };
     let done = |slices: u32| progress.add(u64::from(slices));
     let closed = match &settings.open {
         None => closing::close(occupancy, grid.cell_size(), asked, context, done)?,
@@ -377,7 +380,11 @@ fn reconstruct_as<T: Coordinate>(
     let memory = context.memory.with_surface(&load, means)?;
     let jobs = memory.slab_jobs(&load, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
-    let counted = if sparse > 0 || closed.components.is_some() { Counted::Occupied } else { Counted::All };
+    let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {
+        Counted::Occupied
+    } else {
+        Counted::All
+    };
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, cloud.schema().clone(), memory.mesh_quota);
     let frame = Frame { origin, precision: T::PRECISION };
@@ -407,10 +414,8 @@ fn reconstruct_as<T: Coordinate>(
     Ok(Reconstruction {
         mesh,
         origin,
-        closing: closed.closing,
+        how: closed.how,
         falls: closed.falls,
-        sealing_radius: closed.sealing_radius,
-        trials: closed.trials,
         occupied,
         sparse,
         components: closed.components,

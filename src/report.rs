@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use bytesize::ByteSize;
 
-use crate::closing::Sealing;
+use crate::closing::{How, PartingNothing, Sealing};
 use crate::grid::{Bounds, Grid};
 use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
@@ -20,7 +20,6 @@ use crate::progress::{Phase, thousands};
 use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::component::{Components, Least};
 use crate::stage::ground::Found as Columns;
-use crate::stage::seal::Trial;
 use crate::stitch::Counts;
 
 /// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
@@ -131,14 +130,18 @@ pub struct GridReport {
 /// The closing.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct Closing {
-    /// The radius used, in cells.
-    pub radius: u32,
-    /// The radius that seals the inside, if one was found.
-    pub sealing_radius: Option<u32>,
-    /// Whether the mesh encloses the inside.
+    /// The ball's radius, in cells, where one was asked for.
+    pub radius: Option<u32>,
+    /// Whether the mesh encloses the inside: samples part inside and outside everywhere ([`crate::closing::Parted::is_sealed`]).
     pub sealed: bool,
-    /// What was tried.
-    pub trials: Vec<Trial>,
+    /// The part of the samples' cells that have the same side on both sides.
+    pub part_nothing: f64,
+    /// Patches that have the outside on both sides, the largest first.
+    pub open: Vec<PatchReport>,
+    /// Patches that have the inside on both sides, the largest first: slots and folds that were filled.
+    pub filled: Vec<PatchReport>,
+    /// Cells left out as outliers.
+    pub outlier_cells: u64,
     /// Occupied cells.
     pub occupied_cells: u64,
     /// Cells with points, but too few to be occupied.
@@ -149,6 +152,25 @@ pub struct Closing {
     pub columns: Option<Columns>,
     /// Solid cells.
     pub solid_cells: u64,
+}
+
+/// A patch of samples that have the same side on both sides.
+#[derive(Debug, Clone, Copy, serde::Serialize)]
+pub struct PatchReport {
+    /// The part of the samples' cells that it has.
+    pub share: f64,
+    /// Its box, in the input's coordinates.
+    pub bounds: Bounds,
+}
+
+/// The most patches that a report names.
+const MOST_PATCHES: usize = 100;
+
+/// The box, in the input's coordinates, of a box of cells of a grid.
+fn bounds_of(grid: &Grid, [low, high]: [[f64; 3]; 2]) -> Bounds {
+    let corners = (0..8).map(|i| grid.position([0, 1, 2].map(|a| if i >> a & 1 == 0 { low[a] } else { high[a] })));
+    let one = |p: [f64; 3]| Bounds { min: p, max: p };
+    corners.map(one).reduce(Bounds::union).expect("a box has corners")
 }
 
 /// The mesh file.
@@ -238,13 +260,27 @@ impl fmt::Display for GridReport {
 }
 
 impl Closing {
-    /// The closing of a reconstruction.
-    pub fn of(made: &Reconstruction) -> Closing {
+    /// The closing of a reconstruction on a grid.
+    pub fn of(made: &Reconstruction, grid: &Grid) -> Closing {
+        let (radius, parted) = match &made.how {
+            How::Ball(closing) => (Some(closing.rho()), None),
+            How::Sign(parted) => (None, Some(parted)),
+        };
+        let walls = parted.map_or(1, |parted| parted.walls.max(1)) as f64;
+        let patches = |patches: &[PartingNothing]| -> Vec<PatchReport> {
+            let report = |patch: &PartingNothing| PatchReport {
+                share: patch.walls as f64 / walls,
+                bounds: bounds_of(grid, patch.cells),
+            };
+            patches.iter().take(MOST_PATCHES).map(report).collect()
+        };
         Closing {
-            radius: made.closing.rho(),
-            sealing_radius: made.sealing_radius,
-            sealed: made.sealing_radius.is_some_and(|needed| made.closing.rho() >= needed),
-            trials: made.trials.clone(),
+            radius,
+            sealed: parted.is_some_and(|parted| parted.is_sealed()),
+            part_nothing: parted.map_or(0.0, |parted| parted.part_nothing as f64 / walls),
+            open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),
+            filled: parted.map_or_else(Vec::new, |parted| patches(&parted.filled)),
+            outlier_cells: parted.map_or(0, |parted| parted.outliers),
             occupied_cells: made.occupied,
             sparse_cells: made.sparse,
             components: made.components,
@@ -260,32 +296,56 @@ impl Closing {
             let (dropped, found, cells) = (thousands(dropped), thousands(found), thousands(dropped_cells));
             format!("{dropped} of {found} components, {cells} cells in all")
         };
-        let parts: Vec<String> = (self.sparse_cells > 0)
-            .then(|| sparse(self.sparse_cells))
-            .into_iter()
-            .chain(self.components.map(dropped))
-            .collect();
+        let parts: Vec<String> =
+            (self.sparse_cells > 0)
+                .then(|| sparse(self.sparse_cells))
+                .into_iter()
+                .chain((self.outlier_cells > 0).then(|| {
+                    format!("{} cells of outliers (--keep-outliers keeps them)", thousands(self.outlier_cells))
+                }))
+                .chain(self.components.filter(|components| components.dropped > 0).map(dropped))
+                .collect();
         (!parts.is_empty()).then(|| parts.join("; "))
     }
 
-    /// A line about the inside.
-    pub fn verdict(&self) -> String {
-        let radius = match self.radius {
-            1 => "radius 1 cell".to_owned(),
-            cells => format!("radius {cells} cells"),
-        };
-        match self.sealing_radius {
-            None if self.trials.is_empty() => format!("{radius}, as asked"),
-            Some(needed) if self.radius < needed => format!(
-                "{radius}, which does not seal this cloud: the mesh is a thin closed shell of two sides; --window {} or more would seal it",
-                2 * needed + 1
-            ),
-            Some(1) => format!("{radius}, sealed: the mesh encloses the inside"),
-            Some(_) => format!("{radius} where a hole needs it, sealed: the mesh encloses the inside"),
-            None => format!(
-                "{radius}; no radius finds an inside (an open surface?): the mesh is a thin closed shell of two sides"
-            ),
+    /// Lines about the inside; `cell_size` is that of the grid.
+    pub fn verdict(&self, cell_size: f64) -> String {
+        if let Some(radius) = self.radius {
+            let cells = if radius == 1 { "cell" } else { "cells" };
+            return format!("radius {radius} {cells}, as asked");
         }
+        if self.sealed {
+            return "sealed: the mesh encloses the inside".to_owned();
+        }
+        let whole = |patches: &[PatchReport]| 100.0 * patches.iter().map(|patch| patch.share).sum::<f64>();
+        let place = |patch: &PatchReport| {
+            let Bounds { min, max } = patch.bounds;
+            let side = |a: usize| format!("{} to {}", short(min[a]), short(max[a]));
+            format!("x {}, y {}, z {}", side(0), side(1), side(2))
+        };
+        let mut lines = vec![format!(
+            "not sealed: {:.1} % of the samples have the same side on both sides",
+            100.0 * self.part_nothing
+        )];
+        if let Some(largest) = self.open.first() {
+            lines.push(format!(
+                "{:.1} % lie on open surfaces, which are kept as slabs a cell thick; the largest in {}",
+                whole(&self.open),
+                place(largest)
+            ));
+            lines.push(
+                "--surface terrain (seen from above) or --surface sheet --facing FROM makes a surface of them".into(),
+            );
+        }
+        if let Some(largest) = self.filled.first() {
+            lines.push(format!(
+                "{:.1} % line slots or folds that are filled; the largest in {}",
+                whole(&self.filled),
+                place(largest)
+            ));
+            lines.push(format!("--cell-size {} shows them, if there are samples enough", short(cell_size / 2.0)));
+        }
+        lines.join("\n         ")
     }
 }
 
@@ -327,7 +387,7 @@ impl fmt::Display for Report {
                 let facing = open.facing;
                 writeln!(f, "surface  {kind}, seen from {facing}: {data} columns with points, {bridged} bridged")?;
             }
-            _ => writeln!(f, "closing  {}", self.closing.verdict())?,
+            _ => writeln!(f, "closing  {}", self.closing.verdict(self.grid.cell_size))?,
         }
         if let Some(left_out) = self.closing.left_out() {
             writeln!(f, "left out {left_out}")?;

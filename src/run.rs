@@ -6,6 +6,7 @@ use std::thread;
 use std::time::Instant;
 
 use crate::attribute::Wanted;
+use crate::closing::How;
 use crate::defect;
 use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
@@ -369,7 +370,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         points: PointsReport::of(&cloud, &surveyed),
         grid: GridReport::of(&surveyed.grid),
         points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
-        closing: Closing::of(&made),
+        closing: Closing::of(&made, &surveyed.grid),
         vertices: made.counts,
         check: checked,
         output: OutputReport {
@@ -440,6 +441,10 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
     let grid = &surveyed.grid;
     let surface = job.settings.surface;
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
+    let closing = match &made.how {
+        How::Ball(closing) => format!("radius {}", closing.rho()),
+        How::Sign(_) => "auto".to_owned(),
+    };
     let mut header = MeshHeader {
         crs: cloud.crs().cloned(),
         sheet: job.settings.open.is_some_and(|open| open.base.is_none()),
@@ -449,9 +454,9 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
             format!("asra-stream {}", env!("CARGO_PKG_VERSION")),
             format!("cell_size {} slices {}", grid.cell_size(), grid.cells()[1]),
             format!(
-                "axis {} closing_radius {} smooth {} diagonals {} fit {}",
+                "axis {} closing {} smooth {} diagonals {} fit {}",
                 grid.axis().letter(),
-                made.closing.rho(),
+                closing,
                 surface.smooth,
                 words(&surface.diagonals),
                 words(&surface.fit)

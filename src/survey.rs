@@ -1,6 +1,6 @@
 //! The survey, pass 1: how many points there are and the box they fill; and, where asked for, how densely they lie.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::{Error, Result};
@@ -159,27 +159,52 @@ const KEPT: usize = 1024;
 
 /// Counts distinct cells in bounded memory: of all cells seen it keeps those with the smallest hashes; if the largest kept
 /// hash is the fraction f of the hash range, there are about KEPT / f cells. Order of arrival does not matter.
+///
+/// Of a cell that is kept to the end, every point was counted: it was never left out before.
 #[derive(Debug, Default)]
 struct Distinct {
-    smallest: BTreeSet<u64>,
+    /// The hashes, and how many points each was seen with.
+    smallest: BTreeMap<u64, u64>,
 }
 
 impl Distinct {
-    fn add(&mut self, hash: u64) {
-        if self.smallest.len() < KEPT {
-            self.smallest.insert(hash);
-        } else if hash < *self.smallest.last().expect("the list is full") && self.smallest.insert(hash) {
+    fn add(&mut self, hash: u64, points: u64) {
+        if let Some(count) = self.smallest.get_mut(&hash) {
+            *count += points;
+        } else if self.smallest.len() < KEPT {
+            self.smallest.insert(hash, points);
+        } else if hash < *self.smallest.last_key_value().expect("the list is full").0 {
+            self.smallest.insert(hash, points);
             self.smallest.pop_last();
         }
     }
 
     fn distinct(&self) -> f64 {
-        match self.smallest.last() {
-            Some(&last) if self.smallest.len() == KEPT => (KEPT - 1) as f64 * (u64::MAX as f64 / last as f64),
+        match self.smallest.last_key_value() {
+            Some((&last, _)) if self.smallest.len() == KEPT => (KEPT - 1) as f64 * (u64::MAX as f64 / last as f64),
             _ => self.smallest.len() as f64,
         }
     }
+
+    /// The parts of the cells, and of their points, that are no strays: cells with at least a [`STRAY`] of the points that the middle one of all points shares its
+    /// cell with.
+    fn without_strays(&self) -> [f64; 2] {
+        let mut counts: Vec<u64> = self.smallest.values().copied().collect();
+        counts.sort_unstable();
+        let all: u64 = counts.iter().sum();
+        let mut before = 0;
+        let middle = counts.iter().find(|count| {
+            before += **count;
+            2 * before >= all
+        });
+        let least = middle.map_or(0, |middle| middle.div_ceil(STRAY));
+        let left: Vec<u64> = counts.iter().copied().filter(|count| *count >= least).collect();
+        [left.len() as f64 / counts.len().max(1) as f64, left.iter().sum::<u64>() as f64 / all.max(1) as f64]
+    }
 }
+
+/// A cell with fewer than this part of the usual points holds strays, or lies at the surface's border.
+const STRAY: u64 = 10;
 
 /// Cells that points are found in, for each w² of surface, w their side. A plane passes 1.5 on average over its positions, but
 /// some of them only by a corner, where hardly a point falls.
@@ -234,7 +259,7 @@ pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_f
                 for (level, sketch) in part.iter_mut().enumerate() {
                     // Level l has 2^(l + 1) cells along the diagonal.
                     let shift = LEVELS - 1 - level;
-                    sketch.add(hash(cell.map(|c| c >> shift)));
+                    sketch.add(hash(cell.map(|c| c >> shift)), 1);
                 }
             };
             match &batch.points {
@@ -245,18 +270,21 @@ pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_f
         },
         |part| {
             for (sketch, part) in sketches.iter_mut().zip(part) {
-                part.smallest.into_iter().for_each(|h| sketch.add(h));
+                part.smallest.into_iter().for_each(|(hash, points)| sketch.add(hash, points));
             }
             Ok(())
         },
     )?;
-    let n = survey.points as f64;
-    let (level, cells) = sketches
+    let counted = |sketch: &Distinct| {
+        let [cells, points] = sketch.without_strays();
+        (points * survey.points as f64, cells * sketch.distinct())
+    };
+    let (level, (n, cells)) = sketches
         .iter()
-        .map(Distinct::distinct)
+        .map(counted)
         .enumerate()
-        .find(|(_, cells)| n / cells < POINTS_TO_A_CELL)
-        .unwrap_or((LEVELS - 1, sketches[LEVELS - 1].distinct()));
+        .find(|(_, (n, cells))| n / cells < POINTS_TO_A_CELL)
+        .unwrap_or((LEVELS - 1, counted(&sketches[LEVELS - 1])));
     let side = diagonal / 2f64.powi(level as i32 + 1);
     Ok(Some(side / (CELLS_OF_SURFACE * points_to_a_cell(n / cells)).sqrt()))
 }

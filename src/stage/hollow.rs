@@ -175,10 +175,9 @@ impl Lining {
         lining
     }
 
-    /// Whether most of it was sampled.
+    /// Whether most of it was sampled: more than three faces in five.
     pub fn is_sampled(&self) -> bool {
-        let t: f64 = std::env::var("LINED").ok().and_then(|t| t.parse().ok()).unwrap_or(0.6);
-        self.sampled as f64 > t * (self.sampled + self.bare) as f64
+        5 * self.sampled > 3 * (self.sampled + self.bare)
     }
 
     /// Less than two sampled faces in seven: found by trying, from .3 to .67 sampled faces for each bare one. With .67, concavities of the horse are

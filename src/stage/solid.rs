@@ -35,21 +35,11 @@ struct Chunk {
     faces: Vec<u32>,
 }
 
-/// What is wanted of the cells that are left. Each holds the one before.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
-enum Wanted {
-    Volume,
-    Faces,
-    Slices,
-}
-
 /// Which free cells are grown back.
 #[derive(Debug, Clone, Copy)]
 enum Grown<'a> {
     /// The exterior ones: what is left is the solid.
     Exterior(&'a Exterior),
-    /// All: what is left is the shell, the closing of the occupied cells without regard to inside and outside.
-    Free(&'a Exterior),
     /// Those outside, never into those inside.
     Outside(&'a Sides),
 }
@@ -57,7 +47,7 @@ enum Grown<'a> {
 impl Grown<'_> {
     fn padded(&self) -> Padded {
         match self {
-            Grown::Exterior(exterior) | Grown::Free(exterior) => exterior.padded,
+            Grown::Exterior(exterior) => exterior.padded,
             Grown::Outside(sides) => sides.padded,
         }
     }
@@ -78,20 +68,7 @@ impl Solid {
     /// # Errors
     /// As [`Solid::close`].
     pub fn outside_of(exterior: &Exterior, occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Solid> {
-        Solid::grown(occupancy, Grown::Exterior(exterior), ball, Wanted::Slices, context)
-    }
-
-    /// The number of cells of [`Solid::outside_of`].
-    ///
-    /// # Errors
-    /// As [`Solid::close`].
-    pub fn volume_outside_of(
-        exterior: &Exterior,
-        occupancy: &Occupancy,
-        ball: &Ball,
-        context: &Context,
-    ) -> Result<u64> {
-        Ok(Solid::grown(occupancy, Grown::Exterior(exterior), ball, Wanted::Volume, context)?.volume)
+        Solid::grown(occupancy, Grown::Exterior(exterior), ball, context)
     }
 
     /// The solid between the two sides: the outside cells grown back by `ball`, neither into an occupied cell nor into an inside
@@ -100,35 +77,10 @@ impl Solid {
     /// # Errors
     /// As [`Solid::close`].
     pub fn between(occupancy: &Occupancy, sides: &Sides, ball: &Ball, context: &Context) -> Result<Solid> {
-        Solid::grown(occupancy, Grown::Outside(sides), ball, Wanted::Slices, context)
+        Solid::grown(occupancy, Grown::Outside(sides), ball, context)
     }
 
-    /// The volume that closing the occupied cells with `ball` gives, and how much of the shell encloses something: the faces that the shell
-    /// turns to enclosed cells, for each face that it turns to the exterior.
-    ///
-    /// ```text
-    ///     leaking: 0            sealed: 1, less the thicker the shell is against the body
-    ///     +--------+            +--------+
-    ///     |+------+|            |+------+|
-    ///     ||      ||            ||//////||
-    ///     +|      |+            |+------+|
-    ///                           +--------+
-    /// ```
-    ///
-    /// # Errors
-    /// As [`Solid::close`].
-    pub fn measure(occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<(u64, f64)> {
-        let exterior = Exterior::find(occupancy, ball, context)?;
-        let solid = Solid::grown(occupancy, Grown::Exterior(&exterior), ball, Wanted::Faces, context)?;
-        if !exterior.encloses {
-            return Ok((solid.volume, 0.0));
-        }
-        let shell = Solid::grown(occupancy, Grown::Free(&exterior), ball, Wanted::Faces, context)?;
-        let (outer, all) = (solid.face_count() as f64, shell.face_count() as f64);
-        Ok((solid.volume, (all - outer) / outer))
-    }
-
-    fn grown(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, wanted: Wanted, context: &Context) -> Result<Solid> {
+    fn grown(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, context: &Context) -> Result<Solid> {
         let cells = occupancy.cells;
         let mut solid = Solid {
             cells,
@@ -141,7 +93,7 @@ impl Solid {
         context.workers.in_order(
             context.memory.chunks_for(&context.load, ball.radius()),
             || Ok(jobs.next()),
-            |chunk| solid_slices(occupancy, grown, ball, wanted, chunk),
+            |chunk| solid_slices(occupancy, grown, ball, chunk),
             |chunk| {
                 solid.volume += chunk.volume;
                 solid.faces.extend(chunk.faces);
@@ -149,10 +101,6 @@ impl Solid {
             },
         )?;
         Ok(solid)
-    }
-
-    fn face_count(&self) -> u64 {
-        self.faces.iter().map(|faces| u64::from(*faces)).sum()
     }
 
     /// Sets the solid cells of slice `y` in `bits`, moved by one cell and one row; none where there is no such slice.
@@ -165,13 +113,7 @@ impl Solid {
 }
 
 /// The cells of a chunk of slices that are left, with the number of faces of each slice.
-fn solid_slices(
-    occupancy: &Occupancy,
-    grown: Grown<'_>,
-    ball: &Ball,
-    wanted: Wanted,
-    chunk: std::ops::Range<u32>,
-) -> Result<Chunk> {
+fn solid_slices(occupancy: &Occupancy, grown: Grown<'_>, ball: &Ball, chunk: std::ops::Range<u32>) -> Result<Chunk> {
     let padded = grown.padded();
     let Padded { pad, .. } = padded;
     let [width, _, rows] = occupancy.cells;
@@ -183,12 +125,11 @@ fn solid_slices(
     let mut out = Chunk { slices: Slices::default(), volume: 0, faces: Vec::new() };
     // The slice before the chunk is computed for its faces with the chunk's first slice. Slice 0 has none before it: its lower plane has
     // every solid cell's face.
-    let before = u32::from(wanted >= Wanted::Faces).min(chunk.start);
+    let before = chunk.start.min(1);
     for y in chunk.start - before..chunk.end {
         let padded_y = i64::from(y + pad);
         let taken = dilation.slide_to(padded_y, |y, bits| match grown {
             Grown::Exterior(exterior) => exterior.paint(y as u32, bits, &mut scratch),
-            Grown::Free(exterior) => exterior.paint_free(y as u32, bits, &mut scratch),
             Grown::Outside(sides) => sides.outside().paint(y, bits, &mut runs),
         })?;
         occupancy.store.paint(i64::from(y), &mut occupied, &mut runs)?;
@@ -212,12 +153,8 @@ fn solid_slices(
         }
         if y >= chunk.start {
             out.volume += slice.cell_count();
-            if wanted >= Wanted::Faces {
-                out.faces.push(faces(&slice, &below));
-            }
-            if wanted == Wanted::Slices {
-                out.slices.push(&slice);
-            }
+            out.faces.push(faces(&slice, &below));
+            out.slices.push(&slice);
         }
         std::mem::swap(&mut slice, &mut below);
     }

@@ -35,6 +35,9 @@ use crate::window::Window;
 /// Groups of as many cells are seen well enough to be believed.
 const BELIEVED: u64 = 64;
 
+/// Pits of no more cells are filled even if samples line them: they lie under an arch of samples.
+const PIT: u64 = 8;
+
 /// The squared radius of a ball that is a cube of 3 x 3 x 3 cells.
 const CUBE: u32 = 3;
 
@@ -116,18 +119,9 @@ impl Group {
     fn verdict(&self, change: Change) -> u8 {
         let better = match change {
             Change::Removed => self.change < 0,
-            Change::Filled => self.change > 0,
+            Change::Filled => self.change > 0 && (self.cells <= PIT || !self.lining.is_sampled()),
         };
-        if better
-            && self.cells < BELIEVED
-            && (change == Change::Removed
-                || !self.lining.is_sampled()
-                || self.cells <= std::env::var("SMALL").ok().and_then(|t| t.parse().ok()).unwrap_or(8))
-        {
-            CHANGES
-        } else {
-            STAYS
-        }
+        if better && self.cells < BELIEVED { CHANGES } else { STAYS }
     }
 }
 

@@ -161,13 +161,16 @@ pub struct CloudArguments {
     /// The axis to slice along
     #[arg(long, value_enum, default_value_t, help_heading = "Grid")]
     pub axis: AxisWord,
-    /// Slices in the window: an odd number, at least 3. It bounds the closing radius, to (W - 1) / 2 cells [default: as wide as the radius found needs]
+    /// Slices in the window: an odd number, at least 3. It bounds a radius that --seal gives, to (W - 1) / 2 cells; without one, every W gives the same surface
     #[arg(long, value_name = "W", help_heading = "Surface")]
     pub window: Option<u32>,
-    /// How holes are closed: by the smallest ball that seals (auto), by one of radius R (a length, or cells as in `8c`), or not (off)
+    /// How holes are closed: as wide as they are, up to a third of the longest side (auto), by a ball of radius R (a length, or cells as in `8c`), or not (off)
     #[arg(long, value_name = "auto|R|off", default_value = "auto", value_parser = sealing, help_heading = "Surface")]
     #[arg(allow_negative_numbers = true)]
     pub seal: Sealing,
+    /// Keep points that lie apart from all surfaces; else the surface does not go to them
+    #[arg(long, help_heading = "Surface")]
+    pub keep_outliers: bool,
     /// Points that make a cell occupied, at least: thins out strays
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Surface")]
     pub min_points: u32,
@@ -420,7 +423,8 @@ impl CloudArguments {
         let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
         let (min_points, min_component) = (self.min_points, Some(self.min_component));
         let (seal, window, open) = (self.seal, self.window, self.open()?);
-        Ok(Settings { fineness, axis, seal, window, min_points, min_component, surface, open })
+        let keep_outliers = self.keep_outliers;
+        Ok(Settings { fineness, axis, seal, window, keep_outliers, min_points, min_component, surface, open })
     }
 
     fn input(&self) -> Result<InputOptions> {

@@ -29,8 +29,9 @@ const NONE: u32 = u32::MAX;
 pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], sides: &mut [Side]) {
     let size = [block.width, block.rows, block.slices];
     let strides = block.strides();
-    let around =
-        |cell: usize| strides.into_iter().flat_map(move |s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)]);
+    let around = |cell: usize| {
+        strides.into_iter().flat_map(move |s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)])
+    };
     let mut membrane = vec![false; sides.len()];
     let mut count = 0;
     for cell in (0..sides.len()).filter(|&cell| sides[cell] == Side::Inside && !lined[cell]) {

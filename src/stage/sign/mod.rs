@@ -41,13 +41,14 @@ use crate::stage::raster::Occupancy;
 
 pub use self::block::Block;
 use self::field::Field;
-pub use self::sheet::Sheet;
+use self::normal::Wall;
+use self::sheet::Sheet;
 
 /// The most cells along any axis of a level that is held whole.
 pub const LONGEST: u32 = 128;
 
 /// The radius of the first ball, as a share of the longest side. A hole of a tenth of a sphere's surface is .6 of its side wide.
-const FIRST: f64 = 0.3;
+const FIRST: f64 = 0.35;
 
 /// Each ball is so many times as large as the next.
 const STEP: f64 = std::f64::consts::SQRT_2;
@@ -108,10 +109,36 @@ pub struct Signed {
     pub sides: Vec<Side>,
     /// Occupied cells that belong to no surface, as indices of the block.
     pub outliers: Vec<u32>,
-    /// Number of occupied cells that are walls.
+    /// Number of walls: occupied cells that have free cells on both sides.
     pub walls: u64,
-    /// Patches of walls that have the outside on both sides, the largest first.
-    pub sheets: Vec<Sheet>,
+    /// How many of them have the same side on both sides.
+    pub part_nothing: u64,
+    /// Patches of walls with the outside on both sides, the largest first: sheets.
+    pub open: Vec<Patch>,
+    /// Patches of walls with the inside on both sides: of slots and folds that were filled.
+    pub filled: Vec<Patch>,
+}
+
+/// A patch of walls that part nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Patch {
+    /// Number of its walls.
+    pub walls: u64,
+    /// Its least and its greatest cell along each axis.
+    pub cells: [[usize; 3]; 2],
+}
+
+impl Patch {
+    fn of(block: &Block, sheet: &Sheet) -> Patch {
+        let mut cells = [[usize::MAX; 3], [0; 3]];
+        for cell in sheet.walls.iter().map(|wall| block.cell(*wall as usize)) {
+            for a in 0..3 {
+                cells[0][a] = cells[0][a].min(cell[a]);
+                cells[1][a] = cells[1][a].max(cell[a]);
+            }
+        }
+        Patch { walls: sheet.walls.len() as u64, cells }
+    }
 }
 
 impl Signed {
@@ -123,7 +150,7 @@ impl Signed {
         let Seen { block, occupied, walls, outliers } = seen;
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
-        let mut radius = (std::env::var("FIRST").ok().and_then(|t| t.parse().ok()).unwrap_or(FIRST) * longest).max(2.0);
+        let mut radius = (FIRST * longest).max(2.0);
         let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
         let mut tries = 0;
         loop {
@@ -142,20 +169,24 @@ impl Signed {
             let nothing: Vec<bool> = two_sided.iter().map(|wall| field.same_side(wall.sides)).collect();
             tries += 1;
             let count = nothing.iter().filter(|n| **n).count();
-            let new = if tries < TRIES && count as f64 > SEEN * nothing.len() as f64 { sheet::weigh(&block, &mut two_sided, &nothing) } else { 0 };
-            if std::env::var("DBG").is_ok() {
-                eprintln!("radius {radius} same side {count} of {}; new sheet {new}", nothing.len());
-            }
+            let new = if tries < TRIES && count as f64 > SEEN * nothing.len() as f64 {
+                sheet::weigh(&block, &mut two_sided, &nothing)
+            } else {
+                0
+            };
             if new == 0 {
                 break;
             }
         }
         let mut sides = field.sides();
-        if std::env::var("NOMEM").is_err() { membrane::stretch(&block, &two_sided, &field.lined, &mut sides); }
-        let sheets = sheet::find(&block, &two_sided, &sides);
-        sheet::fill(&block, &sheets, &mut sides);
-        let walls = walls.len() as u64;
-        Ok(Signed { block, sides, outliers, walls, sheets })
+        membrane::stretch(&block, &two_sided, &field.lined, &mut sides);
+        let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
+        let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
+        let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
+        sheet::fill(&block, &open, &mut sides);
+        let [open, filled] =
+            [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
+        Ok(Signed { walls: two_sided.len() as u64, part_nothing, open, filled, block, sides, outliers })
     }
 
     /// The side of a cell of the level; beyond it, all is outside.
@@ -170,7 +201,7 @@ impl Signed {
 }
 
 /// How often sheets are looked for.
-const TRIES: usize = 20;
+const TRIES: usize = 8;
 
 /// The part of the walls that part nothing, from which on sheets are looked for.
 const SEEN: f64 = 0.02;

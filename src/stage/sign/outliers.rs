@@ -11,6 +11,9 @@ const SHARE: f64 = 0.25;
 /// Groups of fewer cells that stand apart are no surface.
 const GROUP: usize = 8;
 
+/// If fewer cells are left, they are no surface either, and nothing is taken out.
+const FEWEST: usize = 27;
+
 /// Takes the outliers out of the occupied cells, and gives them.
 pub fn take_out(block: &Block, occupied: &mut [bool]) -> Vec<u32> {
     let before: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
@@ -34,6 +37,9 @@ pub fn take_out(block: &Block, occupied: &mut [bool]) -> Vec<u32> {
         cells.retain(|&cell| occupied[cell as usize]);
     }
     drop_groups(occupied, &cells, &near);
+    if cells.iter().filter(|&&cell| occupied[cell as usize]).count() < FEWEST {
+        before.iter().for_each(|&cell| occupied[cell as usize] = true);
+    }
     before.into_iter().filter(|&cell| !occupied[cell as usize]).collect()
 }
 

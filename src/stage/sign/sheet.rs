@@ -19,18 +19,18 @@ const SHEET: usize = 27;
 /// The squared radius of the ball that does not pass between the samples of a sheet.
 const BETWEEN: i32 = 6;
 
-/// A patch of walls with the outside on both sides.
+/// A patch of walls with the same side on both sides.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Sheet {
     /// Its walls, as indices of the block.
     pub walls: Vec<u32>,
 }
 
-/// Finds the sheets, the largest first.
-pub fn find(block: &Block, walls: &[Wall], sides: &[Side]) -> Vec<Sheet> {
-    let outside = |cell: u32| sides[cell as usize] == Side::Outside;
+/// Finds the patches of walls that have `side` on both sides, the largest first.
+pub fn find(block: &Block, walls: &[Wall], sides: &[Side], side: Side) -> Vec<Sheet> {
+    let is = |cell: u32| sides[cell as usize] == side;
     let mut open = vec![false; sides.len()];
-    let cells: Vec<u32> = walls.iter().filter(|w| w.sides.into_iter().all(outside)).map(|w| w.cell).collect();
+    let cells: Vec<u32> = walls.iter().filter(|w| w.sides.into_iter().all(is)).map(|w| w.cell).collect();
     cells.iter().for_each(|&cell| open[cell as usize] = true);
     let around = block.around();
     let mut sheets = Vec::new();
@@ -91,7 +91,7 @@ pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize
                     nothing += u32::from(parts_nothing[j as usize]);
                 }
             }
-            f64::from(nothing) > std::env::var("MOST").ok().and_then(|t| t.parse().ok()).unwrap_or(MOST) * f64::from(all)
+            f64::from(nothing) > MOST * f64::from(all)
         })
         .collect();
     sheets.iter().for_each(|&i| walls[i].weight *= SHEET_WEIGHT);

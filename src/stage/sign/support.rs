@@ -49,8 +49,7 @@ pub fn bare(field: &Field<'_>) -> Vec<bool> {
             }
             at += 1;
         }
-        if std::env::var("DBG").is_ok() && component.len() > 20 { eprintln!("component {} lined {lined} open {open}", component.len()); }
-        if open as f64 > std::env::var("BARE").ok().and_then(|t| t.parse().ok()).unwrap_or(BARE) * (open + lined) as f64 {
+        if open as f64 > BARE * (open + lined) as f64 {
             component.iter().for_each(|&number| bare[number] = true);
         }
     }
