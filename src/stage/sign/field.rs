@@ -91,6 +91,11 @@ impl<'a> Field<'a> {
         self.is_outside(a as usize) == self.is_outside(b as usize)
     }
 
+    /// Whether nothing stands between two cells that share a face: neither is occupied, nor a gap between occupied ones.
+    pub(super) fn is_open(&self, a: usize, b: usize) -> bool {
+        !(self.occupied[a] || self.occupied[b] || self.gaps[a] || self.gaps[b])
+    }
+
     /// Whether a cell is free and outside.
     pub(super) fn is_outside(&self, cell: usize) -> bool {
         match self.number(cell) {

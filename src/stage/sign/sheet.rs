@@ -19,6 +19,9 @@ const SHEET: usize = 27;
 /// The squared radius of the ball that does not pass between the samples of a sheet.
 const BETWEEN: i32 = 6;
 
+/// The squared radius of the one that what it does not reach is eroded with: smaller, so that a slab across the axes hangs together by faces.
+const ERODED: i32 = 3;
+
 /// A patch of walls with the same side on both sides.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Sheet {
@@ -110,7 +113,7 @@ pub fn fill(block: &Block, sheets: &[Sheet], sides: &mut [Side]) {
     cells.iter_mut().zip(&near).for_each(|(cell, near)| *cell = *near > BETWEEN);
     let reached = squared(&cells, size);
     for ((side, near), reached) in sides.iter_mut().zip(near).zip(reached) {
-        if *side == Side::Outside && near <= BETWEEN && reached > BETWEEN {
+        if *side == Side::Outside && near <= BETWEEN && reached > ERODED {
             *side = Side::Inside;
         }
     }

@@ -31,7 +31,6 @@ pub fn bare(field: &Field<'_>) -> Vec<bool> {
         let mut at = 0;
         while at < component.len() {
             let cell = field.cells[component[at]] as usize;
-            let mut faces_outside = false;
             for next in around(cell) {
                 match field.number(next) {
                     Some(number) if field.u[number] > 0.0 => {
@@ -39,13 +38,9 @@ pub fn bare(field: &Field<'_>) -> Vec<bool> {
                             component.push(number);
                         }
                     }
-                    _ => faces_outside |= field.is_outside(next),
+                    _ if field.is_open(cell, next) => open += 1,
+                    _ => lined += 1,
                 }
-            }
-            if field.lined[cell] {
-                lined += 1;
-            } else if faces_outside {
-                open += 1;
             }
             at += 1;
         }
@@ -61,12 +56,10 @@ pub fn is_lined(field: &Field<'_>, enclosed: &[usize]) -> bool {
     let strides = field.block.strides();
     let (mut lined, mut open) = (0u64, 0u64);
     for &cell in enclosed {
-        if field.lined[cell] {
-            lined += 1;
-        } else {
-            let mut next =
-                strides.into_iter().flat_map(|s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)]);
-            open += u64::from(next.any(|next| field.number(next).is_some_and(|number| field.u[number] > 0.0)));
+        for next in strides.into_iter().flat_map(|s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)]) {
+            if field.number(next).is_none_or(|number| field.u[number] > 0.0) {
+                if field.is_open(cell, next) { open += 1 } else { lined += 1 }
+            }
         }
     }
     open as f64 <= BARE * (open + lined) as f64
