@@ -34,7 +34,7 @@ impl Block {
     /// [`crate::Error::Io`].
     pub fn of(occupancy: &Occupancy, factor: u32) -> Result<(Block, Vec<bool>)> {
         let block = Block::new(occupancy.cells.map(|c| c.div_ceil(factor)));
-        let mut occupied = vec![false; block.len()];
+        let mut occupied = vec![false; block.size()];
         let mut runs = Runs::default();
         for y in 0..occupancy.cells[1] {
             occupancy.store.read(y, &mut runs)?;
@@ -50,7 +50,7 @@ impl Block {
     }
 
     /// Number of cells, padding included.
-    pub fn len(&self) -> usize {
+    pub fn size(&self) -> usize {
         self.width * self.slices * self.rows
     }
 

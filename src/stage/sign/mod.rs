@@ -33,6 +33,8 @@ mod outliers;
 mod rolling;
 mod sheet;
 mod support;
+#[cfg(test)]
+mod tests;
 
 use crate::context::Context;
 use crate::error::Result;

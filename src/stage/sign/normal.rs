@@ -110,8 +110,9 @@ fn least_axis(mut a: [[f64; 3]; 3]) -> [f64; 3] {
             for row in &mut a {
                 (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
             }
-            for k in 0..3 {
-                (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
+            let rows = (a[p], a[q]);
+            for (k, (x, y)) in rows.0.into_iter().zip(rows.1).enumerate() {
+                (a[p][k], a[q][k]) = (c * x - s * y, s * x + c * y);
             }
             for row in &mut v {
                 (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);

@@ -43,10 +43,10 @@ pub fn take_out(block: &Block, occupied: &mut [bool]) -> Vec<u32> {
     before.into_iter().filter(|&cell| !occupied[cell as usize]).collect()
 }
 
-/// Takes out groups of fewer than [`GROUP`] cells that no more than two cells part.
+/// Takes out groups of fewer than [`GROUP`] cells that no more than two cells part; none if there is no larger one.
 fn drop_groups(occupied: &mut [bool], cells: &[u32], near: &[isize]) {
     let mut seen = vec![false; occupied.len()];
-    let mut group = Vec::new();
+    let (mut group, mut small, mut any_large) = (Vec::new(), Vec::new(), false);
     for &first in cells {
         if std::mem::replace(&mut seen[first as usize], true) {
             continue;
@@ -63,8 +63,13 @@ fn drop_groups(occupied: &mut [bool], cells: &[u32], near: &[isize]) {
             }
             at += 1;
         }
-        if group.len() < GROUP && group.len() < cells.len() {
-            group.iter().for_each(|&cell| occupied[cell] = false);
+        if group.len() < GROUP {
+            small.extend_from_slice(&group);
+        } else {
+            any_large = true;
         }
+    }
+    if any_large {
+        small.into_iter().for_each(|cell| occupied[cell] = false);
     }
 }

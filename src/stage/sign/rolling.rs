@@ -38,7 +38,7 @@ pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {
     let centres = filled_from_corner(&far, limit, size);
     let mut covered = squared(&centres, size);
     covered.iter_mut().for_each(|d| *d = i32::from(*d <= limit));
-    let mut out = Vec::with_capacity(block.len());
+    let mut out = Vec::with_capacity(block.size());
     for y in 0..block.slices {
         for z in 0..block.rows {
             let border = |c: usize, n: usize| c < PAD || c + PAD >= n;

@@ -73,7 +73,7 @@ const SHEET_WEIGHT: f32 = 0.05;
 
 /// Takes weight from the walls of sheets: those in whose neighbourhood, as far as it is smooth, more walls have the same side on both sides than do not. Says how many.
 pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize {
-    let mut at = vec![u32::MAX; block.len()];
+    let mut at = vec![u32::MAX; block.size()];
     walls.iter().zip(0..).for_each(|(wall, i)| at[wall.cell as usize] = i);
     let near: Vec<[i32; 3]> = Block::ball(ROUND * ROUND);
     let sheets: Vec<usize> = (0..walls.len())

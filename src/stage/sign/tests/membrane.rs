@@ -1,0 +1,90 @@
+//! A membrane in a box's hole lies where the rim does, wherever it was before.
+
+use proptest::prelude::*;
+
+use super::super::Side;
+use super::super::block::Block;
+use super::super::membrane::stretch;
+use super::super::normal::two_sided;
+use super::{level, marked, numbers_of};
+
+/// The box's cells along x and slices.
+const SIDE: usize = 24;
+
+/// Which cells are beside occupied ones.
+fn lined(block: &Block, occupied: &[bool]) -> Vec<bool> {
+    let mut lined = vec![false; occupied.len()];
+    for cell in numbers_of(occupied) {
+        block.around().iter().for_each(|step| lined[(cell as usize).wrapping_add_signed(*step)] = true);
+    }
+    lined
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// A hole in the wall on one side; before, the membrane bulges by so many cells, inwards or outwards.
+    #[test]
+    fn it_lies_within_two_cells_of_the_rims_plane(
+        radius in 2.5f64..7.0,
+        height in 14usize..26,
+        bulge in -5i64..6,
+        axis in 0usize..3,
+        bottom in any::<bool>(),
+    ) {
+        let mut cells = [SIDE as u32; 3];
+        cells[axis] = height as u32 + 8;
+        let block = Block::new(cells);
+        // Along the axis, from the wall with the hole on.
+        let depth = |cell: [usize; 3]| if bottom { cell[axis] as i64 - 6 } else { height as i64 - cell[axis] as i64 };
+        let from_axis = |cell: [usize; 3]| {
+            let off = |a: usize| cell[(axis + a) % 3] as f64 - (SIDE as f64 - 1.0) / 2.0;
+            off(1).hypot(off(2))
+        };
+        let far = height as i64 - 6;
+        let at = |cell: [usize; 3]| {
+            let d = depth(cell);
+            let across = [1, 2].map(|a| cell[(axis + a) % 3]);
+            let within = across.iter().all(|c| (1..SIDE - 1).contains(c)) && (0..=far).contains(&d);
+            let wall = within && (d == 0 || d == far || across.iter().any(|c| *c == 1 || *c == SIDE - 2));
+            (within, wall)
+        };
+        let occupied = marked(&block, |&cell| at(cell).1 && (depth(cell) != 0 || from_axis(cell) > radius));
+        let inside = marked(&block, |&cell| {
+            let in_hole = from_axis(cell) <= radius;
+            let d = depth(cell);
+            let dented = in_hole && (0..bulge).contains(&d);
+            let bulged = in_hole && (bulge..=0).contains(&d);
+            (at(cell).0 && !at(cell).1 && !dented) || bulged
+        });
+        let mut sides: Vec<Side> = occupied.iter().zip(&inside).map(|(occupied, inside)| match (occupied, inside) {
+            (true, _) => Side::Wall,
+            (_, true) => Side::Inside,
+            _ => Side::Outside,
+        }).collect();
+        let before = sides.clone();
+        let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
+        stretch(&block, &walls, &lined(&block, &occupied), &mut sides);
+        for cell in level(block.cells) {
+            let (index, d) = (block.index(cell), depth(cell));
+            if from_axis(cell) <= radius && d.abs() > 2 && d < far {
+                prop_assert_eq!(sides[index], if d < 0 { Side::Outside } else { Side::Inside }, "{:?}", cell);
+            } else if from_axis(cell) > radius + 2.0 {
+                prop_assert_eq!(sides[index], before[index], "{:?}", cell);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_walls_close_stays_as_it_is() {
+    let block = Block::new([16; 3]);
+    let shell = |cell: &[usize; 3], at: usize| cell.iter().map(|c| c.abs_diff(8)).max() == Some(at);
+    let occupied = marked(&block, |cell| shell(cell, 6));
+    let mut sides: Vec<Side> = occupied.iter().map(|o| if *o { Side::Wall } else { Side::Outside }).collect();
+    let inside = marked(&block, |cell| (0..6).any(|at| shell(cell, at)));
+    numbers_of(&inside).into_iter().for_each(|cell| sides[cell as usize] = Side::Inside);
+    let before = sides.clone();
+    stretch(&block, &two_sided(&block, &occupied, &numbers_of(&occupied)), &lined(&block, &occupied), &mut sides);
+    assert_eq!(sides, before);
+}

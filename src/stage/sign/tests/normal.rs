@@ -1,0 +1,94 @@
+//! Normals and the two sides of walls, on planes.
+
+use proptest::prelude::*;
+
+use super::super::block::Block;
+use super::super::normal::{Wall, two_sided};
+use super::{Numbers, dot, marked, numbers_of};
+
+const SIDE: usize = 21;
+
+/// How far a cell is from a plane that passes near the middle.
+fn height(cell: [usize; 3], normal: [f64; 3], offset: f64) -> f64 {
+    dot(cell.map(|c| c as f64 - (SIDE / 2) as f64), normal) - offset
+}
+
+fn walls_of(block: &Block, occupied: &[bool]) -> Vec<Wall> {
+    two_sided(block, occupied, &numbers_of(occupied))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn the_two_free_cells_lie_on_both_sides_of_a_plane(
+        seed in any::<u64>(),
+        offset in -0.5f64..0.5,
+        missing in 0.0f64..0.15,
+    ) {
+        let mut numbers = Numbers::new(seed);
+        let normal = numbers.direction();
+        let block = Block::new([SIDE as u32; 3]);
+        let occupied = marked(&block, |&cell| {
+            height(cell, normal, offset).abs() <= 0.5 && numbers.part() >= missing
+        });
+        let walls = walls_of(&block, &occupied);
+        // The plane's cells end at the border of the box; there a normal may be anything.
+        let inner = |cell: u32| block.cell(cell as usize).into_iter().all(|c| (4..SIDE - 4).contains(&c));
+        let mut found = 0;
+        for wall in walls.iter().filter(|wall| inner(wall.cell)) {
+            let [a, b] = wall.sides.map(|side| height(block.cell(side as usize), normal, offset));
+            // Where a sample is missing, the free cell may lie in the plane.
+            let at_gap = a.abs() <= 0.5 || b.abs() <= 0.5;
+            prop_assert!(at_gap || a * b < 0.0, "{a} {b}");
+            let along = dot(wall.normal.map(f64::from), normal).abs().min(1.0);
+            prop_assert!(along > 0.9, "{} degrees off", along.acos().to_degrees());
+            found += 1;
+        }
+        let expected = numbers_of(&occupied).into_iter().filter(|&cell| inner(cell)).count();
+        prop_assert_eq!(found, expected, "every cell of a plane has two sides");
+    }
+
+    /// The sides are free, opposite, and the first free ones on their half of the line.
+    #[test]
+    fn sides_are_the_first_free_cells_along_the_normal(seed in any::<u64>(), share in 0.0f64..0.9) {
+        let mut numbers = Numbers::new(seed);
+        let block = Block::new([7; 3]);
+        let occupied = marked(&block, |_| numbers.part() < share);
+        for wall in walls_of(&block, &occupied) {
+            let from = block.cell(wall.cell as usize).map(|c| c as i64);
+            for (side, sign) in wall.sides.into_iter().zip([1.0, -1.0]) {
+                let at = |half: i64| {
+                    let step = wall.normal.map(|c| (sign * f64::from(c) * half as f64 / 2.0).round() as i64);
+                    block.at([0, 1, 2].map(|a| from[a] + step[a])).unwrap()
+                };
+                let first = (2..=8).map(at).find(|&cell| !occupied[cell]);
+                // A half cell may be rounded either way once the normal is single precision.
+                let near = (2..=8).map(at).any(|cell| cell == side as usize);
+                prop_assert!(!occupied[side as usize]);
+                prop_assert!(first == Some(side as usize) || !near, "{wall:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn cells_without_a_direction_are_given_the_first_axis() {
+    let block = Block::new([9; 3]);
+    for half in 0..=1 {
+        let occupied = marked(&block, |cell| cell.iter().all(|c| c.abs_diff(4) <= half));
+        let middle = block.index([4; 3]);
+        let wall = walls_of(&block, &occupied).into_iter().find(|wall| wall.cell as usize == middle).unwrap();
+        assert_eq!(wall.normal, [1.0, 0.0, 0.0]);
+        assert_eq!(wall.sides.map(|s| block.cell(s as usize)), [[5 + half, 4, 4], [3 - half, 4, 4]]);
+    }
+}
+
+#[test]
+fn the_inside_of_a_thick_block_has_no_walls() {
+    let block = Block::new([15; 3]);
+    let occupied = marked(&block, |_| true);
+    let middle = block.index([7; 3]);
+    let walls = walls_of(&block, &occupied);
+    assert!(walls.iter().all(|wall| wall.cell as usize != middle));
+}

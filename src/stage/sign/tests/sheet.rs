@@ -1,0 +1,136 @@
+//! Sheets and what is filled between their samples, against twins that look at every cell.
+
+use proptest::prelude::*;
+
+use super::super::Side;
+use super::super::block::Block;
+use super::super::normal::{WEIGHT, Wall};
+use super::super::sheet::{Sheet, fill, find, weigh};
+use super::{Numbers, components, marked, numbers_of, places, square_between};
+
+fn random_sides(block: &Block, occupied: &[bool], share: f64, numbers: &mut Numbers) -> Vec<Side> {
+    let inside = marked(block, |_| numbers.part() < share);
+    let side = |(occupied, inside): (&bool, &bool)| match (occupied, inside) {
+        (true, _) => Side::Wall,
+        (_, true) => Side::Inside,
+        _ => Side::Outside,
+    };
+    occupied.iter().zip(&inside).map(side).collect()
+}
+
+/// Walls that have the cells before and behind them on a side each.
+fn walls_across(block: &Block, occupied: &[bool], axis: usize) -> Vec<Wall> {
+    let mut normal = [0.0; 3];
+    normal[axis] = 1.0;
+    let step = block.strides()[axis];
+    let wall = |cell: u32| {
+        let sides = [step, -step].map(|step| (cell as usize).wrapping_add_signed(step) as u32);
+        Wall { cell, sides, normal, weight: WEIGHT }
+    };
+    numbers_of(occupied).into_iter().map(wall).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn sheets_are_the_large_patches_with_the_outside_on_both_sides(
+        seed in any::<u64>(),
+        share in 0.02f64..0.2,
+        inside in 0.0f64..0.3,
+        axis in 0usize..3,
+    ) {
+        let mut numbers = Numbers::new(seed);
+        let block = Block::new([11, 9, 10]);
+        let occupied = marked(&block, |_| numbers.part() < share);
+        let sides = random_sides(&block, &occupied, inside, &mut numbers);
+        let walls = walls_across(&block, &occupied, axis);
+        let open: Vec<bool> = (0..occupied.len() as u32)
+            .map(|cell| {
+                let at = walls.iter().find(|wall| wall.cell == cell);
+                at.is_some_and(|wall| wall.sides.iter().all(|side| sides[*side as usize] == Side::Outside))
+            })
+            .collect();
+        let patches = components(&block, &open, 3);
+        let mut expected: Vec<Vec<u32>> = (0..open.len())
+            .filter(|&first| patches[first] == Some(first))
+            .map(|first| (0..open.len() as u32).filter(|&cell| patches[cell as usize] == Some(first)).collect())
+            .filter(|patch: &Vec<u32>| patch.len() >= 27)
+            .collect();
+        let found = find(&block, &walls, &sides);
+        prop_assert!(found.is_sorted_by_key(|sheet| std::cmp::Reverse(sheet.walls.len())));
+        let mut found: Vec<Vec<u32>> = found.into_iter().map(|sheet| sheet.walls).collect();
+        found.iter_mut().for_each(|walls| walls.sort_unstable());
+        found.sort();
+        expected.sort();
+        prop_assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn what_no_ball_reaches_between_the_samples_of_sheets_is_filled(
+        seed in any::<u64>(),
+        share in 0.0f64..0.6,
+        inside in 0.0f64..0.3,
+        axis in 0usize..3,
+        tilt in 0.0f64..1.0,
+    ) {
+        let mut numbers = Numbers::new(seed);
+        let block = Block::new([10, 9, 11]);
+        // A slope, thinned, and strays that belong to no sheet.
+        let on_slope = |cell: &[usize; 3]| cell[axis] as i64 == 3 + (tilt * cell[(axis + 1) % 3] as f64 / 2.0) as i64;
+        let slope = marked(&block, |cell| on_slope(cell) && numbers.part() < share);
+        let occupied: Vec<bool> = slope.iter().zip(marked(&block, |_| numbers.part() < 0.02)).map(|(a, b)| a | b).collect();
+        let mut sides = random_sides(&block, &occupied, inside, &mut numbers);
+        let before = sides.clone();
+        let walls = numbers_of(&slope);
+        let halves = walls.len() / 2;
+        let sheets = [&walls[..halves], &walls[halves..]].map(|walls| Sheet { walls: walls.to_vec() });
+        fill(&block, &sheets, &mut sides);
+        let places = places(&block);
+        let near = |a: usize, b: usize| square_between(places[a], places[b]) <= 6;
+        let centres: Vec<usize> =
+            (0..sides.len()).filter(|&cell| !walls.iter().any(|&wall| near(cell, wall as usize))).collect();
+        let covered = |cell: usize| centres.iter().any(|&centre| near(cell, centre));
+        for cell in 0..sides.len() {
+            let filled = before[cell] == Side::Outside && !walls.is_empty() && !covered(cell);
+            prop_assert_eq!(sides[cell], if filled { Side::Inside } else { before[cell] }, "{:?}", places[cell]);
+        }
+    }
+
+    /// Of the walls round a wall that face as it does, most part nothing.
+    #[test]
+    fn walls_lose_their_weight_where_most_round_them_part_nothing(
+        seed in any::<u64>(),
+        share in 0.02f64..0.3,
+        nothing in 0.2f64..0.8,
+    ) {
+        let mut numbers = Numbers::new(seed);
+        let block = Block::new([14, 13, 15]);
+        let occupied = marked(&block, |_| numbers.part() < share);
+        let mut walls = walls_across(&block, &occupied, 0);
+        for wall in &mut walls {
+            let normal = numbers.direction();
+            wall.normal = if numbers.part() < 0.5 { [1.0, 0.0, 0.0] } else { normal.map(|c| c as f32) };
+            if numbers.part() < 0.1 {
+                wall.weight = 0.1;
+            }
+        }
+        let parts_nothing: Vec<bool> = walls.iter().map(|_| numbers.part() < nothing).collect();
+        let before = walls.clone();
+        let count = weigh(&block, &mut walls, &parts_nothing);
+        let places = places(&block);
+        let mut expected = 0;
+        for (wall, after) in before.iter().zip(&walls) {
+            let like = |other: &&(&Wall, bool)| {
+                let along: f32 = (0..3).map(|a| other.0.normal[a] * wall.normal[a]).sum();
+                square_between(places[wall.cell as usize], places[other.0.cell as usize]) <= 36 && along.abs() >= 0.85
+            };
+            let all: Vec<(&Wall, bool)> = before.iter().zip(parts_nothing.iter().copied()).collect();
+            let all: Vec<bool> = all.iter().filter(like).map(|other| other.1).collect();
+            let loses = wall.weight == WEIGHT && 2 * all.iter().filter(|n| **n).count() > all.len();
+            expected += usize::from(loses);
+            prop_assert_eq!(after.weight < wall.weight, loses);
+        }
+        prop_assert_eq!(count, expected);
+    }
+}

@@ -1,0 +1,106 @@
+//! Which components of the inside are bare, against a count of every cell; and that bodies are not, and what lies before a dome is.
+
+use proptest::prelude::*;
+
+use super::super::block::Block;
+use super::super::field::Field;
+use super::super::support::{bare, is_lined};
+use super::{Numbers, components, marked, numbers_of, places, square_between};
+
+/// The field that is `inside` there and outside elsewhere, with only the padding outside from the start.
+fn field<'a>(block: &'a Block, occupied: &'a [bool], inside: &[bool]) -> Field<'a> {
+    let level = marked(block, |_| true);
+    let mut field = Field::new(block, occupied, &numbers_of(occupied), level.iter().map(|level| !level).collect());
+    for (u, &cell) in field.u.iter_mut().zip(&field.cells) {
+        *u = if inside[cell as usize] { 1.0 } else { -1.0 };
+    }
+    field
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn components_are_bare_if_a_quarter_of_their_border_is(
+        seed in any::<u64>(),
+        walls in 0.0f64..0.3,
+        share in 0.1f64..0.6,
+    ) {
+        let mut numbers = Numbers::new(seed);
+        let block = Block::new([9, 8, 7]);
+        // Walls on one side only, so that the other side is bare.
+        let occupied = marked(&block, |cell| cell[0] < 5 && numbers.part() < walls);
+        let inside: Vec<bool> = marked(&block, |_| numbers.part() < share).iter().zip(&occupied).map(|(i, o)| i & !o).collect();
+        let field = field(&block, &occupied, &inside);
+        let places = places(&block);
+        let faces = |a: usize, b: usize| square_between(places[a], places[b]) == 1;
+        let beside = |cell: usize| (0..occupied.len()).any(|o| occupied[o] && square_between(places[cell], places[o]) <= 3);
+        let on_border = |cell: usize| (0..inside.len()).any(|o| faces(cell, o) && !inside[o] && !occupied[o]);
+        let component = components(&block, &inside, 1);
+        let mut counts = vec![[0usize; 2]; inside.len()];
+        for cell in (0..inside.len()).filter(|&cell| inside[cell]) {
+            let counts = &mut counts[component[cell].unwrap()];
+            if beside(cell) {
+                counts[0] += 1;
+            } else if on_border(cell) {
+                counts[1] += 1;
+            }
+        }
+        let expected: Vec<bool> = field.cells.iter().map(|&cell| {
+            component[cell as usize].is_some_and(|first| {
+                let [lined, open] = counts[first];
+                4 * open > open + lined
+            })
+        }).collect();
+        prop_assert_eq!(bare(&field), expected);
+    }
+
+    /// A box with a hole, and a floor with as much of the air on it.
+    #[test]
+    fn a_body_with_a_hole_is_lined_and_what_lies_on_a_floor_is_bare(
+        side in 10usize..16,
+        hole in 0usize..5,
+        axis in 0usize..3,
+    ) {
+        let block = Block::new([side as u32; 3]);
+        let inner = |cell: &[usize; 3]| cell.iter().all(|c| (1..side - 1).contains(c));
+        let in_hole = |cell: &[usize; 3]| [1, 2].iter().all(|a| cell[(axis + a) % 3].abs_diff(side / 2) < hole);
+        let inside = marked(&block, inner);
+        let walls = marked(&block, |cell| !inner(cell) && !(cell[axis] == 0 && in_hole(cell)));
+        let floor = marked(&block, |cell| cell[axis] == 0);
+        let whole = bare(&field(&block, &walls, &inside));
+        prop_assert!(whole.iter().all(|bare| !bare));
+        let on_floor = field(&block, &floor, &inside);
+        let expected: Vec<bool> = on_floor.cells.iter().map(|&cell| inside[cell as usize]).collect();
+        prop_assert_eq!(bare(&on_floor), expected);
+    }
+
+    /// A cavity in a body: lined if most of its wall was sampled, else only a place that the field does not reach.
+    #[test]
+    fn a_cavity_is_lined_as_far_as_it_was_sampled(sampled in 0usize..7, radius in 2usize..5) {
+        let block = Block::new([15; 3]);
+        let from_middle = |cell: &[usize; 3]| cell.iter().map(|c| c.abs_diff(7)).max().unwrap();
+        let cavity = marked(&block, |cell| from_middle(cell) < radius);
+        // The cube's sides one after the other.
+        let walls = marked(&block, |cell| {
+            let side = |i: usize| if i % 2 == 0 { cell[i / 2] == 7 - radius } else { cell[i / 2] == 7 + radius };
+            from_middle(cell) == radius && (0..sampled).any(side)
+        });
+        let inside = marked(&block, |cell| (radius..7).contains(&from_middle(cell)));
+        let inside: Vec<bool> = inside.iter().zip(&walls).map(|(i, w)| i & !w).collect();
+        let field = field(&block, &walls, &inside);
+        let enclosed: Vec<usize> = numbers_of(&cavity).into_iter().map(|cell| cell as usize).collect();
+        let beside = |cell: usize| block.around().iter().any(|step| walls[cell.wrapping_add_signed(*step)]);
+        let facing = |cell: usize| {
+            block.strides().iter().any(|s| inside[cell.wrapping_add_signed(*s)] || inside[cell.wrapping_add_signed(-s)])
+        };
+        let lined = enclosed.iter().filter(|&&cell| beside(cell)).count();
+        let open = enclosed.iter().filter(|&&cell| !beside(cell) && facing(cell)).count();
+        prop_assert_eq!(is_lined(&field, &enclosed), 4 * open <= open + lined);
+        if sampled == 6 {
+            prop_assert!(is_lined(&field, &enclosed));
+        } else if sampled == 0 {
+            prop_assert!(!is_lined(&field, &enclosed));
+        }
+    }
+}
