@@ -57,7 +57,7 @@ proptest! {
             .map(|first| (0..open.len() as u32).filter(|&cell| patches[cell as usize] == Some(first)).collect())
             .filter(|patch: &Vec<u32>| patch.len() >= 27)
             .collect();
-        let found = find(&block, &walls, &sides);
+        let found = find(&block, &walls, &sides, Side::Outside);
         prop_assert!(found.is_sorted_by_key(|sheet| std::cmp::Reverse(sheet.walls.len())));
         let mut found: Vec<Vec<u32>> = found.into_iter().map(|sheet| sheet.walls).collect();
         found.iter_mut().for_each(|walls| walls.sort_unstable());

@@ -97,7 +97,7 @@ proptest! {
         let mut numbers = Numbers::new(seed);
         let body = Body::sheet(&mut numbers, longest);
         let signed = sampled(&body, missing, &mut numbers);
-        let in_sheets: usize = signed.sheets.iter().map(|sheet| sheet.walls.len()).sum();
+        let in_sheets: usize = signed.open.iter().map(|patch| patch.walls as usize).sum();
         prop_assert!(in_sheets as f64 > 0.7 * signed.walls as f64, "{in_sheets} of {} walls: {body:?}", signed.walls);
     }
 
@@ -106,7 +106,7 @@ proptest! {
         let mut numbers = Numbers::new(seed);
         let body = Body::closed(&mut numbers, longest);
         let signed = sampled(&body, missing, &mut numbers);
-        prop_assert_eq!(signed.sheets.len(), 0, "{:?}", body);
+        prop_assert_eq!(signed.open.len(), 0, "{:?}", body);
     }
 
     #[test]
