@@ -88,11 +88,13 @@ proptest! {
         fill(&block, &sheets, &mut sides);
         let places = places(&block);
         let near = |a: usize, b: usize| square_between(places[a], places[b]) <= 6;
+        let nearer = |a: usize, b: usize| square_between(places[a], places[b]) <= 3;
         let centres: Vec<usize> =
             (0..sides.len()).filter(|&cell| !walls.iter().any(|&wall| near(cell, wall as usize))).collect();
-        let covered = |cell: usize| centres.iter().any(|&centre| near(cell, centre));
+        let covered = |cell: usize| centres.iter().any(|&centre| nearer(cell, centre));
         for cell in 0..sides.len() {
-            let filled = before[cell] == Side::Outside && !walls.is_empty() && !covered(cell);
+            let beside = walls.iter().any(|&wall| near(cell, wall as usize));
+            let filled = before[cell] == Side::Outside && beside && !covered(cell);
             prop_assert_eq!(sides[cell], if filled { Side::Inside } else { before[cell] }, "{:?}", places[cell]);
         }
     }
