@@ -81,7 +81,7 @@ impl Sides {
         let squared = (factor >> level).max(1).pow(2);
         let padded = Padded::new(occupancy.cells, Ball::squared(squared).radius());
         let pad = i64::from(padded.pad);
-        let parent = |c: u32| (((2 * (i64::from(c) - pad) + 1) << level) / 2).div_euclid(i64::from(factor));
+        let parent = |c: u32| (((2 * (i64::from(c) - pad) + 1) << level).div_euclid(2)).div_euclid(i64::from(factor));
         let [outside, inside] = stores(padded, 1, context, |slices| {
             let (mut occupied, mut runs) = (padded.bits(), Runs::default());
             let mut bits = [padded.bits(), padded.bits()];
