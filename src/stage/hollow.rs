@@ -146,6 +146,12 @@ impl Measure for Lining {
 }
 
 impl Lining {
+    /// A lining of so many faces to occupied cells, and to other solid ones.
+    #[cfg(test)]
+    pub(super) fn of_faces(sampled: u64, bare: u64) -> Lining {
+        Lining { sampled, bare }
+    }
+
     /// The lining of a run of row `z` of slice `y`, among the solid and the occupied cells of the slices round it.
     pub fn of([solid, occupied]: &[Window<Bits>; 2], y: i64, z: u32, run: Run) -> Lining {
         let mut lining = Lining::default();
