@@ -21,6 +21,7 @@ use crate::partition::{buckets_round, halo, slab_slices, smooth_halo};
 use crate::slice::Bits;
 use crate::stage::dilate::Dilation;
 use crate::stage::ground;
+use crate::stage::sign;
 
 /// The process itself: code (seven), small things, what the allocator keeps; and for each thread its stack and its part of that.
 const PROCESS: u64 = 16 << 20;
@@ -209,7 +210,8 @@ impl MemoryPlan {
         // A mesh that lies in memory is written meanwhile.
         let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
         let check = mesh + checking(load, self.threads) + filling;
-        let passes = [buckets + bucketing, held + sealing + slices, held + standing + mesh + slabs, check];
+        let passes =
+            [buckets + bucketing, held + sealing + slices.max(deciding(load)), held + standing + mesh + slabs, check];
         let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
         if memory < self.budget / ROOMY {
             memory += memory / KEPT_BACK;
@@ -228,7 +230,7 @@ impl MemoryPlan {
         let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
         let slices = Self::chunk_job(load, 1);
         let slab = SlabJobs::one(PIECE.1).bytes(load);
-        process(threads) + (2 << 20) + bucketing.max(slices).max(slab).max(checking(load, threads))
+        process(threads) + (2 << 20) + bucketing.max(slices).max(deciding(load)).max(slab).max(checking(load, threads))
     }
 
     /// Bytes of a job over a chunk of slices with a ball of radius `radius`: its dilation, some slices more, and the runs it gives, three a row, as
@@ -293,6 +295,11 @@ fn process(threads: usize) -> u64 {
 /// Jobs at a time of a pass that asks for little memory: one more than threads.
 fn jobs_of_all(threads: usize) -> u64 {
     threads as u64 + 1
+}
+
+/// Bytes of the level that inside and outside are told apart on; a surface that is not closed needs none.
+fn deciding(load: &Load) -> u64 {
+    if load.columns.is_some() { 0 } else { sign::bytes(load.cells) }
 }
 
 /// Bytes of the check.

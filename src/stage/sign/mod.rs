@@ -202,6 +202,16 @@ impl Signed {
     }
 }
 
+/// Bytes for each cell of the block: its flags and number, and, as if every cell's u were looked for, the cell, u, and what conjugate gradients
+/// hold of it.
+const CELL: u64 = 5 + 4 + 8 + 20;
+
+/// The most memory that finding the sides of a grid of so many cells takes.
+pub fn bytes(cells: Cell) -> u64 {
+    let factor = cells.into_iter().max().unwrap_or(1).div_ceil(LONGEST).max(1);
+    cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * block::PAD as u64).product::<u64>() * CELL
+}
+
 /// How often sheets are looked for.
 const TRIES: usize = 8;
 
