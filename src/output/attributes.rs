@@ -101,7 +101,7 @@ pub fn constant(mesh: &MeshSpool, workers: &Workers) -> Result<Vec<(String, f64)
         .iter()
         .zip(&columns)
         .zip(&changes)
-        .filter(|((name, _), changes)| !**changes && !(coloured && is_colour(name)));
+        .filter(|((name, _), changes)| !(**changes || coloured && is_colour(name)));
     Ok(kept
         .map(|((name, column), _)| (name.to_string(), reader(column.scalar, Endian::NATIVE)(&first[column.offset..])))
         .collect())

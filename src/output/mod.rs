@@ -292,10 +292,15 @@ impl Job<'_> {
             lines.push(format!("origin {x} {y} {z}"));
         }
         for line in &mut lines {
-            line.truncate(line.floor_char_boundary(MOST_OF_A_LINE));
+            line.truncate(boundary(line, MOST_OF_A_LINE));
         }
         lines
     }
+}
+
+/// The last place up to `at` where a text can be cut.
+fn boundary(text: &str, at: usize) -> usize {
+    (0..=at.min(text.len())).rev().find(|at| text.is_char_boundary(*at)).unwrap_or(0)
 }
 
 /// A reference system's text in lines that any reader takes, without the runs of blanks that some writers put in; none if it is too long.
@@ -303,7 +308,7 @@ fn wkt_lines(wkt: &str) -> Vec<String> {
     let text = wkt.split_whitespace().collect::<Vec<_>>().join(" ");
     let (mut rest, mut lines) = (text.as_str(), Vec::new());
     while !rest.is_empty() {
-        let (piece, beyond) = rest.split_at(rest.floor_char_boundary(WKT_LINE));
+        let (piece, beyond) = rest.split_at(boundary(rest, WKT_LINE));
         lines.push(format!("wkt {piece}"));
         rest = beyond;
     }

@@ -146,7 +146,7 @@ impl Body {
     }
 
     /// How far a cell is from the edge of the hole's disc or within it.
-    pub fn from_hole(&self, cell: [usize; 3]) -> f64 {
+    pub fn distance_from_hole(&self, cell: [usize; 3]) -> f64 {
         self.hole.map_or(f64::INFINITY, |(at, radius)| {
             (0..3).map(|a| (cell[a] as f64 + 0.5 - at[a]).powi(2)).sum::<f64>().sqrt() - radius
         })
@@ -154,7 +154,7 @@ impl Body {
 
     /// The cells next to the wall, without as large a part of them.
     pub fn sampled(&self, missing: f64, numbers: &mut Numbers) -> (Block, Vec<bool>) {
-        let near = |cell: &[usize; 3]| self.height(*cell).abs() <= 0.7 && self.from_hole(*cell) > 0.0;
+        let near = |cell: &[usize; 3]| self.height(*cell).abs() <= 0.7 && self.distance_from_hole(*cell) > 0.0;
         // The block ends where the body does, as that of a cloud does.
         let all = Block::new([self.size as u32; 3]);
         let cells: Vec<[usize; 3]> =

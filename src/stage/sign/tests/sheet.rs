@@ -57,7 +57,7 @@ proptest! {
             .map(|first| (0..open.len() as u32).filter(|&cell| patches[cell as usize] == Some(first)).collect())
             .filter(|patch: &Vec<u32>| patch.len() >= 27)
             .collect();
-        let found = find(&block, &walls, &sides);
+        let found = find(&block, &walls, &sides, Side::Outside);
         prop_assert!(found.is_sorted_by_key(|sheet| std::cmp::Reverse(sheet.walls.len())));
         let mut found: Vec<Vec<u32>> = found.into_iter().map(|sheet| sheet.walls).collect();
         found.iter_mut().for_each(|walls| walls.sort_unstable());
@@ -88,11 +88,13 @@ proptest! {
         fill(&block, &sheets, &mut sides);
         let places = places(&block);
         let near = |a: usize, b: usize| square_between(places[a], places[b]) <= 6;
+        let nearer = |a: usize, b: usize| square_between(places[a], places[b]) <= 3;
         let centres: Vec<usize> =
             (0..sides.len()).filter(|&cell| !walls.iter().any(|&wall| near(cell, wall as usize))).collect();
-        let covered = |cell: usize| centres.iter().any(|&centre| near(cell, centre));
+        let covered = |cell: usize| centres.iter().any(|&centre| nearer(cell, centre));
         for cell in 0..sides.len() {
-            let filled = before[cell] == Side::Outside && !walls.is_empty() && !covered(cell);
+            let beside = walls.iter().any(|&wall| near(cell, wall as usize));
+            let filled = before[cell] == Side::Outside && beside && !covered(cell);
             prop_assert_eq!(sides[cell], if filled { Side::Inside } else { before[cell] }, "{:?}", places[cell]);
         }
     }

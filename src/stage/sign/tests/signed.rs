@@ -26,7 +26,7 @@ const CLEAR: f64 = 2.5;
 fn probes(body: &Body) -> impl Iterator<Item = ([usize; 3], Side)> {
     level([body.size as u32; 3]).filter_map(|cell| {
         let height = body.height(cell);
-        (height.abs() > CLEAR && body.from_hole(cell) > CLEAR)
+        (height.abs() > CLEAR && body.distance_from_hole(cell) > CLEAR)
             .then_some((cell, if height < 0.0 { Side::Inside } else { Side::Outside }))
     })
 }
@@ -92,12 +92,11 @@ proptest! {
     }
 
     #[test]
-    #[ignore = "a layer of one cell beside a sheet, which its walls line, is taken for an inside"]
     fn sheets_are_found(seed in any::<u64>(), longest in 24f64..40.0, missing in 0.0f64..0.15) {
         let mut numbers = Numbers::new(seed);
         let body = Body::sheet(&mut numbers, longest);
         let signed = sampled(&body, missing, &mut numbers);
-        let in_sheets: usize = signed.sheets.iter().map(|sheet| sheet.walls.len()).sum();
+        let in_sheets: usize = signed.open.iter().map(|patch| patch.walls as usize).sum();
         prop_assert!(in_sheets as f64 > 0.7 * signed.walls as f64, "{in_sheets} of {} walls: {body:?}", signed.walls);
     }
 
@@ -106,7 +105,7 @@ proptest! {
         let mut numbers = Numbers::new(seed);
         let body = Body::closed(&mut numbers, longest);
         let signed = sampled(&body, missing, &mut numbers);
-        prop_assert_eq!(signed.sheets.len(), 0, "{:?}", body);
+        prop_assert_eq!(signed.open.len(), 0, "{:?}", body);
     }
 
     #[test]
@@ -132,7 +131,7 @@ proptest! {
         // Normals of walls at corners have ties, which the axes decide; they move what lies next to the walls, and by a little the membrane in a hole.
         let places: Vec<[i64; 3]> = walls.iter().map(|wall| block.cell(*wall as usize).map(|c| c as i64)).collect();
         let near_wall = |cell: [i64; 3]| places.iter().any(|wall| square_between(*wall, cell) <= 6);
-        for cell in level(block.cells).filter(|cell| body.from_hole(*cell) > CLEAR) {
+        for cell in level(block.cells).filter(|cell| body.distance_from_hole(*cell) > CLEAR) {
             let sides = [this.side(cell.map(|c| c as i64)), other.side(moved(cell).map(|c| c as i64))];
             let same = sides[0] == sides[1];
             prop_assert!(same || near_wall(cell.map(|c| c as i64)), "{sides:?} at {cell:?} of {body:?}");

@@ -17,6 +17,14 @@ fn field<'a>(block: &'a Block, occupied: &'a [bool], inside: &[bool]) -> Field<'
     field
 }
 
+/// Which free cells lie between two occupied ones that are opposite to each other.
+fn gaps<'a>(block: &'a Block, occupied: &'a [bool]) -> impl Fn(usize) -> bool + 'a {
+    move |cell| {
+        let is_occupied = |step: isize| occupied[cell.wrapping_add_signed(step)];
+        !occupied[cell] && !block.at_border(cell) && block.around().iter().any(|s| is_occupied(*s) && is_occupied(-s))
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
@@ -34,16 +42,13 @@ proptest! {
         let field = field(&block, &occupied, &inside);
         let places = places(&block);
         let faces = |a: usize, b: usize| square_between(places[a], places[b]) == 1;
-        let beside = |cell: usize| (0..occupied.len()).any(|o| occupied[o] && square_between(places[cell], places[o]) <= 3);
-        let on_border = |cell: usize| (0..inside.len()).any(|o| faces(cell, o) && !inside[o] && !occupied[o]);
+        let is_gap = gaps(&block, &occupied);
         let component = components(&block, &inside, 1);
         let mut counts = vec![[0usize; 2]; inside.len()];
         for cell in (0..inside.len()).filter(|&cell| inside[cell]) {
             let counts = &mut counts[component[cell].unwrap()];
-            if beside(cell) {
-                counts[0] += 1;
-            } else if on_border(cell) {
-                counts[1] += 1;
+            for o in (0..inside.len()).filter(|&o| faces(cell, o) && !inside[o]) {
+                counts[usize::from(!occupied[o] && !is_gap(cell) && !is_gap(o))] += 1;
             }
         }
         let expected: Vec<bool> = field.cells.iter().map(|&cell| {
@@ -66,7 +71,7 @@ proptest! {
         let inner = |cell: &[usize; 3]| cell.iter().all(|c| (1..side - 1).contains(c));
         let in_hole = |cell: &[usize; 3]| [1, 2].iter().all(|a| cell[(axis + a) % 3].abs_diff(side / 2) < hole);
         let inside = marked(&block, inner);
-        let walls = marked(&block, |cell| !inner(cell) && !(cell[axis] == 0 && in_hole(cell)));
+        let walls = marked(&block, |cell| !(inner(cell) || cell[axis] == 0 && in_hole(cell)));
         let floor = marked(&block, |cell| cell[axis] == 0);
         let whole = bare(&field(&block, &walls, &inside));
         prop_assert!(whole.iter().all(|bare| !bare));
@@ -83,19 +88,24 @@ proptest! {
         let cavity = marked(&block, |cell| from_middle(cell) < radius);
         // The cube's sides one after the other.
         let walls = marked(&block, |cell| {
-            let side = |i: usize| if i % 2 == 0 { cell[i / 2] == 7 - radius } else { cell[i / 2] == 7 + radius };
+            let side = |i: usize| if i.is_multiple_of(2) { cell[i / 2] == 7 - radius } else { cell[i / 2] == 7 + radius };
             from_middle(cell) == radius && (0..sampled).any(side)
         });
         let inside = marked(&block, |cell| (radius..7).contains(&from_middle(cell)));
         let inside: Vec<bool> = inside.iter().zip(&walls).map(|(i, w)| i & !w).collect();
         let field = field(&block, &walls, &inside);
         let enclosed: Vec<usize> = numbers_of(&cavity).into_iter().map(|cell| cell as usize).collect();
-        let beside = |cell: usize| block.around().iter().any(|step| walls[cell.wrapping_add_signed(*step)]);
-        let facing = |cell: usize| {
-            block.strides().iter().any(|s| inside[cell.wrapping_add_signed(*s)] || inside[cell.wrapping_add_signed(-s)])
-        };
-        let lined = enclosed.iter().filter(|&&cell| beside(cell)).count();
-        let open = enclosed.iter().filter(|&&cell| !beside(cell) && facing(cell)).count();
+        let is_gap = gaps(&block, &walls);
+        let (mut lined, mut open) = (0, 0);
+        for &cell in &enclosed {
+            for next in block.strides().iter().flat_map(|s| [cell.wrapping_add_signed(*s), cell.wrapping_add_signed(-s)]) {
+                match () {
+                    () if cavity[next] => {}
+                    () if walls[next] || is_gap(cell) || is_gap(next) => lined += 1,
+                    () => open += 1,
+                }
+            }
+        }
         prop_assert_eq!(is_lined(&field, &enclosed), 4 * open <= open + lined);
         if sampled == 6 {
             prop_assert!(is_lined(&field, &enclosed));
