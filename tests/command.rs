@@ -382,13 +382,21 @@ fn small_components_and_thin_cells_are_left_out_with_their_points() {
     f.write("crumbs.ply", ply(&with(5)));
     for fit in ["nearest", "plane"] {
         f.ok(&format!("clean.ply -o a.ply --slices 60 --fit {fit} --overwrite"));
-        for least in ["largest", "50%", "9"] {
-            let line = format!("crumbs.ply -o b.ply --slices 60 --fit {fit} --min-component {least} --overwrite");
-            let answer = f.ok(&line);
-            assert!(answer.err.contains("left out 2 of 3 components, 2 cells in all"), "{}", answer.err);
-            assert_eq!(body(&f.read("b.ply")), body(&f.read("a.ply")), "{fit} {least}");
+        let crumbs = |options: &str, says: &str| {
+            let answer = f.ok(&format!("crumbs.ply -o b.ply --slices 60 --fit {fit} {options} --overwrite"));
+            assert!(answer.err.contains(says), "{}", answer.err);
+            assert_eq!(body(&f.read("b.ply")), body(&f.read("a.ply")), "{fit} {options}");
+        };
+        crumbs("", "left out 2 cells of outliers (--keep-outliers keeps them)");
+        for least in ["auto", "largest", "50%", "9"] {
+            let options = format!("--keep-outliers --min-component {least}");
+            crumbs(&options, "left out 2 of 3 components, 2 cells in all");
         }
     }
+    let answer = f.ok("crumbs.ply -o b.ply --slices 60 --keep-outliers --min-component 1 --overwrite --report r.json");
+    assert!(!answer.err.contains("left out"), "{}", answer.err);
+    assert_eq!(report(&f, "r.json")["closing"]["components"]["found"], 3);
+    assert_eq!(report(&f, "r.json")["check"]["components"], 3);
     f.write("strays.ply", ply(&with(1)));
     f.ok("clean.ply -o a.ply --slices 60 --min-points 2 --overwrite");
     let answer = f.ok("strays.ply -o b.ply --slices 60 --min-points 2 --overwrite --report r.json");
@@ -844,9 +852,14 @@ fn words_go_to_standard_error_and_need_no_terminal() {
     f.knot(2000);
     let answer = f.ok("k.ply");
     assert_eq!(answer.out, "");
-    for row in
-        ["k.ply: PLY binary", "points   2,000", "grid     ", "closing  sealed: the mesh encloses the inside", "mesh     ", "output   k.mesh.ply"]
-    {
+    for row in [
+        "k.ply: PLY binary",
+        "points   2,000",
+        "grid     ",
+        "closing  sealed: the mesh encloses the inside",
+        "mesh     ",
+        "output   k.mesh.ply",
+    ] {
         assert!(answer.err.contains(row), "{row:?} is not in\n{}", answer.err);
     }
     assert!(!answer.err.contains('\u{1b}') && !answer.err.contains('\r'), "no bars in a log");
