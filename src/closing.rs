@@ -145,8 +145,8 @@ impl Parted {
     }
 }
 
-/// Closes the occupied cells: with the radius that is asked for, or that seals, and that the window allows. `progress` is told the slices of
-/// every pass.
+/// Closes the occupied cells: with the radius that is asked for, as far as the window allows it, or by the sign of a field. `progress` is told the
+/// slices of every pass.
 ///
 /// # Errors
 /// [`Error::Usage`] for a radius of more than half the longest side, and if no component is as large as asked for; [`Error::Io`];

@@ -83,6 +83,8 @@ pub struct Parameters {
     pub seal: Sealing,
     /// The window's slices, if given.
     pub window: Option<u32>,
+    /// Whether outliers were to be kept.
+    pub keep_outliers: bool,
     /// The least points of an occupied cell.
     pub min_points: u32,
     /// The components that were kept, if not all.
@@ -214,8 +216,8 @@ impl Parameters {
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
             Fineness::Sampling | Fineness::Default => {}
         }
-        let Settings { seal, window, min_points, min_component, surface, open, .. } = *settings;
-        Parameters { k, slices, cell_size, seal, window, min_points, min_component, surface, open }
+        let Settings { seal, window, keep_outliers, min_points, min_component, surface, open, .. } = *settings;
+        Parameters { k, slices, cell_size, seal, window, keep_outliers, min_points, min_component, surface, open }
     }
 }
 

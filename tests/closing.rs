@@ -7,7 +7,9 @@ use asra_stream::load::Load;
 use asra_stream::plan::MemoryPlan;
 use asra_stream::points::Precision;
 use asra_stream::schedule::Workers;
+use asra_stream::slice::{Run, Runs, SliceStore, Slices};
 use asra_stream::spool::Workspace;
+use asra_stream::stage::component::{Least, keep};
 use asra_stream::stage::dilate::Ball;
 use asra_stream::stage::raster::Occupancy;
 use asra_stream::stage::solid::Solid;
@@ -115,5 +117,27 @@ fn a_pit_is_filled_unless_points_line_it() {
         assert_eq!(filled.volume, 24 * 24 * 24 - 16);
         let on_top = 24 * 24 - 16;
         assert_eq!(filled.faces.iter().sum::<u32>() + on_top, 6 * 24 * 24 + 16, "a slice does not own its upper plane");
+    });
+}
+
+/// Spikes that are taken away may lie in the middle of a run of occupied cells: its other cells count once each.
+#[test]
+fn occupied_cells_are_kept_where_they_are_solid() {
+    let cells = [7, 1, 1];
+    with_context(cells, |context| {
+        let occupancy = Occupancy::of_cells((0..7).map(|x| [x, 0, 0]), cells, context).unwrap();
+        let (mut row, mut slices) = (Runs::default(), Slices::default());
+        row.push_run(0, 3);
+        row.push_run(4, 7);
+        row.end_row();
+        slices.push_runs(&row);
+        let mut store = SliceStore::new(&context.workspace, 1 << 20);
+        store.extend(&slices).unwrap();
+        let solid = Solid { cells, store, volume: 6, faces: vec![28], ground: None };
+        let (solid, occupancy, components) = keep(solid, occupancy, Least::Auto, context).unwrap();
+        assert_eq!((solid.volume, occupancy.occupied, components.found), (6, 6, 2));
+        let mut left = Runs::default();
+        occupancy.store.read(0, &mut left).unwrap();
+        assert_eq!(left.row(0), [Run { start: 0, end: 3 }, Run { start: 4, end: 7 }]);
     });
 }

@@ -382,13 +382,21 @@ fn small_components_and_thin_cells_are_left_out_with_their_points() {
     f.write("crumbs.ply", ply(&with(5)));
     for fit in ["nearest", "plane"] {
         f.ok(&format!("clean.ply -o a.ply --slices 60 --fit {fit} --overwrite"));
-        for least in ["largest", "50%", "9"] {
-            let line = format!("crumbs.ply -o b.ply --slices 60 --fit {fit} --min-component {least} --overwrite");
-            let answer = f.ok(&line);
-            assert!(answer.err.contains("left out 2 of 3 components, 2 cells in all"), "{}", answer.err);
-            assert_eq!(body(&f.read("b.ply")), body(&f.read("a.ply")), "{fit} {least}");
+        let crumbs = |options: &str, says: &str| {
+            let answer = f.ok(&format!("crumbs.ply -o b.ply --slices 60 --fit {fit} {options} --overwrite"));
+            assert!(answer.err.contains(says), "{}", answer.err);
+            assert_eq!(body(&f.read("b.ply")), body(&f.read("a.ply")), "{fit} {options}");
+        };
+        crumbs("", "left out 2 cells of outliers (--keep-outliers keeps them)");
+        for least in ["auto", "largest", "50%", "9"] {
+            let options = format!("--keep-outliers --min-component {least}");
+            crumbs(&options, "left out 2 of 3 components, 2 cells in all");
         }
     }
+    let answer = f.ok("crumbs.ply -o b.ply --slices 60 --keep-outliers --min-component 1 --overwrite --report r.json");
+    assert!(!answer.err.contains("left out"), "{}", answer.err);
+    assert_eq!(report(&f, "r.json")["closing"]["components"]["found"], 3);
+    assert_eq!(report(&f, "r.json")["check"]["components"], 3);
     f.write("strays.ply", ply(&with(1)));
     f.ok("clean.ply -o a.ply --slices 60 --min-points 2 --overwrite");
     let answer = f.ok("strays.ply -o b.ply --slices 60 --min-points 2 --overwrite --report r.json");
@@ -763,15 +771,14 @@ fn cells_of_automatic_size_seal_and_keep_the_genus() {
             let kept = lines.filter(|(i, line)| line.starts_with('-') || i % 10 == 0).map(|(_, line)| line);
             f.write("thin.xyz", kept.collect::<Vec<_>>().join("\n"));
             // A tenth of few points, or of those of flat faces, leaves holes as wide as what they are to enclose is thick.
-            let thin = if points > 20_000 && shape != "box" { Some(("thin", 6)) } else { None };
-            for (cloud, widest) in [Some(("s", 2)), thin].into_iter().flatten() {
+            let thin = if points > 20_000 && shape != "box" { Some("thin") } else { None };
+            for cloud in [Some("s"), thin].into_iter().flatten() {
                 f.ok(&format!("{cloud}.xyz -o s.ply --overwrite --cell-size auto --report r.json -q"));
                 let report = report(&f, "r.json");
                 let (check, closing) = (&report["check"], &report["closing"]);
                 let what = format!("{points} points of {shape}, {cloud}: {closing}");
                 assert_eq!((&check["components"], &check["genus"]), (&1.into(), &genus.into()), "{what}");
                 assert_eq!(closing["sealed"], true, "{what}");
-                assert!(closing["radius"].as_u64().unwrap() <= widest, "{what}");
                 if area(shape) > 0.0 {
                     let distance = report["points"]["sampling_distance"].as_f64().unwrap();
                     let expected = (area(shape) / report["points"]["count"].as_f64().unwrap()).sqrt();
@@ -845,9 +852,14 @@ fn words_go_to_standard_error_and_need_no_terminal() {
     f.knot(2000);
     let answer = f.ok("k.ply");
     assert_eq!(answer.out, "");
-    for row in
-        ["k.ply: PLY binary", "points   2,000", "grid     ", "closing  radius", "mesh     ", "output   k.mesh.ply"]
-    {
+    for row in [
+        "k.ply: PLY binary",
+        "points   2,000",
+        "grid     ",
+        "closing  sealed: the mesh encloses the inside",
+        "mesh     ",
+        "output   k.mesh.ply",
+    ] {
         assert!(answer.err.contains(row), "{row:?} is not in\n{}", answer.err);
     }
     assert!(!answer.err.contains('\u{1b}') && !answer.err.contains('\r'), "no bars in a log");
@@ -877,8 +889,12 @@ fn the_report_holds_what_batch_jobs_ask_for() {
         "/grid/slices",
         "/grid/raster/2",
         "/grid/cell_size",
-        "/closing/radius",
+        "/parameters/keep_outliers",
+        "/parameters/min_component",
         "/closing/sealed",
+        "/closing/part_nothing",
+        "/closing/outlier_cells",
+        "/closing/components/found",
         "/check/closed",
         "/check/genus",
         "/check/volume",
@@ -896,8 +912,11 @@ fn the_report_holds_what_batch_jobs_ask_for() {
         assert!(r.pointer(pointer).is_some_and(|v| !v.is_null()), "{pointer} is not in {r:#}");
     }
     assert_eq!(r["output"]["bytes"], f.read("m.ply").len());
-    f.ok("k.ply -o n.ply --report r.json --no-check -q");
-    assert!(report(&f, "r.json")["check"].is_null());
+    assert!(r["closing"]["radius"].is_null(), "{r:#}");
+    f.ok("k.ply -o n.ply --report r.json --no-check --seal 2c -q");
+    let r = report(&f, "r.json");
+    assert!(r["check"].is_null());
+    assert_eq!(r["closing"]["radius"], 2);
 }
 
 #[test]

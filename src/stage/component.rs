@@ -175,10 +175,10 @@ pub fn keep(
                 let (mut solid_left, mut occupied_left) = (Runs::default(), Runs::default());
                 for (row, z) in rows.iter().zip(0..) {
                     row.iter().for_each(|run| solid_left.push_run(run.start, run.end));
-                    // A run of occupied cells is solid as a whole, unless it is a lone cell that was left out.
-                    overlaps(occupied.row(z), row, |i, _| {
+                    // Not all of a run is solid: lone cells and spikes were left out.
+                    overlaps(occupied.row(z), row, |i, j| {
                         let run = occupied.row(z)[i];
-                        occupied_left.push_run(run.start, run.end);
+                        occupied_left.push_run(run.start.max(row[j].start), run.end.min(row[j].end));
                     });
                     solid_left.end_row();
                     occupied_left.end_row();

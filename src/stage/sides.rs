@@ -1,8 +1,8 @@
 //! Sides: which free cells lie outside and which inside, found where a large ball still fits and carried on to smaller ones.
 //!
 //! One closing radius for the whole cloud, needed by one hole, bridges every concavity narrower than that hole. So the radius falls: outside and
-//! inside are first told apart by the ball that seals ([`crate::stage::seal`]); then, ball by ball, the cells that become free are given
-//! to a side.
+//! inside are first told apart by a field ([`crate::stage::sign`]) or by a ball that is given ([`crate::stage::seal`]); then, ball by ball, the
+//! cells that become free are given to a side.
 //!
 //! ```text
 //!   o o o o . . . o o o o     # occupied, o outside, i inside, free for the large ball; . and ? are not
