@@ -3,7 +3,7 @@
 //! Tells inside and outside apart by the sign of a field ([`crate::stage::sign`]) or by a ball that is asked for ([`crate::stage::seal`]), decides finer
 //! cells by falling balls, and leaves out what is too small to be kept.
 //!
-//! The field is found on one coarse level, whose cells are at least [`COARSE`] sampling distances wide, and no more than [`sign::LONGEST`] along any axis. A window
+//! The field is found on one coarse level, whose cells are at least 1.1 sampling distances wide, and no more than [`sign::LONGEST`] along any axis. A window
 //! of slices, however few, holds what finer levels need: on these the balls are a few cells wide.
 
 use crate::context::Context;
@@ -273,9 +273,20 @@ fn close_signed(
     let factor = (COARSE / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
     let level = factor.ilog2();
     let last = ((BALL / side).powi(2) as u32).clamp(LAST, 64);
-    let seen = Seen::of(&occupancy, factor)?;
-    let signed = Signed::find(seen, context)?;
+    let (mut factor, mut level) = (factor, level);
+    let mut signed = Signed::find(Seen::of(&occupancy, factor)?, context)?;
     progress(longest);
+    // Where the sampling is uneven, the cells may be too fine for a part of it.
+    for coarser in [2, 3, 4].map(|times| times * factor) {
+        if Parted::of(&signed, factor, 0).is_sealed() || longest / coarser < 16 {
+            break;
+        }
+        let found = Signed::find(Seen::of(&occupancy, coarser)?, context)?;
+        progress(longest);
+        if Parted::of(&found, coarser, 0).is_sealed() {
+            (signed, factor, level) = (found, coarser, coarser.ilog2());
+        }
+    }
     drop(coarser);
     let mut levels: Vec<Occupancy> = Vec::new();
     while (levels.len() as u32) < level {

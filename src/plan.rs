@@ -432,9 +432,10 @@ mod tests {
 
     #[test]
     fn slabs_are_made_side_by_side_while_there_is_room() {
-        let load = load(200_000_000, 1085).with_faces(vec![100_000; slab_count(1, 1085) as usize], false);
+        // More than telling inside and outside apart takes.
+        let load = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
         let jobs = |budget: u64| MemoryPlan::for_budget(budget, &load, 2).unwrap().slab_jobs(&load, 0).unwrap();
-        let (least, large) = (jobs(MemoryPlan::least(&load, 2)), jobs(1 << 30));
+        let (least, large) = (jobs(MemoryPlan::least(&load, 2)), jobs(4 << 30));
         assert_eq!((least.running, least.in_flight()), (1, 1));
         assert_eq!((large.running, large.in_flight()), (2, 3));
         assert!(least.piece_points < large.piece_points);

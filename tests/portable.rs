@@ -12,6 +12,9 @@ fn scan(folder: &Path, found: &mut Vec<String>) {
     for entry in folder.read_dir().unwrap() {
         let path = entry.unwrap().path();
         if path.is_dir() {
+            if path.ends_with("tests") {
+                continue;
+            }
             scan(&path, found);
         } else if path.extension().is_some_and(|e| e == "rs") && path.file_stem().is_some_and(|stem| stem != "tests") {
             let text = std::fs::read_to_string(&path).unwrap();

@@ -306,13 +306,16 @@ fn attributes_that_never_change_are_found() {
         ("red", Scalar::U8),
         ("green", Scalar::U8),
         ("blue", Scalar::U8),
-        ("class", Scalar::U8),
+        ("classification", Scalar::U8),
         ("gps_time", Scalar::F64),
     ];
     let schema = Schema::new(names.map(|(name, scalar)| Attribute::new(name, scalar)).to_vec());
     let strip = strip(32_000);
-    for (red, time, found) in [(7, 1.5, "red green blue class gps_time"), (8, 1.5, "class gps_time"), (8, 2.5, "class")]
-    {
+    for (red, time, found) in [
+        (7, 1.5, "red green blue classification gps_time"),
+        (8, 1.5, "classification gps_time"),
+        (8, 2.5, "classification"),
+    ] {
         let mut mesh = MeshSpool::with_attributes(&workspace, Precision::Single, schema.clone(), 1 << 20);
         mesh.append_vertices(&strip.0).unwrap();
         for number in 0..strip.0.len() {
@@ -325,7 +328,7 @@ fn attributes_that_never_change_are_found() {
         let constant = constant(&mesh, &Workers::new(2).unwrap()).unwrap();
         let names: Vec<&str> = constant.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names.join(" "), found);
-        assert!(constant.iter().any(|(name, value)| name == "class" && *value == 2.0));
+        assert!(constant.iter().any(|(name, value)| name == "classification" && *value == 2.0));
     }
 }
 

@@ -14,7 +14,7 @@
 //! characteristic χ = components − handles + cavities of the solid: a few spikes that lower it are taken away, a few pits whose filling raises it are
 //! filled. Spikes and pits that leave χ as it is are detail, and stay.
 //!
-//! χ is a sum over the 2 x 2 x 2 cells round each corner of the grid ([`characteristic`]), so that what a group changes is summed up along its runs. Where a corner
+//! χ is a sum over the 2 x 2 x 2 cells round each corner of the grid (`characteristic`), so that what a group changes is summed up along its runs. Where a corner
 //! touches two groups, the first one in the order of cells is given its change.
 //!
 //! Source: T. Y. Kong and A. Rosenfeld, *Digital topology: introduction and survey* (1989), for χ of cells joined by faces.

@@ -122,7 +122,16 @@ fn scans_of_all_kinds_are_read_as_another_program_does() {
     let content = written(&[varied(1000), round, (fields, records, turned())], Some("EPSG:25832"));
     let (_dir, path) = file(&content);
     let read = WithAttributes::of(&path, &InputOptions::default()).unwrap();
-    assert!(read.points == oracle(&content));
+    // The other program turns angles by the C library: a sine or cosine may differ in its last place.
+    let expected = oracle(&content);
+    assert_eq!(read.points.len(), expected.len());
+    for (ours, theirs) in read.points.iter().zip(&expected) {
+        let size = theirs.iter().fold(0.0f64, |size, c| size.max(c.abs()));
+        assert!(
+            ours.iter().zip(theirs).all(|(a, b)| (a - b).abs() <= 4.0 * f64::EPSILON * size),
+            "{ours:?} {theirs:?}"
+        );
+    }
     assert_eq!(read.left_out, (100 + 72 + 15_000, 0));
     let source = &read.cloud.sources()[0];
     assert_eq!((source.format, source.records, source.description.as_str()), ("E57", Some(151_500), "E57, 3 scans"));

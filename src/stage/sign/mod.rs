@@ -13,11 +13,11 @@
 //!     # # # # # # # # # # #
 //! ```
 //!
-//! No radius is looked for. E is quadratic; its least is found by conjugate gradients ([`field`]). The inside is where u > 0.
+//! No radius is looked for. E is quadratic; its least is found by conjugate gradients (`field.rs`). The inside is where u > 0.
 //!
-//! *What is outside* to begin with: all that a ball as large as the largest hole reaches ([`rolling`]). On the concave side of a surface that is open that
+//! *What is outside* to begin with: all that a ball as large as the largest hole reaches (`rolling.rs`). On the concave side of a surface that is open that
 //! ball may not fit, and u may rise above 0 there. What is inside of a body is lined by its walls; what merely lies before a dome or on a floor is
-//! bare on its other side. So where too much of a component's border is bare, a smaller ball rolls in, until what is left is lined or gone ([`support`]).
+//! bare on its other side. So where too much of a component's border is bare, a smaller ball rolls in, until what is left is lined or gone (`support.rs`).
 //!
 //! All of that happens on one level of the pyramid, whose cells are held whole: at most [`LONGEST`] along any axis, so that its memory is bounded.
 //! What is finer is decided where it is seen, by [`crate::stage::sides`].
@@ -105,7 +105,7 @@ impl Seen {
 /// A level of the pyramid with the side of every cell.
 #[derive(Debug)]
 pub struct Signed {
-    /// The cells, [`block::PAD`] more on every side.
+    /// The cells, some more on every side.
     pub block: Block,
     /// Of each cell of the block.
     pub sides: Vec<Side>,

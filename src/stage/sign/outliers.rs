@@ -1,9 +1,13 @@
 //! Outliers: occupied cells that belong to no surface.
 //!
 //! A cell is *thin* if the 5 x 5 x 5 cells round it hold less than a quarter of the occupied cells that they hold in the median. Thin cells count for no walls, twice over:
-//! among many strays the median is theirs at first. Nor do small groups that stand apart.
+//! among many strays the median is theirs at first. But where samples are sparse, so are the cells of a surface: what is thin stays if it is not
+//! among cells three times as large, of which, with thin cells only, a third as many lie round it as round the others. Small groups that stand apart count for no walls either.
 
 use super::block::Block;
+
+/// How many times as large the cells are among which sparse samples are not thin.
+const COARSER: u32 = 3;
 
 /// A cell is thin below this part of the median.
 const SHARE: f64 = 0.25;
@@ -36,11 +40,37 @@ pub fn take_out(block: &Block, occupied: &mut [bool]) -> Vec<u32> {
             .for_each(|(&cell, _)| occupied[cell as usize] = false);
         cells.retain(|&cell| occupied[cell as usize]);
     }
+    keep_sparse(block, occupied, &before);
+    cells = before.iter().copied().filter(|&cell| occupied[cell as usize]).collect();
     drop_groups(occupied, &cells, &near);
     if cells.iter().filter(|&&cell| occupied[cell as usize]).count() < FEWEST {
         before.iter().for_each(|&cell| occupied[cell as usize] = true);
     }
     before.into_iter().filter(|&cell| !occupied[cell as usize]).collect()
+}
+
+/// Puts those of the cells back that are thin because the sampling is sparse there.
+fn keep_sparse(block: &Block, occupied: &mut [bool], before: &[u32]) {
+    let coarse = Block::new(block.cells.map(|c| c.div_ceil(COARSER)));
+    let parent = |cell: u32| coarse.index(block.cell(cell as usize).map(|c| c / COARSER as usize));
+    let (mut any, mut dense) = (vec![false; coarse.size()], vec![false; coarse.size()]);
+    for &cell in before {
+        any[parent(cell)] = true;
+        dense[parent(cell)] |= occupied[cell as usize];
+    }
+    let near: Vec<isize> =
+        Block::ball(12).into_iter().filter(|d| d.iter().all(|c| c.abs() <= 2)).map(|d| coarse.step(d)).collect();
+    let count = |of: &[bool], cell: usize| near.iter().filter(|&&s| of[cell.wrapping_add_signed(s)]).count();
+    let mut counts: Vec<usize> = (0..dense.len()).filter(|&cell| dense[cell]).map(|cell| count(&any, cell)).collect();
+    counts.sort_unstable();
+    let Some(median) = counts.get(counts.len() / 2) else { return };
+    // Strays near a surface are not to be held by it.
+    let sparse: Vec<bool> = any.iter().zip(&dense).map(|(any, dense)| any & !dense).collect();
+    for &cell in before {
+        if !occupied[cell as usize] && 3 * count(&sparse, parent(cell)) >= *median {
+            occupied[cell as usize] = true;
+        }
+    }
 }
 
 /// Takes out groups of fewer than [`GROUP`] cells that no more than two cells part; none if there is no larger one.
