@@ -204,7 +204,7 @@ impl Distinct {
 }
 
 /// A cell with fewer than this part of the usual points holds strays, or lies at the surface's border.
-const STRAY: u64 = 10;
+const STRAY: u64 = 20;
 
 /// Cells that points are found in, for each w² of surface, w their side. A plane passes 1.5 on average over its positions, but
 /// some of them only by a corner, where hardly a point falls.

@@ -102,6 +102,9 @@ proptest! {
         write_raw(&whole, &samples);
         let settings = Settings {
             fineness: Fineness::Given(asra_stream::grid::Resolution::K(k)),
+            // Every point counts.
+            keep_outliers: true,
+            min_component: None,
             surface: SurfaceOptions { fit: [Fit::Nearest, Fit::Plane, Fit::None][fit], ..Settings::default().surface },
             ..Settings::default()
         };

@@ -679,8 +679,12 @@ fn a_run_draws_a_preview() {
     assert!(f.read("other.png") == first);
     f.fails("k.ply -o c.ply --preview=other.png", 2, &["other.png: exists already"]);
     f.fails("k.ply -o c.ply --preview=c.jpg", 2, &["c.jpg: pictures are .png"]);
-    f.fails("k.ply -o c.ply --preview --max-memory 25M", 71, &["the preview needs", "M or more"]);
     f.ok("generate terrain 20k -o t.bin");
+    f.fails(
+        "t.bin --surface terrain --cell-size auto -o c.ply --preview --max-memory 26M",
+        71,
+        &["the preview needs", "M or more"],
+    );
     f.ok("t.bin --surface terrain --cell-size auto --preview --tile 0.5 -o t.ply");
     assert!(f.path("t.png").exists() && f.path("t.tiles").exists());
     f.ok("t.bin --surface sheet --facing 0.2,0.1,1 --cell-size auto --preview -o s.ply");

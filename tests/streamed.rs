@@ -378,7 +378,9 @@ fn all_256_corners_give_the_twins_mesh_on_a_seam() {
     let settings = Settings {
         fineness: Fineness::Given(Resolution::Slices(24)),
         axis: AxisChoice::Fixed(Axis::Y),
+        seal: Sealing::Off,
         window: Some(3),
+        min_component: None,
         ..Settings::default()
     };
     let seam = slab_slices(settings.surface.smooth);

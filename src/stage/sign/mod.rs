@@ -76,6 +76,8 @@ pub struct Seen {
     occupied: Vec<bool>,
     walls: Vec<u32>,
     outliers: Vec<u32>,
+    /// Whether its cells are those of the grid.
+    finest: bool,
 }
 
 impl Seen {
@@ -87,7 +89,7 @@ impl Seen {
         let (block, mut occupied) = Block::of(occupancy, factor)?;
         let outliers = outliers::take_out(&block, &mut occupied);
         let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
-        Ok(Seen { block, occupied, walls, outliers })
+        Ok(Seen { block, occupied, walls, outliers, finest: factor == 1 })
     }
 
     /// Whether there are outliers.
@@ -149,7 +151,7 @@ impl Signed {
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn find(seen: Seen, context: &Context) -> Result<Signed> {
-        let Seen { block, occupied, walls, outliers } = seen;
+        let Seen { block, occupied, walls, outliers, finest } = seen;
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
@@ -185,7 +187,10 @@ impl Signed {
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
         let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
         let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
-        sheet::fill(&block, &open, &mut sides);
+        // On finer levels samples of sheets lie closer than these cells are wide.
+        if finest {
+            sheet::fill(&block, &open, &mut sides);
+        }
         let [open, filled] =
             [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
         Ok(Signed { walls: two_sided.len() as u64, part_nothing, open, filled, block, sides, outliers })
