@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use asra_stream::attribute::Wanted;
+use asra_stream::closing::Sealing;
 use asra_stream::input::{Filter, InputOptions};
 use asra_stream::pipeline::{Fineness, Settings};
 use asra_stream::progress::{Progress, Show};
@@ -102,7 +103,8 @@ proptest! {
         write_raw(&whole, &samples);
         let settings = Settings {
             fineness: Fineness::Given(asra_stream::grid::Resolution::K(k)),
-            // Every point counts.
+            // Every point counts, and no slab lies across a hole, without any.
+            seal: Sealing::Off,
             keep_outliers: true,
             min_component: None,
             surface: SurfaceOptions { fit: [Fit::Nearest, Fit::Plane, Fit::None][fit], ..Settings::default().surface },
