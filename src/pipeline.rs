@@ -50,8 +50,8 @@ use crate::survey::{Survey, planes_with_points, sampling_distance, survey, turne
 /// points thinned to a tenth, 1.25 still gives one component of the right genus, at a radius of 4.
 const AUTO_CELL: f64 = 1.25;
 
-/// Of clouds of more points the cells by k = 4 are not smaller than [`AUTO_CELL`] samplings distances, unless their surface is more than four times the longest
-/// side squared times four: their side is L / (4 n^(1/3)), the sampling distance (A / n)^(1/2).
+/// Of clouds of more points the cells by k = 4 are not smaller than [`AUTO_CELL`] sampling distances, unless the area A of the surface is more than
+/// 6.4 L², L being the longest side: the cells' side is L / (4 n^(1/3)), the sampling distance (A / n)^(1/2).
 const COARSE_ENOUGH: u64 = 1 << 22;
 
 /// How fine the grid is to be.

@@ -521,7 +521,7 @@ fn far_points_do_not_cost_what_lies_between() {
 
 // The twin looks for intersections among all pairs: some ten seconds a case.
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 5, max_global_rejects: 100_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 8, max_global_rejects: 100_000, ..ProptestConfig::default() })]
 
     #[test]
     fn a_landscape_gives_the_twins_sheet(points in landscape(), settings in open_settings(), single in any::<bool>()) {

@@ -15,12 +15,13 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::context::{Context, chunks};
 use crate::error::Result;
-use crate::slice::{Bits, Run, Runs, SliceStore, Slices, clip, words_of};
+use crate::slice::{Bits, Run, Runs, clip, words_of};
 use crate::stage::dilate::Ball;
-use crate::stage::exterior::{Padded, Scratch, invert};
-use crate::stage::label::{Labeller, Labels, Measure, Parts};
+use crate::stage::exterior::{Padded, invert};
+use crate::stage::label::{Labeller, Measure, Parts};
 use crate::stage::raster::Occupancy;
-use crate::stage::solid::{Solid, faces, move_back};
+use crate::stage::solid::{Solid, move_back};
+use crate::stage::unresolved::Change;
 use crate::window::Window;
 
 /// Squared radius of the ball that does not reach a hollow. With 4 to 9, dents stay between points of a half thinned to a tenth; with 25, the bunny's mean
@@ -47,7 +48,7 @@ impl Solid {
             |parts: Parts<Lining>| labeller.add(parts),
         )?;
         let labels = labeller.finish()?.judged(context, |lining| lining.verdict())?;
-        self.filled(&labels, context)
+        self.changed(&labels, FILLED, Change::Filled, context)
     }
 
     /// The hollows of some slices, as far as they hang together there, with the lining of each.
@@ -90,41 +91,6 @@ impl Solid {
         }
         let mut linings = linings.into_iter();
         Ok(Parts::of(held, |_, _, _| linings.next().expect("every run has its lining")))
-    }
-
-    /// The solid with the hollows that are to be filled.
-    fn filled(&self, labels: &Labels, context: &Context) -> Result<Solid> {
-        let [width, slices, rows] = self.cells;
-        let store = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut filled =
-            Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize), ground: None };
-        let mut jobs = chunks(slices);
-        context.workers.in_order(
-            context.memory.chunks_for(&context.load, 1),
-            || Ok(jobs.next()),
-            |chunk| {
-                let (mut runs, mut scratch) = (Runs::default(), Scratch::default());
-                let (mut slice, mut below) = (Bits::new(width, rows), Bits::new(width, rows));
-                let (mut volume, mut faces_of, mut out) = (0, Vec::with_capacity(chunk.len()), Slices::default());
-                for y in chunk.start.saturating_sub(1)..chunk.end {
-                    self.store.paint(y.into(), &mut slice, &mut runs)?;
-                    labels.paint(y, FILLED, &mut slice, &mut scratch)?;
-                    if y >= chunk.start {
-                        volume += slice.cell_count();
-                        faces_of.push(faces(&slice, &below));
-                        out.push(&slice);
-                    }
-                    std::mem::swap(&mut slice, &mut below);
-                }
-                Ok((volume, faces_of, out))
-            },
-            |(volume, faces_of, slices)| {
-                filled.volume += volume;
-                filled.faces.extend(faces_of);
-                filled.store.extend(&slices)
-            },
-        )?;
-        Ok(filled)
     }
 }
 

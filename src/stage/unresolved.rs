@@ -47,7 +47,7 @@ const CHANGES: u8 = 1;
 
 /// What is looked for, and how the solid is changed where it is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Change {
+pub(super) enum Change {
     /// Spikes are taken away.
     Removed,
     /// Pits are filled.
@@ -156,14 +156,14 @@ impl Solid {
                 verdict
             })?;
             if changes {
-                solid = solid.changed(&labels, change, context)?;
+                solid = solid.changed(&labels, CHANGES, change, context)?;
             }
         }
         Ok(solid)
     }
 
-    /// The solid with the groups changed that are to be.
-    fn changed(&self, labels: &Labels, change: Change, context: &Context) -> Result<Solid> {
+    /// The solid with the groups changed that have a verdict.
+    pub(super) fn changed(&self, labels: &Labels, verdict: u8, change: Change, context: &Context) -> Result<Solid> {
         let [width, slices, rows] = self.cells;
         let store = SliceStore::new(&context.workspace, context.memory.store_quota);
         let mut out =
@@ -180,10 +180,10 @@ impl Solid {
                 for y in chunk.start.saturating_sub(1)..chunk.end {
                     self.store.paint(y.into(), slice, &mut runs)?;
                     match change {
-                        Change::Filled => labels.paint(y, CHANGES, slice, &mut scratch)?,
+                        Change::Filled => labels.paint(y, verdict, slice, &mut scratch)?,
                         Change::Removed => {
                             group.clear();
-                            labels.paint(y, CHANGES, group, &mut scratch)?;
+                            labels.paint(y, verdict, group, &mut scratch)?;
                             slice.and_not(group);
                         }
                     }

@@ -1,7 +1,7 @@
 //! A ball that rolls round the cloud: the cells that it reaches from beyond the box, whatever else becomes of them.
 //!
 //! A large ball rolls on a coarser copy of the cells, so that it is never more than [`ROUND`] cells wide; a copy's cell is occupied if any of its cells is, so that the ball
-//! reaches less there, never more.
+//! mostly reaches less there. Never does it come nearer to an occupied cell than by (f − 1) √3 cells more than a ball on the block itself, f being the copy's factor.
 
 use super::block::{Block, PAD};
 use crate::slice::{Bits, clip};
