@@ -59,6 +59,8 @@ pub struct Asked {
     pub keep_outliers: bool,
     /// The components that are kept; `None` keeps all.
     pub min_component: Option<Least>,
+    /// Whether the sign's level may be coarser than the sampling asks for, as [`sign::ROUGH`] says: faster, for a number of faces that is looked for.
+    pub rough: bool,
 }
 
 /// The solid, and how it came to be.
@@ -166,7 +168,7 @@ pub fn close(
         )));
     }
     let (solid, occupancy, how, falls) = match given {
-        None => close_signed(occupancy, asked.keep_outliers, context, &mut progress)?,
+        None => close_signed(occupancy, asked, context, &mut progress)?,
         Some(_) => {
             let wanted = given.map(Closing::with_radius).expect("a radius is given");
             let pyramid = Pyramid::over(&occupancy, wanted.level, context)?;
@@ -256,32 +258,37 @@ fn side_in_samples(filling: f64) -> f64 {
 /// Closes the occupied cells by the sign of a field on a coarse level ([`crate::stage::sign`]), and finer levels by what that says.
 fn close_signed(
     mut occupancy: Occupancy,
-    keep_outliers: bool,
+    asked: Asked,
     context: &Context,
     progress: &mut dyn FnMut(u32),
 ) -> Result<(Solid, Occupancy, How, bool)> {
     let longest = occupancy.cells.into_iter().max().unwrap_or(1);
-    let least = longest.div_ceil(sign::LONGEST);
-    let first = Seen::of(&occupancy, least)?;
+    let least = longest.div_ceil(if asked.rough { sign::ROUGH } else { sign::LONGEST });
+    let first = Seen::of(&occupancy, least, context)?;
     let all = occupancy.occupied;
-    if !keep_outliers && first.has_outliers() {
-        occupancy = occupancy.filtered(|cell| !first.is_outlier(cell.map(|c| c / least)), context)?;
+    // It serves as the level that the field is found on, if that has the same cells.
+    let mut first = Some(first);
+    if let Some(seen) = first.take_if(|first| !asked.keep_outliers && first.has_outliers()) {
+        occupancy = occupancy.filtered(|cell| !seen.is_outlier(cell.map(|c| c / least)), context)?;
     }
-    drop(first);
     let coarser = occupancy.coarser(context)?;
     let side = side_in_samples(occupancy.occupied as f64 / coarser.occupied as f64);
     let factor = (COARSE / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
     let level = factor.ilog2();
     let last = ((BALL / side).powi(2) as u32).clamp(LAST, 64);
     let (mut factor, mut level) = (factor, level);
-    let mut signed = Signed::find(Seen::of(&occupancy, factor)?, context)?;
+    let seen = match first.filter(|_| factor == least) {
+        Some(first) => first,
+        None => Seen::of(&occupancy, factor, context)?,
+    };
+    let mut signed = Signed::find(seen, context)?;
     progress(longest);
     // Where the sampling is uneven, the cells may be too fine for a part of it.
     for coarser in [2, 3, 4].map(|times| times * factor) {
-        if Parted::of(&signed, factor, 0).is_sealed() || longest / coarser < 16 {
+        if asked.rough || Parted::of(&signed, factor, 0).is_sealed() || longest / coarser < 16 {
             break;
         }
-        let found = Signed::find(Seen::of(&occupancy, coarser)?, context)?;
+        let found = Signed::find(Seen::of(&occupancy, coarser, context)?, context)?;
         progress(longest);
         if Parted::of(&found, coarser, 0).is_sealed() {
             (signed, factor, level) = (found, coarser, coarser.ilog2());

@@ -355,6 +355,7 @@ fn reconstruct_as<T: Coordinate>(
         window: settings.window,
         keep_outliers: settings.keep_outliers,
         min_component: settings.min_component,
+        rough: false,
     };
     let done = |slices: u32| progress.add(u64::from(slices));
     let closed = match &settings.open {

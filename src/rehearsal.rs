@@ -113,7 +113,7 @@ fn asked(settings: &Settings, scale: f64) -> Asked {
         other => other,
     };
     let window = settings.window.map(|window| 2 * cells((window - 1) / 2) + 1);
-    Asked { seal, window, keep_outliers: settings.keep_outliers, min_component: None }
+    Asked { seal, window, keep_outliers: settings.keep_outliers, min_component: None, rough: true }
 }
 
 /// By how much the area grows from coarse cells, `steps` times as large as the grid's, to these, if from twice as large ones it came to `last`

@@ -1,24 +1,16 @@
-//! The field u, and its least by conjugate gradients.
-//!
-//! All sums are formed in the order of cells and walls, on one thread: the field is the same bits everywhere.
+//! The field u that makes E least.
 
 use super::block::Block;
 use super::normal::Wall;
+use super::system::System;
 use super::{Side, support};
+use crate::schedule::Workers;
 
 /// What a face weighs if one of its cells lies between two occupied ones: a gap in a wall, as sparse sampling leaves.
 const GAP: f32 = 0.1;
 
-/// The residual, as a part of the first one, at which the search ends.
-const TOLERANCE: f64 = 1e-3;
-
-/// The most steps of the search. It takes about as many as the longest side has cells.
-const STEPS: usize = 1000;
-
 /// Fewer enclosed cells are no cavity.
 const CAVITY: usize = 27;
-
-const NONE: u32 = u32::MAX;
 
 /// The field on the free cells of a block.
 #[derive(Debug)]
@@ -30,11 +22,9 @@ pub struct Field<'a> {
     gaps: Vec<bool>,
     /// Cells that are outside, whatever the field.
     outside: Vec<bool>,
-    /// Of each cell, its number among those whose u is looked for.
-    number: Vec<u32>,
-    /// These cells.
-    pub(super) cells: Vec<u32>,
-    /// Their u.
+    /// Of each cell, what a face to an equally open one weighs; 0 where u is not looked for.
+    open: Vec<f32>,
+    /// The u of each cell in which it is looked for.
     pub(super) u: Vec<f32>,
 }
 
@@ -52,38 +42,23 @@ impl<'a> Field<'a> {
                 .iter()
                 .any(|&step| occupied[cell.wrapping_add_signed(step)] && occupied[cell.wrapping_add_signed(-step)]);
         }
-        let mut field = Field {
-            block,
-            occupied,
-            lined,
-            gaps,
-            outside,
-            number: vec![NONE; occupied.len()],
-            cells: Vec::new(),
-            u: Vec::new(),
-        };
-        field.renumber();
+        let (open, u) = (vec![0.0; occupied.len()], vec![0.0; occupied.len()]);
+        let mut field = Field { block, occupied, lined, gaps, outside, open, u };
+        field.look_where_free();
         field
     }
 
-    fn renumber(&mut self) {
-        let before = std::mem::take(&mut self.u);
-        let mut cells = Vec::new();
-        let mut u = Vec::new();
-        for cell in 0..self.number.len() {
-            let old = std::mem::replace(&mut self.number[cell], NONE);
-            if !self.occupied[cell] && !self.outside[cell] {
-                self.number[cell] = cells.len() as u32;
-                cells.push(cell as u32);
-                u.push(before.get(old as usize).copied().unwrap_or(0.0));
-            }
+    /// Looks for u in all cells that are neither occupied nor outside.
+    fn look_where_free(&mut self) {
+        for cell in 0..self.open.len() {
+            let asked = !self.occupied[cell] && !self.outside[cell];
+            self.open[cell] = if asked { weight(self.gaps[cell]) } else { 0.0 };
         }
-        (self.cells, self.u) = (cells, u);
     }
 
-    /// The number of a cell, if its u is looked for.
-    pub(super) fn number(&self, cell: usize) -> Option<usize> {
-        Some(self.number[cell]).filter(|n| *n != NONE).map(|n| n as usize)
+    /// Whether u is looked for in a cell.
+    pub(super) fn is_asked(&self, cell: usize) -> bool {
+        self.open[cell] > 0.0
     }
 
     /// Whether two free cells lie on the same side.
@@ -98,81 +73,33 @@ impl<'a> Field<'a> {
 
     /// Whether a cell is free and outside.
     pub(super) fn is_outside(&self, cell: usize) -> bool {
-        match self.number(cell) {
-            Some(number) => self.u[number] <= 0.0,
-            None => !self.occupied[cell],
-        }
+        if self.is_asked(cell) { self.u[cell] <= 0.0 } else { !self.occupied[cell] }
     }
 
-    fn weight(&self, a: usize, b: usize) -> f32 {
-        if self.gaps[a] | self.gaps[b] { GAP } else { 1.0 }
+    /// Whether a cell is free and inside.
+    pub(super) fn is_inside(&self, cell: usize) -> bool {
+        self.is_asked(cell) && self.u[cell] > 0.0
     }
 
     /// Finds the u that makes E least, from where it is.
-    pub fn solve(&mut self, walls: &[Wall]) {
-        let n = self.cells.len();
-        let strides = self.block.strides();
-        let (mut diagonal, mut b) = (vec![1e-9f32; n], vec![0f32; n]);
-        for (i, &cell) in self.cells.iter().enumerate() {
-            let cell = cell as usize;
-            for next in strides.into_iter().flat_map(|s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)]) {
-                if !self.occupied[next] {
-                    let weight = self.weight(cell, next);
-                    diagonal[i] += weight;
-                    if self.outside[next] {
-                        b[i] -= weight;
-                    }
-                }
-            }
-        }
-        let mut pairs = Vec::with_capacity(walls.len());
-        for wall in walls {
-            match wall.sides.map(|cell| self.number(cell as usize)) {
-                [Some(i), Some(j)] => {
-                    diagonal[i] += wall.weight;
-                    diagonal[j] += wall.weight;
-                    pairs.push(([i as u32, j as u32], wall.weight));
-                }
-                [Some(i), None] | [None, Some(i)] => {
-                    diagonal[i] += wall.weight;
-                    b[i] += wall.weight;
-                }
-                [None, None] => {}
-            }
-        }
-        let mut u = std::mem::take(&mut self.u);
-        let product = |x: &[f32], out: &mut [f32]| {
-            for (i, &cell) in self.cells.iter().enumerate() {
-                let cell = cell as usize;
-                let mut sum = diagonal[i] * x[i];
-                for s in strides {
-                    for next in [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)] {
-                        let j = self.number[next];
-                        if j != NONE {
-                            sum -= self.weight(cell, next) * x[j as usize];
-                        }
-                    }
-                }
-                out[i] = sum;
-            }
-            for &([i, j], weight) in &pairs {
-                out[i as usize] += weight * x[j as usize];
-                out[j as usize] += weight * x[i as usize];
-            }
+    pub fn solve(&mut self, walls: &[Wall], workers: &Workers) {
+        let known = |cell: usize, next: usize| {
+            (!self.occupied[next]).then(|| (weight(self.gaps[cell] | self.gaps[next]), -1.0))
         };
-        conjugate_gradients(product, &diagonal, &b, &mut u);
-        self.u = u;
+        let mut system = System::new(self.block, &self.open, workers, known);
+        walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |_| -1.0));
+        system.solve(&mut self.u, workers);
     }
 
-    /// Lets the outside into the components that are `bare` (by number), as far as it is `reached`.
+    /// Lets the outside into the components that are `bare`, as far as it is `reached`. Both are told of each cell of the block.
     pub fn open(&mut self, bare: &[bool], reached: &[bool]) {
-        for (&cell, bare) in self.cells.iter().zip(bare) {
-            self.outside[cell as usize] |= bare & reached[cell as usize];
+        for ((outside, bare), reached) in self.outside.iter_mut().zip(bare).zip(reached) {
+            *outside |= bare & reached;
         }
-        self.renumber();
+        self.look_where_free();
     }
 
-    /// Gives all that is `bare` (by number) to the outside.
+    /// Gives all cells that are `bare` to the outside.
     pub fn give_up(&mut self, bare: &[bool]) {
         self.u.iter_mut().zip(bare).filter(|(_, bare)| **bare).for_each(|(u, _)| *u = -1.0);
     }
@@ -219,30 +146,7 @@ impl<'a> Field<'a> {
     }
 }
 
-/// Solves A x = b for a positive definite A, given as its product with a vector, and its diagonal; from x on.
-pub(super) fn conjugate_gradients(product: impl Fn(&[f32], &mut [f32]), diagonal: &[f32], b: &[f32], x: &mut [f32]) {
-    let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
-    let mut out = vec![0f32; b.len()];
-    product(x, &mut out);
-    let mut r: Vec<f32> = b.iter().zip(&out).map(|(b, a)| b - a).collect();
-    let mut p: Vec<f32> = r.iter().zip(diagonal).map(|(r, d)| r / d).collect();
-    let mut rz = dot(&r, &p);
-    let enough = TOLERANCE * TOLERANCE * dot(b, b);
-    for _ in 0..STEPS {
-        if dot(&r, &r) <= enough {
-            return;
-        }
-        product(&p, &mut out);
-        let alpha = (rz / dot(&p, &out)) as f32;
-        for i in 0..x.len() {
-            x[i] += alpha * p[i];
-            r[i] -= alpha * out[i];
-        }
-        let next = r.iter().zip(diagonal).map(|(r, d)| f64::from(*r) * f64::from(*r / *d)).sum::<f64>();
-        let beta = (next / rz) as f32;
-        rz = next;
-        for i in 0..x.len() {
-            p[i] = r[i] / diagonal[i] + beta * p[i];
-        }
-    }
+/// What a face weighs of which one cell is a gap, or neither.
+fn weight(gap: bool) -> f32 {
+    if gap { GAP } else { 1.0 }
 }

@@ -14,8 +14,9 @@
 use super::Side;
 use super::block::Block;
 use super::distance::squared;
-use super::field::conjugate_gradients;
 use super::normal::Wall;
+use super::system::System;
+use crate::schedule::Workers;
 
 /// Fewer cells of a membrane are left as they are.
 const FEW: usize = 9;
@@ -23,10 +24,8 @@ const FEW: usize = 9;
 /// How far from a membrane cells are asked anew, at the most.
 const FAR: f64 = 32.0;
 
-const NONE: u32 = u32::MAX;
-
 /// Stretches the membranes anew.
-pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], sides: &mut [Side]) {
+pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], sides: &mut [Side], workers: &Workers) {
     let size = [block.width, block.rows, block.slices];
     let strides = block.strides();
     let around = |cell: usize| {
@@ -50,63 +49,18 @@ pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], sides: &mut [Side]
     drop((far, membrane));
     let parted = |wall: &Wall| sides[wall.sides[0] as usize] != sides[wall.sides[1] as usize];
     walls.iter().filter(|wall| parted(wall)).flat_map(|wall| wall.sides).for_each(|cell| held[cell as usize] = true);
-    let mut number = vec![NONE; sides.len()];
-    let mut cells = Vec::new();
-    for (cell, side) in sides.iter().enumerate() {
-        if !held[cell] && *side != Side::Wall && !block.at_border(cell) {
-            number[cell] = cells.len() as u32;
-            cells.push(cell as u32);
-        }
-    }
     let sign = |cell: usize| if sides[cell] == Side::Outside { -1.0f32 } else { 1.0 };
-    let (mut diagonal, mut b) = (vec![1e-9f32; cells.len()], vec![0f32; cells.len()]);
-    for (i, &cell) in cells.iter().enumerate() {
-        for next in around(cell as usize).filter(|&next| sides[next] != Side::Wall) {
-            diagonal[i] += 1.0;
-            if number[next] == NONE {
-                b[i] += sign(next);
-            }
-        }
+    let mut open = vec![0f32; sides.len()];
+    let mut u = vec![0f32; sides.len()];
+    for cell in (0..sides.len()).filter(|&cell| !held[cell] && sides[cell] != Side::Wall && !block.at_border(cell)) {
+        (open[cell], u[cell]) = (1.0, sign(cell));
     }
-    let mut pairs = Vec::new();
-    for wall in walls {
-        let [i, j] = wall.sides.map(|cell| number[cell as usize]);
-        match [i, j].map(|n| n != NONE) {
-            [true, true] => {
-                diagonal[i as usize] += wall.weight;
-                diagonal[j as usize] += wall.weight;
-                pairs.push(([i, j], wall.weight));
-            }
-            [true, false] => {
-                diagonal[i as usize] += wall.weight;
-                b[i as usize] -= wall.weight * sign(wall.sides[1] as usize);
-            }
-            [false, true] => {
-                diagonal[j as usize] += wall.weight;
-                b[j as usize] -= wall.weight * sign(wall.sides[0] as usize);
-            }
-            [false, false] => {}
-        }
-    }
-    let mut u: Vec<f32> = cells.iter().map(|&cell| sign(cell as usize)).collect();
-    let product = |x: &[f32], out: &mut [f32]| {
-        for (i, &cell) in cells.iter().enumerate() {
-            let mut sum = diagonal[i] * x[i];
-            for next in around(cell as usize) {
-                let j = number[next];
-                if j != NONE {
-                    sum -= x[j as usize];
-                }
-            }
-            out[i] = sum;
-        }
-        for &([i, j], weight) in &pairs {
-            out[i as usize] += weight * x[j as usize];
-            out[j as usize] += weight * x[i as usize];
-        }
-    };
-    conjugate_gradients(product, &diagonal, &b, &mut u);
-    for (&cell, u) in cells.iter().zip(&u) {
-        sides[cell as usize] = if *u > 0.0 { Side::Inside } else { Side::Outside };
+    drop(held);
+    let known = |_, next: usize| (sides[next] != Side::Wall).then(|| (1.0, sign(next)));
+    let mut system = System::new(block, &open, workers, known);
+    walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |other| sign(other as usize)));
+    system.solve(&mut u, workers);
+    for (cell, _) in open.iter().enumerate().filter(|(_, open)| **open > 0.0) {
+        sides[cell] = if u[cell] > 0.0 { Side::Inside } else { Side::Outside };
     }
 }

@@ -33,6 +33,7 @@ mod outliers;
 mod rolling;
 mod sheet;
 mod support;
+mod system;
 #[cfg(test)]
 mod tests;
 
@@ -48,6 +49,9 @@ use self::sheet::Sheet;
 
 /// The most cells along any axis of a level that is held whole.
 pub const LONGEST: u32 = 128;
+
+/// The most of them where a rough answer will do.
+pub const ROUGH: u32 = 48;
 
 /// The radius of the first ball, as a share of the longest side. A hole of a tenth of a sphere's surface is .6 of its side wide.
 const FIRST: f64 = 0.35;
@@ -85,9 +89,9 @@ impl Seen {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn of(occupancy: &Occupancy, factor: u32) -> Result<Seen> {
+    pub fn of(occupancy: &Occupancy, factor: u32, context: &Context) -> Result<Seen> {
         let (block, mut occupied) = Block::of(occupancy, factor)?;
-        let outliers = outliers::take_out(&block, &mut occupied);
+        let outliers = context.workers.pool().install(|| outliers::take_out(&block, &mut occupied));
         let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
         Ok(Seen { block, occupied, walls, outliers, finest: factor == 1 })
     }
@@ -152,16 +156,15 @@ impl Signed {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn find(seen: Seen, context: &Context) -> Result<Signed> {
         let Seen { block, occupied, walls, outliers, finest } = seen;
-        let mut two_sided = normal::two_sided(&block, &occupied, &walls);
+        let mut two_sided = context.workers.pool().install(|| normal::two_sided(&block, &occupied, &walls));
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
         let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
         let mut tries = 0;
         loop {
             context.workers.check_cancelled()?;
-            field.solve(&two_sided);
-            let bare = support::bare(&field);
-            if bare.iter().any(|&b| b) {
+            field.solve(&two_sided, &context.workers);
+            if let Some(bare) = support::bare(&field) {
                 radius /= STEP;
                 if radius >= SMALLEST {
                     let reached = rolling::reached(&block, &occupied, radius);
@@ -183,7 +186,7 @@ impl Signed {
             }
         }
         let mut sides = field.sides();
-        membrane::stretch(&block, &two_sided, &field.lined, &mut sides);
+        membrane::stretch(&block, &two_sided, &field.lined, &mut sides, &context.workers);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
         let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
         let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));

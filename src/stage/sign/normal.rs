@@ -1,5 +1,7 @@
 //! Normals of walls, and the free cells on both sides of them.
 
+use rayon::prelude::*;
+
 use super::block::Block;
 
 /// Squared radius of the ball whose occupied cells tell a wall's normal; and the one if there are too few in it.
@@ -14,6 +16,9 @@ pub const WEIGHT: f32 = 4.0;
 /// How far a wall's sides are looked for, in half cells.
 const REACH: i32 = 8;
 
+/// So many walls are looked at by one thread at a time.
+const TOGETHER: usize = 1024;
+
 /// An occupied cell with the nearest free cells on both of its sides, as indices of the block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wall {
@@ -27,15 +32,14 @@ pub struct Wall {
     pub weight: f32,
 }
 
-/// Those of the occupied cells `walls` that have free cells on both sides.
+/// Those of the occupied cells `walls` that have free cells on both sides, in their order. The work is dealt out to the pool that it is called in.
 pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
     let near = |squared| -> Vec<([i64; 3], isize)> {
         Block::ball(squared).into_iter().map(|d| (d.map(i64::from), block.step(d))).collect()
     };
     let (near, wide) = (near(NEAR.0), near(NEAR.1));
     let strides = block.strides();
-    let mut out = Vec::with_capacity(walls.len());
-    for &cell in walls {
+    let wall = |&cell: &u32| {
         let wall = cell as usize;
         let mut moments = Moments::of(occupied, wall, &near);
         if moments.count < ENOUGH {
@@ -50,11 +54,9 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
                 (!occupied[cell]).then_some(cell as u32)
             })
         };
-        if let (Some(a), Some(b)) = (side(1.0), side(-1.0)) {
-            out.push(Wall { cell, sides: [a, b], normal: normal.map(|c| c as f32), weight: WEIGHT });
-        }
-    }
-    out
+        Some(Wall { cell, sides: [side(1.0)?, side(-1.0)?], normal: normal.map(|c| c as f32), weight: WEIGHT })
+    };
+    walls.par_iter().with_min_len(TOGETHER).filter_map(wall).collect()
 }
 
 /// Sums over the offsets of occupied cells.

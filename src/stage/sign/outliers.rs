@@ -4,6 +4,8 @@
 //! among many strays the median is theirs at first. But where samples are sparse, so are the cells of a surface: what is thin stays if it is not
 //! among cells three times as large, of which, with thin cells only, a third as many lie round it as round the others. Small groups that stand apart count for no walls either.
 
+use rayon::prelude::*;
+
 use super::block::Block;
 
 /// How many times as large the cells are among which sparse samples are not thin.
@@ -18,7 +20,10 @@ const GROUP: usize = 8;
 /// If fewer cells are left, they are no surface either, and nothing is taken out.
 const FEWEST: usize = 27;
 
-/// Takes the outliers out of the occupied cells, and gives them.
+/// So many cells are looked at by one thread at a time.
+const TOGETHER: usize = 1024;
+
+/// Takes the outliers out of the occupied cells, and gives them. The work is dealt out to the pool that it is called in.
 pub fn take_out(block: &Block, occupied: &mut [bool]) -> Vec<u32> {
     let before: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
     let mut cells = before.clone();
@@ -26,7 +31,8 @@ pub fn take_out(block: &Block, occupied: &mut [bool]) -> Vec<u32> {
         Block::ball(12).into_iter().filter(|d| d.iter().all(|c| c.abs() <= 2)).map(|d| block.step(d)).collect();
     for _ in 0..2 {
         let counts: Vec<u32> = cells
-            .iter()
+            .par_iter()
+            .with_min_len(TOGETHER)
             .map(|&cell| near.iter().filter(|&&s| occupied[cell.wrapping_add_signed(s as i32) as usize]).count() as u32)
             .collect();
         let mut sorted = counts.clone();

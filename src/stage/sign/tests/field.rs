@@ -5,7 +5,8 @@ use proptest::prelude::*;
 use super::super::block::Block;
 use super::super::field::Field;
 use super::super::normal::{Wall, two_sided};
-use super::{Numbers, marked, numbers_of};
+use super::{Numbers, marked, numbers_of, workers};
+use crate::schedule::Workers;
 
 /// A term weight (u_a + sign u_b)² of E.
 struct Term {
@@ -124,11 +125,14 @@ proptest! {
         let walls = two_sided(&block, &occupied, &numbers_of_walls);
         let energy = Energy::new(&block, &occupied, &outside, &walls);
         let mut field = Field::new(&block, &occupied, &numbers_of_walls, outside.clone());
-        field.solve(&walls);
-        let free: Vec<usize> = field.cells.iter().map(|&cell| cell as usize).collect();
+        let mut alone = Field::new(&block, &occupied, &numbers_of_walls, outside.clone());
+        field.solve(&walls, &workers());
+        alone.solve(&walls, &Workers::new(1).unwrap());
+        prop_assert_eq!(&field.u, &alone.u, "the number of threads decides bits");
+        let free: Vec<usize> = (0..occupied.len()).filter(|&cell| field.is_asked(cell)).collect();
         prop_assert_eq!(&free, &energy.free);
         let mut u = energy.start();
-        field.cells.iter().zip(&field.u).for_each(|(&cell, &value)| u[cell as usize] = f64::from(value));
+        free.iter().for_each(|&cell| u[cell] = f64::from(field.u[cell]));
 
         // The residual that the search may leave, and what single precision adds to it.
         let most = 1.1e-3 * energy.slope(&energy.start()) + 1e-6;
@@ -157,20 +161,17 @@ proptest! {
         let level = marked(&block, |_| true);
         let mut field =
             Field::new(&block, &occupied, &numbers_of(&occupied), level.iter().map(|level| !level).collect());
-        let before: Vec<(u32, f32)> = field.cells.iter().map(|&cell| (cell, numbers.part() as f32)).collect();
-        field.u = before.iter().map(|(_, u)| *u).collect();
-        let bare: Vec<bool> = before.iter().map(|_| numbers.part() < 0.5).collect();
+        let before: Vec<f32> = occupied.iter().map(|_| numbers.part() as f32).collect();
+        field.u.clone_from(&before);
+        let asked: Vec<bool> = (0..occupied.len()).map(|cell| field.is_asked(cell)).collect();
+        let bare: Vec<bool> = asked.iter().map(|asked| *asked && numbers.part() < 0.5).collect();
         let reached: Vec<bool> = occupied.iter().map(|_| numbers.part() < 0.5).collect();
         field.open(&bare, &reached);
-        let left: Vec<(u32, f32)> = before.iter().zip(&bare)
-            .filter(|((cell, _), bare)| !(**bare && reached[*cell as usize])).map(|(at, _)| *at).collect();
-        prop_assert_eq!(field.cells.iter().copied().zip(field.u.iter().copied()).collect::<Vec<_>>(), left);
-        for (number, &cell) in field.cells.iter().enumerate() {
-            prop_assert_eq!(field.number(cell as usize), Some(number));
-        }
-        for ((cell, _), bare) in before.iter().zip(&bare).filter(|((cell, _), _)| reached[*cell as usize]) {
-            prop_assert_eq!(field.number(*cell as usize).is_none(), *bare);
-            prop_assert!(!bare || field.is_outside(*cell as usize));
+        for cell in 0..occupied.len() {
+            let opened = bare[cell] && reached[cell];
+            prop_assert_eq!(field.is_asked(cell), asked[cell] && !opened);
+            prop_assert!(!opened || field.is_outside(cell));
+            prop_assert!(!field.is_asked(cell) || field.u[cell] == before[cell]);
         }
     }
 }

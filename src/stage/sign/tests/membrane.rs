@@ -6,7 +6,7 @@ use super::super::Side;
 use super::super::block::Block;
 use super::super::membrane::stretch;
 use super::super::normal::two_sided;
-use super::{level, marked, numbers_of};
+use super::{level, marked, numbers_of, workers};
 
 /// The box's cells along x and slices.
 const SIDE: usize = 24;
@@ -64,7 +64,7 @@ proptest! {
         }).collect();
         let before = sides.clone();
         let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
-        stretch(&block, &walls, &lined(&block, &occupied), &mut sides);
+        stretch(&block, &walls, &lined(&block, &occupied), &mut sides, &workers());
         for cell in level(block.cells) {
             let (index, d) = (block.index(cell), depth(cell));
             if from_axis(cell) <= radius && d.abs() > 2 && d < far {
@@ -85,6 +85,7 @@ fn what_walls_close_stays_as_it_is() {
     let inside = marked(&block, |cell| (0..6).any(|at| shell(cell, at)));
     numbers_of(&inside).into_iter().for_each(|cell| sides[cell as usize] = Side::Inside);
     let before = sides.clone();
-    stretch(&block, &two_sided(&block, &occupied, &numbers_of(&occupied)), &lined(&block, &occupied), &mut sides);
+    let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
+    stretch(&block, &walls, &lined(&block, &occupied), &mut sides, &workers());
     assert_eq!(sides, before);
 }

@@ -62,6 +62,11 @@ pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|i| a[i] * b[i]).sum()
 }
 
+/// Two threads.
+pub fn workers() -> Workers {
+    Workers::new(2).unwrap()
+}
+
 pub fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
     let dir = tempfile::tempdir().unwrap();
     work(&context(dir.path(), cells))
