@@ -78,6 +78,12 @@ impl Block {
         [1, (self.rows * self.width) as isize, self.width as isize]
     }
 
+    /// The six cells that share a face with one that does not lie at the border.
+    pub fn beside(&self, cell: usize) -> [usize; 6] {
+        let [a, b, c] = self.strides();
+        [-a, a, -b, b, -c, c].map(|step| cell.wrapping_add_signed(step))
+    }
+
     /// The step from a cell to another.
     pub fn step(&self, [x, y, z]: [i32; 3]) -> isize {
         let [a, b, c] = self.strides();

@@ -127,7 +127,6 @@ impl<'a> Field<'a> {
 
     /// Makes cells that are not inside outside, and all that faces join to them.
     fn spread(&self, sides: &mut [Side], mut stack: Vec<usize>, mut found: impl FnMut(usize)) {
-        let strides = self.block.strides();
         for &cell in &stack {
             sides[cell] = Side::Outside;
         }
@@ -136,7 +135,7 @@ impl<'a> Field<'a> {
             if self.block.at_border(cell) {
                 continue;
             }
-            for next in strides.into_iter().flat_map(|s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)]) {
+            for next in self.block.beside(cell) {
                 if sides[next] == Side::Inside && self.is_outside(next) {
                     sides[next] = Side::Outside;
                     stack.push(next);

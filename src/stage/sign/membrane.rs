@@ -27,14 +27,10 @@ const FAR: f64 = 32.0;
 /// Stretches the membranes anew.
 pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], sides: &mut [Side], workers: &Workers) {
     let size = [block.width, block.rows, block.slices];
-    let strides = block.strides();
-    let around = |cell: usize| {
-        strides.into_iter().flat_map(move |s| [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)])
-    };
     let mut membrane = vec![false; sides.len()];
     let mut count = 0;
     for cell in (0..sides.len()).filter(|&cell| sides[cell] == Side::Inside && !lined[cell]) {
-        if around(cell).any(|next| sides[next] == Side::Outside) {
+        if block.beside(cell).iter().any(|&next| sides[next] == Side::Outside) {
             membrane[cell] = true;
             count += 1;
         }

@@ -164,14 +164,14 @@ impl Signed {
         loop {
             context.workers.check_cancelled()?;
             field.solve(&two_sided, &context.workers);
-            if let Some(bare) = support::bare(&field) {
+            if let Some(bare) = support::bare(&field, &two_sided) {
                 radius /= STEP;
                 if radius >= SMALLEST {
                     let reached = rolling::reached(&block, &occupied, radius);
-                    field.open(&bare, &reached);
+                    field.open(&bare.cells, &reached);
                     continue;
                 }
-                field.give_up(&bare);
+                field.give_up(&bare.without_walls);
             }
             let nothing: Vec<bool> = two_sided.iter().map(|wall| field.same_side(wall.sides)).collect();
             tries += 1;

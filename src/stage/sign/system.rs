@@ -59,21 +59,18 @@ impl<'a> System<'a> {
         known: impl Fn(usize, usize) -> Option<(f32, f32)> + Sync,
     ) -> System<'a> {
         let slice = block.rows * block.width;
-        let strides = block.strides();
         let (mut diagonal, mut right) = (vec![0f32; open.len()], vec![0f32; open.len()]);
         let spans = workers.pool().install(|| {
             let work = |(y, (diagonal, right)): (usize, (&mut [f32], &mut [f32]))| {
                 let spans = spans(open, y * slice, slice, block.width);
                 for cell in spans.iter().cloned().flatten().filter(|&cell| open[cell] > 0.0) {
                     let (mut sum, mut known_sum) = (LEAST, 0f32);
-                    for s in strides {
-                        for next in [cell.wrapping_add_signed(-s), cell.wrapping_add_signed(s)] {
-                            if open[next] > 0.0 {
-                                sum += open[cell].min(open[next]);
-                            } else if let Some((weight, u)) = known(cell, next) {
-                                sum += weight;
-                                known_sum += weight * u;
-                            }
+                    for next in block.beside(cell) {
+                        if open[next] > 0.0 {
+                            sum += open[cell].min(open[next]);
+                        } else if let Some((weight, u)) = known(cell, next) {
+                            sum += weight;
+                            known_sum += weight * u;
                         }
                     }
                     (diagonal[cell - y * slice], right[cell - y * slice]) = (sum, known_sum);

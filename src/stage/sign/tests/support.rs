@@ -4,7 +4,8 @@ use proptest::prelude::*;
 
 use super::super::block::Block;
 use super::super::field::Field;
-use super::super::support::{bare, is_lined};
+use super::super::normal::two_sided;
+use super::super::support::{Bare, bare, is_lined};
 use super::{Numbers, components, marked, numbers_of, places, square_between};
 
 /// The field that is `inside` there and outside elsewhere, with only the padding outside from the start.
@@ -41,21 +42,58 @@ proptest! {
         let places = places(&block);
         let faces = |a: usize, b: usize| square_between(places[a], places[b]) == 1;
         let is_gap = gaps(&block, &occupied);
-        let component = components(&block, &inside, 1);
-        let mut counts = vec![[0usize; 2]; inside.len()];
+        let is_lined = |cell: usize| block.around().iter().any(|step| occupied[cell.wrapping_add_signed(*step)]);
+        let lined: Vec<bool> = (0..inside.len()).map(|cell| inside[cell] && is_lined(cell)).collect();
+        // Cells that lie beside no wall hang together by faces, those beside walls belong to the first component next to them, and the rest to its own.
+        let core: Vec<bool> = inside.iter().zip(&lined).map(|(inside, lined)| *inside && !lined).collect();
+        let cores = components(&block, &core, 1);
+        let mut component: Vec<Option<usize>> = (0..inside.len()).map(|cell| {
+            let beside = || (0..inside.len()).filter(|&o| inside[cell] && (o == cell || faces(cell, o)));
+            beside().filter_map(|o| cores[o]).min()
+        }).collect();
+        let rest: Vec<bool> = inside.iter().zip(&component).map(|(inside, of)| *inside && of.is_none()).collect();
+        component.iter_mut().zip(components(&block, &rest, 1)).for_each(|(of, rest)| *of = of.or(rest));
+        let mut counts = vec![[0usize; 3]; inside.len()];
         for cell in (0..inside.len()).filter(|&cell| inside[cell]) {
             let counts = &mut counts[component[cell].unwrap()];
             for o in (0..inside.len()).filter(|&o| faces(cell, o) && !inside[o]) {
                 counts[usize::from(!occupied[o] && !is_gap(cell) && !is_gap(o))] += 1;
             }
         }
-        let expected: Vec<bool> = component.iter().map(|component| {
-            component.is_some_and(|first| {
-                let [lined, open] = counts[first];
-                4 * open > open + lined
-            })
-        }).collect();
-        prop_assert_eq!(bare(&field), expected.contains(&true).then_some(expected));
+        let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
+        for [a, b] in walls.iter().map(|wall| wall.sides.map(|cell| component[cell as usize])) {
+            if let (Some(a), Some(b)) = (a, b) && a != b {
+                [a, b].into_iter().for_each(|of| counts[of][2] += 1);
+            }
+        }
+        let cells = |is: &dyn Fn([usize; 3]) -> bool| -> Vec<bool> {
+            component.iter().map(|of| of.is_some_and(|of| is(counts[of]))).collect()
+        };
+        let expected = Bare {
+            cells: cells(&|[lined, open, shared]| 4 * (open + shared.min(lined)) > open + lined),
+            without_walls: cells(&|[lined, open, _]| 4 * open > open + lined),
+        };
+        prop_assert!(bare(&field, &walls) == expected.cells.contains(&true).then_some(expected));
+    }
+
+    /// Two rooms of a box, the wall between which parts nothing: the smaller it is, the more of its border is that wall.
+    #[test]
+    fn a_pocket_behind_the_walls_of_a_body_is_bare(depth in 1usize..3, side in 12usize..17, axis in 0usize..3) {
+        let block = Block::new([side as u32 + 12; 3]);
+        let within = |cell: &[usize; 3], from: usize, to: usize| {
+            (0..3).all(|a| if a == axis { (from..to).contains(&cell[a]) } else { (1..=side).contains(&cell[a]) })
+        };
+        let body = marked(&block, |cell| within(cell, 1, 16));
+        let pocket = marked(&block, |cell| within(cell, 17, 17 + depth));
+        let inside: Vec<bool> = body.iter().zip(&pocket).map(|(body, pocket)| body | pocket).collect();
+        let shell = marked(&block, |cell| {
+            cell.iter().enumerate().all(|(a, c)| *c <= if a == axis { 17 + depth } else { side + 1 })
+        });
+        let walls: Vec<bool> = shell.iter().zip(&inside).map(|(shell, inside)| shell & !inside).collect();
+        let two = two_sided(&block, &walls, &numbers_of(&walls));
+        let found = bare(&field(&block, &walls, &inside), &two);
+        let expected = Bare { cells: pocket, without_walls: vec![false; inside.len()] };
+        prop_assert!(found == Some(expected));
     }
 
     /// A box with a hole, and a floor with as much of the air on it.
@@ -71,9 +109,10 @@ proptest! {
         let inside = marked(&block, inner);
         let walls = marked(&block, |cell| !(inner(cell) || cell[axis] == 0 && in_hole(cell)));
         let floor = marked(&block, |cell| cell[axis] == 0);
-        prop_assert_eq!(bare(&field(&block, &walls, &inside)), None);
+        prop_assert_eq!(bare(&field(&block, &walls, &inside), &[]), None);
         let before_floor: Vec<bool> = inside.iter().zip(&floor).map(|(inside, floor)| *inside && !floor).collect();
-        prop_assert_eq!(bare(&field(&block, &floor, &inside)), Some(before_floor));
+        let expected = Bare { cells: before_floor.clone(), without_walls: before_floor };
+        prop_assert!(bare(&field(&block, &floor, &inside), &[]) == Some(expected));
     }
 
     /// A cavity in a body: lined if most of its wall was sampled, else only a place that the field does not reach.
