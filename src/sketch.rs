@@ -119,6 +119,29 @@ impl Sketch {
         })
     }
 
+    /// The columns of cells that points lie in, seen along z: each once, by its place above the lowest along x and y, in order.
+    pub fn columns(&self) -> Vec<[u32; 2]> {
+        let mut columns: Vec<[u32; 2]> = self.cells().map(|[x, y, _]| [x, y]).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        columns
+    }
+
+    /// About how large an area the points cover, seen along z: that of their columns, of which those that have a neighbour without points count half.
+    pub fn area(&self) -> f64 {
+        let columns = self.columns();
+        let has = |x: i64, y: i64| {
+            let column = u32::try_from(x).ok().zip(u32::try_from(y).ok());
+            column.is_some_and(|(x, y)| columns.binary_search(&[x, y]).is_ok())
+        };
+        let share = |column: &[u32; 2]| {
+            let [x, y] = column.map(i64::from);
+            let inner = has(x - 1, y) && has(x + 1, y) && has(x, y - 1) && has(x, y + 1);
+            if inner { 1.0 } else { 0.5 }
+        };
+        columns.iter().map(share).sum::<f64>() * self.side() * self.side()
+    }
+
     fn inverse(&self) -> f64 {
         2f64.powi(-self.exponent)
     }
@@ -187,6 +210,20 @@ mod tests {
             assert_eq!(whole(c, 1.0), expected, "{c}");
         }
         assert_eq!(whole(-7e12 - 0.5, 1.0), -7_000_000_000_001);
+    }
+
+    #[test]
+    fn columns_and_their_area_are_those_of_a_map() {
+        // A square of 90 by 90, thick in places, in cells of 1.
+        let points: Vec<[f64; 3]> = (0..360)
+            .flat_map(|i| (0..360).map(move |j| [f64::from(i) / 4.0 + 0.1, f64::from(j) / 4.0 + 0.1, f64::from(i % 7)]))
+            .chain([[200.0, 0.5, 0.0]])
+            .collect();
+        let sketching = Sketching::default();
+        sketching.add(&points, bounds_of(&points));
+        let sketch = sketching.finish();
+        assert_eq!((sketch.side(), sketch.columns().len()), (1.0, 90 * 90 + 1));
+        assert!((sketch.area() / 8100.0 - 1.0).abs() < 0.03, "{}", sketch.area());
     }
 
     #[test]
