@@ -91,7 +91,7 @@ impl InfoReport {
         let Looked { cloud, surveyed, tally } = looked;
         let survey = &surveyed.survey;
         let reference_system = SystemReport::of(cloud, surveyed);
-        let area = surveyed.sketch.area();
+        let area = surveyed.sketch.area(survey.points);
         // Square degrees are no area.
         let is_area = reference_system.as_ref().and_then(|system| system.unit.as_deref()) != Some("degrees");
         let extent = survey.bounds.extent();
@@ -141,15 +141,15 @@ impl fmt::Display for InfoReport {
             ("dropped", format!("{} (not finite)", thousands(self.points_not_finite))),
             ("left out", format!("{} (by filters)", thousands(self.points_filtered))),
             ("attributes", self.schema.clone()),
-            ("smallest", triple(self.bounds.min, |v| v.to_string())),
-            ("largest", triple(self.bounds.max, |v| v.to_string())),
+            ("smallest", triple(self.bounds.min, without_noise)),
+            ("largest", triple(self.bounds.max, without_noise)),
             ("extent", format!("{}{length}", triple(self.extent, short))),
         ]);
         if let (Some(density), Some(spacing)) = (self.points_per_square_unit, self.spacing) {
             let (density, spacing) = (short(three_digits(density)), short(three_digits(spacing)));
             rows.push((
                 "density",
-                format!("about {density} points to a square {square} seen from above: one every {spacing}{length}"),
+                format!("about {density} points/{square}² seen from above, one every {spacing}{length}"),
             ));
         }
         rows.push((
@@ -307,6 +307,15 @@ impl fmt::Display for PlanReport {
     }
 }
 
+/// A coordinate without the last digits of a product with a decimal scale: 43.3, not 43.300000000000004.
+fn without_noise(value: f64) -> String {
+    const PLACES: f64 = 1e9;
+    // A whole number that is exact, and near enough to be the same but for noise.
+    let rounded = (value * PLACES).round() / PLACES;
+    let same = (value * PLACES).abs() < 2f64.powi(53) && (rounded - value).abs() <= 4.0 * f64::EPSILON * value.abs();
+    if same { rounded } else { value }.to_string()
+}
+
 /// A value that is an estimate, to three digits.
 fn three_digits(value: f64) -> f64 {
     if !(value.is_finite() && value > 0.0) {
@@ -321,4 +330,26 @@ fn table(rows: &[(&str, String)], f: &mut fmt::Formatter<'_>) -> fmt::Result {
     let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     let lines: Vec<String> = rows.iter().map(|(name, value)| format!("{name:<width$}  {value}")).collect();
     f.write_str(&lines.join("\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_and_estimates_have_the_digits_that_count() {
+        for (value, text) in [
+            (43.300000000000004, "43.3"),
+            (-2.9037629999999996, "-2.903763"),
+            (6_832_000.0, "6832000"),
+            (1e-12, "0.000000000001"),
+            (0.1 + 0.2, "0.3"),
+            (f64::from(0.1f32), "0.10000000149011612"),
+        ] {
+            assert_eq!(without_noise(value), text);
+        }
+        for (value, rounded) in [(0.31249, 0.312), (921.6, 922.0), (14_400.0, 14_400.0), (0.0, 0.0)] {
+            assert!((three_digits(value) - rounded).abs() < 1e-9, "{value}");
+        }
+    }
 }

@@ -922,7 +922,7 @@ fn info_tells_units_density_classes_and_returns() {
     let words = f.ok("info a.las").out;
     for row in [
         "unit                 ft of 0.3048 m",
-        "points to a square ft",
+        " points/ft² seen from above, one every ",
         "2 (ground) 3,600",
         "6 (building) 10,800",
         "1: 9,600, 2: 4,800",
