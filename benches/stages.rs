@@ -139,7 +139,7 @@ fn cells_to_solid(group: &mut BenchmarkGroup<'_, WallTime>, occupancy: &Occupanc
     // The cells are closed anew each time: closing takes them.
     let again = || occupancy.filtered(|_| true, context).expect("cells");
     let asked = Asked { seal: Sealing::Auto, window: None, keep_outliers: false, min_component: None, rough: false };
-    let close = || closing::close(again(), 1.0, asked, context, |_| ()).expect("a solid").solid;
+    let close = || closing::close(again(), 1.0, asked, context, |_, _| ()).expect("a solid").solid;
     group.bench_function("close", |b| b.iter(close));
     group.bench_function("lone", |b| {
         let drop_lone = |solid: Solid| solid.without_lone_cells(context).expect("a solid");

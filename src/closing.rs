@@ -11,11 +11,11 @@ use crate::error::{Error, Result};
 use crate::grid::{CELLS_LIMIT, Grid};
 use crate::open::Open;
 use crate::stage::component::{self, Components, Least};
-use crate::stage::dilate::Ball;
+use crate::stage::dilate::{Ball, squared};
 use crate::stage::ground;
 use crate::stage::raster::Occupancy;
-use crate::stage::seal::Pyramid;
-use crate::stage::sides::{LAST, LAST_COARSE, Sides};
+use crate::stage::seal::{self, Pyramid};
+use crate::stage::sides::{self, LAST, LAST_COARSE, Sides};
 use crate::stage::sign::{self, Patch, Seen, Signed};
 use crate::stage::solid::Solid;
 
@@ -147,8 +147,47 @@ impl Parted {
     }
 }
 
+/// The passes over the slices that closing takes, and who is told of them.
+struct Passes<'a> {
+    done: u64,
+    total: u64,
+    tell: &'a mut dyn FnMut(u64, u64),
+}
+
+impl Passes<'_> {
+    /// A pass over so many slices is done.
+    fn done(&mut self, slices: u32) {
+        self.done += u64::from(slices);
+        self.total = self.total.max(self.done);
+        (self.tell)(self.done, self.total);
+    }
+
+    /// From here on, there are going to be passes over so many slices.
+    fn expect(&mut self, slices: u64) {
+        self.total = self.done + slices;
+    }
+}
+
+/// The slices of the passes in which a ball falls, from level `level` to the grid's own. `first` is its squared radius there, `last` that on each level.
+fn slices_of_falls(slices: u32, level: u32, first: u32, last: impl Fn(u32) -> u32) -> u64 {
+    let mut squared = first;
+    let of_level = |l: u32| {
+        if l < level {
+            squared *= 4;
+        }
+        let steps = sides::steps(squared, last(l));
+        squared = squared.min(last(l));
+        u64::from(steps) * u64::from(slices.div_ceil(1 << l))
+    };
+    (0..=level).rev().map(of_level).sum()
+}
+
+/// Passes after those of a ball's fall: the solid, its hollows, what cannot be resolved, lone cells, components. With a ball that is given, the first three
+/// are one.
+const AFTER_THE_FALL: [u64; 2] = [5, 3];
+
 /// Closes the occupied cells: with the radius that is asked for, as far as the window allows it, or by the sign of a field. `progress` is told the
-/// slices of every pass.
+/// slices of the passes that are done, and of all.
 ///
 /// # Errors
 /// [`Error::Usage`] for a radius of more than half the longest side, and if no component is as large as asked for; [`Error::Io`];
@@ -158,8 +197,10 @@ pub fn close(
     cell_size: f64,
     asked: Asked,
     context: &Context,
-    mut progress: impl FnMut(u32),
+    mut progress: impl FnMut(u64, u64),
 ) -> Result<Closed> {
+    let slices = occupancy.cells[1];
+    let progress = &mut Passes { done: 0, total: 0, tell: &mut progress };
     let given = asked.seal.radius(cell_size);
     let longest = occupancy.cells.into_iter().max().unwrap_or(1);
     if let Some(radius) = given.filter(|radius| *radius > 1 && 2 * u64::from(*radius) > u64::from(longest)) {
@@ -168,16 +209,18 @@ pub fn close(
         )));
     }
     let (solid, occupancy, how, falls) = match given {
-        None => close_signed(occupancy, asked, context, &mut progress)?,
+        None => close_signed(occupancy, asked, context, progress)?,
         Some(_) => {
             let wanted = given.map(Closing::with_radius).expect("a radius is given");
+            let falls = slices_of_falls(slices, wanted.level, squared(wanted.radius), seal::last);
+            progress.expect(falls + AFTER_THE_FALL[1] * u64::from(slices));
             let pyramid = Pyramid::over(&occupancy, wanted.level, context)?;
             let most = asked.window.map_or(u32::MAX, |w| (w - 1) / 2);
             // A ball that the window bounds does not seal: there are no sides to tell apart, and nothing to fall to.
             let falls = wanted.rho() > 1 && wanted.rho() <= most;
             let closing = if wanted.rho() <= most { wanted } else { Closing { level: 0, radius: most } };
             let solid = if closing == wanted {
-                pyramid.close(closing, context, &mut progress)?
+                pyramid.close(closing, context, |slices| progress.done(slices))?
             } else {
                 Solid::close(&occupancy, &Ball::new(closing.radius), context)?
             };
@@ -186,6 +229,7 @@ pub fn close(
         }
     };
     let solid = solid.without_lone_cells(context)?;
+    progress.done(slices);
     let (solid, occupancy, components) = match asked.min_component {
         None => (solid, occupancy, None),
         Some(least) => {
@@ -197,10 +241,11 @@ pub fn close(
             (solid, occupancy, Some(components))
         }
     };
+    progress.done(slices);
     Ok(Closed { solid, occupancy, how, falls, components })
 }
 
-/// The solid below a surface that is not closed: columns, over which a small ball rolls. `progress` is told the slices.
+/// The solid below a surface that is not closed: columns, over which a small ball rolls. `progress` is told the slices that are done, and of all.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Interrupted`].
@@ -211,8 +256,10 @@ pub fn close_below(
     asked: Asked,
     smooth: u32,
     context: &Context,
-    mut progress: impl FnMut(u32),
+    mut progress: impl FnMut(u64, u64),
 ) -> Result<Closed> {
+    let slices = u64::from(grid.cells()[1]);
+    progress(0, slices);
     let ball = open.ball(asked.seal, asked.window, grid.cell_size());
     let ground = ground::Asked {
         up: open.up(grid),
@@ -223,7 +270,7 @@ pub fn close_below(
         smooth,
     };
     let solid = ground::solid(&occupancy, ground, context)?;
-    progress(grid.cells()[1]);
+    progress(slices, slices);
     let how = How::Ball(Closing { level: 0, radius: ball.radius() });
     Ok(Closed { solid, occupancy, how, falls: false, components: None })
 }
@@ -260,8 +307,9 @@ fn close_signed(
     mut occupancy: Occupancy,
     asked: Asked,
     context: &Context,
-    progress: &mut dyn FnMut(u32),
+    progress: &mut Passes,
 ) -> Result<(Solid, Occupancy, How, bool)> {
+    let slices = occupancy.cells[1];
     let longest = occupancy.cells.into_iter().max().unwrap_or(1);
     let least = longest.div_ceil(if asked.rough { sign::ROUGH } else { sign::LONGEST });
     let first = Seen::of(&occupancy, least, context)?;
@@ -277,24 +325,33 @@ fn close_signed(
     let level = factor.ilog2();
     let last = ((BALL / side).powi(2) as u32).clamp(LAST, 64);
     let (mut factor, mut level) = (factor, level);
+    let fall_from = |factor: u32, level: u32| (factor >> level).max(1).pow(2);
+    let last_of = |l: u32| if l > 0 { LAST_COARSE.max(last >> (2 * l)) } else { last };
+    // The field's pass, which may have to be made again with coarser cells, and those of the fall.
+    let of_fall =
+        slices_of_falls(slices, level, fall_from(factor, level), last_of) + AFTER_THE_FALL[0] * u64::from(slices);
+    progress.expect(u64::from(slices) + of_fall);
     let seen = match first.filter(|_| factor == least) {
         Some(first) => first,
         None => Seen::of(&occupancy, factor, context)?,
     };
     let mut signed = Signed::find(seen, context)?;
-    progress(longest);
+    progress.done(slices);
     // Where the sampling is uneven, the cells may be too fine for a part of it.
     for coarser in [2, 3, 4].map(|times| times * factor) {
         if asked.rough || Parted::of(&signed, factor, 0).is_sealed() || longest / coarser < 16 {
             break;
         }
+        progress.expect(u64::from(slices) + of_fall);
         let found = Signed::find(Seen::of(&occupancy, coarser, context)?, context)?;
-        progress(longest);
+        progress.done(slices);
         if Parted::of(&found, coarser, 0).is_sealed() {
             (signed, factor, level) = (found, coarser, coarser.ilog2());
         }
     }
     drop(coarser);
+    let of_fall = slices_of_falls(slices, level, first(factor, level), last_of);
+    progress.expect(of_fall + AFTER_THE_FALL[0] * u64::from(slices));
     let mut levels: Vec<Occupancy> = Vec::new();
     while (levels.len() as u32) < level {
         levels.push(levels.last().unwrap_or(&occupancy).coarser(context)?);
@@ -305,12 +362,15 @@ fn close_signed(
         if l < level {
             sides = sides.refined(at(l), context)?;
         }
-        sides = sides.fallen(at(l), if l > 0 { LAST_COARSE.max(last >> (2 * l)) } else { last }, context, progress)?;
+        sides = sides.fallen(at(l), last_of(l), context, &mut |slices| progress.done(slices))?;
     }
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
+    progress.done(slices);
     let solid = solid.without_hollows(&occupancy, context)?;
+    progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
+    progress.done(slices);
     let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied));
     Ok((solid, occupancy, how, level > 0))
 }

@@ -47,7 +47,7 @@ impl Crs {
         if keyword.is_empty() || !opens {
             return Some(Crs { name: printable(text), ..Crs::default() });
         }
-        let Codes { own, horizontal, vertical } = Codes::of(text);
+        let Codes { own, horizontal, vertical, .. } = Codes::of(text);
         let name = text.split('"').nth(1).and_then(printable);
         Some(Crs { wkt: Some(text.to_string()), epsg: horizontal.or(own), vertical, name })
     }
@@ -90,6 +90,77 @@ impl Crs {
                 (.., (Some(a), Some(b))) => a == b,
                 _ => false,
             }
+    }
+}
+
+/// The unit of a system's horizontal coordinates.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Unit {
+    /// How it is written: `m`, `ft`, `US ft`, `degrees`, or what the system calls it.
+    pub symbol: String,
+    /// Its length in metres, if it is one.
+    pub metres: Option<f64>,
+}
+
+impl Unit {
+    /// A length of so many metres, which the system may have a `name` for.
+    fn length(metres: f64, name: Option<&str>) -> Option<Unit> {
+        /// Foot, and that of US surveys, which differ in the sixth digit.
+        const FEET: [f64; 2] = [0.3048, 1200.0 / 3937.0];
+        if !(metres > 0.0 && metres.is_finite()) {
+            return None;
+        }
+        let is = |other: f64| (metres / other - 1.0).abs() < 1e-7;
+        let symbol = match metres {
+            _ if is(1.0) => "m".to_owned(),
+            _ if is(FEET[0]) => "ft".to_owned(),
+            _ if is(FEET[1]) => "US ft".to_owned(),
+            _ if is(1000.0) => "km".to_owned(),
+            _ => name.and_then(printable).unwrap_or_else(|| format!("{metres} m")),
+        };
+        Some(Unit { symbol, metres: Some(metres) })
+    }
+
+    fn degrees() -> Unit {
+        Unit { symbol: "degrees".to_owned(), metres: None }
+    }
+
+    /// That of a definition as PROJ writes them.
+    fn of_proj(definition: &str) -> Option<Unit> {
+        let value = |key: &str| {
+            definition.split_whitespace().find_map(|word| word.strip_prefix('+')?.strip_prefix(key)?.strip_prefix('='))
+        };
+        if matches!(value("proj")?, "longlat" | "latlong") {
+            return Some(Unit::degrees());
+        }
+        if let Some(metres) = value("to_meter").and_then(|text| text.parse().ok()) {
+            return Unit::length(metres, None);
+        }
+        match value("units")? {
+            "m" => Unit::length(1.0, None),
+            "ft" => Unit::length(0.3048, None),
+            "us-ft" => Unit::length(1200.0 / 3937.0, None),
+            "km" => Unit::length(1000.0, None),
+            _ => None,
+        }
+    }
+}
+
+impl Crs {
+    /// The unit of the horizontal coordinates, if the system's text tells it, or else its EPSG code.
+    pub fn unit(&self) -> Option<Unit> {
+        if self.axes() == Some(Axes::Degrees) {
+            return Some(Unit::degrees());
+        }
+        if let Some((name, metres)) = self.wkt.as_deref().and_then(|wkt| Codes::of(wkt).unit) {
+            return Unit::length(metres, Some(&name));
+        }
+        // Coordinates from the Earth's centre are in metres unless it is said otherwise.
+        if self.axes() == Some(Axes::Geocentric) {
+            return Unit::length(1.0, None);
+        }
+        let code = u16::try_from(self.epsg?).ok()?;
+        Unit::of_proj(crs_definitions::from_code(code)?.proj4)
     }
 }
 
@@ -223,6 +294,8 @@ struct Codes {
     horizontal: Option<u32>,
     /// Of the heights in a compound.
     vertical: Option<u32>,
+    /// The unit of lengths on the map: its name, and its length in metres.
+    unit: Option<(String, f64)>,
 }
 
 impl Codes {
@@ -255,6 +328,9 @@ impl Codes {
     }
 
     fn see(&mut self, within: &[(String, Vec<String>)], keyword: &str, arguments: &[String]) {
+        if let ([name, metres, ..], "UNIT" | "LENGTHUNIT") = (arguments, keyword) {
+            self.see_unit(within, name, metres);
+        }
         let ([authority, code, ..], "AUTHORITY" | "ID") = (arguments, keyword) else { return };
         let (true, Ok(code)) = (authority.eq_ignore_ascii_case("EPSG"), code.parse::<u32>()) else { return };
         let path: Vec<&str> = within.iter().map(|(keyword, _)| keyword.as_str()).collect();
@@ -263,6 +339,16 @@ impl Codes {
             ["COMPD_CS" | "COMPOUNDCRS", "VERT_CS" | "VERTCRS" | "VERTICALCRS"] => self.vertical = Some(code),
             ["COMPD_CS" | "COMPOUNDCRS", _] => self.horizontal = self.horizontal.or(Some(code)),
             _ => {}
+        }
+    }
+
+    /// Keeps the first unit that is of the map's coordinates: not of the angles below it, the heights beside it, or a parameter of the projection.
+    fn see_unit(&mut self, within: &[(String, Vec<String>)], name: &str, metres: &str) {
+        const MAPS: [&str; 7] = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "LOCAL_CS", "ENGCRS", "GEOCCS", "GEODCRS"];
+        let place = within.iter().rposition(|(keyword, _)| MAPS.contains(&keyword.as_str()));
+        let own = place.is_some_and(|place| within[place + 1..].iter().all(|(keyword, _)| keyword == "AXIS"));
+        if let (true, None, Ok(metres)) = (own, &self.unit, metres.parse()) {
+            self.unit = Some((name.to_owned(), metres));
         }
     }
 }
@@ -352,6 +438,41 @@ mod tests {
     }
 
     #[test]
+    fn units_are_those_of_the_text_or_else_of_the_code() {
+        let feet = r#"PROJCS["Oregon",GEOGCS["NAD83",DATUM["D",SPHEROID["G",6378137,298.2]],UNIT["degree",0.0174532925199433]],
+            PROJECTION["L"],PARAMETER["false_easting",400000],UNIT["foot",0.3048],AUTHORITY["EPSG","2992"]]"#;
+        let survey = r#"COMPD_CS["c",PROJCS["p",GEOGCS["g",UNIT["degree",0.01745]],UNIT["US survey foot",0.304800609601219]],
+            VERT_CS["h",UNIT["metre",1]]]"#;
+        let second = r#"PROJCRS["UTM",BASEGEOGCRS["b",DATUM["d",ELLIPSOID["e",6378137,298.2,LENGTHUNIT["metre",1]]]],
+            CONVERSION["c",PARAMETER["false northing",0,LENGTHUNIT["foot",0.3048]]],
+            CS[Cartesian,2],AXIS["(E)",east,ORDER[1],LENGTHUNIT["metre",1]],AXIS["(N)",north,LENGTHUNIT["metre",1]]]"#;
+        let foot = Some(0.3048);
+        for (text, symbol, metres) in [
+            (feet, Some("ft"), foot),
+            (survey, Some("US ft"), Some(0.304800609601219)),
+            (second, Some("m"), Some(1.0)),
+            (COMPOUND, Some("m"), Some(1.0)),
+            (r#"LOCAL_CS["site",UNIT["smoot",1.7018]]"#, Some("smoot"), Some(1.7018)),
+            (r#"LOCAL_CS["site",UNIT["nothing",0]]"#, None, None),
+            (r#"GEOGCS["WGS 84",UNIT["degree",0.0174532925199433]]"#, Some("degrees"), None),
+            ("EPSG:2992", Some("ft"), foot),
+            ("EPSG:2913", Some("ft"), foot),
+            ("EPSG:25832", Some("m"), Some(1.0)),
+            ("EPSG:2154", Some("m"), Some(1.0)),
+            ("EPSG:4326", Some("degrees"), None),
+            ("EPSG:4978", Some("m"), Some(1.0)),
+            ("EPSG:999999", None, None),
+            ("my own system", None, None),
+        ] {
+            let unit = Crs::parse(text).unwrap().unit();
+            assert_eq!(unit.as_ref().map(|unit| unit.symbol.as_str()), symbol, "{text}");
+            assert_eq!(unit.and_then(|unit| unit.metres), metres, "{text}");
+        }
+        let us = Crs::parse("EPSG:2225").unwrap().unit().unwrap();
+        assert_eq!(us.symbol, "US ft");
+    }
+
+    #[test]
     fn systems_are_the_same_by_code_text_or_name() {
         let crs = |text: &str| Crs::parse(text).unwrap();
         assert!(crs("EPSG:26910").same_as(&crs(COMPOUND)));
@@ -367,7 +488,7 @@ mod tests {
         #[test]
         fn no_text_makes_it_panic(text in "\\PC{0,60}", wkt in "[A-Z\\[\\](),\"0-9 ]{0,80}", keys: Vec<u16>, ascii: Vec<u8>) {
             for text in [&text, &wkt, &format!("ID[{wkt}")] {
-                drop(Crs::parse(text).map(|crs| crs.to_string()));
+                drop(Crs::parse(text).map(|crs| (crs.to_string(), crs.unit())));
             }
             drop(Crs::of_geotiff(&keys, &ascii));
         }

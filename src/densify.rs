@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
-use crate::input::{Carried, Cloud, InputOptions, Opening, expand};
+use crate::input::{Carried, Cloud, InputOptions, Opening, Unpacked, expand};
 use crate::mesh::measure::Corners;
 use crate::mesh::{self, MeshSource};
 use crate::output::{CloudTarget, Description, FileKind};
@@ -68,9 +68,8 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
     if mesh.face_count() == 0 {
         return Err(Error::malformed(&job.mesh, "the mesh", "triangles", "none"));
     }
-    progress.begin(Phase::Unpack, None);
-    let mut watch = |bytes| {
-        progress.set(bytes);
+    let mut watch = |unpacked: Unpacked| {
+        progress.unpacked(unpacked);
         workers.check_cancelled()
     };
     let opening = Opening { workspace: &workspace, memory: budget / 8, decompress: Some(workers), watch: &mut watch };

@@ -8,12 +8,13 @@ use crate::bucket::Buckets;
 use crate::closing::{self, Asked, Closed, How, Sealing};
 use crate::context::Context;
 use crate::error::{Error, Result};
+use crate::forecast;
 use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
 use crate::load::{ColumnLoad, Load};
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::open::{Facing, Open};
-use crate::partition::{halo, slab_count, slices_of};
+use crate::partition::{buckets_of, halo, slab_count, slices_of};
 use crate::plan::MemoryPlan;
 use crate::points::{Coordinate, Precision};
 use crate::progress::{Phase, Progress};
@@ -155,38 +156,81 @@ pub fn survey_cloud(
     workers: &Workers,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
+    survey_with(cloud, settings, Sampling::IfNeeded, workers, progress)
+}
+
+/// Whether the sampling distance is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sampling {
+    /// If the grid depends on it.
+    IfNeeded,
+    /// In any case.
+    Always,
+}
+
+/// [`survey_cloud`], with or without the sampling distance.
+///
+/// # Errors
+/// As [`survey_cloud`].
+pub fn survey_with(
+    cloud: &Cloud,
+    settings: &Settings,
+    sampling: Sampling,
+    workers: &Workers,
+    progress: &mut Progress,
+) -> Result<Surveyed> {
+    let always = sampling == Sampling::Always;
     settings.validate()?;
     let in_flight = 2 * workers.threads();
     let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
     progress.begin(Phase::Survey, known);
-    let (survey, sketch) = survey(cloud, workers, in_flight, |records| progress.add(records))?;
+    let mut passes = Passes { progress, expected: forecast::records(cloud), records: 0, planned: 1, done: 0 };
+    passes.planned += match settings.fineness {
+        _ if always => 1,
+        Fineness::Given(_) => 0,
+        Fineness::Sampling => 1,
+        Fineness::Default => u64::from(passes.expected <= COARSE_ENOUGH),
+    };
+    let (survey, sketch) = survey(cloud, workers, in_flight, |records| passes.read(records))?;
     let farthest = survey.bounds.min.into_iter().chain(survey.bounds.max).fold(0.0, |most: f64, c| most.max(c.abs()));
     if cloud.precision() == Precision::Single && farthest > FARTHEST_SINGLE {
         return Err(Error::Usage(format!(
             "a coordinate of {farthest:e} leaves single precision no room for a surface, which ends at {FARTHEST_SINGLE:e}; scale the points down"
         )));
     }
-    let (resolution, sampling) = match settings.fineness {
-        Fineness::Given(resolution) => (resolution, None),
-        Fineness::Sampling => {
-            let distance = sampling_distance(cloud, &survey, workers, in_flight)?;
-            // A single place has no sampling distance; any cell does.
-            (Resolution::Cell(distance.map_or(1.0, |d| d * AUTO_CELL)), distance)
-        }
-        Fineness::Default if survey.points > COARSE_ENOUGH => (Resolution::default(), None),
+    let measured = match settings.fineness {
+        Fineness::Given(_) => always,
+        Fineness::Sampling => true,
+        Fineness::Default => always || survey.points <= COARSE_ENOUGH,
+    };
+    let sampling = if measured {
+        passes.next();
+        sampling_distance(cloud, &survey, workers, in_flight, |records| passes.read(records))?
+    } else {
+        None
+    };
+    let resolution = match settings.fineness {
+        Fineness::Given(resolution) => resolution,
+        // A single place has no sampling distance; any cell does.
+        Fineness::Sampling => Resolution::Cell(sampling.map_or(1.0, |d| d * AUTO_CELL)),
+        Fineness::Default if survey.points > COARSE_ENOUGH => Resolution::default(),
         Fineness::Default => {
-            let distance = sampling_distance(cloud, &survey, workers, in_flight)?;
             let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?;
-            let least = distance.map_or(0.0, |d| d * AUTO_CELL);
-            let resolution = if usual.cell_size() < least { Resolution::Cell(least) } else { Resolution::default() };
-            (resolution, distance)
+            let least = sampling.map_or(0.0, |d| d * AUTO_CELL);
+            if usual.cell_size() < least { Resolution::Cell(least) } else { Resolution::default() }
         }
     };
     let grid = match &settings.open {
         None => Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?,
         Some(open) => {
             let turn = open.facing.turn(&survey.bounds)?;
-            let bounds = turn.map_or(Ok(survey.bounds), |turn| turned_bounds(cloud, turn, workers, in_flight))?;
+            let bounds = match turn {
+                None => survey.bounds,
+                Some(turn) => {
+                    passes.next();
+                    turned_bounds(cloud, turn, workers, in_flight, |records| passes.read(records))?
+                }
+            };
             let grid = open.grid(survey.points, &bounds, resolution, settings.axis, settings.surface.smooth)?;
             match turn {
                 Some(turn) => grid.turned(turn),
@@ -197,7 +241,8 @@ pub fn survey_cloud(
     // A number of slices is one of the whole box.
     let grid = match resolution {
         Resolution::Cell(_) => without_gaps(grid, &sketch, settings, |grid, asked| {
-            planes_with_points(cloud, grid, asked, workers, in_flight)
+            passes.next();
+            planes_with_points(cloud, grid, asked, workers, in_flight, |records| passes.read(records))
         })?,
         Resolution::K(_) | Resolution::Slices(_) => grid,
     };
@@ -211,12 +256,44 @@ pub fn survey_cloud(
     Ok(Surveyed { survey, grid, sampling, sketch, load })
 }
 
+/// The passes of a survey, which is as far as the records they have read.
+struct Passes<'a> {
+    progress: &'a mut Progress,
+    /// Records that the files say they have, or are likely to.
+    expected: u64,
+    /// Records of the pass under way.
+    records: u64,
+    /// Passes that there are going to be, as far as is known, and those that are done.
+    planned: u64,
+    done: u64,
+}
+
+impl Passes<'_> {
+    /// More records are read.
+    fn read(&mut self, records: u64) {
+        self.records += records;
+        let pass = (self.records as f64 / self.expected.max(1) as f64).min(1.0);
+        let part = (self.done as f64 + pass) / self.planned as f64;
+        // The points are counted once.
+        self.progress.add_weighed(if self.done == 0 { records } else { 0 }, part);
+    }
+
+    /// Another pass begins, which has as many records.
+    fn next(&mut self) {
+        if self.done == 0 {
+            self.expected = self.records;
+        }
+        (self.done, self.records) = (self.done + 1, 0);
+        self.planned = self.planned.max(self.done + 1);
+    }
+}
+
 /// The grid with its wide gaps shortened, if it has any; `look` tells which planes have points.
 fn without_gaps(
     grid: Grid,
     sketch: &Sketch,
     settings: &Settings,
-    look: impl Fn(&Grid, [bool; 3]) -> Result<[Vec<bool>; 3]>,
+    look: impl FnOnce(&Grid, [bool; 3]) -> Result<[Vec<bool>; 3]>,
 ) -> Result<Grid> {
     let axes = grid.axis().file_axes();
     // Where coordinates are coarse against the box, so is the sketch.
@@ -253,13 +330,19 @@ pub fn rehearsed(
     workers: &Workers,
     workspace: &Workspace,
     budget: u64,
+    progress: &mut Progress,
 ) -> Result<Surveyed> {
     if settings.open.is_some() || surveyed.grid.is_folded() {
         // The box alone lets expect more faces than one side of it has; and of a body among far points, the sketch has hardly a cell.
         return Ok(surveyed);
     }
     let Surveyed { load, sketch, grid, .. } = &surveyed;
-    let load = rehearse(load, sketch, grid, settings, workers, workspace, budget)?;
+    progress.begin(Phase::Rehearse, None);
+    let load = rehearse(load, sketch, grid, settings, workers, workspace, budget, |done, total| {
+        progress.set_total(total);
+        progress.set(done);
+    })?;
+    progress.end();
     Ok(Surveyed { load, ..surveyed })
 }
 
@@ -340,10 +423,9 @@ fn reconstruct_as<T: Coordinate>(
         ));
     }
 
-    let slices = u64::from(grid.cells()[1]);
-    progress.begin(Phase::Raster, Some(slices));
+    progress.begin(Phase::Raster, Some(survey.points));
     let least = settings.min_points;
-    let occupancy = Occupancy::of_buckets(&buckets, grid, least, context, |slices| progress.add(u64::from(slices)))?;
+    let occupancy = Occupancy::of_buckets(&buckets, grid, least, context, |points| progress.add(points))?;
     if occupancy.occupied == 0 {
         let cells = occupancy.sparse;
         return Err(Error::Usage(format!("--min-points {least}: none of the {cells} cells holds so many points")));
@@ -357,14 +439,16 @@ fn reconstruct_as<T: Coordinate>(
         min_component: settings.min_component,
         rough: false,
     };
-    let done = |slices: u32| progress.add(u64::from(slices));
+    let done = |done: u64, total: u64| {
+        progress.set_total(total);
+        progress.set(done);
+    };
     let closed = match &settings.open {
         None => closing::close(occupancy, grid.cell_size(), asked, context, done)?,
         Some(open) => closing::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?,
     };
     let Closed { solid, occupancy, .. } = &closed;
 
-    progress.begin(Phase::Surface, Some(slices));
     let smooth = settings.surface.smooth;
     let faces_of_slab = |number: u32| {
         let slab = slices_of(number, smooth, solid.cells[1]);
@@ -378,6 +462,15 @@ fn reconstruct_as<T: Coordinate>(
     let load = load.with_faces((0..slabs).map(faces_of_slab).collect(), closed.falls);
     let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
     let load = load.with_buckets(&points);
+    let points_of_slab = |number: u32| {
+        let buckets = buckets_of(slices_of(number, smooth, solid.cells[1]));
+        points[buckets.start as usize..(buckets.end as usize).min(points.len())].iter().sum::<u64>()
+    };
+    let work = |faces: u64, points: u64| forecast::surface(2.0 * faces as f64, points as f64);
+    let faces: u64 = (0..slabs).map(faces_of_slab).sum();
+    let (all, mut done) = (work(faces, survey.points).max(1.0), 0.0);
+    progress.learn(|known| known.triangles = 2 * faces);
+    progress.begin(Phase::Surface, Some(faces));
     let memory = context.memory.with_surface(&load, means)?;
     let jobs = memory.slab_jobs(&load, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
@@ -397,6 +490,7 @@ fn reconstruct_as<T: Coordinate>(
         closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
     );
     let (written, most) = (Spares::default(), load.faces_of_widest() as usize);
+    let mut number = 0;
     context.workers.in_order_range(
         jobs.in_flight(),
         slabs as usize,
@@ -405,7 +499,10 @@ fn reconstruct_as<T: Coordinate>(
             SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs, room)
         },
         |slab| {
-            progress.add(slab.slices.len() as u64);
+            let (faces, points) = (faces_of_slab(number), points_of_slab(number));
+            number += 1;
+            done += work(faces, points);
+            progress.add_weighed(faces, done / all);
             stitcher.add(slab)?.into_iter().for_each(|slab| written.give(slab));
             Ok(())
         },

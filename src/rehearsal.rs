@@ -40,10 +40,12 @@ const DOUBT: f64 = 0.04;
 /// The most that a rough surface's area is taken to grow from the coarse cells to the grid's.
 const ROUGHEST: f64 = 2.0;
 
-/// The load with the faces that a rehearsal lets expect; as it is where coarse cells cannot be closed as asked. `budget` as for [`MemoryPlan::for_budget`].
+/// The load with the faces that a rehearsal lets expect; as it is where coarse cells cannot be closed as asked. `budget` as for [`MemoryPlan::for_budget`]. `progress` is told the
+/// slices of the passes that are done, and of all.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Interrupted`].
+#[expect(clippy::too_many_arguments, reason = "what is rehearsed, and with what means")]
 pub fn rehearse(
     load: &Load,
     sketch: &Sketch,
@@ -52,6 +54,7 @@ pub fn rehearse(
     workers: &Workers,
     workspace: &Workspace,
     budget: u64,
+    mut progress: impl FnMut(u64, u64),
 ) -> Result<Load> {
     let axes = grid.axis().file_axes();
     let (low, extent) = sketch.extent();
@@ -67,13 +70,23 @@ pub fn rehearse(
         (coarse, side) = (coarse.coarser(&context)?, 2.0 * side);
     }
     let coarser = coarse.coarser(&context)?;
-    let faces =
-        |occupancy: Occupancy, side: f64| match close(occupancy, side, asked(settings, w / side), &context, |_| ()) {
+    // The cells are closed twice, the second time an eighth of them.
+    let mut before = 0;
+    let mut faces = |occupancy: Occupancy, side: f64| {
+        let mut all = 0;
+        let told = |done: u64, total: u64| {
+            all = done;
+            progress(before + done, before + total);
+        };
+        let closed = close(occupancy, side, asked(settings, w / side), &context, told);
+        before += all;
+        match closed {
             Ok(closed) => Ok(Some((closed.solid.faces, closed.falls))),
             // A radius that is too much for the box is refused when the cells themselves are closed.
             Err(Error::Usage(_)) => Ok(None),
             Err(error) => Err(error),
-        };
+        }
+    };
     let (Some((found, falls)), Some((half, _))) = (faces(coarse, side)?, faces(coarser, 2.0 * side)?) else {
         return Ok(load.clone());
     };

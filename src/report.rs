@@ -2,7 +2,6 @@
 
 use std::fmt;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use bytesize::ByteSize;
 
@@ -16,7 +15,7 @@ use crate::partition::REACH;
 use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
 use crate::plan::MemoryPlan;
 use crate::points::Precision;
-use crate::progress::{Phase, thousands};
+use crate::progress::{Phase, Warning, duration, thousands};
 use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::component::{Components, Least};
 use crate::stage::ground::Found as Columns;
@@ -25,6 +24,12 @@ use crate::stitch::Counts;
 /// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
 /// hundred; of a cloud with one point a thousand times as far away as the others, nearly all points share a cell.
 const CROWDED: f64 = 1000.0;
+
+/// The part of the surface that bridges holes from which the summary warns of it.
+const MUCH_BRIDGED: f64 = 0.02;
+
+/// Pieces of a closed mesh from which the summary warns of them: an object, and some beside it, may be meant.
+const MANY_COMPONENTS: u64 = 10;
 
 /// Everything about a finished run.
 #[derive(Debug, Clone, serde::Serialize)]
@@ -55,6 +60,8 @@ pub struct Report {
     pub seconds_total: f64,
     /// Memory and disk.
     pub memory: MemoryReport,
+    /// What may be wrong with the mesh.
+    pub warnings: Vec<Warning>,
 }
 
 /// One file read.
@@ -182,8 +189,10 @@ pub struct OutputReport {
     pub path: PathBuf,
     /// The picture of it, if one was drawn.
     pub preview: Option<PathBuf>,
-    /// Its length.
+    /// Its length, or that of all tiles.
     pub bytes: u64,
+    /// The number of tiles, if it is a folder of them.
+    pub tiles: Option<u64>,
     /// Vertices.
     pub vertices: u64,
     /// Triangles.
@@ -310,14 +319,23 @@ impl Closing {
         (!parts.is_empty()).then(|| parts.join("; "))
     }
 
-    /// Lines about the inside; `cell_size` is that of the grid.
-    pub fn verdict(&self, cell_size: f64) -> String {
-        if let Some(radius) = self.radius {
-            let cells = if radius == 1 { "cell" } else { "cells" };
-            return format!("radius {radius} {cells}, as asked");
+    /// A line about the inside.
+    pub fn verdict(&self) -> String {
+        match self.radius {
+            Some(radius) => format!("radius {radius} {}, as asked", if radius == 1 { "cell" } else { "cells" }),
+            None if self.sealed => "sealed: the mesh encloses the inside".to_owned(),
+            None => format!("not sealed: {}", self.same_sides()),
         }
-        if self.sealed {
-            return "sealed: the mesh encloses the inside".to_owned();
+    }
+
+    fn same_sides(&self) -> String {
+        format!("{:.1} % of the samples have the same side on both sides", 100.0 * self.part_nothing)
+    }
+
+    /// What is wrong with the inside, if the mesh does not enclose one; `cell_size` is that of the grid.
+    fn warnings(&self, cell_size: f64) -> Option<Warning> {
+        if self.radius.is_some() || self.sealed {
+            return None;
         }
         let whole = |patches: &[PatchReport]| 100.0 * patches.iter().map(|patch| patch.share).sum::<f64>();
         let place = |patch: &PatchReport| {
@@ -325,60 +343,142 @@ impl Closing {
             let side = |a: usize| format!("{} to {}", short(min[a]), short(max[a]));
             format!("x {}, y {}, z {}", side(0), side(1), side(2))
         };
-        let mut lines = vec![format!(
-            "not sealed: {:.1} % of the samples have the same side on both sides",
-            100.0 * self.part_nothing
-        )];
+        let mut found = vec![format!("not sealed: {}", self.same_sides())];
+        let mut advice = Vec::new();
         if let Some(largest) = self.open.first() {
-            lines.push(format!(
+            found.push(format!(
                 "{:.1} % lie on open surfaces, which are kept as slabs a cell thick; the largest in {}",
                 whole(&self.open),
                 place(largest)
             ));
-            lines.push(
-                "--surface terrain (seen from above) or --surface sheet --facing FROM makes a surface of them".into(),
+            advice.push(
+                "--surface terrain (seen from above) or --surface sheet --facing FROM makes a surface of them"
+                    .to_owned(),
             );
         }
         if let Some(largest) = self.filled.first() {
-            lines.push(format!(
+            found.push(format!(
                 "{:.1} % line slots or folds that are filled; the largest in {}",
                 whole(&self.filled),
                 place(largest)
             ));
-            lines.push(format!("--cell-size {} shows them, if there are samples enough", short(cell_size / 2.0)));
+            advice.push(format!("--cell-size {} shows them, if there are samples enough", short(cell_size / 2.0)));
         }
-        lines.join("\n         ")
+        Some(Warning { message: found.join("\n"), advice: (!advice.is_empty()).then(|| advice.join("\n")) })
     }
 }
 
-/// The words for a time.
-fn seconds(time: f64) -> String {
-    match time {
-        t if t < 10.0 => format!("{t:.2} s"),
-        t if t < 120.0 => format!("{t:.1} s"),
-        t => indicatif::HumanDuration(Duration::from_secs_f64(t)).to_string(),
-    }
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "points   {}", thousands(self.points.count))?;
+impl Report {
+    /// What may be wrong with the mesh, and what can be done about it, from what the rest of the report says.
+    pub fn find_warnings(&self) -> Vec<Warning> {
+        let mut found = Vec::new();
         if self.points.dropped > 0 {
-            write!(f, " ({} dropped: not finite)", thousands(self.points.dropped))?;
+            let dropped = thousands(self.points.dropped);
+            found.push(Warning::bare(format!("{dropped} points left out: a coordinate is not a number, or infinite")));
         }
-        if self.points.filtered > 0 {
-            write!(f, " ({} left out by filters)", thousands(self.points.filtered))?;
-        }
-        writeln!(f)?;
-        writeln!(f, "grid     {}", self.grid)?;
         if self.points_to_a_cell > CROWDED {
             let crowd = thousands(self.points_to_a_cell as u64);
-            writeln!(
-                f,
-                "         {crowd} points to an occupied cell, on average: too coarse to show what they are of. Points far away may stretch the\n         \
-                 box; --bounds leaves them out, and --cell-size makes cells finer"
-            )?;
+            found.push(Warning::new(
+                format!("{crowd} points to an occupied cell, on average: too coarse to show what they are of"),
+                "points far away may stretch the box; --bounds leaves them out, and --cell-size makes cells finer",
+            ));
         }
+        if self.parameters.open.is_none() {
+            found.extend(self.closing.warnings(self.grid.cell_size));
+        }
+        if let Some(share) = self.bridged_share().filter(|share| *share >= MUCH_BRIDGED) {
+            let advice = match self.parameters.open {
+                Some(_) => "--max-hole bounds the holes that are bridged",
+                None => "asra-stream compare MESH CLOUD --heatmap FILE shows where",
+            };
+            found.push(Warning::new(
+                format!(
+                    "{:.1} % of the surface bridges holes: it is farther than {REACH} cells from any point",
+                    100.0 * share
+                ),
+                advice,
+            ));
+        }
+        let parts = self.check.as_ref().map_or(0, |check| check.components);
+        if parts >= MANY_COMPONENTS && self.parameters.open.is_none() {
+            found.push(Warning::new(
+                format!("the mesh is in {} pieces", thousands(parts)),
+                format!(
+                    "--min-component largest keeps one; larger cells (--cell-size {}) may join them",
+                    short(2.0 * self.grid.cell_size)
+                ),
+            ));
+        }
+        if self.vertices.tangled > 0 {
+            let tangled = thousands(self.vertices.tangled);
+            found.push(Warning::bare(format!("{tangled} pairs of triangles still intersect")));
+        }
+        found
+    }
+
+    /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
+    fn bridged_share(&self) -> Option<f64> {
+        let check = self.check.as_ref().filter(|check| check.area > 0.0)?;
+        (self.parameters.surface.fit != Fit::None).then(|| self.vertices.bridged_area / check.area)
+    }
+
+    /// The summary for people: the output, the mesh, what may be wrong; and in `detail`, all that came before.
+    pub fn summary(&self, detail: bool) -> String {
+        let mut lines = self.output_lines();
+        lines.extend(self.mesh_lines());
+        lines.extend(self.warnings.iter().map(Warning::to_string));
+        if detail {
+            lines.extend(self.detail_lines());
+        }
+        lines.join("\n")
+    }
+
+    fn output_lines(&self) -> Vec<String> {
+        let OutputReport { path, bytes, tiles, origin, preview, .. } = &self.output;
+        let files = tiles.map_or_else(String::new, |tiles| format!(", {} tiles and an index", thousands(tiles)));
+        let (size, time) = (ByteSize(*bytes), duration(self.seconds_total));
+        let mut lines = vec![format!("output   {}{files}, {size}, in {time}", path.display())];
+        if *origin != [0.0; 3] {
+            let [x, y, z] = origin;
+            let how = match Format::from_path(path) {
+                Ok(Format::Stl | Format::Glb) => {
+                    "32 bits would not hold them; .ply and .obj with --coordinates input do"
+                }
+                _ => "--coordinates input leaves them as they are",
+            };
+            lines.push(format!("         origin {x} {y} {z} taken off the coordinates: {how}"));
+        }
+        lines.extend(preview.iter().map(|preview| format!("preview  {}", preview.display())));
+        lines
+    }
+
+    fn mesh_lines(&self) -> Vec<String> {
+        let OutputReport { vertices, triangles, .. } = self.output;
+        let size = format!("mesh     {} vertices, {} triangles", thousands(vertices), thousands(triangles));
+        let Some(check) = &self.check else { return vec![format!("{size}; not checked")] };
+        let genus = check.genus.map_or_else(String::new, |genus| format!(", genus {genus}"));
+        let parts = if check.components == 1 { "component" } else { "components" };
+        let loops = if check.boundary_loops == 1 { "loop" } else { "loops" };
+        let boundary = thousands(check.boundary_loops);
+        let closed =
+            if check.closed { "closed".to_owned() } else { format!("open on purpose, {boundary} boundary {loops}") };
+        let volume = check.volume.map_or_else(String::new, |volume| format!(", volume {}", short(volume)));
+        vec![
+            format!("{size}; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components)),
+            format!("         area {}{volume}", short(check.area)),
+        ]
+    }
+
+    fn detail_lines(&self) -> Vec<String> {
+        let mut points = format!("points   {}", thousands(self.points.count));
+        for (count, why) in
+            [(self.points.dropped, "dropped: not finite"), (self.points.filtered, "left out by filters")]
+        {
+            if count > 0 {
+                points += &format!(" ({} {why})", thousands(count));
+            }
+        }
+        let mut lines = vec![points, format!("grid     {}", self.grid)];
         match (&self.parameters.open, self.closing.columns) {
             (Some(open), Some(columns)) => {
                 let kind = match open.kind {
@@ -387,74 +487,43 @@ impl fmt::Display for Report {
                 };
                 let (data, bridged) = (thousands(columns.data), thousands(columns.bridged));
                 let facing = open.facing;
-                writeln!(f, "surface  {kind}, seen from {facing}: {data} columns with points, {bridged} bridged")?;
+                lines.push(format!(
+                    "surface  {kind}, seen from {facing}: {data} columns with points, {bridged} bridged"
+                ));
             }
-            _ => writeln!(f, "closing  {}", self.closing.verdict(self.grid.cell_size))?,
+            _ => lines.push(format!("closing  {}", self.closing.verdict())),
         }
-        if let Some(left_out) = self.closing.left_out() {
-            writeln!(f, "left out {left_out}")?;
-        }
-        let OutputReport { vertices, triangles, .. } = self.output;
-        write!(f, "mesh     {} vertices, {} triangles", thousands(vertices), thousands(triangles))?;
-        match &self.check {
-            None => writeln!(f, "; not checked")?,
-            Some(check) => {
-                let genus = check.genus.map_or_else(String::new, |genus| format!(", genus {genus}"));
-                let parts = if check.components == 1 { "component" } else { "components" };
-                let loops = if check.boundary_loops == 1 { "loop" } else { "loops" };
-                let boundary = thousands(check.boundary_loops);
-                let closed = if check.closed {
-                    "closed".to_owned()
-                } else {
-                    format!("open on purpose, {boundary} boundary {loops}")
-                };
-                writeln!(f, "; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components))?;
-                let volume = check.volume.map_or_else(String::new, |volume| format!(", volume {}", short(volume)));
-                writeln!(f, "         area {}{volume}", short(check.area))?;
-            }
-        }
-        let Counts { retreated, tangled, bridged_area, .. } = self.vertices;
-        if bridged_area > 0.0 && self.parameters.surface.fit != Fit::None {
-            let share = self.check.as_ref().map_or_else(String::new, |check| {
-                format!(" ({:.2} % of the surface)", 100.0 * bridged_area / check.area)
-            });
-            let area = short(bridged_area);
-            writeln!(f, "         area {area}{share} bridges holes: farther than {REACH} cells from any point")?;
+        lines.extend(self.closing.left_out().map(|left_out| format!("left out {left_out}")));
+        let Counts { retreated, bridged_area, .. } = self.vertices;
+        if let Some(share) = self.bridged_share().filter(|share| *share > 0.0) {
+            lines.push(format!(
+                "bridged  area {} ({:.2} % of the surface): farther than {REACH} cells from any point",
+                short(bridged_area),
+                100.0 * share
+            ));
         }
         if retreated > 0 {
-            write!(
-                f,
-                "         {} vertices kept off their points, so that no triangles intersect",
+            lines.push(format!(
+                "kept off {} vertices kept off their points, so that no triangles intersect",
                 thousands(retreated)
-            )?;
-            writeln!(f)?;
+            ));
         }
-        if tangled > 0 {
-            writeln!(f, "         {} pairs of triangles still intersect", thousands(tangled))?;
-        }
-        writeln!(f, "output   {}, {}", self.output.path.display(), ByteSize(self.output.bytes))?;
-        if self.output.origin != [0.0; 3] {
-            let [x, y, z] = self.output.origin;
-            let how = match Format::from_path(&self.output.path) {
-                Ok(Format::Stl | Format::Glb) => {
-                    "32 bits would not hold them; .ply and .obj with --coordinates input do"
-                }
-                _ => "--coordinates input leaves them as they are",
-            };
-            writeln!(f, "         origin {x} {y} {z} taken off the coordinates: {how}")?;
-        }
-        if let Some(preview) = &self.output.preview {
-            writeln!(f, "preview  {}", preview.display())?;
-        }
-        write!(f, "time     {}:", seconds(self.seconds_total))?;
-        for (i, (phase, time)) in self.seconds.iter().enumerate() {
-            let share = 100.0 * time / self.seconds_total.max(1e-9);
-            write!(f, "{} {} {share:.0} %", if i > 0 { "," } else { "" }, phase.name())?;
-        }
-        writeln!(f)?;
+        let stages = self
+            .seconds
+            .iter()
+            .map(|(phase, time)| format!("{} {:.0} %", phase.name(), 100.0 * time / self.seconds_total.max(1e-9)));
+        lines.push(format!("time     {}: {}", duration(self.seconds_total), stages.collect::<Vec<_>>().join(", ")));
         let used = self.memory.peak_resident.map_or_else(|| "?".into(), |bytes| ByteSize(bytes).to_string());
-        write!(f, "memory   {used} at most, of {} granted", ByteSize(self.memory.plan.budget))?;
-        write!(f, "; {} of temporary disk", ByteSize(self.memory.peak_disk))
+        let (budget, disk) = (ByteSize(self.memory.plan.budget), ByteSize(self.memory.peak_disk));
+        lines.push(format!("memory   {used} at most, of {budget} granted; {disk} of temporary disk"));
+        lines
+    }
+}
+
+impl fmt::Display for Report {
+    /// The summary without details.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.summary(false))
     }
 }
 

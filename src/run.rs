@@ -9,20 +9,24 @@ use crate::attribute::Wanted;
 use crate::closing::How;
 use crate::defect;
 use crate::error::{Error, Result};
-use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
+use crate::forecast::{self, Known};
+use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, expand};
 use crate::machine;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
 use crate::output::{self, Filled, Positions, Target, Tiles};
-use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
+use crate::pipeline::{
+    self, Fineness, Sampling, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with,
+};
 use crate::plan::MemoryPlan;
 use crate::preview::{DrawnPreview, PlannedPreview, Preview};
-use crate::progress::{Phase, Progress};
+use crate::progress::{Phase, Progress, thousands};
 use crate::rehearsal::WORTH_IT;
 use crate::render;
 use crate::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
 use crate::schedule::Workers;
 use crate::spool::Workspace;
+use crate::tally::Tally;
 use crate::whole::Overwrite;
 
 /// Everything a run is told.
@@ -121,6 +125,26 @@ impl Means {
         Workspace::new(self.folder(beside))
     }
 
+    /// A work directory for looking at points, after which nothing stays: as [`Means::workspace`]; but where nothing can be written `beside`, and no folder was
+    /// named, the system's folder for temporary files, with the folder that could not be written to.
+    ///
+    /// # Errors
+    /// As [`Workspace::new`].
+    fn looking(&self, beside: &Path) -> Result<(Workspace, Option<PathBuf>)> {
+        let folder = self.folder(beside);
+        match Workspace::new(&folder) {
+            Err(_) if self.temp_dir.is_none() => {
+                let system = std::env::temp_dir();
+                if system == folder {
+                    Workspace::new(system).map(|there| (there, None))
+                } else {
+                    Ok((Workspace::unchecked(system), Some(folder)))
+                }
+            }
+            there => Ok((there?, None)),
+        }
+    }
+
     fn folder(&self, beside: &Path) -> PathBuf {
         self.temp_dir.clone().unwrap_or_else(|| Workspace::folder_beside(beside))
     }
@@ -154,6 +178,10 @@ pub struct Planned {
     pub surveyed: Surveyed,
     /// Where temporary files would go.
     pub workspace: Workspace,
+    /// The folder where they would go by default, if it cannot be written to: the workspace is another one then.
+    pub unwritable: Option<PathBuf>,
+    /// About how many tiles the mesh would be, if it is to be tiles.
+    pub tiles: Option<u64>,
     /// The plan.
     pub memory: MemoryPlan,
 }
@@ -164,27 +192,59 @@ pub struct Planned {
 /// Those of opening and reading the input, of laying the grid and of the plan.
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
     let files = files(job)?;
-    let workspace = job.means.workspace(&default_output(&job.inputs, &files))?;
+    let (workspace, unwritable) = job.means.looking(&default_output(&job.inputs, &files))?;
+    progress.expect_run(known(job, &files, Passes::Few));
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     describe(&cloud, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
+    let tiles = expected_tiles(job, &surveyed)?;
     let budget = job.means.budget();
-    let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget)?;
+    let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget, progress)?;
     let memory = pipeline::plan(&surveyed, workers, budget)?;
-    Ok(Planned { cloud, surveyed, workspace, memory })
+    Ok(Planned { cloud, surveyed, workspace, unwritable, tiles, memory })
+}
+
+/// What is found by looking at points.
+#[derive(Debug)]
+pub struct Looked {
+    /// The files.
+    pub cloud: Cloud,
+    /// The survey and the grid.
+    pub surveyed: Surveyed,
+    /// Points by class and return.
+    pub tally: Tally,
+}
+
+/// About how many tiles a job makes, if any; too many are refused.
+fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
+    let Some(side) = job.tile else { return Ok(None) };
+    // Each has a triangle at least.
+    let tiles = output::expected_tiles(&surveyed.sketch, side).min(surveyed.load.triangles().max(1));
+    output::check_number_of_tiles(side, tiles).map(|()| Some(tiles))
 }
 
 /// Looks at the input and surveys it; asks for no memory beyond that, and for no temporary disk unless something must be unpacked.
 ///
 /// # Errors
 /// Those of opening and reading the input and of laying the grid.
-pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<(Cloud, Surveyed)> {
+pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Looked> {
     let files = files(job)?;
-    let workspace = Workspace::unchecked(job.means.folder(&default_output(&job.inputs, &files)));
+    let (workspace, _) = job.means.looking(&default_output(&job.inputs, &files))?;
+    progress.expect_run(Known { rehearsed: false, ..known(job, &files, Passes::Few) });
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
-    let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
-    Ok((cloud, surveyed))
+    let counted = Tally::is_of_use(&cloud);
+    progress.learn(|known| known.counted = counted);
+    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, progress)?;
+    let tally = if counted {
+        progress.begin(Phase::Count, Some(surveyed.survey.records()));
+        let tally = Tally::of(&cloud, workers, |records| progress.add(records))?;
+        progress.end();
+        tally
+    } else {
+        Tally::default()
+    };
+    Ok(Looked { cloud, surveyed, tally })
 }
 
 /// The input's files, once the settings are found to be in order.
@@ -211,12 +271,10 @@ fn open(
     progress: &mut Progress,
 ) -> Result<Cloud> {
     let mut begun = false;
-    let watch = &mut |bytes| {
+    let watch = &mut |unpacked: Unpacked| {
         workers.check_cancelled()?;
-        if !std::mem::replace(&mut begun, true) {
-            progress.begin(Phase::Unpack, None);
-        }
-        progress.set(bytes);
+        begun = true;
+        progress.unpacked(unpacked);
         Ok(())
     };
     let decompress = (passes == Passes::All).then_some(workers);
@@ -224,8 +282,42 @@ fn open(
     let cloud = Cloud::open_in(files, &job.input, opening);
     if begun {
         progress.end();
+    } else {
+        progress.learn(|known| known.packed = 0);
     }
-    cloud
+    let cloud = cloud?;
+    let points = forecast::records(&cloud);
+    progress.learn(|known| {
+        (known.points, known.triangles) = (points, forecast::triangles(points));
+        known.rehearsed &= passes == Passes::Few || points >= WORTH_IT;
+    });
+    Ok(cloud)
+}
+
+/// What is known of the work that a job is, before its files are opened.
+fn known(job: &Job, files: &[PathBuf], passes: Passes) -> Known {
+    let bytes = files.iter().filter_map(|file| std::fs::metadata(file).ok()).map(|there| there.len()).sum();
+    // Half of the bytes may be packed; it is known as soon as the first file is opened.
+    let points = forecast::points(bytes, bytes / 2);
+    let survey = 1 + u64::from(matches!(job.settings.fineness, Fineness::Sampling | Fineness::Default));
+    let rehearsed = job.settings.open.is_none() && (passes == Passes::Few || points >= WORTH_IT);
+    let known = Known { packed: bytes / 2, passes: survey, points, rehearsed, ..Known::default() };
+    match passes {
+        Passes::Few => known,
+        Passes::All => Known {
+            triangles: forecast::triangles(points),
+            open: job.settings.open.is_some(),
+            checked: job.check == Check::Always,
+            drawn: job.preview != Preview::None,
+            write: match (job.tile, job.check) {
+                (Some(_), _) => forecast::Write::Tiles,
+                (None, Check::Always) => forecast::Write::Meanwhile,
+                (None, Check::Never) => forecast::Write::After,
+            },
+            whole: true,
+            ..known
+        },
+    }
 }
 
 /// Says how every file was understood.
@@ -294,16 +386,27 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     };
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
     let workspace = job.means.workspace(&output)?.stopped_with(workers);
+    progress.expect_run(known(job, &files, Passes::All));
     let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
 
     describe(&cloud, progress);
     let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
+    if let Some(tiles) = expected_tiles(job, &surveyed)? {
+        progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
+    }
     // What the box alone lets expect may be too much.
+    progress.learn(|known| known.points = surveyed.survey.points);
     if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, job.means.budget()).is_err() {
-        surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, job.means.budget())?;
+        surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, job.means.budget(), progress)?;
     }
     let context = context(&surveyed, workers, &workspace, job.means.budget())?;
+    progress.learn(|known| {
+        known.triangles = surveyed.load.triangles();
+        if context.memory.mesh_quota == 0 && known.write == forecast::Write::Meanwhile {
+            known.write = forecast::Write::After;
+        }
+    });
     let picture = picture.map(|file| PlannedPreview::new(file, &job.settings, &surveyed.survey.bounds, cloud.schema()));
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
@@ -348,22 +451,29 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         drawn =
             Some(picture.draw(&made.mesh, made.memory.working, workers, &workspace, &mut |done| progress.set(done))?);
     }
-    let elements = made.mesh.vertex_count() + made.mesh.face_count();
+    let elements = match &target {
+        Place::Tiles(_) => 2 * made.mesh.face_count(),
+        Place::File(_) => made.mesh.vertex_count() + made.mesh.face_count(),
+        // Written already, but for the name.
+        Place::Filled(_) => 0,
+    };
     progress.begin(Phase::Write, Some(elements));
     let mut told = |done| progress.set(done);
+    let mut files = None;
     let (path, written) = match target {
         Place::File(target) => (output, target.fill(&made.mesh, &header, workers, &mut told)?.finish()?),
         Place::Filled(filled) => (output, filled.finish()?),
         Place::Tiles(tiles) => {
             let memory = made.memory.working;
-            let written = tiles.write(&made.mesh, &header, memory, workers, &workspace, &mut told)?;
+            let (written, count) = tiles.write(&made.mesh, &header, memory, workers, &workspace, &mut told)?;
+            files = Some(count);
             (Tiles::path(&output), written)
         }
     };
     let preview = drawn.map(DrawnPreview::write).transpose()?;
     progress.end();
 
-    Ok(Report {
+    let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
         inputs: input_reports(&cloud),
         parameters: Parameters::of(&job.settings),
@@ -377,6 +487,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             path,
             preview,
             bytes: written.bytes,
+            tiles: files,
             vertices: made.mesh.vertex_count(),
             triangles: made.mesh.face_count(),
             origin,
@@ -389,7 +500,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             peak_resident: machine::peak_resident(),
             peak_disk: workspace.peak_on_disk(),
         },
-    })
+        warnings: Vec::new(),
+    };
+    report.warnings = report.find_warnings();
+    Ok(report)
 }
 
 /// Where the mesh goes.

@@ -23,6 +23,9 @@ pub const SIDE: u32 = 256;
 /// Added to a number of less than 2^51, it leaves the nearest whole number in the lowest bits.
 const TO_WHOLE: f64 = 6_755_399_441_055_744.0;
 
+/// Points to a column of cells from which hardly any is empty by chance: of random ones, one in 3,000.
+const FILLED: u64 = 8;
+
 /// Cells have no smaller sides than 2^-46 of the farthest coordinate, and than this power of two.
 const SMALLEST: i32 = -1000;
 
@@ -119,6 +122,36 @@ impl Sketch {
         })
     }
 
+    /// The columns of cells that points lie in, seen along z: each once, by its place above the lowest along x and y, in order.
+    pub fn columns(&self) -> Vec<[u32; 2]> {
+        let mut columns: Vec<[u32; 2]> = self.cells().map(|[x, y, _]| [x, y]).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        columns
+    }
+
+    /// About how large an area the cloud's `points` cover, seen along z: that of their columns, of which those that have a neighbour without points count half.
+    /// Columns are so wide that [`FILLED`] points or more fall to one on average: narrower ones may be empty between the points.
+    pub fn area(&self, points: u64) -> f64 {
+        let (mut columns, mut side) = (self.columns(), self.side());
+        while columns.len() > 1 && points < FILLED * columns.len() as u64 {
+            columns.iter_mut().for_each(|column| *column = column.map(|c| c / 2));
+            columns.sort_unstable();
+            columns.dedup();
+            side *= 2.0;
+        }
+        let has = |x: i64, y: i64| {
+            let column = u32::try_from(x).ok().zip(u32::try_from(y).ok());
+            column.is_some_and(|(x, y)| columns.binary_search(&[x, y]).is_ok())
+        };
+        let share = |column: &[u32; 2]| {
+            let [x, y] = column.map(i64::from);
+            let inner = has(x - 1, y) && has(x + 1, y) && has(x, y - 1) && has(x, y + 1);
+            if inner { 1.0 } else { 0.5 }
+        };
+        columns.iter().map(share).sum::<f64>() * side * side
+    }
+
     fn inverse(&self) -> f64 {
         2f64.powi(-self.exponent)
     }
@@ -187,6 +220,23 @@ mod tests {
             assert_eq!(whole(c, 1.0), expected, "{c}");
         }
         assert_eq!(whole(-7e12 - 0.5, 1.0), -7_000_000_000_001);
+    }
+
+    #[test]
+    fn columns_and_their_area_are_those_of_a_map() {
+        // A square of 90 by 90, thick in places, in cells of 1.
+        let points: Vec<[f64; 3]> = (0..360)
+            .flat_map(|i| (0..360).map(move |j| [f64::from(i) / 4.0 + 0.1, f64::from(j) / 4.0 + 0.1, f64::from(i % 7)]))
+            .chain([[200.0, 0.5, 0.0]])
+            .collect();
+        let sketching = Sketching::default();
+        sketching.add(&points, bounds_of(&points));
+        let sketch = sketching.finish();
+        assert_eq!((sketch.side(), sketch.columns().len()), (1.0, 90 * 90 + 1));
+        let area = |points: u64| sketch.area(points) / 8100.0;
+        assert!((area(360 * 360) - 1.0).abs() < 0.03, "{}", area(360 * 360));
+        // Were they fewer, columns of 1 might be empty between them.
+        assert!((area(8100) - 1.0).abs() < 0.1, "{}", area(8100));
     }
 
     #[test]

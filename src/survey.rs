@@ -89,11 +89,17 @@ fn bounds_of<T: Coordinate>(points: &[[T; 3]]) -> Bounds {
     Bounds { min: min.map(Into::into), max: max.map(Into::into) }
 }
 
-/// The box of the points in turned coordinates.
+/// The box of the points in turned coordinates. `progress` is told the records of each block.
 ///
 /// # Errors
 /// Those of reading the input; [`Error::Interrupted`].
-pub fn turned_bounds(cloud: &Cloud, turn: Turn, workers: &Workers, in_flight: usize) -> Result<Bounds> {
+pub fn turned_bounds(
+    cloud: &Cloud,
+    turn: Turn,
+    workers: &Workers,
+    in_flight: usize,
+    mut progress: impl FnMut(u64),
+) -> Result<Bounds> {
     fn turned<T: Coordinate>(points: &[[T; 3]], turn: Turn) -> Bounds {
         let places = points.iter().map(|p| turn.of(p.map(Into::into)));
         places.map(|p| Bounds { min: p, max: p }).fold(Bounds::EMPTY, Bounds::union)
@@ -104,20 +110,22 @@ pub fn turned_bounds(cloud: &Cloud, turn: Turn, workers: &Workers, in_flight: us
         in_flight,
         Carried::Coordinates,
         |batch| {
-            Ok(match &batch.points {
+            let bounds = match &batch.points {
                 Points::Single(points) => turned(points, turn),
                 Points::Double(points) => turned(points, turn),
-            })
+            };
+            Ok((bounds, batch.records()))
         },
-        |part| {
+        |(part, records)| {
             total = total.union(part);
+            progress(records);
             Ok(())
         },
     )?;
     Ok(total)
 }
 
-/// Which planes of a grid have points, along its own axes; no planes for axes that are not `asked` for.
+/// Which planes of a grid have points, along its own axes; no planes for axes that are not `asked` for. `progress` is told the records of each block.
 ///
 /// # Errors
 /// Those of reading the input; [`Error::Interrupted`].
@@ -127,6 +135,7 @@ pub fn planes_with_points(
     asked: [bool; 3],
     workers: &Workers,
     in_flight: usize,
+    mut progress: impl FnMut(u64),
 ) -> Result<[Vec<bool>; 3]> {
     let cells = [0, 1, 2].map(|g| if asked[g] { grid.cells()[g] } else { 0 });
     let found = cells.map(|cells| (0..cells).map(|_| AtomicBool::new(false)).collect::<Vec<_>>());
@@ -147,9 +156,12 @@ pub fn planes_with_points(
                 Points::Single(points) => grid.cells_of(points, mark),
                 Points::Double(points) => grid.cells_of(points, mark),
             }
+            Ok(batch.records())
+        },
+        |records| {
+            progress(records);
             Ok(())
         },
-        |()| Ok(()),
     )?;
     Ok(found.map(|planes| planes.into_iter().map(AtomicBool::into_inner).collect()))
 }
@@ -232,9 +244,17 @@ const ASKEW: [[f64; 3]; 3] = [[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.
 /// the denser, up to a third, and a grid laid by it keeps the detail there. The sparser part stays whole because the closing
 /// radius grows.
 ///
+/// `progress` is told the records of each block.
+///
 /// # Errors
 /// Those of reading the input; [`Error::Interrupted`].
-pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_flight: usize) -> Result<Option<f64>> {
+pub fn sampling_distance(
+    cloud: &Cloud,
+    survey: &Survey,
+    workers: &Workers,
+    in_flight: usize,
+    mut progress: impl FnMut(u64),
+) -> Result<Option<f64>> {
     const LEVELS: usize = 20;
     let diagonal = survey.bounds.extent().into_iter().fold(0.0, libm::hypot);
     if diagonal <= 0.0 {
@@ -266,9 +286,10 @@ pub fn sampling_distance(cloud: &Cloud, survey: &Survey, workers: &Workers, in_f
                 Points::Single(points) => points.iter().for_each(|p| add(p.map(f64::from))),
                 Points::Double(points) => points.iter().for_each(|p| add(*p)),
             }
-            Ok(part)
+            Ok((part, batch.records()))
         },
-        |part| {
+        |(part, records)| {
+            progress(records);
             for (sketch, part) in sketches.iter_mut().zip(part) {
                 part.smallest.into_iter().for_each(|(hash, points)| sketch.add(hash, points));
             }

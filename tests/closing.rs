@@ -43,7 +43,7 @@ fn shell(size: u32, hole: f64) -> Vec<Cell> {
 
 fn closed(occupancy: Occupancy, window: Option<u32>, context: &Context) -> (Solid, Parted) {
     let asked = Asked { seal: Sealing::Auto, window, keep_outliers: false, min_component: None, rough: false };
-    let closed = close(occupancy, 1.0, asked, context, |_| ()).unwrap();
+    let closed = close(occupancy, 1.0, asked, context, |_, _| ()).unwrap();
     match closed.how {
         How::Sign(parted) => (closed.solid, parted),
         How::Ball(_) => panic!("no ball was asked for"),

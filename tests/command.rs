@@ -52,8 +52,9 @@ fn points_that_are_not_finite_are_dropped_and_counted() {
     points.insert(7, [f32::NAN, 0.0, 0.0]);
     points.insert(2000, [0.0, f32::INFINITY, 9e9]);
     f.write("dirty.ply", ply(&points));
-    let answer = f.ok("dirty.ply -o dirty.mesh.ply --report r.json");
+    let answer = f.ok("dirty.ply -o dirty.mesh.ply --report r.json -v");
     assert!(answer.err.contains("points   5,000 (2 dropped: not finite)"), "{}", answer.err);
+    assert!(answer.err.contains("warning: 2 points left out: a coordinate is not a number"), "{}", answer.err);
     assert_eq!(report(&f, "r.json")["points"]["dropped"], 2);
     assert_eq!(f.read("dirty.mesh.ply"), f.read("clean.ply"));
     f.write("none.ply", ply(&[[f32::NAN; 3]; 3]));
@@ -383,7 +384,7 @@ fn small_components_and_thin_cells_are_left_out_with_their_points() {
     for fit in ["nearest", "plane"] {
         f.ok(&format!("clean.ply -o a.ply --slices 60 --fit {fit} --overwrite"));
         let crumbs = |options: &str, says: &str| {
-            let answer = f.ok(&format!("crumbs.ply -o b.ply --slices 60 --fit {fit} {options} --overwrite"));
+            let answer = f.ok(&format!("crumbs.ply -o b.ply --slices 60 --fit {fit} {options} --overwrite -v"));
             assert!(answer.err.contains(says), "{}", answer.err);
             assert_eq!(body(&f.read("b.ply")), body(&f.read("a.ply")), "{fit} {options}");
         };
@@ -393,13 +394,14 @@ fn small_components_and_thin_cells_are_left_out_with_their_points() {
             crumbs(&options, "left out 2 of 3 components, 2 cells in all");
         }
     }
-    let answer = f.ok("crumbs.ply -o b.ply --slices 60 --keep-outliers --min-component 1 --overwrite --report r.json");
+    let answer =
+        f.ok("crumbs.ply -o b.ply --slices 60 --keep-outliers --min-component 1 --overwrite --report r.json -v");
     assert!(!answer.err.contains("left out"), "{}", answer.err);
     assert_eq!(report(&f, "r.json")["closing"]["components"]["found"], 3);
     assert_eq!(report(&f, "r.json")["check"]["components"], 3);
     f.write("strays.ply", ply(&with(1)));
     f.ok("clean.ply -o a.ply --slices 60 --min-points 2 --overwrite");
-    let answer = f.ok("strays.ply -o b.ply --slices 60 --min-points 2 --overwrite --report r.json");
+    let answer = f.ok("strays.ply -o b.ply --slices 60 --min-points 2 --overwrite --report r.json -v");
     assert!(answer.err.contains("cells of too few points"), "{}", answer.err);
     assert!(report(&f, "r.json")["closing"]["sparse_cells"].as_u64().unwrap() >= 2);
     assert_eq!(body(&f.read("b.ply")), body(&f.read("a.ply")));
@@ -695,7 +697,7 @@ fn a_run_draws_a_preview() {
 fn terrain_is_open_on_purpose_and_a_base_closes_it() {
     let f = Folder::new();
     f.ok("generate terrain 20k --size 100 -o t.bin");
-    let answer = f.ok("t.bin --surface terrain --cell-size auto -o t.ply --report r.json");
+    let answer = f.ok("t.bin --surface terrain --cell-size auto -o t.ply --report r.json -v");
     for words in
         ["surface  terrain, seen from +z: ", "open on purpose, 1 boundary loop, oriented, manifold; 1 component"]
     {
@@ -810,7 +812,7 @@ fn large_coordinates_keep_their_place() {
 fn the_scan_in_the_repository_becomes_a_closed_mesh() {
     let f = Folder::new();
     let scan = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/stadium");
-    let answer = f.ok(&format!("{} -o m.ply", scan.display()));
+    let answer = f.ok(&format!("{} -o m.ply -v", scan.display()));
     assert!(
         answer.err.contains("points   410,866\n") && answer.err.contains("closed, oriented, manifold"),
         "{}",
@@ -836,6 +838,150 @@ fn a_mesh_is_written_in_tiles() {
     f.fails("t.ply -o city.stl --tile 4", 2, &["--tile: city.stl names no PLY or GLB files"]);
 }
 
+#[test]
+fn tiles_are_counted_beforehand_and_too_many_are_refused() {
+    let f = Folder::new();
+    f.ok("generate terrain 20k --size 100 -o t.bin");
+    let run = f.ok("t.bin --surface terrain --cell-size auto -o t.ply --tile 10 --report r.json");
+    let made = report(&f, "r.json")["output"]["tiles"].as_u64().unwrap();
+    assert!(run.err.contains(&format!("output   t.tiles, {made} tiles and an index, ")), "{}", run.err);
+    assert_eq!(f.names("t.tiles").len() as u64, made + 1);
+    let plan = f.ok("plan t.bin --surface terrain --cell-size auto --tile 10 --json");
+    let planned: serde_json::Value = serde_json::from_str(&plan.out).unwrap();
+    // A triangle's middle may lie beyond the points' box.
+    let foretold = planned["tiles"].as_u64().unwrap();
+    assert!((100..=144).contains(&made) && foretold.abs_diff(made) <= 44, "{foretold}, {made}");
+    assert!(run.err.contains(&format!("about {foretold} tiles in t.tiles")), "{}", run.err);
+    assert!(f.ok("plan t.bin --tile 50").out.contains("tiles             about "));
+    let absurd = ["--tile 0.01: makes about ", " tiles, and 100,000 is the limit; pass --tile 0."];
+    for command in
+        ["plan t.bin --cell-size 0.01 --surface terrain", "t.bin -o n.ply --cell-size 0.01 --surface terrain"]
+    {
+        f.fails(&format!("{command} --max-memory 4G --tile 0.01"), 2, &absurd);
+    }
+}
+
+/// A LAS file of version 1.4 and point format 6 with points on a square lattice a metre apart, in the reference system of a WKT, if there is one.
+fn lattice_las(f: &Folder, name: &str, side: i32, wkt: Option<&str>) {
+    let mut builder = las::Builder::from((1, 4));
+    builder.point_format = las::point::Format::new(6).unwrap();
+    builder.transforms.x.scale = 0.01;
+    builder.transforms.y.scale = 0.01;
+    builder.transforms.z.scale = 0.01;
+    if let Some(wkt) = wkt {
+        builder.has_wkt_crs = true;
+        let vlr = las::Vlr {
+            user_id: "LASF_Projection".into(),
+            record_id: 2112,
+            data: wkt.as_bytes().to_vec(),
+            ..Default::default()
+        };
+        builder.vlrs.push(vlr);
+    }
+    let mut writer = las::Writer::from_path(f.path(name), builder.into_header().unwrap()).unwrap();
+    for i in 0..side * side {
+        let (x, y) = (f64::from(i % side), f64::from(i / side));
+        let classification = las::point::Classification::new(if i % 4 == 0 { 2 } else { 6 }).unwrap();
+        let point = las::Point {
+            x: 500_000.0 + x,
+            y: 4_600_000.0 + y,
+            z: (x / 9.0).sin(),
+            classification,
+            return_number: 1 + (i % 3 == 0) as u8,
+            number_of_returns: 2,
+            gps_time: Some(0.0),
+            ..Default::default()
+        };
+        writer.write_point(point).unwrap();
+    }
+    writer.close().unwrap();
+}
+
+#[test]
+fn info_tells_units_density_classes_and_returns() {
+    let f = Folder::new();
+    let feet = r#"PROJCS["feet",GEOGCS["g",UNIT["degree",0.0174532925199433]],PROJECTION["p"],UNIT["foot",0.3048],AUTHORITY["EPSG","2992"]]"#;
+    lattice_las(&f, "a.las", 120, Some(feet));
+    let info = f.ok("info a.las --json").out;
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    let system = &info["reference_system"];
+    assert_eq!(
+        (&system["unit"], &system["metres_per_unit"], &system["epsg"]),
+        (&"ft".into(), &0.3048.into(), &2992.into())
+    );
+    assert_eq!(
+        (&info["points"], &info["classification"]["2"], &info["classification"]["6"]),
+        (&14_400.into(), &3600.into(), &10_800.into())
+    );
+    assert_eq!((&info["return_number"]["1"], &info["return_number"]["2"]), (&9600.into(), &4800.into()));
+    assert_eq!(info["number_of_returns"]["2"], 14_400);
+    for (key, expected) in [("points_per_square_unit", 1.0), ("spacing", 1.0), ("area", 14_400.0)] {
+        let found = info[key].as_f64().unwrap();
+        assert!((0.9..1.1).contains(&(found / expected)), "{key}: {found}");
+    }
+    let words = f.ok("info a.las").out;
+    for row in [
+        "unit                 ft of 0.3048 m",
+        " points/ft² seen from above, one every ",
+        "2 (ground) 3,600",
+        "6 (building) 10,800",
+        "1: 9,600, 2: 4,800",
+    ] {
+        assert!(words.contains(row), "{row:?} is not in\n{words}");
+    }
+    // Filters count here, too.
+    let ground = f.ok("info a.las --keep-class 2 --json").out;
+    let ground: serde_json::Value = serde_json::from_str(&ground).unwrap();
+    assert_eq!(ground["classification"], serde_json::json!({ "2": 3600 }));
+    // Coordinates that cannot be in the system are told of, and refused only where something would be made of them.
+    lattice_las(
+        &f,
+        "b.las",
+        40,
+        Some(r#"GEOGCS["WGS 84",DATUM["D",SPHEROID["S",6378137,298.257223563]],UNIT["degree",0.0174532925199433]]"#),
+    );
+    let answer = f.ok("info b.las --json");
+    let info: serde_json::Value = serde_json::from_str(&answer.out).unwrap();
+    let contradiction = info["reference_system"]["contradiction"].as_str().unwrap();
+    assert!(contradiction.contains("expects degrees of longitude and latitude"), "{contradiction}");
+    assert!(info["reference_system"]["unit"].is_null(), "{info}");
+    assert!(answer.err.contains("warning: ") && answer.err.contains("--crs none"), "{}", answer.err);
+    f.fails("plan b.las", 2, &["expects degrees"]);
+    lattice_las(&f, "c.las", 40, None);
+    let info: serde_json::Value = serde_json::from_str(&f.ok("info c.las --json").out).unwrap();
+    assert!(info["reference_system"].is_null(), "{info}");
+}
+
+#[test]
+fn plan_and_info_look_where_nothing_can_be_written() {
+    let f = Folder::new();
+    f.knot(5000);
+    // Nobody can create a file beside this one, whatever the rights.
+    let open = || std::fs::File::open(f.path("k.ply")).unwrap();
+    let info = Answer::of(f.command("info /proc/self/fd/0").stdin(open()).output().unwrap());
+    assert!(info.code == 0 && info.out.contains("points             5,000"), "{}{}", info.out, info.err);
+    let plan = Answer::of(f.command("plan /proc/self/fd/0").stdin(open()).output().unwrap());
+    assert!(plan.code == 0, "{}{}", plan.out, plan.err);
+    assert!(
+        plan.out.contains("nothing can be written to /proc/self/fd: a run needs --output and --temp-dir"),
+        "{}",
+        plan.out
+    );
+    let plan = Answer::of(f.command("plan /proc/self/fd/0 --json").stdin(open()).output().unwrap());
+    let found: serde_json::Value = serde_json::from_str(&plan.out).unwrap();
+    assert_eq!((&found["points"], &found["unwritable_folder"]), (&5000.into(), &"/proc/self/fd".into()));
+    for key in
+        ["memory_bytes", "memory_granted_bytes", "memory_least_bytes", "temporary_disk_bytes", "triangles", "threads"]
+    {
+        assert!(found[key].is_u64(), "{key} is not in {found:#}");
+    }
+    // A folder that is named must do.
+    assert_eq!(
+        Answer::of(f.command("plan /proc/self/fd/0 --temp-dir /proc/self/fd").stdin(open()).output().unwrap()).code,
+        73
+    );
+}
+
 // ---- Words ----
 
 #[test]
@@ -856,17 +1002,105 @@ fn words_go_to_standard_error_and_need_no_terminal() {
     f.knot(2000);
     let answer = f.ok("k.ply");
     assert_eq!(answer.out, "");
-    for row in [
-        "k.ply: PLY binary",
-        "points   2,000",
-        "grid     ",
-        "closing  sealed: the mesh encloses the inside",
-        "mesh     ",
-        "output   k.mesh.ply",
-    ] {
-        assert!(answer.err.contains(row), "{row:?} is not in\n{}", answer.err);
+    let rows = ["k.ply: PLY binary", "survey  2,000 points, ", "surface  ", "output   k.mesh.ply, ", "mesh     "];
+    let details =
+        ["points   2,000", "grid     ", "closing  sealed: the mesh encloses the inside", "time     ", "memory   "];
+    let mut rest = answer.err.as_str();
+    for row in rows {
+        let at = rest.find(row).unwrap_or_else(|| panic!("{row:?} is not in its place in\n{}", answer.err));
+        rest = &rest[at..];
+    }
+    assert!(!details.iter().any(|row| answer.err.contains(row)), "{}", answer.err);
+    // What is said while it works has the time of day.
+    let said = answer.err.lines().take_while(|line| !line.starts_with("output ")).collect::<Vec<_>>();
+    assert!(said.len() > 5, "{}", answer.err);
+    for line in said {
+        let (time, _) = line.split_once(' ').unwrap();
+        assert!(time.len() == 20 && time.ends_with('Z') && time.as_bytes()[10] == b'T', "{line}");
     }
     assert!(!answer.err.contains('\u{1b}') && !answer.err.contains('\r'), "no bars in a log");
+    let answer = f.ok("k.ply -o v.ply -v");
+    for row in rows[..3].iter().chain(&details) {
+        assert!(answer.err.contains(row), "{row:?} is not in\n{}", answer.err);
+    }
+}
+
+/// The events of a command whose progress is JSON.
+fn events(err: &str) -> Vec<serde_json::Value> {
+    err.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"))).collect()
+}
+
+#[test]
+fn progress_in_json_is_an_object_a_line_to_the_end() {
+    let f = Folder::new();
+    f.knot(20_000);
+    f.write("k.ply.gz", gzip(&f.read("k.ply")));
+    f.write("plane.xyz", (0..2000).map(|i| format!("{} {} 0\n", i % 50, i / 50)).collect::<String>());
+    for (line, stages) in [
+        ("k.ply.gz -o k.mesh.ply --preview", "unpack survey bucket raster seal surface check render write"),
+        ("k.ply -o k.tiles.ply --tile 0.3 --no-check", "survey bucket raster seal surface write"),
+        ("plane.xyz -o open.ply --surface terrain --cell-size 2", "survey bucket raster seal surface check write"),
+        ("plan k.ply.gz", "unpack survey rehearse"),
+        ("info k.ply", "survey"),
+        ("check k.mesh.ply", "check intersect"),
+        ("compare k.mesh.ply k.ply", "check survey compare"),
+        ("densify k.mesh.ply k.ply -o d.ply", "survey write"),
+        ("render k.mesh.ply -o r.png", "render"),
+        ("generate box 2k -o b.bin", "generate"),
+    ] {
+        let answer = f.ok(&format!("{line} --progress json"));
+        let events = events(&answer.err);
+        let of = |name: &str| events.iter().filter(|e| e["event"] == name).collect::<Vec<_>>();
+        let finished: Vec<&str> = of("stage").iter().map(|e| e["stage"].as_str().unwrap()).collect();
+        let mut distinct = finished.clone();
+        distinct.dedup();
+        assert_eq!(distinct.join(" "), stages, "{line}");
+        // It never falls, nor does the time.
+        let all = ["progress", "stage"].map(of).concat();
+        for key in ["fraction", "elapsed_seconds"] {
+            let values: Vec<f64> = events.iter().filter_map(|e| e[key].as_f64()).collect();
+            assert!(values.is_sorted() && values.iter().all(|v| *v >= 0.0), "{line}: {key} {values:?}");
+            assert!(key != "fraction" || values.iter().all(|v| *v <= 1.0), "{line}: {values:?}");
+        }
+        for event in all {
+            assert!(event["unit"].is_string() && event["done"].is_u64(), "{event}");
+            if let (Some(done), Some(total)) = (event["done"].as_u64(), event["total"].as_u64()) {
+                assert!(done <= total, "{event}");
+            }
+        }
+        let end = events.last().unwrap();
+        assert_eq!((&end["event"], &end["exit_code"], &end["kind"]), (&"end".into(), &0.into(), &"done".into()));
+        if stages.contains("bucket") {
+            let last = of("stage").pop().unwrap()["fraction"].as_f64().unwrap();
+            assert_eq!((last, end["output"]["bytes"].is_u64()), (1.0, true), "{line}: {end}");
+        }
+    }
+    let run = f.ok("plane.xyz -o slab.ply --progress json");
+    let warnings: Vec<_> = events(&run.err).into_iter().filter(|e| e["event"] == "warning").collect();
+    assert!(warnings.iter().any(|w| w["message"].as_str().unwrap().starts_with("not sealed: ")), "{}", run.err);
+    assert!(warnings[0]["advice"].as_str().unwrap().contains("--surface terrain"), "{}", run.err);
+    let failed = f.fails("gone.ply --progress json", 66, &[]);
+    let end = events(&failed.err).pop().unwrap();
+    assert_eq!((&end["exit_code"], &end["kind"]), (&66.into(), &"no-input".into()));
+    assert!(end["message"].as_str().unwrap().contains("gone.ply"), "{end}");
+    assert_eq!(f.ok("k.ply -o q.ply --progress json -q").err, "");
+}
+
+#[test]
+fn what_may_be_wrong_with_a_mesh_is_a_warning_with_advice() {
+    let f = Folder::new();
+    f.write("plane.xyz", (0..2000).map(|i| format!("{} {} 0\n", i % 50, i / 50)).collect::<String>());
+    let answer = f.ok("plane.xyz -o slab.ply --report r.json");
+    let (before, after) = answer.err.split_once("\nwarning: not sealed: ").unwrap_or_else(|| panic!("{}", answer.err));
+    assert!(before.contains("\nmesh     ") && before.contains("output   slab.ply, "), "{before}");
+    assert!(after.contains("\n         --surface terrain (seen from above) or "), "{after}");
+    let warnings = report(&f, "r.json")["warnings"].clone();
+    assert!(warnings[0]["message"].as_str().unwrap().starts_with("not sealed: "), "{warnings}");
+    assert!(warnings[0]["advice"].as_str().unwrap().starts_with("--surface terrain"), "{warnings}");
+    f.ok("generate sphere 20k -o s.bin");
+    let answer = f.ok("s.bin -o s.ply --report s.json");
+    assert!(!answer.err.contains("warning"), "{}", answer.err);
+    assert_eq!(report(&f, "s.json")["warnings"], serde_json::json!([]));
 }
 
 fn report(f: &Folder, name: &str) -> serde_json::Value {
@@ -1028,6 +1262,12 @@ fn standard_error_that_cannot_be_written_is_no_panic() {
     let full = || std::fs::File::options().write(true).open("/dev/full").unwrap();
     assert_eq!(f.command("gone.ply").stderr(full()).status().unwrap().code(), Some(66));
     assert_eq!(f.command("k.ply -o m.ply").stderr(full()).status().unwrap().code(), Some(0));
+    for (number, how) in ["json", "lines"].into_iter().enumerate() {
+        let line = format!("k.ply -v -o m{number}.ply --progress {how}");
+        assert_eq!(f.command(&line).stderr(full()).status().unwrap().code(), Some(0), "{how}");
+        let line = format!("gone.ply --progress {how}");
+        assert_eq!(f.command(&line).stderr(full()).status().unwrap().code(), Some(66), "{how}");
+    }
 }
 
 /// Points that have no surface to be seen are no defect of the program.

@@ -75,7 +75,7 @@ fn other_subcommands_take_options_of_the_table() {
         let flags = flags(program.find_subcommand(command).unwrap());
         for [flag, default] in &flags {
             // The only flags of its own; README's text names them.
-            if ["`--no-intersections`", "`--open`"].contains(&flag.as_str()) {
+            if ["`--no-intersections`", "`--open`", "`--json`"].contains(&flag.as_str()) {
                 assert!(README.contains(flag));
                 continue;
             }
@@ -85,12 +85,17 @@ fn other_subcommands_take_options_of_the_table() {
     };
     let table: Vec<String> = flags(&program).into_iter().map(|[flag, _]| flag).collect();
     let from_layout = table.iter().position(|flag| flag.contains("--layout")).unwrap();
-    assert_eq!(names("plan"), table[from_layout..]);
-    let mut info = table[from_layout..].to_vec();
-    info.retain(|flag| !flag.contains("--max-memory"));
+    let progress = table.iter().find(|flag| flag.contains("--progress")).unwrap();
+    let tile = table.iter().find(|flag| flag.contains("--tile")).unwrap();
+    let own = ["`--json`".to_owned(), tile.clone(), progress.clone()];
+    let plan = [&own, &table[from_layout..]].concat();
+    assert_eq!(names("plan"), plan);
+    let mut info = plan;
+    info.retain(|flag| !["--max-memory", "--tile"].iter().any(|name| flag.contains(name)));
     assert_eq!(names("info"), info);
     let mut check: Vec<String> = table[table.len() - 3..].to_vec();
-    check.splice(0..0, table.iter().filter(|f| f.contains("--report") || f.contains("--quiet")).cloned());
+    let told = |flag: &&String| ["--report", "--quiet", "--progress"].iter().any(|name| flag.contains(name));
+    check.splice(0..0, table.iter().filter(told).cloned());
     check.splice(0..0, ["`--open`", "`--no-intersections`"].map(str::to_owned));
     assert_eq!(names("check"), check);
     for command in program.get_subcommands().filter(|c| c.get_name() != "help") {

@@ -15,23 +15,20 @@ use crate::defect;
 use crate::densify::densify;
 use crate::error::{Error, Kind, Result};
 use crate::generate;
+use crate::looks::{InfoReport, PlanReport};
 use crate::mesh;
 use crate::mesh::check::CheckReport;
-use crate::pipeline::Fineness;
-use crate::plan::MemoryPlan;
-use crate::progress::{Phase, Progress, Show, thousands};
+use crate::progress::{Forecast, Phase, Progress, Show, Warning, thousands};
 use crate::render;
-use crate::report::{GridReport, short};
-use crate::run::{Means, Planned, look, plan, run};
+use crate::run::{Means, look, plan, run};
 use crate::steady::Steady;
-use crate::survey::sampling_distance;
 use crate::whole::WholeFile;
 
 /// Does what the arguments say.
 ///
 /// # Errors
 /// Those of the work.
-pub fn execute(arguments: Arguments) -> Result<Kind> {
+pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
     if let Err(error) = outputs::check(&arguments) {
         // Told in the report, too, if that is not what must not be written.
         if let Some(path) = outputs::sound_report(&arguments) {
@@ -40,124 +37,73 @@ pub fn execute(arguments: Arguments) -> Result<Kind> {
         return Err(error);
     }
     match &arguments.command {
-        None => reconstruct(&arguments.reconstruct),
-        Some(Command::Plan(arguments)) => show_plan(arguments),
-        Some(Command::Info(arguments)) => show_info(arguments),
-        Some(Command::Check(arguments)) => check(arguments),
-        Some(Command::Compare(arguments)) => compare_mesh(arguments),
-        Some(Command::Densify(arguments)) => densify_cloud(arguments),
-        Some(Command::Render(arguments)) => draw(arguments),
-        Some(Command::Generate(arguments)) => generate_cloud(arguments),
+        None => reconstruct(&arguments.reconstruct, progress),
+        Some(Command::Plan(arguments)) => show_plan(arguments, progress),
+        Some(Command::Info(arguments)) => show_info(arguments, progress),
+        Some(Command::Check(arguments)) => check(arguments, progress),
+        Some(Command::Compare(arguments)) => compare_mesh(arguments, progress),
+        Some(Command::Densify(arguments)) => densify_cloud(arguments, progress),
+        Some(Command::Render(arguments)) => draw(arguments, progress),
+        Some(Command::Generate(arguments)) => generate_cloud(arguments, progress),
     }
 }
 
-fn show(quiet: bool) -> Show {
-    if quiet { Show::Nothing } else { Show::fitting() }
-}
-
-fn reconstruct(arguments: &ReconstructArguments) -> Result<Kind> {
-    reported(json_file(arguments.report.as_deref())?, || {
+fn reconstruct(arguments: &ReconstructArguments, progress: &mut Progress) -> Result<Kind> {
+    reported(json_file(arguments.report.as_deref())?, progress, |progress| {
         let job = arguments.job()?;
         let workers = job.means.workers()?;
         signals::stop(&workers)?;
-        let mut progress = Progress::new(show(arguments.quiet));
-        let report = run(&job, &workers, &mut progress)?;
-        progress.note(&report.to_string());
+        let report = run(&job, &workers, progress)?;
+        progress.summary(&report.summary(arguments.verbose));
+        if progress.show() == Show::Json {
+            report.warnings.iter().for_each(|warning| progress.warn(warning));
+            progress.summarise(&report.output);
+        }
         Ok((report, Kind::Done))
     })
 }
 
-fn show_plan(arguments: &PlanArguments) -> Result<Kind> {
+fn show_plan(arguments: &PlanArguments, progress: &mut Progress) -> Result<Kind> {
     let job = arguments.job()?;
     let workers = job.means.workers()?;
     signals::stop(&workers)?;
-    let mut progress = Progress::new(Show::fitting());
-    let Planned { cloud, surveyed, workspace, memory } = plan(&job, &workers, &mut progress)?;
-    let load = &surveyed.load;
-    let least = MemoryPlan::least(load, workers.threads());
-    let in_memory = |quota: u64, bytes: u64| if quota >= bytes { "in memory" } else { "on disk" };
-    let unpacked = cloud.unpacked();
-    let unpacked_then = unpacked + cloud.unpacked_later();
-    let mut lines: Vec<(&str, String)> = Vec::new();
-    lines.extend(cloud.crs_line().map(|line| ("reference system", line)));
-    lines.extend([
-        ("points", thousands(load.points)),
-        ("grid", GridReport::of(&surveyed.grid).to_string()),
-        ("triangles", format!("about {}", thousands(load.triangles()))),
-        ("threads", memory.threads.to_string()),
-        ("memory", format!("{} at most, of {} granted", ByteSize(memory.predicted), ByteSize(memory.budget))),
-        ("least memory", ByteSize(least.next_multiple_of(1 << 20)).to_string()),
-        (
-            "temporary disk",
-            // What is unpacked lies there already.
-            format!(
-                "{} at most, of {} free",
-                ByteSize(memory.predicted_disk + unpacked_then),
-                ByteSize(workspace.available()? + unpacked)
-            ),
-        ),
-        ("temporary folder", workspace.dir().display().to_string()),
-        ("points kept", in_memory(memory.buckets_quota, load.bucket_bytes()).to_owned()),
-        ("mesh kept", in_memory(memory.mesh_quota, load.mesh_bytes()).to_owned()),
-        ("bucket buffers", format!("{} each", ByteSize(memory.bucket_buffer))),
-        ("in flight", format!("{} blocks, {} chunks of slices", memory.blocks_in_flight, memory.chunks_in_flight)),
-        ("fitted at once", format!("{} points of a slab", thousands(memory.piece_points as u64))),
-    ]);
-    if unpacked_then > 0 {
-        let at = lines.iter().position(|(name, _)| *name == "temporary folder").unwrap_or(0);
-        lines.insert(at, ("unpacked input", format!("{}, part of that", ByteSize(unpacked_then))));
-    }
-    print(&lines)
+    let planned = plan(&job, &workers, progress)?;
+    let report = PlanReport::of(&planned, workers.threads())?;
+    if arguments.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+    Ok(Kind::Done)
 }
 
-fn show_info(arguments: &InfoArguments) -> Result<Kind> {
+fn show_info(arguments: &InfoArguments, progress: &mut Progress) -> Result<Kind> {
     let job = arguments.job()?;
     let workers = job.means.workers()?;
     signals::stop(&workers)?;
-    let mut progress = Progress::new(Show::fitting());
-    let (cloud, surveyed) = look(&job, &workers, &mut progress)?;
-    let distance = match (job.settings.fineness, surveyed.sampling) {
-        (Fineness::Sampling, measured) => measured,
-        _ => sampling_distance(&cloud, &surveyed.survey, &workers, 2 * workers.threads())?,
-    };
-    let survey = &surveyed.survey;
-    let triple = |values: [f64; 3], word: fn(f64) -> String| values.map(word).join("  ");
-    let mut lines: Vec<(&str, String)> = Vec::new();
-    for source in cloud.sources() {
-        lines.push(("file", format!("{}, {}", source.path.display(), ByteSize(source.bytes))));
-        lines.push(("layout", source.description.clone()));
+    let report = InfoReport::of(&look(&job, &workers, progress)?);
+    if arguments.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+    if let Some(contradiction) = report.reference_system.as_ref().and_then(|system| system.contradiction.as_ref()) {
+        progress
+            .warn(&Warning::new(contradiction, "name the right one with --crs, as in --crs EPSG:25832, or --crs none"));
     }
-    lines.extend(cloud.crs_line().map(|line| ("reference system", line)));
-    lines.extend([
-        ("points", thousands(survey.points)),
-        ("dropped", format!("{} (not finite)", thousands(survey.dropped))),
-        ("left out", format!("{} (by filters)", thousands(survey.filtered))),
-        (
-            "attributes",
-            if cloud.schema().attributes().is_empty() { "none".to_owned() } else { cloud.schema().to_string() },
-        ),
-        ("smallest", triple(survey.bounds.min, |v| v.to_string())),
-        ("largest", triple(survey.bounds.max, |v| v.to_string())),
-        ("extent", triple(survey.bounds.extent(), short)),
-        ("grid", GridReport::of(&surveyed.grid).to_string()),
-        ("sampling distance", distance.map_or_else(|| "none: a single place".to_owned(), short)),
-    ]);
-    print(&lines)
+    Ok(Kind::Done)
 }
 
-fn check(arguments: &CheckArguments) -> Result<Kind> {
+fn check(arguments: &CheckArguments, progress: &mut Progress) -> Result<Kind> {
     let steady = Steady::of([&arguments.mesh]);
-    reported(json_file(arguments.report.as_deref())?, || steady.settle(checked(arguments)))
+    reported(json_file(arguments.report.as_deref())?, progress, |progress| steady.settle(checked(arguments, progress)))
 }
 
-fn checked(arguments: &CheckArguments) -> Result<(CheckReport, Kind)> {
+/// How much longer it takes to look for pairs of a triangle that intersect than to check the rest of it.
+const INTERSECT: f64 = 8.0;
+
+fn checked(arguments: &CheckArguments, progress: &mut Progress) -> Result<(CheckReport, Kind)> {
     let means = arguments.means.means();
     let workers = means.workers()?;
     signals::stop(&workers)?;
     let budget = means.budget();
     let workspace = means.workspace(&arguments.mesh)?.stopped_with(&workers);
     let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 2)?;
-    let mut progress = Progress::new(show(arguments.quiet));
+    let triangles = mesh.face_count() as f64;
+    let pairs = if arguments.no_intersections { 0.0 } else { INTERSECT * triangles };
+    progress.expect(Forecast::new([(Phase::Check, triangles), (Phase::Intersect, pairs)]));
     progress.begin(Phase::Check, Some(mesh.face_count()));
     let mut report = mesh::check::check(&*mesh, budget / 2, &workers, &workspace, &mut |done| progress.set(done))?;
     if !arguments.no_intersections {
@@ -166,33 +112,31 @@ fn checked(arguments: &CheckArguments) -> Result<(CheckReport, Kind)> {
         report.intersections = Some(mesh::check::intersections(&*mesh, budget / 2, &workers, &workspace, &mut told)?);
     }
     progress.end();
-    if !arguments.quiet {
+    if !arguments.talk.quiet {
         print_text(&report.to_string())?;
     }
     let kind = if report.is_sound(arguments.open) { Kind::Done } else { Kind::Found };
     Ok((report, kind))
 }
 
-fn compare_mesh(arguments: &CompareArguments) -> Result<Kind> {
-    reported(json_file(arguments.report.as_deref())?, || {
+fn compare_mesh(arguments: &CompareArguments, progress: &mut Progress) -> Result<Kind> {
+    reported(json_file(arguments.report.as_deref())?, progress, |progress| {
         let job = arguments.job();
         let workers = job.means.workers()?;
         signals::stop(&workers)?;
-        let mut progress = Progress::new(show(arguments.quiet));
-        let found = compare(&job, &workers, &mut progress)?;
-        if !arguments.quiet {
+        let found = compare(&job, &workers, progress)?;
+        if !arguments.talk.quiet {
             print_text(&found.to_string())?;
         }
         Ok((found, Kind::Done))
     })
 }
 
-fn densify_cloud(arguments: &DensifyArguments) -> Result<Kind> {
+fn densify_cloud(arguments: &DensifyArguments, progress: &mut Progress) -> Result<Kind> {
     let job = arguments.job();
     let workers = job.means.workers()?;
     signals::stop(&workers)?;
-    let mut progress = Progress::new(show(arguments.quiet));
-    let made = densify(&job, &workers, &mut progress)?;
+    let made = densify(&job, &workers, progress)?;
     progress.note(&format!(
         "{}: {} points and {} centroids, {}",
         arguments.output.display(),
@@ -203,7 +147,7 @@ fn densify_cloud(arguments: &DensifyArguments) -> Result<Kind> {
     Ok(Kind::Done)
 }
 
-fn draw(arguments: &RenderArguments) -> Result<Kind> {
+fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {
     let means = arguments.means.means();
     let workers = means.workers()?;
     signals::stop(&workers)?;
@@ -217,10 +161,10 @@ fn draw(arguments: &RenderArguments) -> Result<Kind> {
     }
     let file = render::picture_file(&output, overwrite(arguments.overwrite))?;
     let workspace = means.workspace(&output)?.stopped_with(&workers);
-    let mut progress = Progress::new(show(arguments.quiet));
     let steady = Steady::of([&arguments.mesh]);
     let mut drawn = || {
         let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 8, &options.colour_by.wanted())?;
+        progress.expect(Forecast::new([(Phase::Render, 1.0)]));
         progress.begin(Phase::Render, Some(mesh.face_count()));
         let told = &mut |done| progress.set(done);
         render::render(&*mesh, &options, budget / 4 * 3, &workers, &workspace, told)
@@ -229,13 +173,13 @@ fn draw(arguments: &RenderArguments) -> Result<Kind> {
     picture.write(file)?;
     progress.end();
     if picture.triangles == 0 {
-        progress.note("the picture is empty: the mesh has no triangle with finite corners");
+        progress.warn(&Warning::bare("the picture is empty: the mesh has no triangle with finite corners"));
     }
     progress.note(&format!("{}: {} triangles", output.display(), thousands(picture.triangles)));
     Ok(Kind::Done)
 }
 
-fn generate_cloud(arguments: &GenerateArguments) -> Result<Kind> {
+fn generate_cloud(arguments: &GenerateArguments, progress: &mut Progress) -> Result<Kind> {
     let means = Means { threads: arguments.threads.map(usize::from), ..Means::default() };
     let workers = means.workers()?;
     signals::stop(&workers)?;
@@ -247,7 +191,7 @@ fn generate_cloud(arguments: &GenerateArguments) -> Result<Kind> {
         overwrite: overwrite(arguments.overwrite),
         ..generate::Options::new(arguments.shape, arguments.points, &arguments.output)
     };
-    let mut progress = Progress::new(show(arguments.quiet));
+    progress.expect(Forecast::new([(Phase::Generate, 1.0)]));
     progress.begin(Phase::Generate, Some(arguments.points));
     let made = generate::generate(&options, &workers, &mut |done| progress.set(done))?;
     progress.end();
@@ -266,15 +210,19 @@ fn json_file(path: Option<&Path>) -> Result<Option<WholeFile>> {
 }
 
 /// Does some work and writes its report, if one was asked for: of a failure, too.
-fn reported<R: serde::Serialize>(file: Option<WholeFile>, work: impl FnOnce() -> Result<(R, Kind)>) -> Result<Kind> {
-    let Some(file) = file else { return Ok(work()?.1) };
-    match defect::caught(work) {
+fn reported<R: serde::Serialize>(
+    file: Option<WholeFile>,
+    progress: &mut Progress,
+    work: impl FnOnce(&mut Progress) -> Result<(R, Kind)>,
+) -> Result<Kind> {
+    let Some(file) = file else { return Ok(work(progress)?.1) };
+    match defect::caught(|| work(progress)) {
         Ok((report, kind)) => write_json(file, &report).map(|()| kind),
         Err(error) => {
             if !early(&error) || !file.path().exists() || is_report(file.path()) {
                 let failure = error.failure(exit_code(&error));
                 if let Err(second) = write_json(file, &failure) {
-                    let _ = writeln!(std::io::stderr(), "asra-stream: {second}");
+                    progress.warn_always(&Warning::bare(second.to_string()));
                 }
             }
             Err(error)
@@ -310,11 +258,10 @@ fn write_json(file: WholeFile, report: &impl serde::Serialize) -> Result<()> {
     file.finish()
 }
 
-fn print(lines: &[(&str, String)]) -> Result<Kind> {
-    let width = lines.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
-    let text: Vec<String> = lines.iter().map(|(name, value)| format!("{name:<width$}  {value}")).collect();
-    print_text(&text.join("\n"))?;
-    Ok(Kind::Done)
+/// A value as JSON, to standard output.
+fn print_json(value: &impl serde::Serialize) -> Result<()> {
+    let failed = |e: serde_json::Error| Error::io("standard output", "write")(e.into());
+    print_text(&serde_json::to_string_pretty(value).map_err(failed)?)
 }
 
 /// To standard output; a reader that has gone away is no failure.

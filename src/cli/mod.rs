@@ -10,10 +10,12 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
+use serde_json::json;
 
 use crate::defect;
 use crate::error::{Error, Kind};
 use crate::input::bus;
+use crate::progress::{Progress, Show};
 
 pub use args::{Arguments, Command};
 
@@ -29,12 +31,23 @@ pub fn main() -> ExitCode {
     };
     defect::keep_for_the_error();
     bus::survive();
-    let code = match defect::caught(|| commands::execute(arguments)) {
-        Ok(kind) => kind.row().codes[0],
+    let mut progress = Progress::new(arguments.show());
+    let code = match defect::caught(|| commands::execute(arguments, &mut progress)) {
+        Ok(kind) => {
+            let code = kind.row().codes[0];
+            progress.finished(json!({ "exit_code": code, "kind": kind }));
+            code
+        }
         Err(error) => {
-            // Whether anyone can be told or not.
-            let _ = writeln!(std::io::stderr(), "asra-stream: {error}");
-            exit_code(&error)
+            let code = exit_code(&error);
+            if progress.show() == Show::Json {
+                progress.finished(json!({ "exit_code": code, "kind": error.kind(), "message": error.to_string() }));
+            } else {
+                // The bar's line, if there is one, is to be free. Whether anyone can be told or not.
+                progress.clear();
+                let _ = writeln!(std::io::stderr(), "asra-stream: {error}");
+            }
+            code
         }
     };
     ExitCode::from(code)

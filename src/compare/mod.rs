@@ -41,7 +41,7 @@ use self::search::{Facing, Nearest, search};
 use self::shape::{Point, Spot, Target, Triangle};
 use self::source::{LeftOut, Source, Survey, is_usable, triangles};
 use crate::error::{Error, Result};
-use crate::input::{Cloud, InputOptions, Opening, STANDARD_INPUT, expand};
+use crate::input::{Cloud, InputOptions, Opening, STANDARD_INPUT, Unpacked, expand};
 use crate::mesh::check::{CheckReport, check};
 use crate::mesh::{self, MeshSource};
 use crate::progress::{Phase, Progress};
@@ -106,9 +106,8 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
     let reference = if as_mesh {
         Source::Mesh(mesh::read::open(&job.reference, &workspace, budget / 8)?)
     } else {
-        progress.begin(Phase::Unpack, None);
-        let mut watch = |bytes| {
-            progress.set(bytes);
+        let mut watch = |unpacked: Unpacked| {
+            progress.unpacked(unpacked);
             workers.check_cancelled()
         };
         let opening =

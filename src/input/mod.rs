@@ -56,7 +56,7 @@ pub use files::expand;
 pub use filter::{Filter, Returns, Withheld};
 pub use layout::{Field, Layout, MAX_STRIDE};
 pub(crate) use sidecar::Sidecar;
-pub use unpack::Opening;
+pub use unpack::{Opening, Unpacked};
 pub(crate) use unpack::{Packing, STANDARD_INPUT};
 
 /// The length a block of records aims at: large against the cost of handing it to another thread, small enough for a
@@ -181,10 +181,12 @@ impl Cloud {
             unpacked_later: 0,
         };
         let mut unpacking = Unpacking::new(opening);
+        unpacking.expect(files);
         for path in files {
             let (stamp, unpacked) = (Stamp::of(path).filter(|_| path != Path::new(STANDARD_INPUT)), unpacking.bytes());
             let opened = detect::open(path, options, &mut unpacking);
             let (source, format) = settle(stamp.iter().map(|stamp| (path.as_path(), *stamp)), opened)?;
+            unpacking.finished(path);
             if let Err(missing) = options.filter.check(format.attributes()) {
                 let path = path.display();
                 return Err(Error::Usage(format!("{path}: its points have no {missing}, which the filter asks for")));
@@ -229,6 +231,18 @@ impl Cloud {
         &self.schema
     }
 
+    /// Whether any of the files has an attribute of this name.
+    pub fn has_attribute(&self, name: &str) -> bool {
+        self.formats.iter().any(|format| format.attributes().iter().any(|attribute| attribute.name == name))
+    }
+
+    /// The schema of those of the attributes that files have.
+    pub fn schema_of(&self, names: &[&str]) -> Schema {
+        let there = names.iter().filter(|name| self.has_attribute(name)).map(|name| (*name).to_owned()).collect();
+        // None is missing, and a few take little room.
+        Wanted::Named(there).of(self.formats.iter().map(|format| format.attributes())).unwrap_or_default()
+    }
+
     /// The coordinate reference system of all files that tell theirs.
     pub fn crs(&self) -> Option<&Crs> {
         self.crs.as_ref()
@@ -256,6 +270,7 @@ impl Cloud {
         let schema = match carried {
             Carried::Coordinates => Schema::default(),
             Carried::Attributes => self.schema.clone(),
+            Carried::Only(names) => self.schema_of(names),
         };
         let sieve = Sieve::new(&self.filter, schema, self.formats.iter().map(|format| format.attributes()));
         let waiting = self.formats.clone().into_iter();
@@ -314,6 +329,8 @@ pub enum Carried {
     Coordinates,
     /// Coordinates, and the attributes of the cloud's schema.
     Attributes,
+    /// Coordinates, and those of these attributes that files have, whether the cloud's schema has them or not.
+    Only(&'static [&'static str]),
 }
 
 /// One pass over a cloud.

@@ -42,8 +42,19 @@ pub struct Opening<'a> {
     pub memory: u64,
     /// Who decompresses LAZ, once for all passes, where there is room for that; if nobody, every pass does it anew.
     pub decompress: Option<&'a Workers>,
-    /// Is told the number of bytes unpacked so far, from time to time, and may stop the work with an error.
-    pub watch: &'a mut dyn FnMut(u64) -> Result<()>,
+    /// Is told how far unpacking is, from time to time, and may stop the work with an error.
+    pub watch: &'a mut dyn FnMut(Unpacked) -> Result<()>,
+}
+
+/// How far unpacking is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Unpacked {
+    /// Bytes that came out.
+    pub bytes: u64,
+    /// Bytes of packed files that are read.
+    pub read: u64,
+    /// Bytes of all packed files; `None` if there is standard input among them, whose end nobody knows.
+    pub total: Option<u64>,
 }
 
 /// Puts contents into a temporary file, which is made when the first comes.
@@ -55,12 +66,28 @@ pub struct Unpacking<'a> {
     bytes: u64,
     /// Bytes that would be decompressed if there were somebody to do it.
     later: u64,
+    /// Bytes of packed files that are done with, of the one under way, and of all.
+    finished: u64,
+    reading: u64,
+    total: Option<u64>,
 }
 
 impl<'a> Unpacking<'a> {
     /// Nothing is unpacked yet.
     pub fn new(opening: Opening<'a>) -> Unpacking<'a> {
-        Unpacking { opening, file: None, end: 0, bytes: 0, later: 0 }
+        Unpacking { opening, file: None, end: 0, bytes: 0, later: 0, finished: 0, reading: 0, total: None }
+    }
+
+    /// Says which files are going to be opened, one after the other, so that it can be told how much of them is unpacked.
+    pub fn expect(&mut self, files: &[PathBuf]) {
+        let known = files.iter().all(|path| path != Path::new(STANDARD_INPUT));
+        self.total = known.then(|| files.iter().map(|path| packed_bytes(path)).sum());
+    }
+
+    /// A file is done with.
+    pub fn finished(&mut self, path: &Path) {
+        self.finished += if self.total.is_some() { packed_bytes(path) } else { 0 };
+        self.reading = 0;
     }
 
     /// Bytes of temporary disk that are taken.
@@ -146,8 +173,15 @@ impl Stretch<'_, '_> {
         self.watch()
     }
 
+    /// So many bytes of the packed file were read for what is there so far.
+    pub fn has_read(&mut self, bytes: u64) {
+        self.unpacking.reading = bytes;
+    }
+
     fn watch(&mut self) -> Result<()> {
-        (self.unpacking.opening.watch)(self.unpacking.bytes)
+        let Unpacking { bytes, finished, reading, total, .. } = *self.unpacking;
+        let read = finished + reading;
+        (self.unpacking.opening.watch)(Unpacked { bytes, read: total.map_or(read, |total| read.min(total)), total })
     }
 
     /// The content, of the file that messages are to call `name`.
@@ -157,6 +191,23 @@ impl Stretch<'_, '_> {
         self.unpacking.end = self.unpacking.end.next_multiple_of(FAULT_WINDOW as u64);
         Content::unpacked(name, self.file, self.start, len)
     }
+}
+
+/// The bytes of a file, if it is packed by its first bytes: gzip, Zstandard or LAZ. A file that cannot be looked at has none here; opening it says why.
+fn packed_bytes(path: &Path) -> u64 {
+    /// The place of a LAS file's point format, whose highest bit says that points are compressed.
+    const POINT_FORMAT: usize = 104;
+    let look = || -> std::io::Result<u64> {
+        if !std::fs::metadata(path)?.is_file() {
+            return Ok(0);
+        }
+        let file = std::fs::File::open(path)?;
+        let mut head = Vec::with_capacity(POINT_FORMAT + 1);
+        (&file).take(POINT_FORMAT as u64 + 1).read_to_end(&mut head)?;
+        let laz = head.starts_with(b"LASF") && head.get(POINT_FORMAT).is_some_and(|format| format & 0x80 != 0);
+        Ok(if laz || Packing::of(&head).is_some() { file.metadata()?.len() } else { 0 })
+    };
+    look().unwrap_or(0)
 }
 
 /// How a file is compressed.
@@ -230,11 +281,16 @@ trait Unpack {
 fn spool(mut decoder: impl Unpack, content: &Content, unpacking: &mut Unpacking) -> Result<Content> {
     let mut stretch = unpacking.begin()?;
     let mut piece = vec![0; PIECE];
+    let read = |decoder: &mut dyn Unpack| {
+        let source = decoder.source();
+        source.get_ref().at - source.buffer().len() as u64
+    };
     loop {
         let mut filled = 0;
         while filled < PIECE {
             match decoder.read(&mut piece[filled..]) {
                 Ok(0) => {
+                    stretch.has_read(read(&mut decoder));
                     stretch.append(&piece[..filled])?;
                     return Ok(stretch.finish(content.name()));
                 }
@@ -254,6 +310,7 @@ fn spool(mut decoder: impl Unpack, content: &Content, unpacking: &mut Unpacking)
                 }
             }
         }
+        stretch.has_read(read(&mut decoder));
         stretch.append(&piece)?;
     }
 }

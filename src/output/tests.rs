@@ -359,7 +359,7 @@ fn tiles_hold_every_triangle_once_with_the_same_bits() {
     };
     let written = write(1e3, Overwrite::Refuse, 1, 1 << 30).unwrap();
     let first = contents();
-    assert_eq!(written.bytes, first.values().map(|bytes| bytes.len() as u64).sum::<u64>());
+    assert_eq!(written.0.bytes, first.values().map(|bytes| bytes.len() as u64).sum::<u64>());
     let index: serde_json::Value = serde_json::from_slice(&first["index.json"]).unwrap();
     let tiles = index["tiles"].as_array().unwrap();
     assert!(tiles.len() > 30 && tiles.len() + 1 == first.len());

@@ -11,7 +11,7 @@
 //! Triangles are sorted by tile, a block at a time, into temporary storage; then each tile is put together in memory. The folder appears under its name
 //! when it is whole.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,10 @@ use crate::error::{Error, Result};
 use crate::mesh::measure::Corners;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::mesh::{MeshHeader, MeshSource};
+use crate::progress::thousands;
+use crate::report::short;
 use crate::schedule::Workers;
+use crate::sketch::Sketch;
 use crate::spool::{Spool, Workspace};
 use crate::whole::WholeFolder;
 
@@ -32,7 +35,7 @@ pub const INDEX: &str = "index.json";
 /// Triangles sorted at a time.
 const BLOCK: usize = 1 << 15;
 /// The most tiles: more files than that in one folder serve nobody.
-const MOST_TILES: usize = 1_000_000;
+pub const MOST_TILES: u64 = 100_000;
 /// Bytes that a tile takes for each of its triangles while it is put together: corners (12, and 13 as they are written) and their keys (24); for half as
 /// many vertices, places (24, twice), numbers (4) and records.
 const PER_TRIANGLE: u64 = 49 + 26 + 16;
@@ -46,6 +49,40 @@ type Square = [i64; 2];
 
 /// Where triangles of a tile lie in the spool: the first's byte, and how many.
 type Stretch = (u64, u32);
+
+/// About how many tiles of side `side` a surface through the points makes: the squares that the sketch's columns touch, or their share of those
+/// columns' area where squares are smaller than half a column.
+pub fn expected(sketch: &Sketch, side: f64) -> u64 {
+    let (low, _) = sketch.extent();
+    let ratio = sketch.side() / side;
+    let columns = sketch.columns();
+    if ratio > 2.0 {
+        return (columns.len() as f64 * ratio * ratio).min(1e18) as u64;
+    }
+    let range = |a: usize, place: u32| {
+        let from = (low[a] as f64 + f64::from(place)) * ratio;
+        from.floor() as i64..=(from + ratio).next_down().floor() as i64
+    };
+    let squares = columns.iter().flat_map(|&[x, y]| range(0, x).flat_map(move |x| range(1, y).map(move |y| [x, y])));
+    squares.collect::<BTreeSet<Square>>().len() as u64
+}
+
+/// Refuses tiles that are too many by far.
+///
+/// # Errors
+/// [`Error::Usage`], with the side that would do.
+pub fn check_number(side: f64, tiles: u64) -> Result<()> {
+    if tiles <= MOST_TILES {
+        return Ok(());
+    }
+    let least = side * (tiles as f64 / MOST_TILES as f64).sqrt();
+    // Rounded up to two digits.
+    let step = 10f64.powf(libm::log10(least).floor() - 1.0);
+    let (least, tiles, most) = (short((least / step).ceil() * step), thousands(tiles), thousands(MOST_TILES));
+    Err(Error::Usage(format!(
+        "--tile {side}: makes about {tiles} tiles, and {most} is the limit; pass --tile {least} or more"
+    )))
+}
 
 /// A folder of tiles that is going to be.
 #[derive(Debug)]
@@ -77,7 +114,8 @@ impl Tiles {
         Ok(Tiles { format, side, folder, positions })
     }
 
-    /// Writes all tiles and their index, and gives the folder its name. `memory` bounds a tile; `progress` is told triangles sorted and written.
+    /// Writes all tiles and their index, and gives the folder its name; returns the number of tiles, too. `memory` bounds a tile; `progress` is told how many triangles are
+    /// sorted, and written: in the end twice as many as there are.
     ///
     /// # Errors
     /// [`Error::Usage`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::fill`] and [`super::Filled::finish`].
@@ -89,11 +127,14 @@ impl Tiles {
         workers: &Workers,
         workspace: &Workspace,
         progress: &mut dyn FnMut(u64),
-    ) -> Result<Written> {
-        let (spool, tiles) = self.sort(mesh, header, workers, workspace)?;
+    ) -> Result<(Written, u64)> {
+        let mut done = 0;
+        let (spool, tiles) = self.sort(mesh, header, workers, workspace, &mut |triangles| {
+            done += triangles;
+            progress(done);
+        })?;
         let mut entries = Vec::new();
         let mut written = Written { bytes: 0 };
-        let mut done = 0;
         // By y, then by x, as pictures are read.
         for ([y, x], stretches) in tiles {
             workers.check_cancelled()?;
@@ -119,6 +160,7 @@ impl Tiles {
             }));
         }
         let origin = if self.positions == Positions::Absolute { [0.0; 3] } else { header.origin };
+        let count = entries.len() as u64;
         let index = json!({
             "version": 1, "side": self.side, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
         });
@@ -129,7 +171,7 @@ impl Tiles {
             .and_then(|mut file| file.write_all(&text))
             .map_err(Error::io(&path, "write"))?;
         self.folder.finish()?;
-        Ok(written)
+        Ok((written, count))
     }
 
     /// Sorts all triangles by tile, those of a tile in the mesh's order.
@@ -139,6 +181,7 @@ impl Tiles {
         header: &MeshHeader,
         workers: &Workers,
         workspace: &Workspace,
+        progress: &mut dyn FnMut(u64),
     ) -> Result<(Spool, BTreeMap<Square, Vec<Stretch>>)> {
         let mut spool = workspace.spool(0);
         let mut tiles: BTreeMap<Square, Vec<Stretch>> = BTreeMap::new();
@@ -162,17 +205,19 @@ impl Tiles {
         };
         workers.in_order_range(workers.threads() + 1, blocks, place, |(sorted, counts)| {
             let mut at = spool.append(bytemuck::cast_slice(&sorted))?;
+            progress(sorted.len() as u64);
             for (square, count) in counts {
                 tiles.entry(square).or_default().push((at, count));
                 at += u64::from(count) * size_of::<[u32; 3]>() as u64;
             }
-            if tiles.len() > MOST_TILES {
-                let side = self.side;
-                return Err(Error::Usage(format!(
-                    "--tile {side}: that makes more than {MOST_TILES} tiles; larger ones are needed"
-                )));
+            match tiles.len() as u64 {
+                ..=MOST_TILES => Ok(()),
+                _ => Err(Error::Usage(format!(
+                    "--tile {}: makes more than {} tiles, which is the limit; make tiles larger",
+                    self.side,
+                    thousands(MOST_TILES)
+                ))),
             }
-            Ok(())
         })?;
         Ok((spool, tiles))
     }
@@ -234,4 +279,46 @@ struct Tile {
     mesh: MeshSpool,
     /// The least and the greatest coordinates of its vertices.
     bounds: [[f64; 3]; 2],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Bounds;
+    use crate::sketch::Sketching;
+
+    /// Points on a square lattice of 200 by 200, a unit apart, from `low` on.
+    fn lattice(low: [f64; 2]) -> Sketch {
+        let place = |i: i32| [low[0] + f64::from(i % 200) + 0.5, low[1] + f64::from(i / 200) + 0.5, 0.0];
+        let points: Vec<[f64; 3]> = (0..40_000).map(place).collect();
+        let bounds = points.iter().fold(Bounds::EMPTY, |bounds, p| bounds.union(Bounds { min: *p, max: *p }));
+        let sketching = Sketching::default();
+        sketching.add(&points, bounds);
+        sketching.finish()
+    }
+
+    #[test]
+    fn tiles_are_counted_from_the_sketch_on_either_side_of_zero() {
+        for low in [[0.0, 0.0], [-200.0, -400.0], [-600.0, 800.0]] {
+            let sketch = lattice(low);
+            for (side, tiles) in [(1000.0, 1), (50.0, 16), (10.0, 400), (1.0, 40_000)] {
+                assert_eq!(expected(&sketch, side), tiles, "{low:?} {side}");
+            }
+            let fine = expected(&sketch, 0.01) as f64;
+            assert!((fine / 4e8 - 1.0).abs() < 0.01, "{fine}");
+        }
+        assert_eq!(expected(&lattice([-100.0, -100.0]), 1e9), 4, "round zero");
+        assert!(expected(&lattice([0.0, 0.0]), 1e-300) >= 1_000_000_000_000, "no overflow");
+    }
+
+    #[test]
+    fn the_side_that_is_advised_would_do() {
+        assert!(check_number(1.0, MOST_TILES).is_ok());
+        for (side, tiles) in [(0.01, 643_843), (2.0, 100_001), (1e-9, 1 << 60)] {
+            let error = check_number(side, tiles).unwrap_err().to_string();
+            let advised: f64 = error.split("pass --tile ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+            let made = tiles as f64 * (side / advised).powi(2);
+            assert!(made <= MOST_TILES as f64 && made > 0.8 * MOST_TILES as f64, "{error}");
+        }
+    }
 }

@@ -68,7 +68,7 @@ impl Occupancy {
         self.store.extend(&slices.slices)
     }
 
-    /// Rasters all buckets: cells of at least `least` points are occupied. `progress` is told the slices of each bucket. Memory:
+    /// Rasters all buckets: cells of at least `least` points are occupied. `progress` is told the points of each bucket. Memory:
     /// [`BUCKET_SLICES`] slices of bits and a chunk of a bucket for each job in flight; if `least` is more than one, which takes a second look at the points, a
     /// number for each of the slices' cells as well.
     ///
@@ -79,12 +79,13 @@ impl Occupancy {
         grid: &Grid,
         least: u32,
         context: &Context,
-        mut progress: impl FnMut(u32),
+        mut progress: impl FnMut(u64),
     ) -> Result<Occupancy> {
         let cells = grid.cells();
         let [width, slices, rows] = cells;
         let mut out = Occupancy::new(cells, context);
         let mut jobs = 0..buckets.count();
+        let mut done = 0..buckets.count();
         context.workers.in_order(
             context.memory.chunks_in_flight,
             || Ok(jobs.next()),
@@ -107,7 +108,7 @@ impl Occupancy {
                 Ok(out)
             },
             |slices: Raster| {
-                progress(slices.in_slice.len() as u32);
+                progress(done.next().map_or(0, |bucket| buckets.points_in(bucket)));
                 out.append(&slices)
             },
         )?;

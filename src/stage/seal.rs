@@ -42,6 +42,11 @@ impl Closing {
     }
 }
 
+/// The squared radius that a ball falls to on a level.
+pub fn last(level: u32) -> u32 {
+    if level > 0 { LAST_COARSE } else { LAST }
+}
+
 /// The grid's occupied cells, and the same cells ever coarser.
 #[derive(Debug)]
 pub struct Pyramid<'a> {
@@ -85,8 +90,7 @@ impl<'a> Pyramid<'a> {
             if level < closing.level {
                 sides = sides.refined(occupancy, context)?;
             }
-            let last = if level > 0 { LAST_COARSE } else { LAST };
-            sides = sides.fallen(occupancy, last, context, &mut progress)?;
+            sides = sides.fallen(occupancy, last(level), context, &mut progress)?;
         }
         let solid = Solid::between(self.finest, &sides, &Ball::new(1), context)?;
         drop(sides);

@@ -39,6 +39,12 @@ fn next(squared: u32) -> u32 {
     if squared > 4 { (squared / 2).max(4) } else { LAST }
 }
 
+/// How many steps a ball of `squared` takes to fall to `last`.
+pub fn steps(squared: u32, last: u32) -> u32 {
+    let fall = |squared: &u32| Some(next(*squared).max(last)).filter(|_| *squared > last);
+    std::iter::successors(Some(squared), fall).count() as u32 - 1
+}
+
 /// The free cells whose side is known, in the padded box.
 #[derive(Debug)]
 pub struct Sides {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{MeansArguments, coordinates_only, overwrite};
+use super::{MeansArguments, TalkArguments, coordinates_only, overwrite};
 use crate::compare;
 use crate::densify;
 use crate::input::Layout;
@@ -24,9 +24,9 @@ pub struct CheckArguments {
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
     pub means: MeansArguments,
@@ -57,9 +57,9 @@ pub struct CompareArguments {
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
     pub means: MeansArguments,
@@ -81,9 +81,9 @@ pub struct DensifyArguments {
     /// Record layout of a raw cloud [default: the side-car's, else detected]
     #[arg(long, value_name = "FIELDS")]
     pub layout: Option<Layout>,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
     pub means: MeansArguments,
@@ -118,9 +118,9 @@ pub struct RenderArguments {
     /// Replace the picture if it exists
     #[arg(long)]
     pub overwrite: bool,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
     pub means: MeansArguments,

@@ -19,6 +19,7 @@ use crate::open::{Facing, Hole, Kind, Open};
 use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
 use crate::preview::Preview;
+use crate::progress::Show;
 use crate::run::{Check, Job, Means};
 use crate::scalar::Endian;
 use crate::slab::{Fit, SurfaceOptions};
@@ -42,12 +43,28 @@ pub struct Arguments {
     pub reconstruct: ReconstructArguments,
 }
 
+impl Arguments {
+    /// How progress is to be shown.
+    pub fn show(&self) -> Show {
+        match &self.command {
+            None => self.reconstruct.talk.show(),
+            Some(Command::Plan(plan)) => plan.progress.show(),
+            Some(Command::Info(info)) => info.progress.show(),
+            Some(Command::Check(check)) => check.talk.show(),
+            Some(Command::Compare(compare)) => compare.talk.show(),
+            Some(Command::Densify(densify)) => densify.talk.show(),
+            Some(Command::Render(render)) => render.talk.show(),
+            Some(Command::Generate(generate)) => generate.talk.show(),
+        }
+    }
+}
+
 /// What to do instead of reconstructing.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Show what a reconstruction would take (memory, disk, slices, triangles), without doing it
+    /// Show what a reconstruction would take (memory, disk, slices, triangles, tiles), without doing it
     Plan(PlanArguments),
-    /// Show what is in the input: layout, number of points, box, grid, sampling distance
+    /// Show what is in the input: layout, points and how densely they lie, reference system and its unit, box, classes and returns, grid
     Info(InfoArguments),
     /// Check a mesh: closed, oriented, manifold, free of self-intersections, Euler number, components, volume, area (exit
     /// code 4 if it is no closed oriented 2-manifold or intersects itself)
@@ -83,7 +100,7 @@ pub struct ReconstructArguments {
     /// Replace the output if it exists
     #[arg(long)]
     pub overwrite: bool,
-    /// Write a file for each square of this side, in the input's units, and an index, in the folder city.tiles for city.ply: PLY and GLB
+    /// Write a file for each square of this side, in the input's units, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
     #[arg(long, value_name = "SIDE", value_parser = positive, allow_negative_numbers = true)]
     pub tile: Option<f64>,
     /// Draw a picture of the mesh, too [default: the mesh's name with .png]
@@ -99,12 +116,56 @@ pub struct ReconstructArguments {
     /// Write a report of the run as JSON; an existing one is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Say more: the summary's details, too
+    #[arg(short, long, conflicts_with = "quiet")]
+    pub verbose: bool,
     /// Memory, disk, threads.
     #[command(flatten)]
     pub means: MeansArguments,
+}
+
+/// How much is said on standard error.
+#[derive(Debug, Args)]
+pub struct TalkArguments {
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// How progress is told: auto is a bar on a terminal, else lines with the time of day; json is an object a line, see docs/progress.md
+    #[arg(long, value_name = "HOW", value_enum, default_value_t, hide_possible_values = true)]
+    pub progress: ProgressWord,
+}
+
+/// How progress is told, as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum ProgressWord {
+    /// As fits standard error.
+    #[default]
+    Auto,
+    /// Lines.
+    Lines,
+    /// JSON.
+    Json,
+}
+
+impl ProgressWord {
+    /// The way to show it.
+    pub fn show(self) -> Show {
+        match self {
+            ProgressWord::Auto => Show::fitting(),
+            ProgressWord::Lines => Show::Lines,
+            ProgressWord::Json => Show::Json,
+        }
+    }
+}
+
+impl TalkArguments {
+    /// The way to show progress.
+    pub fn show(&self) -> Show {
+        if self.quiet { Show::Nothing } else { self.progress.show() }
+    }
 }
 
 /// The cloud and how it is meshed.
@@ -224,6 +285,15 @@ pub struct MeansArguments {
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArguments {
+    /// Write what is found as JSON, see docs/info-and-plan.md
+    #[arg(long)]
+    pub json: bool,
+    /// Write a file for each square of this side, in the input's units, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
+    #[arg(long, value_name = "SIDE", value_parser = positive, allow_negative_numbers = true)]
+    pub tile: Option<f64>,
+    /// How progress is told: auto is a bar on a terminal, else lines with the time of day; json is an object a line, see docs/progress.md
+    #[arg(long, value_name = "HOW", value_enum, default_value_t, hide_possible_values = true)]
+    pub progress: ProgressWord,
     /// The cloud and how it would be meshed.
     #[command(flatten)]
     pub cloud: CloudArguments,
@@ -235,6 +305,12 @@ pub struct PlanArguments {
 /// Arguments of `info`.
 #[derive(Debug, Args)]
 pub struct InfoArguments {
+    /// Write what is found as JSON, see docs/info-and-plan.md
+    #[arg(long)]
+    pub json: bool,
+    /// How progress is told: auto is a bar on a terminal, else lines with the time of day; json is an object a line, see docs/progress.md
+    #[arg(long, value_name = "HOW", value_enum, default_value_t, hide_possible_values = true)]
+    pub progress: ProgressWord,
     /// The cloud and how it would be meshed.
     #[command(flatten)]
     pub cloud: CloudArguments,
@@ -273,9 +349,9 @@ pub struct GenerateArguments {
     /// Replace the file if it exists
     #[arg(long)]
     pub overwrite: bool,
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
     /// Worker threads [default: one for each processor]
     #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
@@ -490,7 +566,7 @@ impl PlanArguments {
     /// # Errors
     /// As [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
-        job(&self.cloud, self.means.means())
+        Ok(Job { tile: self.tile, ..job(&self.cloud, self.means.means())? })
     }
 }
 

@@ -56,9 +56,10 @@ fn several_files_lie_side_by_side() {
     std::fs::write(path("c.zst"), zstandard(text().as_bytes())).unwrap();
     let files = ["a.gz", "b.gz", "c.zst"].map(path);
     let workspace = Workspace::new(dir.path()).unwrap();
-    let mut told = 0;
-    let watch = &mut |bytes| {
-        told = bytes;
+    let mut told = Unpacked::default();
+    let watch = &mut |unpacked: Unpacked| {
+        assert!(Some(unpacked.read) <= unpacked.total, "{unpacked:?}");
+        told = unpacked;
         Ok(())
     };
     // The length is one more than the stream's: the byte behind it is no token.
@@ -74,7 +75,8 @@ fn several_files_lie_side_by_side() {
     let unpacked = 6 + (pcd.len() as u64 - 1) + 12 + text().len() as u64;
     assert_eq!((cloud.unpacked(), workspace.peak_on_disk()), (unpacked, unpacked));
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 3, "what is unpacked has no name");
-    assert_eq!(told, unpacked);
+    let packed = files.iter().map(|file| std::fs::metadata(file).unwrap().len()).sum();
+    assert_eq!(told, Unpacked { bytes: unpacked, read: packed, total: Some(packed) });
 }
 
 #[test]

@@ -263,6 +263,8 @@ impl Decode for Block {
 /// # Errors
 /// [`Error::Malformed`] if they are not as they should be; those of [`Unpacking`].
 pub fn unpack(mut cutter: Cutter, workers: &Workers, unpacking: &mut Unpacking) -> Result<Content> {
+    let (bytes, packed) = (cutter.left.saturating_mul(cutter.packed.record as u64).max(1), cutter.file.len());
+    let mut done = 0;
     let path = cutter.packed.path.clone();
     let mut stretch = unpacking.begin()?;
     let spares = Spares::<Vec<u8>>::default();
@@ -276,6 +278,8 @@ pub fn unpack(mut cutter: Cutter, workers: &Workers, unpacking: &mut Unpacking) 
             Ok(records)
         },
         |records| {
+            done += records.len() as u64;
+            stretch.has_read((packed as f64 * (done as f64 / bytes as f64)) as u64);
             stretch.append(&records)?;
             spares.give(records);
             Ok(())
