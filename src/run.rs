@@ -13,6 +13,7 @@ use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand
 use crate::machine;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
+use crate::open::Kind;
 use crate::output::{self, Filled, Positions, Target, Tiles};
 use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
 use crate::plan::MemoryPlan;
@@ -166,7 +167,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let files = files(job)?;
     let workspace = job.means.workspace(&default_output(&job.inputs, &files))?;
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
-    describe(&cloud, progress);
+    describe(&cloud, &job.settings, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let budget = job.means.budget();
@@ -228,13 +229,17 @@ fn open(
     cloud
 }
 
-/// Says how every file was understood.
-fn describe(cloud: &Cloud, progress: &Progress) {
+/// Says how every file was understood, and what its scans' places are good for.
+fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) {
     for source in cloud.sources() {
         progress.note(&format!("{}: {}", source.path.display(), source.description));
     }
     if let Some(line) = cloud.crs_line() {
         progress.note(&format!("coordinate reference system: {line}"));
+    }
+    let scans: usize = cloud.stations().map(|stations| stations.len()).sum();
+    if scans > 0 && settings.open.is_some_and(|open| open.kind == Kind::Terrain) {
+        progress.note("the file tells where its scans were taken from: --surface sheet --facing @poses makes a sheet seen from there");
     }
 }
 
@@ -296,24 +301,25 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let workspace = job.means.workspace(&output)?.stopped_with(workers);
     let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
 
-    describe(&cloud, progress);
+    describe(&cloud, &job.settings, progress);
     let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    let settings = Settings { open: surveyed.open, ..job.settings };
     refuse_contradiction(&cloud, &surveyed)?;
     // What the box alone lets expect may be too much.
     if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, job.means.budget()).is_err() {
-        surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, job.means.budget())?;
+        surveyed = rehearsed(surveyed, &settings, workers, &workspace, job.means.budget())?;
     }
     let context = context(&surveyed, workers, &workspace, job.means.budget())?;
-    let picture = picture.map(|file| PlannedPreview::new(file, &job.settings, &surveyed.survey.bounds, cloud.schema()));
+    let picture = picture.map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema()));
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
-    let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
+    let made = reconstruct(&cloud, &surveyed, &settings, &context, progress)?;
 
     if job.settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
-    let mut header = header(&cloud, &surveyed, job, &made);
+    let mut header = header(&cloud, &surveyed, &settings, &made);
     if job.input.attributes == Wanted::All {
         for (name, value) in output::constant(&made.mesh, workers)? {
             header.comments.push(format!("constant {name} {value}"));
@@ -366,7 +372,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     Ok(Report {
         version: env!("CARGO_PKG_VERSION"),
         inputs: input_reports(&cloud),
-        parameters: Parameters::of(&job.settings),
+        parameters: Parameters::of(&settings),
         points: PointsReport::of(&cloud, &surveyed),
         grid: GridReport::of(&surveyed.grid),
         points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
@@ -437,9 +443,14 @@ pub fn input_reports(cloud: &Cloud) -> Vec<InputReport> {
 }
 
 /// What the mesh file says of its making: nothing that depends on means, so that the same points give the same bytes.
-fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction) -> MeshHeader {
+fn header(
+    cloud: &Cloud,
+    surveyed: &Surveyed,
+    settings: &Settings,
+    made: &crate::pipeline::Reconstruction,
+) -> MeshHeader {
     let grid = &surveyed.grid;
-    let surface = job.settings.surface;
+    let surface = settings.surface;
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
     let closing = match &made.how {
         How::Ball(closing) => format!("radius {}", closing.rho()),
@@ -447,7 +458,7 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
     };
     let mut header = MeshHeader {
         crs: cloud.crs().cloned(),
-        sheet: job.settings.open.is_some_and(|open| open.base.is_none()),
+        sheet: settings.open.is_some_and(|open| open.base.is_none()),
         constant: Vec::new(),
         origin: made.origin,
         comments: vec![
@@ -463,7 +474,7 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
             ),
         ],
     };
-    if let Some(open) = &job.settings.open {
+    if let Some(open) = &settings.open {
         let base = open.base.map_or_else(String::new, |base| format!(" base {base}"));
         let hole = 2 * open.bridge(grid);
         header.comments.push(format!(

@@ -4,6 +4,7 @@ mod command {
     mod compare;
     pub mod folder;
     mod outputs;
+    mod poses;
 }
 
 use std::io::{BufRead, BufReader};

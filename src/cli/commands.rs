@@ -123,9 +123,10 @@ fn show_info(arguments: &InfoArguments) -> Result<Kind> {
     let survey = &surveyed.survey;
     let triple = |values: [f64; 3], word: fn(f64) -> String| values.map(word).join("  ");
     let mut lines: Vec<(&str, String)> = Vec::new();
-    for source in cloud.sources() {
+    for (source, stations) in cloud.sources().iter().zip(cloud.stations()) {
         lines.push(("file", format!("{}, {}", source.path.display(), ByteSize(source.bytes))));
         lines.push(("layout", source.description.clone()));
+        lines.extend(stations.iter().map(|place| ("scanned from", place.map(|c| c.to_string()).join("  "))));
     }
     lines.extend(cloud.crs_line().map(|line| ("reference system", line)));
     lines.extend([

@@ -128,6 +128,11 @@ pub(crate) trait PointFormat: fmt::Debug + Send + Sync {
     /// The attributes of its points.
     fn attributes(&self) -> &[Attribute];
 
+    /// Where its scans were taken from, as far as it tells.
+    fn stations(&self) -> Vec<[f64; 3]> {
+        Vec::new()
+    }
+
     /// Opens the file and starts cutting at its first record; blocks are to be decoded with attributes of `schema`.
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>>;
 }
@@ -143,6 +148,11 @@ pub(crate) trait Decode: Send + Sync {
     /// Appends all points to `batch`, which comes empty and in the cloud's precision, with a record of the schema for each. Those that are
     /// not finite are left out later, and not by the format.
     fn decode(&self, batch: &mut Batch) -> Result<()>;
+
+    /// Where all of them were scanned from, if the file tells.
+    fn station(&self) -> Option<[f64; 3]> {
+        None
+    }
 }
 
 impl Cloud {
@@ -224,6 +234,11 @@ impl Cloud {
         self.unpacked_later
     }
 
+    /// Where the scans of each file were taken from, in the order of [`Cloud::sources`], as far as files tell.
+    pub fn stations(&self) -> impl Iterator<Item = Vec<[f64; 3]>> {
+        self.formats.iter().map(|format| format.stations())
+    }
+
     /// The attributes that are carried to the mesh.
     pub fn schema(&self) -> &Schema {
         &self.schema
@@ -292,6 +307,17 @@ impl Cloud {
         let named = self.sources.iter().zip(&self.stamps);
         settle(named.filter_map(|(source, stamp)| Some((source.path.as_path(), (*stamp)?))), outcome)
     }
+}
+
+/// Whether any of the files that the arguments stand for, and that need no unpacking, tells where its scans were taken from. What cannot be read does not.
+pub fn tells_stations(inputs: &[PathBuf]) -> bool {
+    let tells = |path: &PathBuf| {
+        let content = mapped::Content::named(path);
+        let head = content.unmapped().and_then(|file| file.read(0..file.len().min(8)));
+        head.is_ok_and(|head| e57::is_e57(&head))
+            && e57::open(&content).is_ok_and(|(_, format)| !format.stations().is_empty())
+    };
+    expand(inputs).is_ok_and(|files| files.iter().filter(|file| *file != Path::new(STANDARD_INPUT)).any(tells))
 }
 
 /// The system of the files that tell theirs, as the first of them does.
@@ -367,6 +393,7 @@ impl Block {
         }
         batch.attributes.clear();
         (batch.dropped, batch.filtered) = (0, 0);
+        batch.station = self.records.station();
         self.records.decode(batch)?;
         self.sieve.sift(batch);
         Ok(())

@@ -14,7 +14,7 @@ use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
-use crate::input::{Filter, InputOptions, Layout, Returns, Withheld};
+use crate::input::{Filter, InputOptions, Layout, Returns, Withheld, tells_stations};
 use crate::open::{Facing, Hole, Kind, Open};
 use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
@@ -187,7 +187,7 @@ pub struct CloudArguments {
     /// A closed surface; or one that is open where the points end: of what was scanned from one side, or of ground seen from above
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
     pub surface: SurfaceWord,
-    /// Where a sheet's points were seen from: +x, -x, +y, -y, +z or -z; a direction such as 0.3,0,1; or a position such as @2,0.5,1
+    /// Where a sheet's points were seen from: +x, -x, +y, -y, +z or -z; a direction such as 0.3,0,1; a position such as @2,0.5,1; or @poses, the positions that E57 files tell
     #[arg(long, value_name = "FROM", allow_hyphen_values = true, help_heading = "Surface")]
     pub facing: Option<Facing>,
     /// The widest hole that is bridged in a sheet or terrain, a length or cells as in `8c` [default: 16c]
@@ -397,7 +397,10 @@ impl CloudArguments {
             SurfaceWord::Sheet if self.base.is_some() => wrong("--base: is for --surface terrain"),
             SurfaceWord::Sheet => match self.facing {
                 Some(facing) => Ok(Some(Open { kind: Kind::Sheet, facing, max_hole, base: None })),
-                None => wrong("--surface sheet: --facing must say where the points were seen from"),
+                None => {
+                    let told = if tells_stations(&self.inputs) { "; the input tells: --facing @poses" } else { "" };
+                    wrong(&format!("--surface sheet: --facing must say where the points were seen from{told}"))
+                }
             },
             SurfaceWord::Terrain => match self.facing {
                 None | Some(Facing::UP) => Ok(Some(Open { max_hole, base: self.base, ..Open::TERRAIN })),
