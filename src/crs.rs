@@ -11,6 +11,7 @@ use std::fmt;
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::unit::{Measure, Unit};
 
 /// The longest WKT read; real ones have some thousand bytes.
 pub const MAX_WKT: usize = 1 << 18;
@@ -29,6 +30,9 @@ pub struct Crs {
     pub vertical: Option<u32>,
     /// What it is called.
     pub name: Option<String>,
+    /// The unit of its lengths, where GeoTIFF keys tell it; else text and codes do.
+    #[serde(skip)]
+    pub unit: Option<Unit>,
 }
 
 impl Crs {
@@ -47,9 +51,9 @@ impl Crs {
         if keyword.is_empty() || !opens {
             return Some(Crs { name: printable(text), ..Crs::default() });
         }
-        let Codes { own, horizontal, vertical } = Codes::of(text);
+        let Codes { own, horizontal, vertical, .. } = Codes::of(text);
         let name = text.split('"').nth(1).and_then(printable);
-        Some(Crs { wkt: Some(text.to_string()), epsg: horizontal.or(own), vertical, name })
+        Some(Crs { wkt: Some(text.to_string()), epsg: horizontal.or(own), vertical, name, unit: None })
     }
 
     /// The system that GeoTIFF keys tell: the directory (record 34735) and its text parameters (34737). `None` if they tell none.
@@ -57,6 +61,7 @@ impl Crs {
         const GEOGRAPHIC: u16 = 2048;
         const PROJECTED: u16 = 3072;
         const VERTICAL: u16 = 4096;
+        const LINEAR_UNITS: u16 = 3076;
         /// Citations of the projected system, of the geographic one, of the file.
         const CITATIONS: [u16; 3] = [3073, 2049, 1026];
         /// What stands for "none" and "defined by other keys".
@@ -75,7 +80,13 @@ impl Crs {
             printable(String::from_utf8_lossy(words).trim_matches(|c: char| c == '|' || c == '\0' || c.is_whitespace()))
         };
         let name = CITATIONS.into_iter().find_map(cited);
-        let crs = Crs { wkt: None, epsg, vertical: code(VERTICAL), name };
+        let unit = match code(LINEAR_UNITS) {
+            Some(9001) => Some(Unit::Metre),
+            Some(9002) => Some(Unit::Foot),
+            Some(9003) => Some(Unit::SurveyFoot),
+            _ => None,
+        };
+        let crs = Crs { wkt: None, epsg, vertical: code(VERTICAL), name, unit };
         (crs.epsg.is_some() || crs.name.is_some()).then_some(crs)
     }
 
@@ -122,6 +133,34 @@ impl Crs {
             }
             _ => None,
         }
+    }
+
+    /// What its coordinates are; `None` if neither its text nor its code tells.
+    pub fn measure(&self) -> Option<Measure> {
+        // Of systems by code, the definition tells, in the words of PROJ.
+        let defined = self.epsg.and_then(|code| crs_definitions::from_code(u16::try_from(code).ok()?));
+        let word = |key: &str| {
+            let words = defined.map_or("", |definition| definition.proj4).split_ascii_whitespace();
+            words.filter_map(|word| word.strip_prefix('+')?.split_once('=')).find(|(name, _)| *name == key)
+        };
+        let told = self.wkt.as_deref().map(Codes::of).unwrap_or_default();
+        let angles = word("proj").is_some_and(|(_, name)| name == "longlat") && told.unit.is_none();
+        if self.axes() == Some(Axes::Degrees) || angles {
+            return Some(Measure::Degrees);
+        }
+        let named = || match word("units")?.1 {
+            "m" => Some(Unit::Metre),
+            "ft" => Some(Unit::Foot),
+            "us-ft" => Some(Unit::SurveyFoot),
+            _ => None,
+        };
+        let factor = || Unit::of_metres(word("to_meter")?.1.parse().ok()?);
+        let unit = match told.unit {
+            Some(metres) => Unit::of_metres(metres),
+            None => self.unit.or_else(named).or_else(factor),
+        }?;
+        let heights = told.height_unit.map(Unit::of_metres);
+        Some(if heights.is_none_or(|heights| heights == Some(unit)) { Measure::Length(unit) } else { Measure::Mixed })
     }
 
     fn axes(&self) -> Option<Axes> {
@@ -223,6 +262,10 @@ struct Codes {
     horizontal: Option<u32>,
     /// Of the heights in a compound.
     vertical: Option<u32>,
+    /// Metres of the unit of lengths on the map.
+    unit: Option<f64>,
+    /// Metres of the unit of heights in a compound.
+    height_unit: Option<f64>,
 }
 
 impl Codes {
@@ -255,6 +298,9 @@ impl Codes {
     }
 
     fn see(&mut self, within: &[(String, Vec<String>)], keyword: &str, arguments: &[String]) {
+        if let ([_, factor, ..], "UNIT" | "LENGTHUNIT") = (arguments, keyword) {
+            self.see_unit(within, factor);
+        }
         let ([authority, code, ..], "AUTHORITY" | "ID") = (arguments, keyword) else { return };
         let (true, Ok(code)) = (authority.eq_ignore_ascii_case("EPSG"), code.parse::<u32>()) else { return };
         let path: Vec<&str> = within.iter().map(|(keyword, _)| keyword.as_str()).collect();
@@ -262,6 +308,25 @@ impl Codes {
             [_] => self.own = Some(code),
             ["COMPD_CS" | "COMPOUNDCRS", "VERT_CS" | "VERTCRS" | "VERTICALCRS"] => self.vertical = Some(code),
             ["COMPD_CS" | "COMPOUNDCRS", _] => self.horizontal = self.horizontal.or(Some(code)),
+            _ => {}
+        }
+    }
+}
+
+impl Codes {
+    /// Keeps the unit of a system, which stands in it, or in an axis of it; not those of its datum or its projection's parameters.
+    fn see_unit(&mut self, within: &[(String, Vec<String>)], factor: &str) {
+        const MAPS: [&str; 7] = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOCCS", "GEODCRS", "GEODETICCRS", "LOCAL_CS"];
+        const HEIGHTS: [&str; 3] = ["VERT_CS", "VERTCRS", "VERTICALCRS"];
+        let Ok(metres) = factor.parse::<f64>() else { return };
+        let mut path = within.iter().map(|(keyword, _)| keyword.as_str()).rev();
+        let system = match path.next() {
+            Some("AXIS") => path.next(),
+            last => last,
+        };
+        match system {
+            Some(system) if MAPS.contains(&system) => self.unit = self.unit.or(Some(metres)),
+            Some(system) if HEIGHTS.contains(&system) => self.height_unit = self.height_unit.or(Some(metres)),
             _ => {}
         }
     }
@@ -324,6 +389,44 @@ mod tests {
     }
 
     #[test]
+    fn units_are_told_by_texts_and_codes() {
+        let feet = COMPOUND.replace(r#"UNIT["metre",1],"#, r#"UNIT["US survey foot",0.3048006096012192],"#);
+        let both = feet.replace(r#"AUTHORITY["EPSG","5103"]]"#, r#"AUTHORITY["EPSG","5103"]],UNIT["metre",1]"#);
+        let newer = r#"PROJCRS["x",BASEGEOGCRS["y",DATUM["d",ELLIPSOID["e",6378137,298.2,LENGTHUNIT["metre",1]]]],CONVERSION["c",METHOD["m"],
+            PARAMETER["False easting",1640416.67,LENGTHUNIT["metre",1]]],CS[Cartesian,2],AXIS["x",east,LENGTHUNIT["foot",0.3048]]]"#;
+        for (text, expected) in [
+            (COMPOUND, Some(Measure::Length(Unit::Metre))),
+            (feet.as_str(), Some(Measure::Length(Unit::SurveyFoot))),
+            (both.as_str(), Some(Measure::Mixed)),
+            (newer, Some(Measure::Length(Unit::Foot))),
+            ("EPSG:25832", Some(Measure::Length(Unit::Metre))),
+            ("EPSG:2992", Some(Measure::Length(Unit::Foot))),
+            ("EPSG:2229", Some(Measure::Length(Unit::SurveyFoot))),
+            ("EPSG:4978", Some(Measure::Length(Unit::Metre))),
+            ("EPSG:4326", Some(Measure::Degrees)),
+            ("EPSG:4314", Some(Measure::Degrees)),
+            (
+                r#"GEOGCS["WGS 84",DATUM["W",SPHEROID["W",6378137,298.2]],UNIT["degree",0.0174532925199433]]"#,
+                Some(Measure::Degrees),
+            ),
+            (r#"LOCAL_CS["site",UNIT["metre",1]]"#, Some(Measure::Length(Unit::Metre))),
+            (r#"LOCAL_CS["site",UNIT["ell",0.6858]]"#, None),
+            (r#"LOCAL_CS["site"]"#, None),
+            ("EPSG:60000", None),
+            ("EPSG:999999", None),
+            ("my own system", None),
+        ] {
+            assert_eq!(Crs::parse(text).unwrap().measure(), expected, "{text}");
+        }
+        let keys = [1, 1, 0, 2, 3072, 0, 1, 32767, 3076, 0, 1, 9003];
+        let own = Crs { name: Some("own".into()), ..Crs::of_geotiff(&keys, b"").unwrap_or_default() };
+        assert_eq!(own.unit, None, "keys without a code or a name tell no system");
+        let keys = [1, 1, 0, 2, 3072, 0, 1, 25832, 3076, 0, 1, 9003];
+        let crs = Crs::of_geotiff(&keys, b"").unwrap();
+        assert_eq!(crs.measure(), Some(Measure::Length(Unit::SurveyFoot)));
+    }
+
+    #[test]
     fn a_system_is_given_by_code_text_file_or_not_at_all() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("site.prj");
@@ -367,7 +470,7 @@ mod tests {
         #[test]
         fn no_text_makes_it_panic(text in "\\PC{0,60}", wkt in "[A-Z\\[\\](),\"0-9 ]{0,80}", keys: Vec<u16>, ascii: Vec<u8>) {
             for text in [&text, &wkt, &format!("ID[{wkt}")] {
-                drop(Crs::parse(text).map(|crs| crs.to_string()));
+                drop(Crs::parse(text).map(|crs| (crs.to_string(), crs.measure())));
             }
             drop(Crs::of_geotiff(&keys, &ascii));
         }

@@ -35,6 +35,7 @@ pub mod run;
 pub mod scalar;
 pub mod schedule;
 pub mod seam;
+mod seeds;
 pub mod sketch;
 pub mod slab;
 pub mod slice;
@@ -44,6 +45,7 @@ pub mod steady;
 pub mod stitch;
 pub mod survey;
 pub mod trim;
+pub mod unit;
 pub mod whole;
 pub mod window;
 

@@ -6,16 +6,17 @@ use std::thread;
 use std::time::Instant;
 
 use crate::attribute::Wanted;
-use crate::closing::How;
+use crate::closing::{How, Sealing};
 use crate::defect;
 use crate::error::{Error, Result};
-use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, expand};
+use crate::grid::Resolution;
+use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, find};
 use crate::machine;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
-use crate::open::Kind;
+use crate::open::{Hole, Kind};
 use crate::output::{self, Filled, Positions, Target, Tiles};
-use crate::pipeline::{self, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
+use crate::pipeline::{self, Fineness, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud};
 use crate::plan::MemoryPlan;
 use crate::preview::{DrawnPreview, PlannedPreview, Preview};
 use crate::progress::{Phase, Progress};
@@ -24,6 +25,7 @@ use crate::render;
 use crate::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
 use crate::schedule::Workers;
 use crate::spool::Workspace;
+use crate::unit::Unit;
 use crate::whole::Overwrite;
 
 /// Everything a run is told.
@@ -39,6 +41,8 @@ pub struct Job {
     pub output: Option<PathBuf>,
     /// The side of square tiles, in the input's units, if the mesh is to be a folder of them.
     pub tile: Option<f64>,
+    /// The units of lengths in [`Job::settings`] and [`Job::tile`], where these are not the input's.
+    pub units: Units,
     /// Whether a picture of the mesh is drawn, too.
     pub preview: Preview,
     /// Whether it may replace a file.
@@ -60,12 +64,56 @@ impl Job {
             settings: Settings::default(),
             output: None,
             tile: None,
+            units: Units::default(),
             preview: Preview::None,
             overwrite: Overwrite::Refuse,
             positions: None,
             means: Means::default(),
             check: Check::Always,
         }
+    }
+}
+
+/// The units of lengths that were given with a unit. A length without one is in the unit of the input's coordinates, whatever that is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Units {
+    /// Of the side of a cell.
+    pub cell_size: Option<Unit>,
+    /// Of the radius that holes are closed with.
+    pub seal: Option<Unit>,
+    /// Of the widest hole that is bridged.
+    pub max_hole: Option<Unit>,
+    /// Of the height of a flat bottom.
+    pub base: Option<Unit>,
+    /// Of the side of tiles.
+    pub tile: Option<Unit>,
+}
+
+impl Job {
+    /// The job with all lengths in the unit of a cloud's coordinates.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
+    fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
+        let Units { cell_size, seal, max_hole, base, tile } = self.units;
+        let length = |option: &str, length: f64, unit: Option<Unit>| {
+            unit.map_or(Ok(length), |unit| cloud.length(option, length, unit))
+        };
+        let mut settings = self.settings;
+        if let Fineness::Given(Resolution::Cell(side)) = &mut settings.fineness {
+            *side = length("--cell-size", *side, cell_size)?;
+        }
+        if let Sealing::Length(radius) = &mut settings.seal {
+            *radius = length("--seal", *radius, seal)?;
+        }
+        if let Some(open) = &mut settings.open {
+            if let Hole::Length(width) = &mut open.max_hole {
+                *width = length("--max-hole", *width, max_hole)?;
+            }
+            open.base = open.base.map(|height| length("--base", height, base)).transpose()?;
+        }
+        let tile = self.tile.map(|side| length("--tile", side, tile)).transpose()?;
+        Ok(Job { settings, tile, units: Units::default(), ..self.clone() })
     }
 }
 
@@ -164,9 +212,10 @@ pub struct Planned {
 /// # Errors
 /// Those of opening and reading the input, of laying the grid and of the plan.
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
-    let files = files(job)?;
+    let files = files(job, progress)?;
     let workspace = job.means.workspace(&default_output(&job.inputs, &files))?;
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+    let job = &job.measured_as(&cloud)?;
     describe(&cloud, &job.settings, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
@@ -181,17 +230,20 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
 /// # Errors
 /// Those of opening and reading the input and of laying the grid.
 pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<(Cloud, Surveyed)> {
-    let files = files(job)?;
+    let files = files(job, progress)?;
     let workspace = Workspace::unchecked(job.means.folder(&default_output(&job.inputs, &files)));
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+    let job = &job.measured_as(&cloud)?;
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     Ok((cloud, surveyed))
 }
 
-/// The input's files, once the settings are found to be in order.
-fn files(job: &Job) -> Result<Vec<PathBuf>> {
+/// The input's files, once the settings are found to be in order; what was left out is told.
+fn files(job: &Job, progress: &Progress) -> Result<Vec<PathBuf>> {
     job.settings.validate()?;
-    expand(&job.inputs)
+    let found = find(&job.inputs, job.input.depth)?;
+    found.left_out.iter().for_each(|line| progress.note(line));
+    Ok(found.files)
 }
 
 /// What of a run is to come.
@@ -285,7 +337,7 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
 /// All of [`Error`]. Whatever happens, no temporary file stays, and the output exists only if it is whole.
 pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Report> {
     let start = Instant::now();
-    let files = files(job)?;
+    let files = files(job, progress)?;
     let output = match &job.output {
         Some(output) => output.clone(),
         None => default_output_of(&job.inputs, &files)?,
@@ -300,6 +352,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
     let workspace = job.means.workspace(&output)?.stopped_with(workers);
     let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
+    let job = &job.measured_as(&cloud)?;
+    if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
+        tiles.set_side(side);
+    }
 
     describe(&cloud, &job.settings, progress);
     let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
@@ -310,7 +366,8 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         surveyed = rehearsed(surveyed, &settings, workers, &workspace, job.means.budget())?;
     }
     let context = context(&surveyed, workers, &workspace, job.means.budget())?;
-    let picture = picture.map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema()));
+    let picture = picture
+        .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }

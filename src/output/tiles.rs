@@ -77,6 +77,11 @@ impl Tiles {
         Ok(Tiles { format, side, folder, positions })
     }
 
+    /// Changes the side, once the input's unit is known.
+    pub fn set_side(&mut self, side: f64) {
+        self.side = side;
+    }
+
     /// Writes all tiles and their index, and gives the folder its name. `memory` bounds a tile; `progress` is told triangles sorted and written.
     ///
     /// # Errors
