@@ -350,7 +350,7 @@ fn close_signed(
         }
     }
     drop(coarser);
-    let of_fall = slices_of_falls(slices, level, first(factor, level), last_of);
+    let of_fall = slices_of_falls(slices, level, fall_from(factor, level), last_of);
     progress.expect(of_fall + AFTER_THE_FALL[0] * u64::from(slices));
     let mut levels: Vec<Occupancy> = Vec::new();
     while (levels.len() as u32) < level {

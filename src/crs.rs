@@ -11,6 +11,7 @@ use std::fmt;
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::unit::{Measure, Unit};
 
 /// The longest WKT read; real ones have some thousand bytes.
 pub const MAX_WKT: usize = 1 << 18;
@@ -29,6 +30,9 @@ pub struct Crs {
     pub vertical: Option<u32>,
     /// What it is called.
     pub name: Option<String>,
+    /// The unit of its lengths, where GeoTIFF keys tell it; else text and codes do.
+    #[serde(skip)]
+    pub unit: Option<Unit>,
 }
 
 impl Crs {
@@ -49,7 +53,7 @@ impl Crs {
         }
         let Codes { own, horizontal, vertical, .. } = Codes::of(text);
         let name = text.split('"').nth(1).and_then(printable);
-        Some(Crs { wkt: Some(text.to_string()), epsg: horizontal.or(own), vertical, name })
+        Some(Crs { wkt: Some(text.to_string()), epsg: horizontal.or(own), vertical, name, unit: None })
     }
 
     /// The system that GeoTIFF keys tell: the directory (record 34735) and its text parameters (34737). `None` if they tell none.
@@ -57,6 +61,7 @@ impl Crs {
         const GEOGRAPHIC: u16 = 2048;
         const PROJECTED: u16 = 3072;
         const VERTICAL: u16 = 4096;
+        const LINEAR_UNITS: u16 = 3076;
         /// Citations of the projected system, of the geographic one, of the file.
         const CITATIONS: [u16; 3] = [3073, 2049, 1026];
         /// What stands for "none" and "defined by other keys".
@@ -75,7 +80,13 @@ impl Crs {
             printable(String::from_utf8_lossy(words).trim_matches(|c: char| c == '|' || c == '\0' || c.is_whitespace()))
         };
         let name = CITATIONS.into_iter().find_map(cited);
-        let crs = Crs { wkt: None, epsg, vertical: code(VERTICAL), name };
+        let unit = match code(LINEAR_UNITS) {
+            Some(9001) => Some(Unit::Metre),
+            Some(9002) => Some(Unit::Foot),
+            Some(9003) => Some(Unit::SurveyFoot),
+            _ => None,
+        };
+        let crs = Crs { wkt: None, epsg, vertical: code(VERTICAL), name, unit };
         (crs.epsg.is_some() || crs.name.is_some()).then_some(crs)
     }
 
@@ -90,77 +101,6 @@ impl Crs {
                 (.., (Some(a), Some(b))) => a == b,
                 _ => false,
             }
-    }
-}
-
-/// The unit of a system's horizontal coordinates.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Unit {
-    /// How it is written: `m`, `ft`, `US ft`, `degrees`, or what the system calls it.
-    pub symbol: String,
-    /// Its length in metres, if it is one.
-    pub metres: Option<f64>,
-}
-
-impl Unit {
-    /// A length of so many metres, which the system may have a `name` for.
-    fn length(metres: f64, name: Option<&str>) -> Option<Unit> {
-        /// Foot, and that of US surveys, which differ in the sixth digit.
-        const FEET: [f64; 2] = [0.3048, 1200.0 / 3937.0];
-        if !(metres > 0.0 && metres.is_finite()) {
-            return None;
-        }
-        let is = |other: f64| (metres / other - 1.0).abs() < 1e-7;
-        let symbol = match metres {
-            _ if is(1.0) => "m".to_owned(),
-            _ if is(FEET[0]) => "ft".to_owned(),
-            _ if is(FEET[1]) => "US ft".to_owned(),
-            _ if is(1000.0) => "km".to_owned(),
-            _ => name.and_then(printable).unwrap_or_else(|| format!("{metres} m")),
-        };
-        Some(Unit { symbol, metres: Some(metres) })
-    }
-
-    fn degrees() -> Unit {
-        Unit { symbol: "degrees".to_owned(), metres: None }
-    }
-
-    /// That of a definition as PROJ writes them.
-    fn of_proj(definition: &str) -> Option<Unit> {
-        let value = |key: &str| {
-            definition.split_whitespace().find_map(|word| word.strip_prefix('+')?.strip_prefix(key)?.strip_prefix('='))
-        };
-        if matches!(value("proj")?, "longlat" | "latlong") {
-            return Some(Unit::degrees());
-        }
-        if let Some(metres) = value("to_meter").and_then(|text| text.parse().ok()) {
-            return Unit::length(metres, None);
-        }
-        match value("units")? {
-            "m" => Unit::length(1.0, None),
-            "ft" => Unit::length(0.3048, None),
-            "us-ft" => Unit::length(1200.0 / 3937.0, None),
-            "km" => Unit::length(1000.0, None),
-            _ => None,
-        }
-    }
-}
-
-impl Crs {
-    /// The unit of the horizontal coordinates, if the system's text tells it, or else its EPSG code.
-    pub fn unit(&self) -> Option<Unit> {
-        if self.axes() == Some(Axes::Degrees) {
-            return Some(Unit::degrees());
-        }
-        if let Some((name, metres)) = self.wkt.as_deref().and_then(|wkt| Codes::of(wkt).unit) {
-            return Unit::length(metres, Some(&name));
-        }
-        // Coordinates from the Earth's centre are in metres unless it is said otherwise.
-        if self.axes() == Some(Axes::Geocentric) {
-            return Unit::length(1.0, None);
-        }
-        let code = u16::try_from(self.epsg?).ok()?;
-        Unit::of_proj(crs_definitions::from_code(code)?.proj4)
     }
 }
 
@@ -193,6 +133,34 @@ impl Crs {
             }
             _ => None,
         }
+    }
+
+    /// What its coordinates are; `None` if neither its text nor its code tells.
+    pub fn measure(&self) -> Option<Measure> {
+        // Of systems by code, the definition tells, in the words of PROJ.
+        let defined = self.epsg.and_then(|code| crs_definitions::from_code(u16::try_from(code).ok()?));
+        let word = |key: &str| {
+            let words = defined.map_or("", |definition| definition.proj4).split_ascii_whitespace();
+            words.filter_map(|word| word.strip_prefix('+')?.split_once('=')).find(|(name, _)| *name == key)
+        };
+        let told = self.wkt.as_deref().map(Codes::of).unwrap_or_default();
+        let angles = word("proj").is_some_and(|(_, name)| name == "longlat") && told.unit.is_none();
+        if self.axes() == Some(Axes::Degrees) || angles {
+            return Some(Measure::Degrees);
+        }
+        let named = || match word("units")?.1 {
+            "m" => Some(Unit::Metre),
+            "ft" => Some(Unit::Foot),
+            "us-ft" => Some(Unit::SurveyFoot),
+            _ => None,
+        };
+        let factor = || Unit::of_metres(word("to_meter")?.1.parse().ok()?);
+        let unit = match told.unit {
+            Some(metres) => Unit::of_metres(metres),
+            None => self.unit.or_else(named).or_else(factor),
+        }?;
+        let heights = told.height_unit.map(Unit::of_metres);
+        Some(if heights.is_none_or(|heights| heights == Some(unit)) { Measure::Length(unit) } else { Measure::Mixed })
     }
 
     fn axes(&self) -> Option<Axes> {
@@ -294,8 +262,10 @@ struct Codes {
     horizontal: Option<u32>,
     /// Of the heights in a compound.
     vertical: Option<u32>,
-    /// The unit of lengths on the map: its name, and its length in metres.
-    unit: Option<(String, f64)>,
+    /// Metres of the unit of lengths on the map.
+    unit: Option<f64>,
+    /// Metres of the unit of heights in a compound.
+    height_unit: Option<f64>,
 }
 
 impl Codes {
@@ -328,8 +298,8 @@ impl Codes {
     }
 
     fn see(&mut self, within: &[(String, Vec<String>)], keyword: &str, arguments: &[String]) {
-        if let ([name, metres, ..], "UNIT" | "LENGTHUNIT") = (arguments, keyword) {
-            self.see_unit(within, name, metres);
+        if let ([_, factor, ..], "UNIT" | "LENGTHUNIT") = (arguments, keyword) {
+            self.see_unit(within, factor);
         }
         let ([authority, code, ..], "AUTHORITY" | "ID") = (arguments, keyword) else { return };
         let (true, Ok(code)) = (authority.eq_ignore_ascii_case("EPSG"), code.parse::<u32>()) else { return };
@@ -341,14 +311,23 @@ impl Codes {
             _ => {}
         }
     }
+}
 
-    /// Keeps the first unit that is of the map's coordinates: not of the angles below it, the heights beside it, or a parameter of the projection.
-    fn see_unit(&mut self, within: &[(String, Vec<String>)], name: &str, metres: &str) {
-        const MAPS: [&str; 7] = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "LOCAL_CS", "ENGCRS", "GEOCCS", "GEODCRS"];
-        let place = within.iter().rposition(|(keyword, _)| MAPS.contains(&keyword.as_str()));
-        let own = place.is_some_and(|place| within[place + 1..].iter().all(|(keyword, _)| keyword == "AXIS"));
-        if let (true, None, Ok(metres)) = (own, &self.unit, metres.parse()) {
-            self.unit = Some((name.to_owned(), metres));
+impl Codes {
+    /// Keeps the unit of a system, which stands in it, or in an axis of it; not those of its datum or its projection's parameters.
+    fn see_unit(&mut self, within: &[(String, Vec<String>)], factor: &str) {
+        const MAPS: [&str; 7] = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOCCS", "GEODCRS", "GEODETICCRS", "LOCAL_CS"];
+        const HEIGHTS: [&str; 3] = ["VERT_CS", "VERTCRS", "VERTICALCRS"];
+        let Ok(metres) = factor.parse::<f64>() else { return };
+        let mut path = within.iter().map(|(keyword, _)| keyword.as_str()).rev();
+        let system = match path.next() {
+            Some("AXIS") => path.next(),
+            last => last,
+        };
+        match system {
+            Some(system) if MAPS.contains(&system) => self.unit = self.unit.or(Some(metres)),
+            Some(system) if HEIGHTS.contains(&system) => self.height_unit = self.height_unit.or(Some(metres)),
+            _ => {}
         }
     }
 }
@@ -410,6 +389,44 @@ mod tests {
     }
 
     #[test]
+    fn units_are_told_by_texts_and_codes() {
+        let feet = COMPOUND.replace(r#"UNIT["metre",1],"#, r#"UNIT["US survey foot",0.3048006096012192],"#);
+        let both = feet.replace(r#"AUTHORITY["EPSG","5103"]]"#, r#"AUTHORITY["EPSG","5103"]],UNIT["metre",1]"#);
+        let newer = r#"PROJCRS["x",BASEGEOGCRS["y",DATUM["d",ELLIPSOID["e",6378137,298.2,LENGTHUNIT["metre",1]]]],CONVERSION["c",METHOD["m"],
+            PARAMETER["False easting",1640416.67,LENGTHUNIT["metre",1]]],CS[Cartesian,2],AXIS["x",east,LENGTHUNIT["foot",0.3048]]]"#;
+        for (text, expected) in [
+            (COMPOUND, Some(Measure::Length(Unit::Metre))),
+            (feet.as_str(), Some(Measure::Length(Unit::SurveyFoot))),
+            (both.as_str(), Some(Measure::Mixed)),
+            (newer, Some(Measure::Length(Unit::Foot))),
+            ("EPSG:25832", Some(Measure::Length(Unit::Metre))),
+            ("EPSG:2992", Some(Measure::Length(Unit::Foot))),
+            ("EPSG:2229", Some(Measure::Length(Unit::SurveyFoot))),
+            ("EPSG:4978", Some(Measure::Length(Unit::Metre))),
+            ("EPSG:4326", Some(Measure::Degrees)),
+            ("EPSG:4314", Some(Measure::Degrees)),
+            (
+                r#"GEOGCS["WGS 84",DATUM["W",SPHEROID["W",6378137,298.2]],UNIT["degree",0.0174532925199433]]"#,
+                Some(Measure::Degrees),
+            ),
+            (r#"LOCAL_CS["site",UNIT["metre",1]]"#, Some(Measure::Length(Unit::Metre))),
+            (r#"LOCAL_CS["site",UNIT["ell",0.6858]]"#, None),
+            (r#"LOCAL_CS["site"]"#, None),
+            ("EPSG:60000", None),
+            ("EPSG:999999", None),
+            ("my own system", None),
+        ] {
+            assert_eq!(Crs::parse(text).unwrap().measure(), expected, "{text}");
+        }
+        let keys = [1, 1, 0, 2, 3072, 0, 1, 32767, 3076, 0, 1, 9003];
+        let own = Crs { name: Some("own".into()), ..Crs::of_geotiff(&keys, b"").unwrap_or_default() };
+        assert_eq!(own.unit, None, "keys without a code or a name tell no system");
+        let keys = [1, 1, 0, 2, 3072, 0, 1, 25832, 3076, 0, 1, 9003];
+        let crs = Crs::of_geotiff(&keys, b"").unwrap();
+        assert_eq!(crs.measure(), Some(Measure::Length(Unit::SurveyFoot)));
+    }
+
+    #[test]
     fn a_system_is_given_by_code_text_file_or_not_at_all() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("site.prj");
@@ -438,41 +455,6 @@ mod tests {
     }
 
     #[test]
-    fn units_are_those_of_the_text_or_else_of_the_code() {
-        let feet = r#"PROJCS["Oregon",GEOGCS["NAD83",DATUM["D",SPHEROID["G",6378137,298.2]],UNIT["degree",0.0174532925199433]],
-            PROJECTION["L"],PARAMETER["false_easting",400000],UNIT["foot",0.3048],AUTHORITY["EPSG","2992"]]"#;
-        let survey = r#"COMPD_CS["c",PROJCS["p",GEOGCS["g",UNIT["degree",0.01745]],UNIT["US survey foot",0.304800609601219]],
-            VERT_CS["h",UNIT["metre",1]]]"#;
-        let second = r#"PROJCRS["UTM",BASEGEOGCRS["b",DATUM["d",ELLIPSOID["e",6378137,298.2,LENGTHUNIT["metre",1]]]],
-            CONVERSION["c",PARAMETER["false northing",0,LENGTHUNIT["foot",0.3048]]],
-            CS[Cartesian,2],AXIS["(E)",east,ORDER[1],LENGTHUNIT["metre",1]],AXIS["(N)",north,LENGTHUNIT["metre",1]]]"#;
-        let foot = Some(0.3048);
-        for (text, symbol, metres) in [
-            (feet, Some("ft"), foot),
-            (survey, Some("US ft"), Some(0.304800609601219)),
-            (second, Some("m"), Some(1.0)),
-            (COMPOUND, Some("m"), Some(1.0)),
-            (r#"LOCAL_CS["site",UNIT["smoot",1.7018]]"#, Some("smoot"), Some(1.7018)),
-            (r#"LOCAL_CS["site",UNIT["nothing",0]]"#, None, None),
-            (r#"GEOGCS["WGS 84",UNIT["degree",0.0174532925199433]]"#, Some("degrees"), None),
-            ("EPSG:2992", Some("ft"), foot),
-            ("EPSG:2913", Some("ft"), foot),
-            ("EPSG:25832", Some("m"), Some(1.0)),
-            ("EPSG:2154", Some("m"), Some(1.0)),
-            ("EPSG:4326", Some("degrees"), None),
-            ("EPSG:4978", Some("m"), Some(1.0)),
-            ("EPSG:999999", None, None),
-            ("my own system", None, None),
-        ] {
-            let unit = Crs::parse(text).unwrap().unit();
-            assert_eq!(unit.as_ref().map(|unit| unit.symbol.as_str()), symbol, "{text}");
-            assert_eq!(unit.and_then(|unit| unit.metres), metres, "{text}");
-        }
-        let us = Crs::parse("EPSG:2225").unwrap().unit().unwrap();
-        assert_eq!(us.symbol, "US ft");
-    }
-
-    #[test]
     fn systems_are_the_same_by_code_text_or_name() {
         let crs = |text: &str| Crs::parse(text).unwrap();
         assert!(crs("EPSG:26910").same_as(&crs(COMPOUND)));
@@ -488,7 +470,7 @@ mod tests {
         #[test]
         fn no_text_makes_it_panic(text in "\\PC{0,60}", wkt in "[A-Z\\[\\](),\"0-9 ]{0,80}", keys: Vec<u16>, ascii: Vec<u8>) {
             for text in [&text, &wkt, &format!("ID[{wkt}")] {
-                drop(Crs::parse(text).map(|crs| (crs.to_string(), crs.unit())));
+                drop(Crs::parse(text).map(|crs| (crs.to_string(), crs.measure())));
             }
             drop(Crs::of_geotiff(&keys, &ascii));
         }

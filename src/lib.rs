@@ -37,6 +37,7 @@ pub mod run;
 pub mod scalar;
 pub mod schedule;
 pub mod seam;
+mod seeds;
 pub mod sketch;
 pub mod slab;
 pub mod slice;
@@ -47,6 +48,7 @@ pub mod stitch;
 pub mod survey;
 pub mod tally;
 pub mod trim;
+pub mod unit;
 pub mod whole;
 pub mod window;
 

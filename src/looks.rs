@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use bytesize::ByteSize;
 
-use crate::crs::{Crs, Unit};
+use crate::crs::Crs;
 use crate::error::Result;
 use crate::grid::Bounds;
 use crate::input::Cloud;
@@ -17,6 +17,7 @@ use crate::progress::thousands;
 use crate::report::{GridReport, InputReport, short};
 use crate::run::{Looked, Planned, contradiction, input_reports};
 use crate::tally::{Counts, Tally, class_name};
+use crate::unit::Measure;
 
 /// The reference system of a cloud.
 #[derive(Debug, Clone, serde::Serialize)]
@@ -40,8 +41,13 @@ impl SystemReport {
         let (crs, line) = (cloud.crs()?.clone(), cloud.crs_line()?);
         let contradiction = contradiction(cloud, surveyed);
         // What the coordinates cannot be in is not their unit.
-        let unit = if contradiction.is_none() { crs.unit() } else { None };
-        let (unit, metres_per_unit) = unit.map_or((None, None), |Unit { symbol, metres }| (Some(symbol), metres));
+        let measure = if contradiction.is_none() { crs.measure() } else { None };
+        let (unit, metres_per_unit) = match measure {
+            Some(Measure::Length(unit)) => (Some(unit.to_string()), Some(unit.in_metres())),
+            Some(Measure::Mixed) => (Some("mixed".to_owned()), None),
+            Some(Measure::Degrees) => (Some("degrees".to_owned()), None),
+            None => (None, None),
+        };
         Some(SystemReport { crs, unit, metres_per_unit, contradiction, line })
     }
 }
@@ -53,6 +59,8 @@ pub struct InfoReport {
     pub version: &'static str,
     /// The files.
     pub inputs: Vec<InputReport>,
+    /// Of each file, where its scans were taken from, as far as it tells.
+    pub scanned_from: Vec<Vec<[f64; 3]>>,
     /// The reference system, if any file tells one.
     pub reference_system: Option<SystemReport>,
     /// Points that count.
@@ -99,6 +107,7 @@ impl InfoReport {
         InfoReport {
             version: env!("CARGO_PKG_VERSION"),
             inputs: input_reports(cloud),
+            scanned_from: cloud.stations().collect(),
             reference_system,
             points: survey.points,
             points_not_finite: survey.dropped,
@@ -121,9 +130,10 @@ impl fmt::Display for InfoReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let triple = |values: [f64; 3], word: fn(f64) -> String| values.map(word).join("  ");
         let mut rows: Vec<(&str, String)> = Vec::new();
-        for input in &self.inputs {
+        for (input, stations) in self.inputs.iter().zip(&self.scanned_from) {
             rows.push(("file", format!("{}, {}", input.path.display(), ByteSize(input.bytes))));
             rows.push(("layout", input.layout.clone()));
+            rows.extend(stations.iter().map(|place| ("scanned from", triple(*place, without_noise))));
         }
         let unit = self.reference_system.as_ref().and_then(|system| system.unit.as_deref());
         if let Some(system) = &self.reference_system {

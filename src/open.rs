@@ -32,6 +32,8 @@ pub enum Facing {
     Direction([f64; 3]),
     /// From a place: what is looked at is taken to lie in the direction of the middle of the points' box.
     Position([f64; 3]),
+    /// From where its files say that scans were taken: the direction is that of [`crate::survey::seen_from`].
+    Poses,
 }
 
 impl Facing {
@@ -42,11 +44,11 @@ impl Facing {
     pub fn axis(self) -> (Axis, bool) {
         match self {
             Facing::Along { axis, positive } => (axis, positive),
-            Facing::Direction(_) | Facing::Position(_) => (Axis::Z, true),
+            Facing::Direction(_) | Facing::Position(_) | Facing::Poses => (Axis::Z, true),
         }
     }
 
-    /// The direction to where points in `bounds` were seen from, of whatever length.
+    /// The direction to where points in `bounds` were seen from, of whatever length; none of [`Facing::Poses`], which the points alone tell.
     pub fn direction(self, bounds: &Bounds) -> [f64; 3] {
         match self {
             Facing::Along { axis, positive } => {
@@ -55,6 +57,7 @@ impl Facing {
             }
             Facing::Direction(direction) => direction,
             Facing::Position(place) => std::array::from_fn(|a| place[a] - bounds.min[a].midpoint(bounds.max[a])),
+            Facing::Poses => [0.0; 3],
         }
     }
 
@@ -75,16 +78,19 @@ impl Facing {
 impl FromStr for Facing {
     type Err = String;
 
-    /// `+z`, `-x` and so on; `0.3,0,1`, a direction; `@2,0.5,1`, a place.
+    /// `+z`, `-x` and so on; `0.3,0,1`, a direction; `@2,0.5,1`, a place; `@poses`, those of the scans.
     fn from_str(text: &str) -> std::result::Result<Facing, String> {
         let known =
             Axis::ALL.into_iter().flat_map(|axis| [true, false].map(|positive| Facing::Along { axis, positive }));
         if let Some(facing) = known.into_iter().find(|facing| facing.to_string() == text) {
             return Ok(facing);
         }
+        if text == "@poses" {
+            return Ok(Facing::Poses);
+        }
         let wrong = || {
             format!(
-                "expected +x, -x, +y, -y, +z or -z, a direction such as 0.3,0,1, or a position such as @2,0.5,1, found {text:?}"
+                "expected +x, -x, +y, -y, +z or -z, a direction such as 0.3,0,1, a position such as @2,0.5,1, or @poses, found {text:?}"
             )
         };
         let (place, numbers) = text.strip_prefix('@').map_or((false, text), |numbers| (true, numbers));
@@ -103,6 +109,7 @@ impl std::fmt::Display for Facing {
             Facing::Along { axis, positive } => write!(f, "{}{}", if *positive { '+' } else { '-' }, axis.letter()),
             Facing::Direction([x, y, z]) => write!(f, "{x},{y},{z}"),
             Facing::Position([x, y, z]) => write!(f, "@{x},{y},{z}"),
+            Facing::Poses => f.write_str("@poses"),
         }
     }
 }
@@ -258,9 +265,10 @@ mod tests {
         assert_eq!("-x".parse(), Ok(Facing::Along { axis: Axis::X, positive: false }));
         assert_eq!("0.3,0,-1".parse(), Ok(Facing::Direction([0.3, 0.0, -1.0])));
         assert_eq!("@1,2,3e2".parse(), Ok(Facing::Position([1.0, 2.0, 300.0])));
+        assert_eq!("@poses".parse(), Ok(Facing::Poses));
         assert_eq!("16c".parse(), Ok(Hole::Cells(16)));
         assert_eq!("2.5".parse(), Ok(Hole::Length(2.5)));
-        for wrong in ["", "z", "+Z", "++z", "+w", "x+", "1,2", "@", "1,2,nan", "1,2,3,4"] {
+        for wrong in ["", "z", "+Z", "++z", "+w", "x+", "1,2", "@", "@pose", "poses", "1,2,nan", "1,2,3,4"] {
             assert!(wrong.parse::<Facing>().is_err(), "{wrong}");
         }
         for wrong in ["", "c", "-1", "-1c", "inf", "1.5c"] {

@@ -28,7 +28,7 @@ use crate::stage::ground;
 use crate::stage::plane;
 use crate::stage::raster::{Counted, Occupancy, Sampled};
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
-use crate::survey::{Survey, planes_with_points, sampling_distance, survey, turned_bounds};
+use crate::survey::{Survey, planes_with_points, sampling_distance, seen_from, survey, turned_bounds};
 
 /// The cell size that `--cell-size auto` takes, in sampling distances: the finest that keeps handles and holes as they are.
 ///
@@ -138,6 +138,8 @@ pub struct Surveyed {
     pub survey: Survey,
     /// The grid.
     pub grid: Grid,
+    /// What is asked of a surface that is not closed; it is seen from a direction if the scans' places were to tell.
+    pub open: Option<Open>,
     /// The sampling distance, where it was asked for.
     pub sampling: Option<f64>,
     /// The cells of its points at a coarse resolution.
@@ -220,7 +222,13 @@ pub fn survey_with(
             if usual.cell_size() < least { Resolution::Cell(least) } else { Resolution::default() }
         }
     };
-    let grid = match &settings.open {
+    let open = match settings.open {
+        Some(open) if open.facing == Facing::Poses => {
+            Some(Open { facing: Facing::Direction(seen_from(cloud, workers, in_flight)?), ..open })
+        }
+        open => open,
+    };
+    let grid = match &open {
         None => Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?,
         Some(open) => {
             let turn = open.facing.turn(&survey.bounds)?;
@@ -249,11 +257,11 @@ pub fn survey_with(
     progress.end();
     let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
     let mut load = load.with_attributes(cloud.schema().stride());
-    if let Some(open) = &settings.open {
+    if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
         load = load.with_columns(ColumnLoad { of_slice, bridge: open.bridge(&grid) });
     }
-    Ok(Surveyed { survey, grid, sampling, sketch, load })
+    Ok(Surveyed { survey, grid, open, sampling, sketch, load })
 }
 
 /// The passes of a survey, which is as far as the records they have read.

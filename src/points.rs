@@ -105,6 +105,8 @@ pub struct Batch {
     pub dropped: u64,
     /// Points left out because they were not asked for.
     pub filtered: u64,
+    /// Where the points were scanned from, if the file tells.
+    pub station: Option<[f64; 3]>,
 }
 
 impl Batch {
@@ -115,6 +117,6 @@ impl Batch {
 
     /// An empty batch, to be filled by decoding.
     pub fn new(precision: Precision) -> Batch {
-        Batch { points: Points::new(precision), attributes: Vec::new(), dropped: 0, filtered: 0 }
+        Batch { points: Points::new(precision), attributes: Vec::new(), dropped: 0, filtered: 0, station: None }
     }
 }

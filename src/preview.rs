@@ -11,9 +11,10 @@ use crate::mesh::MeshSource;
 use crate::open::{Kind, Open};
 use crate::pipeline::Settings;
 use crate::plan::MemoryPlan;
-use crate::render::{self, ColourBy, View};
+use crate::render::{self, ColourBy, Legend, View};
 use crate::schedule::Workers;
 use crate::spool::Workspace;
+use crate::unit::Measure;
 use crate::whole::WholeFile;
 
 /// Memory for a preview, unless less is there: more would let it be drawn at once instead of in a few bands, and take longer to clear.
@@ -55,9 +56,16 @@ pub struct DrawnPreview {
 }
 
 impl PlannedPreview {
-    /// A preview of what `settings` make of a cloud.
-    pub fn new(file: WholeFile, settings: &Settings, bounds: &Bounds, schema: &Schema) -> PlannedPreview {
-        PlannedPreview { file, options: options(settings, bounds, schema) }
+    /// A preview of what `settings` make of a cloud, whose coordinates are in `measure`.
+    pub fn new(
+        file: WholeFile,
+        settings: &Settings,
+        bounds: &Bounds,
+        schema: &Schema,
+        measure: Option<Measure>,
+    ) -> PlannedPreview {
+        let legend = Legend::In(measure);
+        PlannedPreview { file, options: render::Options { legend, ..options(settings, bounds, schema) } }
     }
 
     /// Whether the plan leaves room to draw it.

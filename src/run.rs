@@ -6,14 +6,16 @@ use std::thread;
 use std::time::Instant;
 
 use crate::attribute::Wanted;
-use crate::closing::How;
+use crate::closing::{How, Sealing};
 use crate::defect;
 use crate::error::{Error, Result};
 use crate::forecast::{self, Known};
-use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, expand};
+use crate::grid::Resolution;
+use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, find};
 use crate::machine;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource, check::check};
+use crate::open::{Hole, Kind};
 use crate::output::{self, Filled, Positions, Target, Tiles};
 use crate::pipeline::{
     self, Fineness, Sampling, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with,
@@ -27,6 +29,7 @@ use crate::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport
 use crate::schedule::Workers;
 use crate::spool::Workspace;
 use crate::tally::Tally;
+use crate::unit::Unit;
 use crate::whole::Overwrite;
 
 /// Everything a run is told.
@@ -42,6 +45,8 @@ pub struct Job {
     pub output: Option<PathBuf>,
     /// The side of square tiles, in the input's units, if the mesh is to be a folder of them.
     pub tile: Option<f64>,
+    /// The units of lengths in [`Job::settings`] and [`Job::tile`], where these are not the input's.
+    pub units: Units,
     /// Whether a picture of the mesh is drawn, too.
     pub preview: Preview,
     /// Whether it may replace a file.
@@ -63,12 +68,56 @@ impl Job {
             settings: Settings::default(),
             output: None,
             tile: None,
+            units: Units::default(),
             preview: Preview::None,
             overwrite: Overwrite::Refuse,
             positions: None,
             means: Means::default(),
             check: Check::Always,
         }
+    }
+}
+
+/// The units of lengths that were given with a unit. A length without one is in the unit of the input's coordinates, whatever that is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Units {
+    /// Of the side of a cell.
+    pub cell_size: Option<Unit>,
+    /// Of the radius that holes are closed with.
+    pub seal: Option<Unit>,
+    /// Of the widest hole that is bridged.
+    pub max_hole: Option<Unit>,
+    /// Of the height of a flat bottom.
+    pub base: Option<Unit>,
+    /// Of the side of tiles.
+    pub tile: Option<Unit>,
+}
+
+impl Job {
+    /// The job with all lengths in the unit of a cloud's coordinates.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
+    fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
+        let Units { cell_size, seal, max_hole, base, tile } = self.units;
+        let length = |option: &str, length: f64, unit: Option<Unit>| {
+            unit.map_or(Ok(length), |unit| cloud.length(option, length, unit))
+        };
+        let mut settings = self.settings;
+        if let Fineness::Given(Resolution::Cell(side)) = &mut settings.fineness {
+            *side = length("--cell-size", *side, cell_size)?;
+        }
+        if let Sealing::Length(radius) = &mut settings.seal {
+            *radius = length("--seal", *radius, seal)?;
+        }
+        if let Some(open) = &mut settings.open {
+            if let Hole::Length(width) = &mut open.max_hole {
+                *width = length("--max-hole", *width, max_hole)?;
+            }
+            open.base = open.base.map(|height| length("--base", height, base)).transpose()?;
+        }
+        let tile = self.tile.map(|side| length("--tile", side, tile)).transpose()?;
+        Ok(Job { settings, tile, units: Units::default(), ..self.clone() })
     }
 }
 
@@ -191,11 +240,12 @@ pub struct Planned {
 /// # Errors
 /// Those of opening and reading the input, of laying the grid and of the plan.
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
-    let files = files(job)?;
+    let files = files(job, progress)?;
     let (workspace, unwritable) = job.means.looking(&default_output(&job.inputs, &files))?;
     progress.expect_run(known(job, &files, Passes::Few));
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
-    describe(&cloud, progress);
+    let job = &job.measured_as(&cloud)?;
+    describe(&cloud, &job.settings, progress);
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
@@ -229,10 +279,11 @@ fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
 /// # Errors
 /// Those of opening and reading the input and of laying the grid.
 pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Looked> {
-    let files = files(job)?;
+    let files = files(job, progress)?;
     let (workspace, _) = job.means.looking(&default_output(&job.inputs, &files))?;
     progress.expect_run(Known { rehearsed: false, ..known(job, &files, Passes::Few) });
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+    let job = &job.measured_as(&cloud)?;
     let counted = Tally::is_of_use(&cloud);
     progress.learn(|known| known.counted = counted);
     let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, progress)?;
@@ -247,10 +298,12 @@ pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Loo
     Ok(Looked { cloud, surveyed, tally })
 }
 
-/// The input's files, once the settings are found to be in order.
-fn files(job: &Job) -> Result<Vec<PathBuf>> {
+/// The input's files, once the settings are found to be in order; what was left out is told.
+fn files(job: &Job, progress: &Progress) -> Result<Vec<PathBuf>> {
     job.settings.validate()?;
-    expand(&job.inputs)
+    let found = find(&job.inputs, job.input.depth)?;
+    found.left_out.iter().for_each(|line| progress.note(line));
+    Ok(found.files)
 }
 
 /// What of a run is to come.
@@ -320,13 +373,17 @@ fn known(job: &Job, files: &[PathBuf], passes: Passes) -> Known {
     }
 }
 
-/// Says how every file was understood.
-fn describe(cloud: &Cloud, progress: &Progress) {
+/// Says how every file was understood, and what its scans' places are good for.
+fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) {
     for source in cloud.sources() {
         progress.note(&format!("{}: {}", source.path.display(), source.description));
     }
     if let Some(line) = cloud.crs_line() {
         progress.note(&format!("coordinate reference system: {line}"));
+    }
+    let scans: usize = cloud.stations().map(|stations| stations.len()).sum();
+    if scans > 0 && settings.open.is_some_and(|open| open.kind == Kind::Terrain) {
+        progress.note("the file tells where its scans were taken from: --surface sheet --facing @poses makes a sheet seen from there");
     }
 }
 
@@ -372,7 +429,7 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
 /// All of [`Error`]. Whatever happens, no temporary file stays, and the output exists only if it is whole.
 pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Report> {
     let start = Instant::now();
-    let files = files(job)?;
+    let files = files(job, progress)?;
     let output = match &job.output {
         Some(output) => output.clone(),
         None => default_output_of(&job.inputs, &files)?,
@@ -388,9 +445,14 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let workspace = job.means.workspace(&output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
     let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
+    let job = &job.measured_as(&cloud)?;
+    if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
+        tiles.set_side(side);
+    }
 
-    describe(&cloud, progress);
+    describe(&cloud, &job.settings, progress);
     let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    let settings = Settings { open: surveyed.open, ..job.settings };
     refuse_contradiction(&cloud, &surveyed)?;
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
@@ -398,7 +460,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     // What the box alone lets expect may be too much.
     progress.learn(|known| known.points = surveyed.survey.points);
     if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, job.means.budget()).is_err() {
-        surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, job.means.budget(), progress)?;
+        surveyed = rehearsed(surveyed, &settings, workers, &workspace, job.means.budget(), progress)?;
     }
     let context = context(&surveyed, workers, &workspace, job.means.budget())?;
     progress.learn(|known| {
@@ -407,16 +469,17 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             known.write = forecast::Write::After;
         }
     });
-    let picture = picture.map(|file| PlannedPreview::new(file, &job.settings, &surveyed.survey.bounds, cloud.schema()));
+    let picture = picture
+        .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
-    let made = reconstruct(&cloud, &surveyed, &job.settings, &context, progress)?;
+    let made = reconstruct(&cloud, &surveyed, &settings, &context, progress)?;
 
     if job.settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
-    let mut header = header(&cloud, &surveyed, job, &made);
+    let mut header = header(&cloud, &surveyed, &settings, &made);
     if job.input.attributes == Wanted::All {
         for (name, value) in output::constant(&made.mesh, workers)? {
             header.comments.push(format!("constant {name} {value}"));
@@ -476,7 +539,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
         inputs: input_reports(&cloud),
-        parameters: Parameters::of(&job.settings),
+        parameters: Parameters::of(&settings),
         points: PointsReport::of(&cloud, &surveyed),
         grid: GridReport::of(&surveyed.grid),
         points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
@@ -551,9 +614,14 @@ pub fn input_reports(cloud: &Cloud) -> Vec<InputReport> {
 }
 
 /// What the mesh file says of its making: nothing that depends on means, so that the same points give the same bytes.
-fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline::Reconstruction) -> MeshHeader {
+fn header(
+    cloud: &Cloud,
+    surveyed: &Surveyed,
+    settings: &Settings,
+    made: &crate::pipeline::Reconstruction,
+) -> MeshHeader {
     let grid = &surveyed.grid;
-    let surface = job.settings.surface;
+    let surface = settings.surface;
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
     let closing = match &made.how {
         How::Ball(closing) => format!("radius {}", closing.rho()),
@@ -561,7 +629,7 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
     };
     let mut header = MeshHeader {
         crs: cloud.crs().cloned(),
-        sheet: job.settings.open.is_some_and(|open| open.base.is_none()),
+        sheet: settings.open.is_some_and(|open| open.base.is_none()),
         constant: Vec::new(),
         origin: made.origin,
         comments: vec![
@@ -577,7 +645,7 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, job: &Job, made: &crate::pipeline:
             ),
         ],
     };
-    if let Some(open) = &job.settings.open {
+    if let Some(open) = &settings.open {
         let base = open.base.map_or_else(String::new, |base| format!(" base {base}"));
         let hole = 2 * open.bridge(grid);
         header.comments.push(format!(

@@ -10,6 +10,7 @@ use crate::grid::Grid;
 use crate::mesh::spool::Frame;
 use crate::partition::TRAVEL;
 use crate::points::{Coordinate, bits};
+use crate::seeds::SeededMap;
 use crate::slab::{BEFORE, SlabMesh};
 use crate::stage::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::stage::fate::Fate;
@@ -170,7 +171,8 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         vertices.sort_unstable();
         vertices.dedup();
         let local: FxHashMap<u32, u32> = vertices.iter().enumerate().map(|(i, v)| (*v, i as u32)).collect();
-        let mut points: FxHashMap<[u64; 3], u32> = FxHashMap::default();
+        // Looked up only, and numbered in the order of vertices.
+        let mut points: SeededMap<[u64; 3], u32> = SeededMap::default();
         let mut group = Vec::with_capacity(vertices.len());
         for &v in &vertices {
             match self.point(v).filter(|_| joined.contains(&v)) {
@@ -236,7 +238,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
     }
 }
 
-/// The pairs of values of equal keys.
+/// The pairs of values of equal keys, in the order of the longer side.
 fn common<K: Eq + Hash>(
     one: impl ExactSizeIterator<Item = (K, u32)>,
     other: impl ExactSizeIterator<Item = (K, u32)>,
@@ -244,7 +246,7 @@ fn common<K: Eq + Hash>(
     if one.len() > other.len() {
         return common(other, one).into_iter().map(|(v, u)| (u, v)).collect();
     }
-    let one: FxHashMap<K, u32> = one.collect();
+    let one: SeededMap<K, u32> = one.collect();
     other.filter_map(|(key, u)| Some((*one.get(&key)?, u))).collect()
 }
 

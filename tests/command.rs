@@ -4,6 +4,7 @@ mod command {
     mod compare;
     pub mod folder;
     mod outputs;
+    mod poses;
 }
 
 use std::io::{BufRead, BufReader};
@@ -1287,4 +1288,114 @@ fn a_sheet_of_nothing_is_an_error_of_its_own() {
     let far: Vec<[f32; 3]> = f.knot(2000).iter().map(|p| p.map(|c| c * 3e38)).collect();
     f.write("far.ply", ply(&far));
     f.fails("far.ply --surface sheet --facing @0,0,0 -o m.ply", 2, &["leaves single precision no room"]);
+}
+
+#[test]
+fn lengths_have_units_where_the_input_has_one() {
+    let f = Folder::new();
+    f.knot(5000);
+    let terrain = "t.bin --surface terrain -o";
+    f.ok("generate terrain 20k --size 100 -o t.bin");
+    // Metres: 4 cm are .04.
+    f.ok("k.ply --cell-size 0.04 --seal 0.1 -o plain.ply --crs EPSG:25832");
+    for (cell, seal) in [("4cm", "10cm"), ("40mm", "0.1m"), ("0.04m", "100mm")] {
+        f.ok(&format!("k.ply --cell-size {cell} --seal {seal} -o unit.ply --overwrite --crs EPSG:25832"));
+        assert!(f.read("unit.ply") == f.read("plain.ply"), "{cell} {seal}");
+    }
+    // Feet of two kinds.
+    f.ok(&format!("{terrain} ft.ply --crs EPSG:2992 --cell-size 1.25 --max-hole 20 --base -60"));
+    f.ok(&format!("{terrain} in.ply --crs EPSG:2992 --cell-size 15in --max-hole 20ft --base -720in"));
+    assert!(f.read("in.ply") == f.read("ft.ply"));
+    let answer = f.ok(&format!("{terrain} us.ply --crs EPSG:2229 --cell-size 0.5m --report us.json"));
+    let report = report(&f, "us.json");
+    assert!((report["grid"]["cell_size"].as_f64().unwrap() - 0.5 * 3937.0 / 1200.0).abs() < 1e-12, "{}", answer.err);
+    let tiles =
+        |side: &str, name: &str| f.ok(&format!("{terrain} {name}.ply --crs EPSG:25832 --cell-size 2 --tile {side}"));
+    tiles("50", "a");
+    tiles("0.05km", "b");
+    assert_eq!(f.names("a.tiles"), f.names("b.tiles"));
+    f.ok("plan k.ply --cell-size 4cm --crs EPSG:25832");
+    assert!(f.ok("info k.ply --cell-size 4cm --crs EPSG:25832").out.contains("cells of 0.04,"));
+}
+
+#[test]
+fn a_unit_without_one_in_the_input_is_an_error_that_says_so() {
+    let f = Folder::new();
+    f.knot(5000);
+    let unknown = "the unit of the input is not known; give a plain number";
+    f.fails("k.ply --cell-size 5cm -o m.ply", 2, &["--cell-size 5cm: ", unknown, "--crs"]);
+    f.fails("k.ply --seal 5cm -o m.ply", 2, &["--seal 5cm: ", unknown]);
+    f.fails("k.ply --tile 5m -o m.ply", 2, &["--tile 5m: ", unknown]);
+    f.fails("k.ply --surface terrain --max-hole 5ft -o m.ply", 2, &["--max-hole 5ft: ", unknown]);
+    f.fails("k.ply --surface terrain --base -5usft -o m.ply", 2, &["--base -5usft: ", unknown]);
+    f.fails("info k.ply --cell-size 5cm", 2, &[unknown]);
+    f.fails("plan k.ply --cell-size 5cm", 2, &[unknown]);
+    f.fails("k.ply --cell-size 5cm --crs EPSG:4326 -o m.ply", 2, &["degrees, which have no length"]);
+    f.fails("k.ply --cell-size 5ells -o m.ply", 2, &["expected a length above 0, or `auto`, found \"5ells\""]);
+    f.fails("k.ply --cell-size=-5cm -o m.ply", 2, &["expected a length above 0, or `auto`, found \"-5cm\""]);
+    f.fails("k.ply --seal 8ccm -o m.ply", 2, &["found \"8ccm\""]);
+    f.ok("k.ply --cell-size 0.05 -o m.ply");
+    f.fails("compare m.ply k.ply --heatmap h.ply --heatmap-max 5cm", 2, &["--heatmap-max 5cm: ", unknown]);
+    f.fails("compare m.ply m.ply --heatmap h.ply --heatmap-max 5cm", 2, &["the unit of a mesh is not known"]);
+    f.fails("compare m.ply m.ply --heatmap h.ply --heatmap-max 5%m", 2, &["expected a length"]);
+}
+
+#[test]
+fn a_folder_is_read_without_what_the_program_made_of_it() {
+    let f = Folder::new();
+    f.make("scans");
+    f.make("scans/deep");
+    f.ok("generate knot 3000 -o scans/a.ply");
+    f.ok("generate knot 3000 --seed 5 -o scans/deep/b.ply");
+    f.write("scans/readme.txt", "two scans\n");
+    f.write("scans/empty.laz", "");
+    let first = f.ok("scans -o scans/all.ply --preview");
+    let line = "scans: left out, no point clouds: empty.laz (empty), readme.txt (text without points)";
+    assert!(first.err.contains(line), "{}", first.err);
+    f.ok("compare scans/all.ply scans/a.ply --heatmap scans/heat.ply");
+    let again = f.ok("scans -o again.ply");
+    assert!(again.err.contains("scans: left out, meshes of this program: all.ply, heat.ply\n"), "{}", again.err);
+    assert!(f.read("again.ply") == f.read("scans/all.ply"));
+    f.ok("scans/a.ply scans/deep/b.ply -o both.ply");
+    f.ok("scans --recursive -o deep.ply");
+    assert!(f.read("deep.ply") == f.read("both.ply"));
+    let info = f.ok("info scans");
+    assert!(info.err.contains("empty.laz (empty)"), "{}", info.err);
+}
+
+#[test]
+fn pictures_have_the_vertices_colours_and_a_legend() {
+    let f = Folder::new();
+    let coloured: Vec<String> = (0u32..3000)
+        .map(|i| {
+            let (turn, up) = (f64::from(i) * 2.399_963, f64::from(i) / 1500.0 - 1.0);
+            let flat = (1.0 - up * up).sqrt();
+            format!("{},{},{},{},{},40\n", 5.0 * flat * turn.cos(), 5.0 * flat * turn.sin(), 5.0 * up, i % 250, i / 12)
+        })
+        .collect();
+    f.write("c.csv", format!("x,y,z,red,green,blue\n{}", coloured.concat()));
+    f.ok("c.csv -o m.ply --crs EPSG:25832 --preview");
+    let draw = |name: &str, more: &str| {
+        f.ok(&format!("render m.ply -o {name}.png --size 480x360 {more}"));
+        png(&f.read(&format!("{name}.png")))
+    };
+    let (own, plain) = (draw("own", ""), draw("plain", "--color-by none"));
+    assert!(own == draw("rgb", "--color-by rgb") && own != plain, "colours are taken where there are some");
+    f.ok("c.csv -o n.ply --attributes none");
+    f.ok("render n.ply -o n.png --size 480x360 --no-legend");
+    assert!(png(&f.read("n.png")) == draw("none", "--color-by none --no-legend"), "and none where there are none");
+
+    // Below the body, on white: a bar and its length; above them a scale, if colours tell values.
+    let ink = |(_, _, _, pixels): &(u32, u32, usize, Vec<u8>), rows: std::ops::Range<usize>| {
+        pixels.chunks_exact(3 * 480).skip(rows.start).take(rows.len()).flatten().filter(|c| **c != 255).count()
+    };
+    let height = draw("height", "--color-by height");
+    assert!(ink(&own, 345..360) > 100 && ink(&height, 345..360) > 100);
+    assert!(ink(&height, 334..345) > 2000, "{}", ink(&height, 334..345));
+    assert!(ink(&own, 334..345) == 0 && ink(&draw("bare", "--no-legend"), 346..360) == 0);
+    // The unit is part of it, where the mesh tells its reference system.
+    f.ok("c.csv -o u.ply");
+    f.ok("render u.ply -o u.png --size 480x360");
+    let unknown = png(&f.read("u.png"));
+    assert!(ink(&unknown, 345..360) < ink(&own, 345..360) && ink(&unknown, 345..360) > 50);
 }

@@ -84,11 +84,11 @@ fn other_subcommands_take_options_of_the_table() {
         flags.into_iter().map(|[flag, _]| flag).collect::<Vec<_>>()
     };
     let table: Vec<String> = flags(&program).into_iter().map(|[flag, _]| flag).collect();
-    let from_layout = table.iter().position(|flag| flag.contains("--layout")).unwrap();
+    let first = table.iter().position(|flag| flag.contains("--recursive")).unwrap();
     let progress = table.iter().find(|flag| flag.contains("--progress")).unwrap();
     let tile = table.iter().find(|flag| flag.contains("--tile")).unwrap();
     let own = ["`--json`".to_owned(), tile.clone(), progress.clone()];
-    let plan = [&own, &table[from_layout..]].concat();
+    let plan = [&own, &table[first..]].concat();
     assert_eq!(names("plan"), plan);
     let mut info = plan;
     info.retain(|flag| !["--max-memory", "--tile"].iter().any(|name| flag.contains(name)));

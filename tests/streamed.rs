@@ -129,6 +129,7 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
         axis: [twin::Axis::X, twin::Axis::Y, twin::Axis::Z][grid.axis().index()],
         turn: settings.open.and_then(|open| match open.facing {
             Facing::Along { .. } => None,
+            Facing::Poses => panic!("the twin is told a direction"),
             Facing::Direction(direction) => Some(twin::grid::turned_up(direction)),
             Facing::Position(place) => {
                 let Bounds { min, max } = run.surveyed.survey.bounds;

@@ -151,7 +151,7 @@ fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {
     let means = arguments.means.means();
     let workers = means.workers()?;
     signals::stop(&workers)?;
-    let options = arguments.options();
+    let options = arguments.options(mesh::read::told_crs(&arguments.mesh).and_then(|crs| crs.measure()));
     let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
     // Of the budget: an eighth for a mesh that has to be converted, another for the process.
     let (budget, least) = (means.budget(), render::least_memory(&options).div_ceil(3) * 4);

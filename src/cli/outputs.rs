@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::args::{Arguments, Command};
 use crate::error::{Error, Result};
-use crate::input::{STANDARD_INPUT, Sidecar, expand};
+use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
 use crate::output::{self, Format, Tiles};
 use crate::preview::Preview;
 use crate::run;
@@ -131,7 +131,7 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
         None => {
             let arguments = &arguments.reconstruct;
             let overwrite = may(arguments.overwrite);
-            let files = expand(&arguments.cloud.inputs).unwrap_or_default();
+            let files = find(&arguments.cloud.inputs, arguments.cloud.depth()).unwrap_or_default().files;
             // What is wrong with the arguments otherwise is told where they are used.
             let output = match &arguments.output {
                 Some(output) => Some(output.clone()),

@@ -17,6 +17,7 @@ use crate::mesh::piles::Piles;
 use crate::mesh::spool::FaceRecord;
 use crate::output::Format;
 use crate::points::Precision;
+use crate::unit::Unit;
 use crate::whole::{Overwrite, WholeFile};
 
 /// Elements of a job.
@@ -44,6 +45,8 @@ pub struct HeatMap {
     pub path: PathBuf,
     /// The distance that has the last colour; by default the least that 95 % of the vertices do not exceed.
     pub max: Option<Reach>,
+    /// The unit of that distance, if it is a length and not in the reference's unit.
+    pub unit: Option<Unit>,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
 }
@@ -139,7 +142,10 @@ impl Heat {
             Precision::Single => "float",
             Precision::Double => "double",
         };
-        let mut header = format!("ply\nformat binary_little_endian 1.0\ncomment distance, coloured from 0 to {max}\n");
+        let mut header = format!(
+            "ply\nformat binary_little_endian 1.0\ncomment asra-stream {}\ncomment distance, coloured from 0 to {max}\n",
+            env!("CARGO_PKG_VERSION")
+        );
         let [x, y, z] = mesh.origin();
         if [x, y, z] != [0.0; 3] {
             header += &format!("comment origin {x} {y} {z}\n");

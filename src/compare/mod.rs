@@ -118,7 +118,8 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
 
     let room = Room::new(budget / 4 * 3, workers, &workspace);
     // Before the work: it proves that the file can be written.
-    let mut heat = job.heatmap.as_ref().map(|map| Heat::create(map, &*mesh, &room)).transpose()?;
+    let map = job.heatmap.as_ref().map(|map| in_reference_units(map, &reference)).transpose()?;
+    let mut heat = map.map(|map| Heat::create(&map, &*mesh, &room)).transpose()?;
 
     let triangles = |mesh: &dyn MeshSource| mesh.face_count();
     progress.begin(Phase::Check, Some(mesh.face_count() + reference.mesh().map_or(0, triangles)));
@@ -143,6 +144,22 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
     }
     progress.end();
     Ok(comparison)
+}
+
+/// A heat map whose largest distance is in the unit of the reference's coordinates.
+fn in_reference_units(map: &HeatMap, reference: &Source) -> Result<HeatMap> {
+    let max = match (map.max, map.unit, reference) {
+        (Some(Reach::Length(length)), Some(unit), Source::Cloud(cloud)) => {
+            Some(Reach::Length(cloud.length("--heatmap-max", length, unit)?))
+        }
+        (Some(Reach::Length(length)), Some(unit), Source::Mesh(_)) => {
+            return Err(Error::Usage(format!(
+                "--heatmap-max {length}{unit}: the unit of a mesh is not known; give a plain number, in its units"
+            )));
+        }
+        (max, ..) => max,
+    };
+    Ok(HeatMap { max, unit: None, ..map.clone() })
 }
 
 /// Both sides, opened.

@@ -112,7 +112,7 @@ fn head(file: &Mapped) -> Result<Vec<u8>> {
     file.read(0..file.len().min(HEAD))
 }
 
-fn foreign(head: &[u8], len: u64) -> Option<(&'static str, &'static str)> {
+pub(super) fn foreign(head: &[u8], len: u64) -> Option<(&'static str, &'static str)> {
     if is_npz(head) {
         return Some(("an NPZ archive", "save the array alone, with numpy.save"));
     }
@@ -148,7 +148,7 @@ fn is_unity_viewer(head: &[u8], len: u64) -> bool {
 
 /// Whether the bytes are text: no control characters but those that lay out lines. Numbers in binary have some within
 /// the first few records. Bytes from 128 on are letters of some encoding, in comments.
-fn is_text(head: &[u8]) -> bool {
+pub(super) fn is_text(head: &[u8]) -> bool {
     head.iter().all(|&byte| byte >= b' ' && byte != 0x7f || matches!(byte, b'\t' | b'\n' | b'\r' | 0x0c))
 }
 

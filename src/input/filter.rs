@@ -154,7 +154,7 @@ impl Sieve {
     /// # Panics
     /// If there is not a decoded record for each point.
     pub fn sift(&self, batch: &mut Batch) {
-        let Batch { points, attributes, dropped, filtered } = batch;
+        let Batch { points, attributes, dropped, filtered, .. } = batch;
         match points {
             Points::Single(points) => self.sift_points(points, attributes, dropped, filtered),
             Points::Double(points) => self.sift_points(points, attributes, dropped, filtered),

@@ -51,8 +51,9 @@ use crate::scalar::Endian;
 use crate::schedule::{Spares, Workers};
 use crate::spool::Workspace;
 use crate::steady::{Stamp, settle};
+use crate::unit::{Measure, Unit};
 
-pub use files::expand;
+pub use files::{Depth, Found, expand, find};
 pub use filter::{Filter, Returns, Withheld};
 pub use layout::{Field, Layout, MAX_STRIDE};
 pub(crate) use sidecar::Sidecar;
@@ -84,6 +85,8 @@ pub struct InputOptions {
     pub filter: Filter,
     /// The coordinate reference system, whatever files say: `Some(None)` if there is none.
     pub crs: Option<Option<Crs>>,
+    /// How folders are looked into.
+    pub depth: Depth,
 }
 
 /// Several files as one cloud.
@@ -128,6 +131,11 @@ pub(crate) trait PointFormat: fmt::Debug + Send + Sync {
     /// The attributes of its points.
     fn attributes(&self) -> &[Attribute];
 
+    /// Where its scans were taken from, as far as it tells.
+    fn stations(&self) -> Vec<[f64; 3]> {
+        Vec::new()
+    }
+
     /// Opens the file and starts cutting at its first record; blocks are to be decoded with attributes of `schema`.
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>>;
 }
@@ -143,13 +151,18 @@ pub(crate) trait Decode: Send + Sync {
     /// Appends all points to `batch`, which comes empty and in the cloud's precision, with a record of the schema for each. Those that are
     /// not finite are left out later, and not by the format.
     fn decode(&self, batch: &mut Batch) -> Result<()>;
+
+    /// Where all of them were scanned from, if the file tells.
+    fn station(&self) -> Option<[f64; 3]> {
+        None
+    }
 }
 
 impl Cloud {
     /// Looks at the files: their headers, and for raw files without a layout at a sample of their content.
     ///
     /// An argument that is no file is taken as a pattern (`tiles/*.ply`); a folder stands for the point files in it;
-    /// neither for meshes by default names (`*.mesh.ply`). A file that is named more than once counts once. The order is that of the arguments, by name within an argument.
+    /// neither for meshes that this program made, and a folder not for what holds no points ([`find`] tells what was left out). A file that is named more than once counts once. The order is that of the arguments, by name within an argument.
     /// `-` is standard input, which is read whole, now. That, and what is compressed, lies in a temporary file without a name as long as the cloud
     /// lives: in `TMPDIR`, or the first file's folder. [`Cloud::open_in`] says otherwise.
     ///
@@ -157,7 +170,7 @@ impl Cloud {
     /// If an argument or pattern matches nothing, a file cannot be opened, is malformed or of a format that is not
     /// supported, or the layout of a raw file cannot be told; [`Error::Usage`] if files tell different coordinate reference systems.
     pub fn open(inputs: &[PathBuf], options: &InputOptions) -> Result<Cloud> {
-        let files = expand(inputs)?;
+        let files = find(inputs, options.depth)?.files;
         let workspace = Workspace::unchecked(Workspace::folder_beside(&files[0]));
         let opening =
             Opening { workspace: &workspace, memory: OPENING_MEMORY, decompress: None, watch: &mut |_| Ok(()) };
@@ -224,6 +237,39 @@ impl Cloud {
     /// Bytes of temporary disk that a whole run takes for decompressed files beyond [`Cloud::unpacked`].
     pub fn unpacked_later(&self) -> u64 {
         self.unpacked_later
+    }
+
+    /// What its coordinates are, as its reference system tells; without one, those of E57 files are metres, as their standard says.
+    pub fn measure(&self) -> Option<Measure> {
+        match &self.crs {
+            Some(crs) => crs.measure(),
+            None => self.sources.iter().all(|source| source.format == "E57").then_some(Measure::Length(Unit::Metre)),
+        }
+    }
+
+    /// A length that an option gives in a unit, in that of the coordinates.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the unit of the coordinates is not known, or not one of length.
+    pub(crate) fn length(&self, option: &str, length: f64, unit: Unit) -> Result<f64> {
+        let wrong = |words: &str| Err(Error::Usage(format!("{option} {length}{unit}: {words}")));
+        match self.measure() {
+            Some(Measure::Length(own)) => Ok(unit.convert(length, own)),
+            Some(Measure::Degrees) => wrong(
+                "the input's coordinates are degrees, which have no length; reproject the input to metres or feet",
+            ),
+            Some(Measure::Mixed) => wrong(
+                "the input has one unit on the map and another in height; give a plain number, in the input's units",
+            ),
+            None => wrong(
+                "the unit of the input is not known; give a plain number, in the input's units, or name its reference system with --crs",
+            ),
+        }
+    }
+
+    /// Where the scans of each file were taken from, in the order of [`Cloud::sources`], as far as files tell.
+    pub fn stations(&self) -> impl Iterator<Item = Vec<[f64; 3]>> {
+        self.formats.iter().map(|format| format.stations())
     }
 
     /// The attributes that are carried to the mesh.
@@ -309,6 +355,18 @@ impl Cloud {
     }
 }
 
+/// Whether any of the files that the arguments stand for, and that need no unpacking, tells where its scans were taken from. What cannot be read does not.
+pub fn tells_stations(inputs: &[PathBuf], depth: Depth) -> bool {
+    let tells = |path: &PathBuf| {
+        let content = mapped::Content::named(path);
+        let head = content.unmapped().and_then(|file| file.read(0..file.len().min(8)));
+        head.is_ok_and(|head| e57::is_e57(&head))
+            && e57::open(&content).is_ok_and(|(_, format)| !format.stations().is_empty())
+    };
+    find(inputs, depth)
+        .is_ok_and(|found| found.files.iter().filter(|file| *file != Path::new(STANDARD_INPUT)).any(tells))
+}
+
 /// The system of the files that tell theirs, as the first of them does.
 fn common_crs(sources: &[Source]) -> Result<Option<Crs>> {
     let mut telling = sources.iter().filter_map(|source| source.crs.as_ref().map(|crs| (source, crs)));
@@ -384,6 +442,7 @@ impl Block {
         }
         batch.attributes.clear();
         (batch.dropped, batch.filtered) = (0, 0);
+        batch.station = self.records.station();
         self.records.decode(batch)?;
         self.sieve.sift(batch);
         Ok(())

@@ -114,6 +114,11 @@ impl Tiles {
         Ok(Tiles { format, side, folder, positions })
     }
 
+    /// Changes the side, once the input's unit is known.
+    pub fn set_side(&mut self, side: f64) {
+        self.side = side;
+    }
+
     /// Writes all tiles and their index, and gives the folder its name; returns the number of tiles, too. `memory` bounds a tile; `progress` is told how many triangles are
     /// sorted, and written: in the end twice as many as there are.
     ///

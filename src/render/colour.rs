@@ -17,8 +17,10 @@ use crate::schedule::Workers;
 /// What colours tell.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum ColourBy {
-    /// Nothing: one colour for all.
+    /// The vertices' own colours, if they have any, and else nothing.
     #[default]
+    Auto,
+    /// Nothing: one colour for all.
     None,
     /// The vertices' own colours.
     Rgb,
@@ -33,10 +35,11 @@ impl FromStr for ColourBy {
 
     fn from_str(text: &str) -> Result<ColourBy> {
         match text.trim().to_ascii_lowercase().as_str() {
+            "auto" => Ok(ColourBy::Auto),
             "none" => Ok(ColourBy::None),
             "rgb" => Ok(ColourBy::Rgb),
             "height" => Ok(ColourBy::Height),
-            "" => Err(Error::Usage("expected none, rgb, height, or the name of an attribute of vertices".into())),
+            "" => Err(Error::Usage("expected auto, none, rgb, height, or the name of an attribute of vertices".into())),
             _ => Ok(ColourBy::Attribute(canonical(text))),
         }
     }
@@ -45,6 +48,7 @@ impl FromStr for ColourBy {
 impl fmt::Display for ColourBy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            ColourBy::Auto => "auto",
             ColourBy::None => "none",
             ColourBy::Rgb => "rgb",
             ColourBy::Height => "height",
@@ -60,9 +64,21 @@ impl ColourBy {
     /// The attributes that a mesh must have for it.
     pub fn wanted(&self) -> Wanted {
         match self {
+            // Which of them there are is not known yet.
+            ColourBy::Auto => Wanted::All,
             ColourBy::None | ColourBy::Height => Wanted::None,
             ColourBy::Rgb => Wanted::Named(CHANNELS.map(str::to_string).to_vec()),
             ColourBy::Attribute(name) => Wanted::Named(vec![name.clone()]),
+        }
+    }
+
+    /// What that is for a mesh, if it was left open.
+    pub fn of(&self, mesh: &dyn MeshSource) -> ColourBy {
+        let has = |name: &&str| mesh.schema().attributes().iter().any(|attribute| attribute.name == *name);
+        match self {
+            ColourBy::Auto if CHANNELS.iter().all(has) => ColourBy::Rgb,
+            ColourBy::Auto => ColourBy::None,
+            known => known.clone(),
         }
     }
 }
@@ -86,7 +102,7 @@ const SCALE: [[u8; 3]; 9] = [
 ];
 
 /// The colour at `t` of the scale, from 0 to 1.
-fn scale(t: f32) -> [u8; 3] {
+pub fn scale(t: f32) -> [u8; 3] {
     if t.is_nan() {
         return UNKNOWN;
     }
@@ -167,6 +183,7 @@ impl Tint {
                 .ok_or_else(|| Error::Usage(format!("--color-by {by}: {}", mesh.schema().lacks(name))))
         };
         let value = match by {
+            ColourBy::Auto => return Tint::of(mesh, &by.of(mesh), up, workers),
             ColourBy::None => return Ok(Tint::One(CLAY)),
             ColourBy::Rgb => {
                 let [r, g, b] = CHANNELS.map(number);
@@ -179,6 +196,15 @@ impl Tint {
         };
         let (low, high) = ends(mesh, value, workers)?;
         Ok(Tint::Scale(value, low, high))
+    }
+
+    /// The ends of the scale, if it is one, of a mesh to whose positions `origin` is to be added.
+    pub fn ends(&self, origin: [f64; 3]) -> Option<(f64, f64)> {
+        match self {
+            Tint::Scale(Value::Height(up), low, high) => Some((low + up.height(origin), high + up.height(origin))),
+            Tint::Scale(Value::Attribute(_), low, high) => Some((*low, *high)),
+            _ => None,
+        }
     }
 
     /// What [`Tint::tone`] wants to know of each of the vertices from `first` on.

@@ -18,6 +18,7 @@
 mod blocks;
 mod colour;
 mod label;
+mod legend;
 mod light;
 mod openness;
 mod raster;
@@ -33,6 +34,7 @@ use glam::{DVec3, Vec3};
 use self::blocks::{BLOCK, Blocks, Bounds, Piece, Sizes, is_finite};
 pub use self::colour::ColourBy;
 use self::colour::Tint;
+pub use self::legend::Legend;
 use self::light::{Pixel, Side, encode, linear, pack_normal};
 use self::openness::Openness;
 use self::raster::{
@@ -73,6 +75,8 @@ pub struct Options {
     pub colour_by: ColourBy,
     /// What is behind the mesh.
     pub background: Background,
+    /// What stands below each view, if that is large enough: 240 pixels each way.
+    pub legend: Legend,
 }
 
 impl Default for Options {
@@ -84,6 +88,7 @@ impl Default for Options {
             shading: Shading::Smooth,
             colour_by: ColourBy::None,
             background: Background::Colour([255; 3]),
+            legend: Legend::None,
         }
     }
 }
@@ -196,7 +201,9 @@ fn draw(
     let faces = mesh.face_count();
     let frames: Vec<Frame> = options.views.iter().map(|view| view.frame(options.up)).collect();
     let blocks = Blocks::survey(mesh, &frames, plan.sizes, workers, workspace, &mut |done| progress(done / 4))?;
-    let tint = Tint::of(mesh, &options.colour_by, options.up, workers)?;
+    let colour_by = options.colour_by.of(mesh);
+    let tint = Tint::of(mesh, &colour_by, options.up, workers)?;
+    let values = tint.ends(mesh.origin()).map(|(low, high)| (low, high, colour_by.to_string()));
     let (shading, sizes) = (options.shading, (plan.sizes, plan.range));
     let told = &mut |done| progress(faces / 4 + done / 4);
     let vertices = Vertices::of(&blocks, &tint, shading, sizes, workers, workspace, told)?;
@@ -208,7 +215,8 @@ fn draw(
     let cells = cells(options.size, &blocks.in_frames.iter().map(extent).collect::<Vec<_>>())?;
     let mut picture = Picture::new(options.size, options.background);
     for (number, (cell, frame)) in cells.iter().zip(frames).enumerate() {
-        let projection = Projection::new(frame, blocks.in_frames[number], cell);
+        let strip = options.legend.rows(cell, &tint);
+        let projection = Projection::new(frame, blocks.in_frames[number], cell, strip);
         let views = cells.len() as u64;
         let half = faces / 2;
         let pixels = scene.view(&projection, cell, &mut |share| {
@@ -218,6 +226,7 @@ fn draw(
         if cells.len() > 1 {
             label::write(&mut picture, cell, &options.views[number].name);
         }
+        options.legend.draw(&mut picture, cell, &tint, projection.pixels(), values.clone());
     }
     progress(faces);
     picture.triangles = blocks.drawable;
@@ -242,11 +251,11 @@ struct Projection {
 const MARGIN: f64 = 0.04;
 
 impl Projection {
-    /// The frame's box as large as fits into a cell.
-    fn new(frame: Frame, bounds: Bounds, cell: &Cell) -> Projection {
+    /// The frame's box as large as fits into a cell, above the lowest `strip` of its rows.
+    fn new(frame: Frame, bounds: Bounds, cell: &Cell, strip: usize) -> Projection {
         let bounds = if bounds.is_empty() { Bounds { low: DVec3::ZERO, high: DVec3::ZERO } } else { bounds };
         let extent = bounds.high - bounds.low;
-        let (width, height) = (cell.width as f64, cell.height as f64);
+        let (width, height) = (cell.width as f64, (cell.height - strip) as f64);
         let free = 2.0 * MARGIN * width.min(height);
         let fit = |room: f64, extent: f64| if extent > 0.0 { room / extent } else { f64::INFINITY };
         let pixels = fit(width - free, extent.x).min(fit(height - free, extent.y));
@@ -263,6 +272,11 @@ impl Projection {
             middle,
             deep: (extent.z * pixels / f64::from(FARTHEST)) as f32,
         }
+    }
+
+    /// Pixels for a unit.
+    fn pixels(&self) -> f64 {
+        self.scale.x / (SAMPLES as i64 * PLACES) as f64
     }
 
     #[inline]

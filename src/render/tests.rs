@@ -29,7 +29,7 @@ fn mesh(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Made {
 
 fn options(width: u32, height: u32, views: &str) -> Options {
     let views = views.split(',').map(|view| view.parse().unwrap()).collect();
-    Options { size: Size { width, height }, views, ..Options::default() }
+    Options { size: Size { width, height }, views, colour_by: ColourBy::None, ..Options::default() }
 }
 
 fn picture(made: &Made, options: &Options) -> Picture {

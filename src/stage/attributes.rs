@@ -13,11 +13,12 @@ use std::cmp::Ordering;
 use std::hash::BuildHasher;
 use std::ops::Range;
 
-use rustc_hash::{FxBuildHasher, FxHashMap};
+use rustc_hash::FxHashMap;
 
 use crate::error::Result;
 use crate::partition::BUCKET_SLICES;
 use crate::points::{Coordinate, bits};
+use crate::seeds::{SeededMap, Seeds};
 use crate::stage::contract::NONE;
 use crate::stage::fit::{Fitted, precedes, squared_distance};
 use crate::stage::raster::Sampled;
@@ -69,7 +70,7 @@ pub fn attributes<T: Coordinate>(
 struct Found {
     stride: usize,
     /// Of the points' coordinates, by their bits: the point's number.
-    numbers: FxHashMap<[u64; 3], u32>,
+    numbers: SeededMap<[u64; 3], u32>,
     filter: BloomFilter,
     /// Of each point: its record.
     records: Vec<u8>,
@@ -79,13 +80,14 @@ struct Found {
 
 impl Found {
     fn for_points<T: Coordinate>(fitted: &Fitted<T>, stride: usize) -> Found {
-        let mut numbers: FxHashMap<[u64; 3], u32> = FxHashMap::default();
+        let mut numbers: SeededMap<[u64; 3], u32> = SeededMap::default();
         for (target, _) in fitted.target.iter().zip(&fitted.point).filter(|(_, point)| **point != NONE) {
             let next = numbers.len() as u32;
             numbers.entry(bits(*target)).or_insert(next);
         }
         let points = numbers.len();
         let mut filter = BloomFilter::new(points);
+        // In any order: the filter is the same.
         numbers.keys().for_each(|place| filter.add(place));
         Found { stride, numbers, filter, records: vec![0; points * stride], known: vec![false; points] }
     }
@@ -118,18 +120,19 @@ impl Found {
 struct BloomFilter {
     /// As many as a power of two.
     bits: Vec<u64>,
+    seeds: Seeds,
 }
 
 impl BloomFilter {
     /// For so many places, of which none is in it: two bytes for each.
     fn new(places: usize) -> BloomFilter {
-        BloomFilter { bits: vec![0; (places / 4).next_power_of_two()] }
+        BloomFilter { bits: vec![0; (places / 4).next_power_of_two()], seeds: Seeds::new() }
     }
 
     /// The word and the bit of a place.
     #[inline]
     fn at(&self, place: &[u64; 3]) -> (usize, u32) {
-        let hash = FxBuildHasher.hash_one(place);
+        let hash = self.seeds.hash_one(place);
         ((hash >> 6) as usize & (self.bits.len() - 1), hash as u32 % 64)
     }
 
@@ -177,6 +180,7 @@ fn spread<T: Coordinate>(of_vertices: &mut [u32], targets: &[[T; 3]], places: &[
         if nearest.is_empty() {
             return;
         }
+        // In any order: each vertex is in it once, and what they take was there before the round.
         for (v, (_, other)) in nearest {
             of_vertices[v as usize] = other;
         }

@@ -4,11 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{MeansArguments, TalkArguments, coordinates_only, overwrite};
+use super::{InUnit, MeansArguments, TalkArguments, coordinates_only, in_unit, overwrite};
 use crate::compare;
 use crate::densify;
 use crate::input::Layout;
-use crate::render::{Background, ColourBy, Options, Shading, Size, Up, View};
+use crate::render::{Background, ColourBy, Legend, Options, Shading, Size, Up, View};
+use crate::unit::Measure;
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
@@ -48,9 +49,10 @@ pub struct CompareArguments {
     /// Write the mesh coloured by its distance from the reference, from dark blue (none) to yellow, as PLY
     #[arg(long, value_name = "FILE")]
     pub heatmap: Option<PathBuf>,
-    /// The distance that is yellow: a length, or per cents of the reference's longest side as in 0.5% [default: that of 95 % of the vertices]
-    #[arg(long, value_name = "D|P%", allow_negative_numbers = true, requires = "heatmap")]
-    pub heatmap_max: Option<compare::Reach>,
+    /// The distance that is yellow: a length (plain, or with a unit as in 5cm), or per cents of the reference's longest side as in 0.5% [default: that of 95 % of
+    /// the vertices]
+    #[arg(long, value_name = "D|P%", allow_negative_numbers = true, requires = "heatmap", value_parser = in_unit::<compare::Reach>)]
+    pub heatmap_max: Option<InUnit<compare::Reach>>,
     /// Replace the heat map if it exists
     #[arg(long)]
     pub overwrite: bool,
@@ -109,12 +111,16 @@ pub struct RenderArguments {
     /// Whether triangles are to show
     #[arg(long, value_enum, default_value_t)]
     pub shading: Shading,
-    /// What colours tell: none, rgb (the vertices' own), height, or an attribute of vertices such as intensity, classification or distance
-    #[arg(long, value_name = "WHAT", default_value = "none")]
+    /// What colours tell: rgb (the vertices' own), none, height, or an attribute of vertices such as intensity, classification or distance; auto is rgb where there is
+    /// some
+    #[arg(long, value_name = "WHAT", default_value = "auto")]
     pub color_by: ColourBy,
     /// What is behind the mesh: white, grey, black, transparent, or a colour as in #f0f4f8
     #[arg(long, value_name = "COLOUR", default_value = "white")]
     pub background: Background,
+    /// Leave out the legend below each view: a length, and the scale of colours
+    #[arg(long)]
+    pub no_legend: bool,
     /// Replace the picture if it exists
     #[arg(long)]
     pub overwrite: bool,
@@ -127,8 +133,8 @@ pub struct RenderArguments {
 }
 
 impl RenderArguments {
-    /// What the picture is to show.
-    pub fn options(&self) -> Options {
+    /// What the picture is to show of a mesh whose coordinates are in `measure`.
+    pub fn options(&self, measure: Option<Measure>) -> Options {
         Options {
             size: self.size,
             views: self.views.clone(),
@@ -136,6 +142,7 @@ impl RenderArguments {
             shading: self.shading,
             colour_by: self.color_by.clone(),
             background: self.background,
+            legend: if self.no_legend { Legend::None } else { Legend::In(measure) },
         }
     }
 }
@@ -150,7 +157,8 @@ impl CompareArguments {
             input: coordinates_only(&self.layout),
             heatmap: self.heatmap.clone().map(|path| {
                 let (max, overwrite) = (self.heatmap_max, overwrite(self.overwrite));
-                compare::HeatMap { path, max, overwrite }
+                let (max, unit) = (max.map(|max| max.value), max.and_then(|max| max.unit));
+                compare::HeatMap { path, max, unit, overwrite }
             }),
             means: self.means.means(),
         }

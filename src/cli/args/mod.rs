@@ -10,21 +10,23 @@ pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, Rende
 use super::sizes;
 use crate::attribute::Wanted;
 use crate::closing::Sealing;
+use crate::compare::Reach;
 use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
-use crate::input::{Filter, InputOptions, Layout, Returns, Withheld};
+use crate::input::{Depth, Filter, InputOptions, Layout, Returns, Withheld, tells_stations};
 use crate::open::{Facing, Hole, Kind, Open};
 use crate::output::Positions;
 use crate::pipeline::{Fineness, Settings};
 use crate::preview::Preview;
 use crate::progress::Show;
-use crate::run::{Check, Job, Means};
+use crate::run::{Check, Job, Means, Units};
 use crate::scalar::Endian;
 use crate::slab::{Fit, SurfaceOptions};
 use crate::stage::component::Least;
 use crate::stage::extract::Diagonals;
+use crate::unit::Unit;
 use crate::whole::Overwrite;
 
 /// Turns point clouds too large for memory into watertight triangle meshes, without normals.
@@ -100,9 +102,9 @@ pub struct ReconstructArguments {
     /// Replace the output if it exists
     #[arg(long)]
     pub overwrite: bool,
-    /// Write a file for each square of this side, in the input's units, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
-    #[arg(long, value_name = "SIDE", value_parser = positive, allow_negative_numbers = true)]
-    pub tile: Option<f64>,
+    /// Write a file for each square of this side, in the input's units or as in 100m, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
+    #[arg(long, value_name = "SIDE", value_parser = side, allow_negative_numbers = true)]
+    pub tile: Option<InUnit<f64>>,
     /// Draw a picture of the mesh, too [default: the mesh's name with .png]
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     pub preview: Option<Option<PathBuf>>,
@@ -175,6 +177,9 @@ pub struct CloudArguments {
     /// and folders are one cloud; - is standard input
     #[arg(value_name = "INPUT", required = true)]
     pub inputs: Vec<PathBuf>,
+    /// Look into the folders in folders, too
+    #[arg(long, help_heading = "Input")]
+    pub recursive: bool,
     /// Record layout of raw files: xyz, xyzi, xyzir, xyzrgb, xyz:f64, x:f64,y:f64,z:f64,i:u16,_:6 [default: the side-car's, else detected]
     #[arg(long, value_name = "FIELDS", help_heading = "Input")]
     pub layout: Option<Layout>,
@@ -216,19 +221,19 @@ pub struct CloudArguments {
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u32).range(1..=i64::from(CELLS_LIMIT)))]
     #[arg(allow_negative_numbers = true, help_heading = "Grid", conflicts_with = "cell_size")]
     pub slices: Option<u32>,
-    /// Side of a cell, in the input's units, or `auto`: 1.25 sampling distances; instead of --k
+    /// Side of a cell, in the input's units or as in 5cm, or `auto`: 1.25 sampling distances; instead of --k
     #[arg(long, value_name = "W|auto", value_parser = cell_size, allow_negative_numbers = true, help_heading = "Grid")]
-    pub cell_size: Option<Fineness>,
+    pub cell_size: Option<InUnit<Fineness>>,
     /// The axis to slice along
     #[arg(long, value_enum, default_value_t, help_heading = "Grid")]
     pub axis: AxisWord,
     /// Slices in the window: an odd number, at least 3. It bounds a radius that --seal gives, to (W - 1) / 2 cells; without one, every W gives the same surface
     #[arg(long, value_name = "W", help_heading = "Surface")]
     pub window: Option<u32>,
-    /// How holes are closed: as wide as they are, up to a third of the longest side (auto), by a ball of radius R (a length, or cells as in `8c`), or not (off)
+    /// How holes are closed: as wide as they are, up to a third of the longest side (auto), by a ball of radius R (a length as in 2.5 or 30cm, or cells as in `8c`), or not (off)
     #[arg(long, value_name = "auto|R|off", default_value = "auto", value_parser = sealing, help_heading = "Surface")]
     #[arg(allow_negative_numbers = true)]
-    pub seal: Sealing,
+    pub seal: InUnit<Sealing>,
     /// Keep points that lie apart from all surfaces; else the surface does not go to them
     #[arg(long, help_heading = "Surface")]
     pub keep_outliers: bool,
@@ -248,15 +253,15 @@ pub struct CloudArguments {
     /// A closed surface; or one that is open where the points end: of what was scanned from one side, or of ground seen from above
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
     pub surface: SurfaceWord,
-    /// Where a sheet's points were seen from: +x, -x, +y, -y, +z or -z; a direction such as 0.3,0,1; or a position such as @2,0.5,1
+    /// Where a sheet's points were seen from: +x, -x, +y, -y, +z or -z; a direction such as 0.3,0,1; a position such as @2,0.5,1; or @poses, the positions that E57 files tell
     #[arg(long, value_name = "FROM", allow_hyphen_values = true, help_heading = "Surface")]
     pub facing: Option<Facing>,
-    /// The widest hole that is bridged in a sheet or terrain, a length or cells as in `8c` [default: 16c]
-    #[arg(long, value_name = "WIDTH", allow_negative_numbers = true, help_heading = "Surface")]
-    pub max_hole: Option<Hole>,
-    /// Close terrain into a body with a flat bottom at this height
-    #[arg(long, value_name = "Z", allow_negative_numbers = true, help_heading = "Surface")]
-    pub base: Option<f64>,
+    /// The widest hole that is bridged in a sheet or terrain, a length as in 2.5 or 3m, or cells as in `8c` [default: 16c]
+    #[arg(long, value_name = "WIDTH", value_parser = in_unit::<Hole>, allow_negative_numbers = true, help_heading = "Surface")]
+    pub max_hole: Option<InUnit<Hole>>,
+    /// Close terrain into a body with a flat bottom at this height, such as 120 or -3m
+    #[arg(long, value_name = "Z", value_parser = height, allow_hyphen_values = true, help_heading = "Surface")]
+    pub base: Option<InUnit<f64>>,
     /// Steps of smoothing: the first is the paper's, those after it do not shrink the surface
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Surface")]
     pub smooth: u32,
@@ -288,9 +293,9 @@ pub struct PlanArguments {
     /// Write what is found as JSON, see docs/info-and-plan.md
     #[arg(long)]
     pub json: bool,
-    /// Write a file for each square of this side, in the input's units, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
-    #[arg(long, value_name = "SIDE", value_parser = positive, allow_negative_numbers = true)]
-    pub tile: Option<f64>,
+    /// Write a file for each square of this side, in the input's units or as in 100m, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
+    #[arg(long, value_name = "SIDE", value_parser = side, allow_negative_numbers = true)]
+    pub tile: Option<InUnit<f64>>,
     /// How progress is told: auto is a bar on a terminal, else lines with the time of day; json is an object a line, see docs/progress.md
     #[arg(long, value_name = "HOW", value_enum, default_value_t, hide_possible_values = true)]
     pub progress: ProgressWord,
@@ -357,8 +362,78 @@ pub struct GenerateArguments {
     pub threads: Option<u16>,
 }
 
+/// What was typed, and the unit of the length in it, if it has one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InUnit<T> {
+    /// Without the unit.
+    pub value: T,
+    /// The unit.
+    pub unit: Option<Unit>,
+}
+
+impl<T> InUnit<T> {
+    /// What `parse` makes of the text without its unit; `is_length` tells whether that is something that can have one.
+    fn parse(
+        text: &str,
+        parse: impl Fn(&str) -> std::result::Result<T, String>,
+        is_length: impl Fn(&T) -> bool,
+    ) -> std::result::Result<InUnit<T>, String> {
+        let (number, unit) = Unit::split(text);
+        // Messages quote what was typed.
+        let value =
+            parse(number).map_err(|wrong| wrong.replace(&format!("found {number:?}"), &format!("found {text:?}")))?;
+        match unit {
+            Some(unit) if !is_length(&value) => Err(format!("expected a length before {unit}, found {text:?}")),
+            _ => Ok(InUnit { value, unit }),
+        }
+    }
+}
+
+/// A text with a length in it, which may have a unit.
+fn in_unit<T>(text: &str) -> std::result::Result<InUnit<T>, String>
+where
+    T: std::str::FromStr<Err = String> + Measured,
+{
+    InUnit::parse(text, str::parse, T::is_length)
+}
+
+/// What may be a length.
+trait Measured {
+    /// Whether it is one.
+    fn is_length(&self) -> bool;
+}
+
+impl Measured for Hole {
+    fn is_length(&self) -> bool {
+        matches!(self, Hole::Length(_))
+    }
+}
+
+impl Measured for Reach {
+    fn is_length(&self) -> bool {
+        matches!(self, Reach::Length(_))
+    }
+}
+
+fn side(text: &str) -> std::result::Result<InUnit<f64>, String> {
+    InUnit::parse(text, positive, |_| true)
+}
+
+fn height(text: &str) -> std::result::Result<InUnit<f64>, String> {
+    let number = |text: &str| text.parse().map_err(|_| format!("expected a height such as 120 or -3m, found {text:?}"));
+    InUnit::parse(text, number, |_| true)
+}
+
+fn cell_size(text: &str) -> std::result::Result<InUnit<Fineness>, String> {
+    InUnit::parse(text, fineness, |value| *value != Fineness::Sampling)
+}
+
 /// A way to close holes, as typed.
-fn sealing(text: &str) -> std::result::Result<Sealing, String> {
+fn sealing(text: &str) -> std::result::Result<InUnit<Sealing>, String> {
+    InUnit::parse(text, unmeasured_sealing, |value| matches!(value, Sealing::Length(_)))
+}
+
+fn unmeasured_sealing(text: &str) -> std::result::Result<Sealing, String> {
     let expected = || format!("expected auto, off, a length, or a number of cells such as 8c, found {text:?}");
     match (text, text.strip_suffix('c')) {
         ("auto", _) => Ok(Sealing::Auto),
@@ -425,7 +500,7 @@ fn positive(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-fn cell_size(text: &str) -> std::result::Result<Fineness, String> {
+fn fineness(text: &str) -> std::result::Result<Fineness, String> {
     if text == "auto" {
         return Ok(Fineness::Sampling);
     }
@@ -460,7 +535,8 @@ impl CloudArguments {
     /// What is asked of a surface that is not closed.
     fn open(&self) -> Result<Option<Open>> {
         let wrong = |message: &str| Err(Error::Usage(message.into()));
-        let max_hole = self.max_hole.unwrap_or(Hole::DEFAULT);
+        let max_hole = self.max_hole.map_or(Hole::DEFAULT, |hole| hole.value);
+        let base = self.base.map(|base| base.value);
         match self.surface {
             SurfaceWord::Closed => match (self.facing, self.max_hole, self.base) {
                 (None, None, None) => Ok(None),
@@ -473,10 +549,17 @@ impl CloudArguments {
             SurfaceWord::Sheet if self.base.is_some() => wrong("--base: is for --surface terrain"),
             SurfaceWord::Sheet => match self.facing {
                 Some(facing) => Ok(Some(Open { kind: Kind::Sheet, facing, max_hole, base: None })),
-                None => wrong("--surface sheet: --facing must say where the points were seen from"),
+                None => {
+                    let told = if tells_stations(&self.inputs, self.depth()) {
+                        "; the input tells: --facing @poses"
+                    } else {
+                        ""
+                    };
+                    wrong(&format!("--surface sheet: --facing must say where the points were seen from{told}"))
+                }
             },
             SurfaceWord::Terrain => match self.facing {
-                None | Some(Facing::UP) => Ok(Some(Open { max_hole, base: self.base, ..Open::TERRAIN })),
+                None | Some(Facing::UP) => Ok(Some(Open { max_hole, base, ..Open::TERRAIN })),
                 Some(_) => wrong("--facing: terrain is seen from +z; --surface sheet is for other directions"),
             },
         }
@@ -487,7 +570,7 @@ impl CloudArguments {
         let fineness = match (self.k, self.slices, self.cell_size) {
             (Some(k), ..) => given(Resolution::K(k)),
             (_, Some(slices), _) => given(Resolution::Slices(slices)),
-            (.., Some(fineness)) => fineness,
+            (.., Some(fineness)) => fineness.value,
             _ => Fineness::Default,
         };
         let axis = match self.axis {
@@ -498,9 +581,25 @@ impl CloudArguments {
         };
         let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
         let (min_points, min_component) = (self.min_points, Some(self.min_component));
-        let (seal, window, open) = (self.seal, self.window, self.open()?);
+        let (seal, window, open) = (self.seal.value, self.window, self.open()?);
         let keep_outliers = self.keep_outliers;
         Ok(Settings { fineness, axis, seal, window, keep_outliers, min_points, min_component, surface, open })
+    }
+
+    /// How folders are looked into.
+    pub fn depth(&self) -> Depth {
+        if self.recursive { Depth::Recursive } else { Depth::Flat }
+    }
+
+    /// The units of the lengths in the settings.
+    fn units(&self) -> Units {
+        Units {
+            cell_size: self.cell_size.and_then(|side| side.unit),
+            seal: self.seal.unit,
+            max_hole: self.max_hole.and_then(|hole| hole.unit),
+            base: self.base.and_then(|base| base.unit),
+            tile: None,
+        }
     }
 
     fn input(&self) -> Result<InputOptions> {
@@ -521,7 +620,7 @@ impl CloudArguments {
         };
         let (layout, skip_bytes, attributes) = (self.layout.clone(), self.skip_bytes, self.attributes.clone());
         let crs = self.crs.as_deref().map(Crs::given).transpose()?;
-        Ok(InputOptions { layout, skip_bytes, endian, attributes, filter, crs })
+        Ok(InputOptions { layout, skip_bytes, endian, attributes, filter, crs, depth: self.depth() })
     }
 }
 
@@ -546,7 +645,6 @@ impl ReconstructArguments {
         });
         Ok(Job {
             output,
-            tile: self.tile,
             preview: match &self.preview {
                 None => Preview::None,
                 Some(None) => Preview::Beside,
@@ -555,7 +653,7 @@ impl ReconstructArguments {
             overwrite: overwrite(self.overwrite),
             positions,
             check,
-            ..job(&self.cloud, self.means.means())?
+            ..tiled(job(&self.cloud, self.means.means())?, self.tile)
         })
     }
 }
@@ -566,7 +664,7 @@ impl PlanArguments {
     /// # Errors
     /// As [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
-        Ok(Job { tile: self.tile, ..job(&self.cloud, self.means.means())? })
+        Ok(tiled(job(&self.cloud, self.means.means())?, self.tile))
     }
 }
 
@@ -582,7 +680,8 @@ impl InfoArguments {
 }
 
 fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
-    Ok(Job { input: cloud.input()?, settings: cloud.settings()?, means, ..Job::new(&cloud.inputs) })
+    let (input, settings, units) = (cloud.input()?, cloud.settings()?, cloud.units());
+    Ok(Job { input, settings, units, means, ..Job::new(&cloud.inputs) })
 }
 
 /// How a cloud is read of which only the places count.
@@ -623,4 +722,10 @@ mod tests {
         assert_eq!(job.inputs, [PathBuf::from("huge.bin")]);
         assert_eq!(job.settings, Settings { window: Some(3), ..Settings::default() });
     }
+}
+
+/// The job with its mesh in tiles of a side, if there is one.
+fn tiled(job: Job, tile: Option<InUnit<f64>>) -> Job {
+    let units = Units { tile: tile.and_then(|side| side.unit), ..job.units };
+    Job { tile: tile.map(|side| side.value), units, ..job }
 }

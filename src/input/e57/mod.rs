@@ -13,6 +13,8 @@
 //! The XML says what the fields are ([`scan::Scan`]). Records whose `cartesianInvalidState` (or `sphericalInvalidState`) is not 0 are no points: they are dropped, and
 //! counted with those that are not finite. Colours that are integers from 0 to 255, or to 65535, stay as they are; others are spread from their limits over one of these;
 //! a file has one kind. Intensities stay as they are.
+//!
+//! A scan was taken from where its pose puts the origin; [`scan::Place`] says which scans tell.
 
 mod paged;
 mod scan;
@@ -25,7 +27,7 @@ use std::sync::Arc;
 use byteorder::{ByteOrder, LE};
 
 use self::paged::Pages;
-use self::scan::{Reading, Scan};
+use self::scan::{Place, Reading, Scan};
 use self::xml::Tree;
 use super::mapped::{Content, Mapped};
 use super::records::same_length;
@@ -84,6 +86,10 @@ pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
         }
         scans.push(scan);
     }
+    // Where no scan of a file is moved, poses that move nothing were put there by programs that had none.
+    if scans.iter().all(|scan| scan.place != Place::Told) {
+        scans.iter_mut().filter(|scan| scan.place == Place::Unmoved).for_each(|scan| scan.place = Place::Unknown);
+    }
     let attributes: Vec<Vec<Attribute>> = scans.iter().map(Scan::attributes).collect();
     let mut attributes = Wanted::All.of(attributes.iter().map(Vec::as_slice))?.attributes().to_vec();
     // A file whose scans have colours of both kinds has the wide one.
@@ -128,6 +134,10 @@ impl PointFormat for E57File {
 
     fn attributes(&self) -> &[Attribute] {
         &self.attributes
+    }
+
+    fn stations(&self) -> Vec<[f64; 3]> {
+        self.scans.iter().filter_map(Scan::station).collect()
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
@@ -291,6 +301,7 @@ impl BlockCutter for Cutter {
                 streams,
                 records: records as usize,
                 reading: Arc::clone(&open.reading),
+                station: self.scans[open.number].station(),
             })));
         }
     }
@@ -301,6 +312,7 @@ struct Block {
     streams: Vec<Stream>,
     records: usize,
     reading: Arc<Reading>,
+    station: Option<[f64; 3]>,
 }
 
 impl Block {
@@ -321,5 +333,9 @@ impl Decode for Block {
             Points::Double(points) => self.points(points, attributes),
         }
         Ok(())
+    }
+
+    fn station(&self) -> Option<[f64; 3]> {
+        self.station
     }
 }

@@ -123,6 +123,19 @@ pub struct Scan {
     pose: Option<([[f64; 3]; 3], [f64; 3])>,
     /// The limits of red, green and blue.
     colours: [Option<(f64, f64)>; 3],
+    /// Whether it tells where it was taken from.
+    pub place: Place,
+}
+
+/// Whether a scan tells where it was taken from: that is where its pose puts the origin of its own coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// It does: by a pose that moves or turns it, or else by coordinates or limits that are ranges and angles from the scanner.
+    Told,
+    /// It has a pose that changes nothing: the first of several scans, or the pose of a program that knew of none.
+    Unmoved,
+    /// It does not.
+    Unknown,
 }
 
 const CARTESIAN: [&str; 3] = ["cartesianX", "cartesianY", "cartesianZ"];
@@ -177,12 +190,24 @@ impl Scan {
                 limits(name).or_else(|| own?.limits()).filter(|(min, max)| max > min)
             }),
             fields,
+            place: Place::Unknown,
         };
         let all = |names: [&str; 3]| names.into_iter().all(|name| scan.find(name).is_some());
         if !all(CARTESIAN) && !all(SPHERICAL) {
             return Err("points without cartesian or spherical coordinates".to_string());
         }
-        Ok(scan)
+        let polar = all(SPHERICAL) || element.child("sphericalBounds").is_some();
+        let place = match (scan.pose.is_some() || polar, element.child("pose")) {
+            (true, _) => Place::Told,
+            (false, Some(_)) => Place::Unmoved,
+            (false, None) => Place::Unknown,
+        };
+        Ok(Scan { place, ..scan })
+    }
+
+    /// Where it was taken from, if it tells.
+    pub fn station(&self) -> Option<[f64; 3]> {
+        (self.place != Place::Unknown).then(|| self.pose.map_or([0.0; 3], |(_, by)| by))
     }
 
     fn find(&self, name: &str) -> Option<usize> {

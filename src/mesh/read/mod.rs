@@ -21,6 +21,7 @@ use std::path::Path;
 
 use super::MeshSource;
 use crate::attribute::{Attribute, Schema, Wanted};
+use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::output::Format;
 use crate::scalar::Scalar;
@@ -74,6 +75,39 @@ pub fn has_triangles(path: &Path) -> Result<bool> {
         Some(Format::Stl | Format::Glb) => Ok(true),
         None => Ok(false),
     }
+}
+
+/// The reference system of a mesh, as far as the file tells: a PLY file in its comments, as this program writes them, others in a `.prj` beside. What cannot be read
+/// tells nothing; whoever opens it says why.
+pub fn told_crs(path: &Path) -> Option<Crs> {
+    /// The longest header, or side-car, that is looked at.
+    const LONGEST: u64 = 1 << 20;
+    let input = Input::open(path).ok()?;
+    let format = input.format().ok()??;
+    let beside = path.with_extension("prj");
+    if format != Format::Ply {
+        let is_short = beside.metadata().is_ok_and(|there| there.is_file() && there.len() <= LONGEST);
+        return is_short.then(|| named(&std::fs::read_to_string(&beside).ok()?))?;
+    }
+    let mut head = vec![0; input.length.min(LONGEST) as usize];
+    input.read_at(0, &mut head).ok()?;
+    let lines = head.split(|byte| *byte == b'\n').take_while(|line| line.trim_ascii() != b"end_header");
+    let (mut name, mut wkt) = (None, String::new());
+    for line in lines {
+        let text = |rest: &[u8]| String::from_utf8_lossy(rest).into_owned();
+        if let Some(rest) = line.strip_prefix(b"comment wkt ") {
+            wkt += &text(rest);
+        } else if let Some(rest) = line.strip_prefix(b"comment crs ") {
+            name = name.or(Some(text(rest)));
+        }
+    }
+    Crs::parse(&wkt).filter(|crs| crs.wkt.is_some()).or_else(|| named(&name?))
+}
+
+/// A system as this program writes it: its text, or its code, behind which its name stands.
+fn named(text: &str) -> Option<Crs> {
+    let code = text.split([' ', ',']).next().unwrap_or_default();
+    Crs::parse(code).filter(|crs| crs.epsg.is_some()).or_else(|| Crs::parse(text))
 }
 
 /// Of the attributes that are there, those that are wanted.

@@ -10,8 +10,8 @@
 //! number of buckets, and what lies close together in the file stays so.
 
 use std::collections::HashMap;
-use std::collections::hash_map::{Entry, RandomState};
-use std::hash::{BuildHasher, Hasher};
+use std::collections::hash_map::Entry;
+use std::hash::BuildHasher;
 
 use bytemuck::{Pod, Zeroable};
 
@@ -20,6 +20,7 @@ use crate::mesh::check_vertex_count;
 use crate::mesh::queue::Queue;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;
+use crate::seeds::Seeds;
 use crate::spool::Workspace;
 
 /// Bytes of a position seen, in a map that is half empty; a vertex has six corners on average but may have one.
@@ -51,58 +52,6 @@ struct Numbered {
     unused: u32,
 }
 
-/// Hashes positions with numbers drawn for every mesh, so that nobody can make a file whose positions all have one hash. It decides no byte of the result.
-#[derive(Clone, Copy)]
-struct Seeds([u64; 2]);
-
-/// A hash in the making.
-struct Mixed {
-    seeds: [u64; 2],
-    state: u64,
-}
-
-impl Seeds {
-    fn new() -> Seeds {
-        let drawn = RandomState::new();
-        Seeds([0u8, 1].map(|number| drawn.hash_one(number) | 1))
-    }
-
-    fn of(self, position: [f32; 3]) -> u64 {
-        self.hash_one(position.map(f32::to_bits))
-    }
-}
-
-impl BuildHasher for Seeds {
-    type Hasher = Mixed;
-
-    fn build_hasher(&self) -> Mixed {
-        Mixed { seeds: self.0, state: self.0[0] }
-    }
-}
-
-impl Hasher for Mixed {
-    fn write(&mut self, bytes: &[u8]) {
-        for piece in bytes.chunks(8) {
-            let mut word = [0; 8];
-            word[..piece.len()].copy_from_slice(piece);
-            self.write_u64(u64::from_le_bytes(word));
-        }
-    }
-
-    fn write_u64(&mut self, word: u64) {
-        // Both halves of the product: every bit of the word, and of the seeds, reaches all others.
-        let product = u128::from(self.state ^ word) * u128::from(self.seeds[1]);
-        self.state = (product as u64) ^ (product >> 64) as u64 ^ self.seeds[0].rotate_left(23);
-    }
-
-    // The length of the key, which is the same for all.
-    fn write_usize(&mut self, _: usize) {}
-
-    fn finish(&self) -> u64 {
-        self.state
-    }
-}
-
 /// Takes corners, three for each triangle, and gives a mesh of single precision.
 pub(super) struct Welder<'a> {
     workspace: &'a Workspace,
@@ -129,7 +78,7 @@ impl Welder<'_> {
     pub fn corner(&mut self, position: [f32; 3]) -> Result<()> {
         // Adding zero makes negative zero positive and nothing else.
         let position = position.map(|c| c + 0.0);
-        let bucket = (self.seeds.of(position) >> 32) as usize % self.by_position.len();
+        let bucket = (self.seeds.hash_one(position.map(f32::to_bits)) >> 32) as usize % self.by_position.len();
         self.by_position[bucket].push(Corner { corner: self.corners, position, unused: 0 })?;
         self.corners += 1;
         Ok(())
@@ -190,25 +139,5 @@ impl Welder<'_> {
             mesh.append_faces(&triangles.into_iter().map(FaceRecord::new).collect::<Vec<_>>())?;
         }
         Ok(mesh)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::collections::HashSet;
-
-    use super::*;
-
-    #[test]
-    fn positions_that_were_chosen_to_share_a_hash_do_not() {
-        let seeds = Seeds::new();
-        // What undoes the first step of hashes without seeds.
-        let start = [0x243f_6a88, 0x85a3_08d3].map(f32::from_bits);
-        let positions = || (0..100_000).map(|i| [start[1], start[0], i as f32]);
-        let hashes: HashSet<u64> = positions().map(|position| seeds.of(position)).collect();
-        assert_eq!(hashes.len(), 100_000);
-        let low: HashSet<u64> = positions().map(|position| seeds.of(position) & 0xffff).collect();
-        assert!(low.len() > 40_000, "{}", low.len());
-        assert_ne!(Seeds::new().of([1.0; 3]), seeds.of([1.0; 3]));
     }
 }
