@@ -668,6 +668,12 @@ impl PlanArguments {
     }
 }
 
+/// The job with its mesh in tiles of a side, if there is one.
+fn tiled(job: Job, tile: Option<InUnit<f64>>) -> Job {
+    let units = Units { tile: tile.and_then(|side| side.unit), ..job.units };
+    Job { tile: tile.map(|side| side.value), units, ..job }
+}
+
 impl InfoArguments {
     /// The job they describe.
     ///
@@ -722,10 +728,4 @@ mod tests {
         assert_eq!(job.inputs, [PathBuf::from("huge.bin")]);
         assert_eq!(job.settings, Settings { window: Some(3), ..Settings::default() });
     }
-}
-
-/// The job with its mesh in tiles of a side, if there is one.
-fn tiled(job: Job, tile: Option<InUnit<f64>>) -> Job {
-    let units = Units { tile: tile.and_then(|side| side.unit), ..job.units };
-    Job { tile: tile.map(|side| side.value), units, ..job }
 }

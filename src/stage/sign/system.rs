@@ -109,7 +109,8 @@ impl<'a> System<'a> {
         let mut r = std::mem::take(&mut self.right);
         let (mut p, mut out) = (vec![0f32; n], vec![0f32; n]);
         self.product(u, &mut out);
-        let start = |(y, ((r, p), out)): (usize, ((&mut [f32], &mut [f32]), &[f32]))| {
+        let slices = r.par_chunks_mut(slice).zip(p.par_chunks_mut(slice)).zip(out.par_chunks(slice)).enumerate();
+        let starts = slices.map(|(y, ((r, p), out))| {
             let (mut b, mut rr, mut rz) = (Sum::default(), Sum::default(), Sum::default());
             for span in self.local_spans(y) {
                 let d = &self.diagonal[y * slice..][span.clone()];
@@ -121,21 +122,16 @@ impl<'a> System<'a> {
                 rz.add(r, p);
             }
             [b, rr, rz].map(Sum::total)
-        };
-        let [b, mut rr, mut rz] = total(
-            r.par_chunks_mut(slice)
-                .zip(p.par_chunks_mut(slice))
-                .zip(out.par_chunks(slice))
-                .enumerate()
-                .map(start)
-                .collect(),
-        );
+        });
+        let [b, mut rr, mut rz] = total(starts.collect());
         for _ in 0..STEPS {
             if rr <= TOLERANCE * TOLERANCE * b {
                 return;
             }
             let alpha = (rz / self.product(&p, &mut out)) as f32;
-            let step = |(y, ((u, r), (p, out))): (usize, ((&mut [f32], &mut [f32]), (&[f32], &[f32])))| {
+            let of = (p.par_chunks(slice), out.par_chunks(slice));
+            let slices = u.par_chunks_mut(slice).zip(r.par_chunks_mut(slice)).zip(of.0.zip(of.1)).enumerate();
+            let steps = slices.map(|(y, ((u, r), (p, out)))| {
                 let (mut rr, mut rz) = (Sum::default(), Sum::default());
                 for span in self.local_spans(y) {
                     let d = &self.diagonal[y * slice..][span.clone()];
@@ -147,16 +143,8 @@ impl<'a> System<'a> {
                     rz.add_over(r, d);
                 }
                 [rr, rz].map(Sum::total)
-            };
-            let of = (p.par_chunks(slice), out.par_chunks(slice));
-            let [new_rr, new_rz] = total(
-                u.par_chunks_mut(slice)
-                    .zip(r.par_chunks_mut(slice))
-                    .zip(of.0.zip(of.1))
-                    .enumerate()
-                    .map(step)
-                    .collect(),
-            );
+            });
+            let [new_rr, new_rz] = total(steps.collect());
             let beta = (new_rz / rz) as f32;
             (rr, rz) = (new_rr, new_rz);
             p.par_chunks_mut(slice).zip(r.par_chunks(slice)).enumerate().for_each(|(y, (p, r))| {
