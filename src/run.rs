@@ -270,7 +270,8 @@ pub struct Looked {
 fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
     let Some(side) = job.tile else { return Ok(None) };
     // Each has a triangle at least.
-    let tiles = output::expected_tiles(&surveyed.sketch, side).min(surveyed.load.triangles().max(1));
+    let tiles =
+        output::expected_tiles(&surveyed.sketch, &surveyed.survey.bounds, side).min(surveyed.load.triangles().max(1));
     output::check_number_of_tiles(side, tiles).map(|()| Some(tiles))
 }
 

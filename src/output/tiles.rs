@@ -19,6 +19,7 @@ use serde_json::json;
 
 use super::{Format, Overwrite, Positions, Target, Written, attributes};
 use crate::error::{Error, Result};
+use crate::grid::Bounds;
 use crate::mesh::measure::Corners;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::mesh::{MeshHeader, MeshSource};
@@ -50,18 +51,27 @@ type Square = [i64; 2];
 /// Where triangles of a tile lie in the spool: the first's byte, and how many.
 type Stretch = (u64, u32);
 
-/// About how many tiles of side `side` a surface through the points makes: the squares that the sketch's columns touch, or their share of those
-/// columns' area where squares are smaller than half a column.
-pub fn expected(sketch: &Sketch, side: f64) -> u64 {
+/// About how many tiles of side `side` a surface through points in `bounds` makes: the squares that the sketch's columns touch within them, or their share of
+/// those columns' area where squares are smaller than half a column.
+pub fn expected(sketch: &Sketch, bounds: &Bounds, side: f64) -> u64 {
     let (low, _) = sketch.extent();
+    // A column along an axis, in sides.
     let ratio = sketch.side() / side;
+    let within = |a: usize, place: u32| {
+        let from = (low[a] as f64 + f64::from(place)) * ratio;
+        [from.max(bounds.min[a] / side), (from + ratio).next_down().min(bounds.max[a] / side)]
+    };
     let columns = sketch.columns();
     if ratio > 2.0 {
-        return (columns.len() as f64 * ratio * ratio).min(1e18) as u64;
+        let length = |a: usize, place: u32| {
+            let [from, to] = within(a, place);
+            (to - from).max(0.0)
+        };
+        return columns.iter().map(|&[x, y]| length(0, x) * length(1, y)).sum::<f64>().min(1e18) as u64;
     }
     let range = |a: usize, place: u32| {
-        let from = (low[a] as f64 + f64::from(place)) * ratio;
-        from.floor() as i64..=(from + ratio).next_down().floor() as i64
+        let [from, to] = within(a, place).map(|c| c.floor() as i64);
+        from..=to
     };
     let squares = columns.iter().flat_map(|&[x, y]| range(0, x).flat_map(move |x| range(1, y).map(move |y| [x, y])));
     squares.collect::<BTreeSet<Square>>().len() as u64
@@ -77,7 +87,7 @@ pub fn check_number(side: f64, tiles: u64) -> Result<()> {
     }
     let least = side * (tiles as f64 / MOST_TILES as f64).sqrt();
     // Rounded up to two digits.
-    let step = 10f64.powf(libm::log10(least).floor() - 1.0);
+    let step = libm::pow(10.0, libm::log10(least).floor() - 1.0);
     let (least, tiles, most) = (short((least / step).ceil() * step), thousands(tiles), thousands(MOST_TILES));
     Err(Error::Usage(format!(
         "--tile {side}: makes about {tiles} tiles, and {most} is the limit; pass --tile {least} or more"
@@ -289,31 +299,32 @@ struct Tile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Bounds;
     use crate::sketch::Sketching;
 
-    /// Points on a square lattice of 200 by 200, a unit apart, from `low` on.
-    fn lattice(low: [f64; 2]) -> Sketch {
+    /// Points on a square lattice of 200 by 200, a unit apart, from `low` on, and the tiles expected of them.
+    fn of_lattice(low: [f64; 2], side: f64) -> u64 {
         let place = |i: i32| [low[0] + f64::from(i % 200) + 0.5, low[1] + f64::from(i / 200) + 0.5, 0.0];
         let points: Vec<[f64; 3]> = (0..40_000).map(place).collect();
         let bounds = points.iter().fold(Bounds::EMPTY, |bounds, p| bounds.union(Bounds { min: *p, max: *p }));
         let sketching = Sketching::default();
         sketching.add(&points, bounds);
-        sketching.finish()
+        expected(&sketching.finish(), &bounds, side)
     }
 
     #[test]
     fn tiles_are_counted_from_the_sketch_on_either_side_of_zero() {
         for low in [[0.0, 0.0], [-200.0, -400.0], [-600.0, 800.0]] {
-            let sketch = lattice(low);
-            for (side, tiles) in [(1000.0, 1), (50.0, 16), (10.0, 400), (1.0, 40_000)] {
-                assert_eq!(expected(&sketch, side), tiles, "{low:?} {side}");
+            for (side, tiles) in [(1000.0, 1), (50.0, 16), (10.0, 400)] {
+                assert_eq!(of_lattice(low, side), tiles, "{low:?} {side}");
             }
-            let fine = expected(&sketch, 0.01) as f64;
-            assert!((fine / 4e8 - 1.0).abs() < 0.01, "{fine}");
+            // Smaller ones by their area.
+            for side in [1.0, 0.01] {
+                let share = of_lattice(low, side) as f64 / (200.0 / side).powi(2);
+                assert!((share - 1.0).abs() < 0.02, "{low:?} {side}: {share}");
+            }
         }
-        assert_eq!(expected(&lattice([-100.0, -100.0]), 1e9), 4, "round zero");
-        assert!(expected(&lattice([0.0, 0.0]), 1e-300) >= 1_000_000_000_000, "no overflow");
+        assert_eq!(of_lattice([-100.0, -100.0], 1e9), 4, "round zero");
+        assert!(of_lattice([0.0, 0.0], 1e-300) >= 1_000_000_000_000, "no overflow");
     }
 
     #[test]

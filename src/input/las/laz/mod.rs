@@ -13,9 +13,10 @@
 //!
 //! The decompressor (the crate `laz`) takes layers into memory as long as they claim to be, and fails badly at streams that begin with 32 set bits, which no
 //! encoder writes. So both are looked at beforehand. What cannot be seen from outside: its GPS times of layered chunks call themselves for every change of
-//! sequence, so that a file that was made for it can use up the stack, which ends the process. For those of pointwise chunks see `gps.rs`.
+//! sequence, so that a file that was made for it can use up the stack (`overflow.rs`). For those of pointwise chunks see `gps.rs`.
 
 mod guard;
+mod overflow;
 mod pieces;
 mod table;
 
@@ -246,7 +247,7 @@ impl Packed {
         let at = |done: u64| move |error: std::io::Error| (done, error);
         let mut piece = vec![0; (PIECE / self.record).max(1) * self.record];
         let mut passed = 0;
-        guarded(|| {
+        self.guarded(|| {
             while passed < skip {
                 decompressor.decompress_next(&mut piece[..self.record])?;
                 passed += 1;
@@ -259,7 +260,7 @@ impl Packed {
             let records = ((piece.len() / self.record) as u64).min(take - done);
             let piece = &mut piece[..records as usize * self.record];
             let mut here = 0;
-            guarded(|| {
+            self.guarded(|| {
                 for record in piece.chunks_exact_mut(self.record) {
                     decompressor.decompress_next(record)?;
                     here += 1;
@@ -271,6 +272,14 @@ impl Packed {
             done += records;
         }
         Ok(())
+    }
+
+    /// [`guarded`], and an error where the stack is used up.
+    fn guarded<R>(&self, work: impl FnOnce() -> IoResult<R>) -> IoResult<R> {
+        match self.layers {
+            None => guarded(work),
+            Some(_) => overflow::told(&self.path, || guarded(work)),
+        }
     }
 
     fn broken(&self, chunk: Chunk, found: impl fmt::Display) -> Error {

@@ -12,7 +12,6 @@ use super::super::super::{BLOCK_RECORDS, BlockCutter, Decode};
 use super::super::fields::Decoding;
 use super::super::records_of_a_block;
 use super::super::window::Window;
-use super::guard::guarded;
 use super::table::{Entries, Entry};
 use super::{Chunks, Packed, stopped};
 use crate::error::{Error, Result};
@@ -174,14 +173,15 @@ impl Running {
     fn next(&mut self, packed: &Packed) -> Result<Vec<u8>> {
         let records = records_of_a_block(packed.record).min(self.chunk.points - self.done);
         let mut bytes = vec![0; records as usize * packed.record];
-        guarded(|| {
-            for record in bytes.chunks_exact_mut(packed.record) {
-                self.decompressor.decompress_next(record)?;
-                self.done += 1;
-            }
-            Ok(())
-        })
-        .map_err(|error| stopped(&packed.path, self.chunk, (self.done, error)))?;
+        packed
+            .guarded(|| {
+                for record in bytes.chunks_exact_mut(packed.record) {
+                    self.decompressor.decompress_next(record)?;
+                    self.done += 1;
+                }
+                Ok(())
+            })
+            .map_err(|error| stopped(&packed.path, self.chunk, (self.done, error)))?;
         Ok(bytes)
     }
 
