@@ -31,8 +31,8 @@ pub fn bare(field: &Field<'_>, walls: &[Wall]) -> Option<Bare> {
     let mut borders = vec![Border::default(); count as usize + 1];
     for (cell, &number) in of.iter().enumerate().filter(|(_, number)| **number != 0) {
         let border = &mut borders[number as usize];
-        for next in field.block.beside(cell).into_iter().filter(|&next| !field.is_inside(next)) {
-            if field.is_open(cell, next) { border.open += 1 } else { border.lined += 1 }
+        for next in field.block.beside(cell).into_iter().filter(|&next| of[next] != number) {
+            if of[next] == 0 && field.is_open(cell, next) { border.open += 1 } else { border.lined += 1 }
         }
     }
     for [a, b] in walls.iter().map(|wall| wall.sides.map(|cell| of[cell as usize])) {
@@ -80,6 +80,7 @@ fn components(field: &Field<'_>) -> (Vec<u32>, u32) {
 /// The border of a component, in faces of cells.
 #[derive(Debug, Clone, Copy, Default)]
 struct Border {
+    /// Faces to walls, and to other components: what hangs together with a body through a wide opening is a part of it.
     lined: u64,
     open: u64,
     /// Walls that have another component behind them.

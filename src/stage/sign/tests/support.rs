@@ -56,8 +56,8 @@ proptest! {
         let mut counts = vec![[0usize; 3]; inside.len()];
         for cell in (0..inside.len()).filter(|&cell| inside[cell]) {
             let counts = &mut counts[component[cell].unwrap()];
-            for o in (0..inside.len()).filter(|&o| faces(cell, o) && !inside[o]) {
-                counts[usize::from(!occupied[o] && !is_gap(cell) && !is_gap(o))] += 1;
+            for o in (0..inside.len()).filter(|&o| faces(cell, o) && component[o] != component[cell]) {
+                counts[usize::from(!inside[o] && !occupied[o] && !is_gap(cell) && !is_gap(o))] += 1;
             }
         }
         let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
