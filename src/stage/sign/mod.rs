@@ -171,7 +171,7 @@ impl Signed {
                     field.open(&bare.cells, &reached);
                     continue;
                 }
-                field.give_up(&bare.without_walls);
+                field.give_up(&bare.whole);
             }
             let nothing: Vec<bool> = two_sided.iter().map(|wall| field.same_side(wall.sides)).collect();
             tries += 1;

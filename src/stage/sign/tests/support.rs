@@ -44,36 +44,45 @@ proptest! {
         let is_gap = gaps(&block, &occupied);
         let is_lined = |cell: usize| block.around().iter().any(|step| occupied[cell.wrapping_add_signed(*step)]);
         let lined: Vec<bool> = (0..inside.len()).map(|cell| inside[cell] && is_lined(cell)).collect();
-        // Cells that lie beside no wall hang together by faces, those beside walls belong to the first component next to them, and the rest to its own.
+        // Parts: cells that lie beside no wall hang together by faces, those beside walls belong to the first one next to them, and the rest to its own.
         let core: Vec<bool> = inside.iter().zip(&lined).map(|(inside, lined)| *inside && !lined).collect();
         let cores = components(&block, &core, 1);
-        let mut component: Vec<Option<usize>> = (0..inside.len()).map(|cell| {
+        let mut part: Vec<Option<usize>> = (0..inside.len()).map(|cell| {
             let beside = || (0..inside.len()).filter(|&o| inside[cell] && (o == cell || faces(cell, o)));
             beside().filter_map(|o| cores[o]).min()
         }).collect();
-        let rest: Vec<bool> = inside.iter().zip(&component).map(|(inside, of)| *inside && of.is_none()).collect();
-        component.iter_mut().zip(components(&block, &rest, 1)).for_each(|(of, rest)| *of = of.or(rest));
-        let mut counts = vec![[0usize; 3]; inside.len()];
-        for cell in (0..inside.len()).filter(|&cell| inside[cell]) {
-            let counts = &mut counts[component[cell].unwrap()];
-            for o in (0..inside.len()).filter(|&o| faces(cell, o) && component[o] != component[cell]) {
-                counts[usize::from(!inside[o] && !occupied[o] && !is_gap(cell) && !is_gap(o))] += 1;
+        let rest: Vec<bool> = inside.iter().zip(&part).map(|(inside, of)| *inside && of.is_none()).collect();
+        part.iter_mut().zip(components(&block, &rest, 1)).for_each(|(of, rest)| *of = of.or(rest));
+        let borders = |of: &[Option<usize>]| {
+            let mut counts = vec![[0usize; 4]; inside.len()];
+            for cell in (0..inside.len()).filter(|&cell| inside[cell]) {
+                let counts = &mut counts[of[cell].unwrap()];
+                for o in (0..inside.len()).filter(|&o| faces(cell, o) && of[o] != of[cell]) {
+                    let is_open = !occupied[o] && !is_gap(cell) && !is_gap(o);
+                    counts[if inside[o] { 2 } else { usize::from(is_open) }] += 1;
+                }
             }
-        }
+            counts
+        };
+        let component = components(&block, &inside, 1);
+        let (of_components, mut of_parts) = (borders(&component), borders(&part));
         let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
-        for [a, b] in walls.iter().map(|wall| wall.sides.map(|cell| component[cell as usize])) {
+        for [a, b] in walls.iter().map(|wall| wall.sides.map(|cell| part[cell as usize])) {
             if let (Some(a), Some(b)) = (a, b) && a != b {
-                [a, b].into_iter().for_each(|of| counts[of][2] += 1);
+                [a, b].into_iter().for_each(|of| of_parts[of][3] += 1);
             }
         }
-        let cells = |is: &dyn Fn([usize; 3]) -> bool| -> Vec<bool> {
-            component.iter().map(|of| of.is_some_and(|of| is(counts[of]))).collect()
-        };
-        let expected = Bare {
-            cells: cells(&|[lined, open, shared]| 4 * (open + shared.min(lined)) > open + lined),
-            without_walls: cells(&|[lined, open, _]| 4 * open > open + lined),
-        };
-        prop_assert!(bare(&field, &walls) == expected.cells.contains(&true).then_some(expected));
+        let whole: Vec<bool> = component.iter().map(|of| of.is_some_and(|of| {
+            let [lined, open, ..] = of_components[of];
+            4 * open > open + lined
+        })).collect();
+        let cells: Vec<bool> = part.iter().zip(&whole).map(|(of, whole)| *whole || of.is_some_and(|of| {
+            let [lined, open, neck, shared] = of_parts[of];
+            let all = lined + open + neck;
+            all >= 30 && 10 * neck <= 6 * all && 4 * (open + shared.min(lined)) > all
+        })).collect();
+        let expected = cells.contains(&true).then_some(Bare { cells, whole });
+        prop_assert!(bare(&field, &walls) == expected);
     }
 
     /// Two rooms of a box, the wall between which parts nothing: the smaller it is, the more of its border is that wall.
@@ -92,7 +101,7 @@ proptest! {
         let walls: Vec<bool> = shell.iter().zip(&inside).map(|(shell, inside)| shell & !inside).collect();
         let two = two_sided(&block, &walls, &numbers_of(&walls));
         let found = bare(&field(&block, &walls, &inside), &two);
-        let expected = Bare { cells: pocket, without_walls: vec![false; inside.len()] };
+        let expected = Bare { cells: pocket, whole: vec![false; inside.len()] };
         prop_assert!(found == Some(expected));
     }
 
@@ -111,7 +120,7 @@ proptest! {
         let floor = marked(&block, |cell| cell[axis] == 0);
         prop_assert_eq!(bare(&field(&block, &walls, &inside), &[]), None);
         let before_floor: Vec<bool> = inside.iter().zip(&floor).map(|(inside, floor)| *inside && !floor).collect();
-        let expected = Bare { cells: before_floor.clone(), without_walls: before_floor };
+        let expected = Bare { cells: before_floor.clone(), whole: before_floor };
         prop_assert!(bare(&field(&block, &floor, &inside), &[]) == Some(expected));
     }
 
