@@ -131,7 +131,7 @@ impl Sketch {
     }
 
     /// About how large an area the cloud's `points` cover, seen along z: that of their columns, of which those that have a neighbour without points count half.
-    /// Columns are so wide that [`FILLED`] points or more fall to one on average: narrower ones may be empty between the points.
+    /// Columns are so wide that `FILLED` points or more fall to one on average: narrower ones may be empty between the points.
     pub fn area(&self, points: u64) -> f64 {
         let (mut columns, mut side) = (self.columns(), self.side());
         while columns.len() > 1 && points < FILLED * columns.len() as u64 {
