@@ -25,7 +25,7 @@ use crate::stitch::Counts;
 /// hundred; of a cloud with one point a thousand times as far away as the others, nearly all points share a cell.
 const CROWDED: f64 = 1000.0;
 
-/// The part of the surface that bridges holes from which the summary warns of it.
+/// The part of the surface that bridges holes from which the summary warns of it, and the mesh is not called sealed.
 const MUCH_BRIDGED: f64 = 0.02;
 
 /// Pieces of a closed mesh from which the summary warns of them: an object, and some beside it, may be meant.
@@ -141,8 +141,12 @@ pub struct GridReport {
 pub struct Closing {
     /// The ball's radius, in cells, where one was asked for.
     pub radius: Option<u32>,
-    /// Whether the mesh encloses the inside: samples part inside and outside everywhere ([`crate::closing::Parted::is_sealed`]).
+    /// Whether the mesh encloses the inside: samples part inside and outside everywhere, and little of the surface bridges holes.
     pub sealed: bool,
+    /// Whether samples part inside and outside everywhere ([`crate::closing::Parted::is_sealed`]).
+    pub parted: bool,
+    /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
+    pub bridged: Option<f64>,
     /// The part of the samples' cells that have the same side on both sides.
     pub part_nothing: f64,
     /// Patches that have the outside on both sides, the largest first.
@@ -285,9 +289,12 @@ impl Closing {
             };
             patches.iter().take(MOST_PATCHES).map(report).collect()
         };
+        let is_parted = parted.is_some_and(|parted| parted.is_sealed());
         Closing {
             radius,
-            sealed: parted.is_some_and(|parted| parted.is_sealed()),
+            sealed: is_parted,
+            parted: is_parted,
+            bridged: None,
             part_nothing: parted.map_or(0.0, |parted| parted.part_nothing as f64 / walls),
             open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),
             filled: parted.map_or_else(Vec::new, |parted| patches(&parted.filled)),
@@ -324,6 +331,9 @@ impl Closing {
         match self.radius {
             Some(radius) => format!("radius {radius} {}, as asked", if radius == 1 { "cell" } else { "cells" }),
             None if self.sealed => "sealed: the mesh encloses the inside".to_owned(),
+            None if self.parted => {
+                format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.bridged.unwrap_or(0.0))
+            }
             None => format!("not sealed: {}", self.same_sides()),
         }
     }
@@ -334,7 +344,7 @@ impl Closing {
 
     /// What is wrong with the inside, if the mesh does not enclose one; `cell_size` is that of the grid.
     fn warnings(&self, cell_size: f64) -> Option<Warning> {
-        if self.radius.is_some() || self.sealed {
+        if self.radius.is_some() || self.parted {
             return None;
         }
         let whole = |patches: &[PatchReport]| 100.0 * patches.iter().map(|patch| patch.share).sum::<f64>();
@@ -369,8 +379,14 @@ impl Closing {
 }
 
 impl Report {
-    /// What may be wrong with the mesh, and what can be done about it, from what the rest of the report says.
-    pub fn find_warnings(&self) -> Vec<Warning> {
+    /// Judges the run by what the rest of the report says: whether the mesh encloses the inside, what may be wrong with it, and what can be done about that.
+    pub fn judge(&mut self) {
+        self.closing.bridged = self.bridged_share();
+        self.closing.sealed = self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
+        self.warnings = self.find_warnings();
+    }
+
+    fn find_warnings(&self) -> Vec<Warning> {
         let mut found = Vec::new();
         if self.points.dropped > 0 {
             let dropped = thousands(self.points.dropped);
@@ -386,7 +402,7 @@ impl Report {
         if self.parameters.open.is_none() {
             found.extend(self.closing.warnings(self.grid.cell_size));
         }
-        if let Some(share) = self.bridged_share().filter(|share| *share >= MUCH_BRIDGED) {
+        if let Some(share) = self.closing.bridged.filter(|share| *share >= MUCH_BRIDGED) {
             let advice = match self.parameters.open {
                 Some(_) => "--max-hole bounds the holes that are bridged",
                 None => "asra-stream compare MESH CLOUD --heatmap FILE shows where",
@@ -495,7 +511,7 @@ impl Report {
         }
         lines.extend(self.closing.left_out().map(|left_out| format!("left out {left_out}")));
         let Counts { retreated, bridged_area, .. } = self.vertices;
-        if let Some(share) = self.bridged_share().filter(|share| *share > 0.0) {
+        if let Some(share) = self.closing.bridged.filter(|share| *share > 0.0) {
             lines.push(format!(
                 "bridged  area {} ({:.2} % of the surface): farther than {REACH} cells from any point",
                 short(bridged_area),

@@ -566,7 +566,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         },
         warnings: Vec::new(),
     };
-    report.warnings = report.find_warnings();
+    report.judge();
     Ok(report)
 }
 

@@ -785,7 +785,7 @@ fn cells_of_automatic_size_seal_and_keep_the_genus() {
                 let (check, closing) = (&report["check"], &report["closing"]);
                 let what = format!("{points} points of {shape}, {cloud}: {closing}");
                 assert_eq!((&check["components"], &check["genus"]), (&1.into(), &genus.into()), "{what}");
-                assert_eq!(closing["sealed"], true, "{what}");
+                assert_eq!(closing["parted"], true, "{what}");
                 if area(shape) > 0.0 {
                     let distance = report["points"]["sampling_distance"].as_f64().unwrap();
                     let expected = (area(shape) / report["points"]["count"].as_f64().unwrap()).sqrt();
@@ -1085,6 +1085,20 @@ fn progress_in_json_is_an_object_a_line_to_the_end() {
     assert_eq!((&end["exit_code"], &end["kind"]), (&66.into(), &"no-input".into()));
     assert!(end["message"].as_str().unwrap().contains("gone.ply"), "{end}");
     assert_eq!(f.ok("k.ply -o q.ply --progress json -q").err, "");
+}
+
+#[test]
+fn a_pipe_is_closed_over_its_ends_and_not_called_sealed() {
+    let f = Folder::new();
+    let place = |i: u32| (f64::from(i) * 2.399963, f64::from(i) / 1500.0);
+    let line = |(angle, z): (f64, f64)| format!("{} {} {z}\n", angle.cos(), angle.sin());
+    f.write("pipe.xyz", (0..6000).map(|i| line(place(i))).collect::<String>());
+    let answer = f.ok("pipe.xyz -o p.ply --report r.json -v");
+    let closing = &report(&f, "r.json")["closing"];
+    assert!(closing["bridged"].as_f64().unwrap() > 0.02, "{closing}");
+    assert_eq!((&closing["sealed"], &closing["parted"]), (&false.into(), &true.into()), "{closing}");
+    assert!(answer.err.contains("\nclosing  closed over holes: "), "{}", answer.err);
+    assert!(answer.err.contains(" % of the surface bridges holes"), "{}", answer.err);
 }
 
 #[test]
