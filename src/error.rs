@@ -65,6 +65,9 @@ pub enum Error {
         /// What is there now.
         found: String,
     },
+    /// A [`crate::PointSource`] failed, or did not give the points that it was asked for.
+    #[error("the points' source: {0}")]
+    Source(Box<dyn std::error::Error + Send + Sync>),
     /// A folder or a pattern stands for no file.
     #[error("{}: {found}", path.display())]
     NoInput {
@@ -357,6 +360,7 @@ impl Error {
                 Kind::Data
             }
             Error::NoInput { .. } => Kind::NoInput,
+            Error::Source(_) => Kind::Data,
             Error::Changed { .. } => Kind::Temporary,
             Error::AmbiguousLayout { .. } | Error::Usage(_) | Error::OutputExists(_) => Kind::Usage,
             Error::Raster { .. } | Error::Budget { .. } | Error::TooManyElements { .. } => Kind::CannotFit,

@@ -30,6 +30,7 @@ pub mod plan;
 pub mod points;
 pub mod preview;
 pub mod progress;
+pub mod reconstruction;
 pub mod rehearsal;
 pub mod render;
 pub mod report;
@@ -53,6 +54,10 @@ pub mod whole;
 pub mod window;
 
 pub use error::{Error, Result};
+pub use input::{PointBuffer, PointSlice, PointSource, Values};
+pub use points::Precision;
+pub use progress::{Observer, Update};
+pub use reconstruction::{Mesh, MeshSink, Reconstruction};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -265,8 +265,8 @@ pub fn survey_with(
 }
 
 /// The passes of a survey, which is as far as the records they have read.
-struct Passes<'a> {
-    progress: &'a mut Progress,
+struct Passes<'a, 'p> {
+    progress: &'a mut Progress<'p>,
     /// Records that the files say they have, or are likely to.
     expected: u64,
     /// Records of the pass under way.
@@ -276,7 +276,7 @@ struct Passes<'a> {
     done: u64,
 }
 
-impl Passes<'_> {
+impl Passes<'_, '_> {
     /// More records are read.
     fn read(&mut self, records: u64) {
         self.records += records;
@@ -369,7 +369,7 @@ pub fn plan(surveyed: &Surveyed, workers: &Workers, budget: u64) -> Result<Memor
 
 /// The finished mesh and what is to be told of its making.
 #[derive(Debug)]
-pub struct Reconstruction {
+pub struct Reconstructed {
     /// The mesh.
     pub mesh: MeshSpool,
     /// Taken off its positions: added to them, it gives the input's coordinates.
@@ -405,7 +405,7 @@ pub fn reconstruct(
     settings: &Settings,
     context: &Context,
     progress: &mut Progress,
-) -> Result<Reconstruction> {
+) -> Result<Reconstructed> {
     match surveyed.load.precision {
         Precision::Single => reconstruct_as::<f32>(cloud, surveyed, settings, context, progress),
         Precision::Double => reconstruct_as::<f64>(cloud, surveyed, settings, context, progress),
@@ -418,7 +418,7 @@ fn reconstruct_as<T: Coordinate>(
     settings: &Settings,
     context: &Context,
     progress: &mut Progress,
-) -> Result<Reconstruction> {
+) -> Result<Reconstructed> {
     let Surveyed { survey, grid, load, .. } = surveyed;
     progress.begin(Phase::Bucket, Some(survey.records()));
     let buckets = Buckets::<T>::fill(cloud, grid, context, |records| progress.add(records))?;
@@ -517,7 +517,7 @@ fn reconstruct_as<T: Coordinate>(
     )?;
     let (mesh, counts) = stitcher.finish()?;
     progress.end();
-    Ok(Reconstruction {
+    Ok(Reconstructed {
         mesh,
         origin,
         how: closed.how,

@@ -93,6 +93,70 @@ pub enum Show {
     Nothing,
 }
 
+/// How far a run is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Update {
+    /// The stage under way, or that has just ended.
+    pub stage: Phase,
+    /// What the stage counts: "points", "faces".
+    pub unit: &'static str,
+    /// So many of them are done.
+    pub done: u64,
+    /// So many there are in all, if that is known.
+    pub total: Option<u64>,
+    /// The part of the whole run that is done, from 0 to 1, if that can be told. It never falls.
+    pub fraction: Option<f64>,
+    /// Seconds that the run is likely to take from now on, if that can be told.
+    pub seconds_left: Option<f64>,
+    /// Whether the stage has ended.
+    pub ended: bool,
+}
+
+/// Who is told how far a run is, and asked whether it should go on.
+///
+/// ```
+/// use std::sync::atomic::{AtomicBool, Ordering};
+///
+/// use asra_stream::{Error, Observer, Reconstruction, Update};
+///
+/// /// Ends the run as soon as somebody says so.
+/// #[derive(Default)]
+/// struct Button(AtomicBool);
+///
+/// impl Observer for Button {
+///     fn progress(&self, update: &Update) {
+///         println!("{}: {} {}", update.stage.name(), update.done, update.unit);
+///     }
+///
+///     fn is_cancelled(&self) -> bool {
+///         self.0.load(Ordering::Relaxed)
+///     }
+/// }
+///
+/// let button = Button::default();
+/// button.0.store(true, Ordering::Relaxed);
+/// let points = vec![[0f32; 3]; 100_000];
+/// let outcome = Reconstruction::of(&points).observer(&button).run();
+/// assert!(matches!(outcome, Err(Error::Interrupted)));
+/// ```
+pub trait Observer: Sync {
+    /// Is told when a stage begins and ends, and about ten times a second in between.
+    fn progress(&self, update: &Update) {
+        let _ = update;
+    }
+
+    /// Is told what there is to know: how a file was understood, what was left out.
+    fn note(&self, message: &str) {
+        let _ = message;
+    }
+
+    /// Whether the run is to end, with [`crate::Error::Interrupted`]. It is asked about twenty times a second, from a thread of its own.
+    fn is_cancelled(&self) -> bool {
+        false
+    }
+}
+
 impl Show {
     /// Bars if standard error is a terminal that can redraw a line, else lines.
     pub fn fitting() -> Show {
@@ -137,9 +201,9 @@ const PARTS: u64 = 1000;
 const WIDE: u16 = 60;
 
 /// Shows what is going on, on standard error, and keeps the time.
-#[derive(Debug)]
-pub struct Progress {
+pub struct Progress<'a> {
     show: Show,
+    observer: Option<&'a dyn Observer>,
     bar: ProgressBar,
     start: Instant,
     forecast: Forecast,
@@ -162,11 +226,19 @@ struct Current {
     part: Option<f64>,
 }
 
-impl Progress {
+impl<'a> Progress<'a> {
+    /// Progress that an observer is told.
+    pub fn told(observer: Option<&'a dyn Observer>) -> Progress<'a> {
+        let mut progress = Progress::new(Show::Nothing);
+        progress.observer = observer;
+        progress
+    }
+
     /// Progress shown in the given way.
-    pub fn new(show: Show) -> Progress {
+    pub fn new(show: Show) -> Progress<'a> {
         Progress {
             show,
+            observer: None,
             bar: ProgressBar::hidden(),
             start: Instant::now(),
             forecast: Forecast::default(),
@@ -220,8 +292,9 @@ impl Progress {
             self.bar = self.new_bar();
         }
         match self.show {
-            Show::Bars | Show::Json => self.tell(),
-            Show::Lines | Show::Nothing => {}
+            Show::Nothing if self.observer.is_none() => {}
+            Show::Bars | Show::Json | Show::Nothing => self.tell(),
+            Show::Lines => {}
         }
     }
 
@@ -260,7 +333,8 @@ impl Progress {
             Show::Bars => BETWEEN_BARS,
             Show::Lines => BETWEEN_LINES,
             Show::Json => BETWEEN_OBJECTS,
-            Show::Nothing => return,
+            Show::Nothing if self.observer.is_none() => return,
+            Show::Nothing => BETWEEN_BARS,
         };
         if current.last_told.elapsed() >= between {
             current.last_told = Instant::now();
@@ -304,7 +378,19 @@ impl Progress {
                     "fraction": fraction, "eta_seconds": left,
                 }),
             ),
-            Show::Nothing => {}
+            Show::Nothing => {
+                if let Some(observer) = self.observer {
+                    observer.progress(&Update {
+                        stage: current.phase,
+                        unit: current.phase.words().1,
+                        done: current.done,
+                        total: current.total,
+                        fraction,
+                        seconds_left: left,
+                        ended: false,
+                    });
+                }
+            }
         }
         self.said = fraction.unwrap_or(self.said);
     }
@@ -344,12 +430,21 @@ impl Progress {
                 "stage",
                 json!({ "stage": current.phase, "unit": unit, "done": current.done, "seconds": seconds, "fraction": fraction }),
             ),
-            Show::Nothing => {}
+            Show::Nothing => {
+                if let Some(observer) = self.observer {
+                    let Current { phase: stage, done, total, .. } = current;
+                    let seconds_left = self.seconds_left();
+                    observer.progress(&Update { stage, unit, done, total, fraction, seconds_left, ended: true });
+                }
+            }
         }
     }
 
     /// Something to know: how a file was understood, what was written.
     pub fn note(&self, words: &str) {
+        if let Some(observer) = self.observer {
+            observer.note(words);
+        }
         match self.show {
             Show::Json => self.object("note", json!({ "message": words })),
             _ => self.line(words),
@@ -498,7 +593,13 @@ impl Current {
     }
 }
 
-impl Drop for Progress {
+impl std::fmt::Debug for Progress<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Progress").field("show", &self.show).field("current", &self.current).finish_non_exhaustive()
+    }
+}
+
+impl Drop for Progress<'_> {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }

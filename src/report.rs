@@ -12,7 +12,7 @@ use crate::mesh::check::CheckReport;
 use crate::open::{Kind, Open};
 use crate::output::{Format, Positions};
 use crate::partition::REACH;
-use crate::pipeline::{Fineness, Reconstruction, Settings, Surveyed};
+use crate::pipeline::{Fineness, Reconstructed, Settings, Surveyed};
 use crate::plan::MemoryPlan;
 use crate::points::Precision;
 use crate::progress::{Phase, Warning, duration, thousands};
@@ -189,8 +189,8 @@ fn bounds_of(grid: &Grid, [low, high]: [[f64; 3]; 2]) -> Bounds {
 /// The mesh file.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct OutputReport {
-    /// The file.
-    pub path: PathBuf,
+    /// The file; none of a mesh in memory.
+    pub path: Option<PathBuf>,
     /// The picture of it, if one was drawn.
     pub preview: Option<PathBuf>,
     /// Its length, or that of all tiles.
@@ -276,7 +276,7 @@ impl fmt::Display for GridReport {
 
 impl Closing {
     /// The closing of a reconstruction on a grid.
-    pub fn of(made: &Reconstruction, grid: &Grid) -> Closing {
+    pub fn of(made: &Reconstructed, grid: &Grid) -> Closing {
         let (radius, parted) = match &made.how {
             How::Ball(closing) => (Some(closing.rho()), None),
             How::Sign(parted) => (None, Some(parted)),
@@ -453,11 +453,14 @@ impl Report {
         let OutputReport { path, bytes, tiles, origin, preview, .. } = &self.output;
         let files = tiles.map_or_else(String::new, |tiles| format!(", {} tiles and an index", thousands(tiles)));
         let (size, time) = (ByteSize(*bytes), duration(self.seconds_total));
-        let mut lines = vec![format!("output   {}{files}, {size}, in {time}", path.display())];
+        let mut lines = vec![match path {
+            Some(path) => format!("output   {}{files}, {size}, in {time}", path.display()),
+            None => format!("output   in memory, in {time}"),
+        }];
         if *origin != [0.0; 3] {
             let [x, y, z] = origin;
-            let how = match Format::from_path(path) {
-                Ok(Format::Stl | Format::Glb) => {
+            let how = match path.as_deref().map(Format::from_path) {
+                Some(Ok(Format::Stl | Format::Glb)) => {
                     "32 bits would not hold them; .ply and .obj with --coordinates input do"
                 }
                 _ => "--coordinates input leaves them as they are",

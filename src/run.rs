@@ -7,18 +7,21 @@ use std::time::Instant;
 
 use crate::attribute::Wanted;
 use crate::closing::{How, Sealing};
+use crate::context::Context;
 use crate::defect;
 use crate::error::{Error, Result};
 use crate::forecast::{self, Known};
 use crate::grid::Resolution;
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, find};
 use crate::machine;
+use crate::mesh::check::{CheckReport, check};
 use crate::mesh::spool::MeshSpool;
-use crate::mesh::{MeshHeader, MeshSource, check::check};
+use crate::mesh::{MeshHeader, MeshSource};
 use crate::open::{Hole, Kind};
 use crate::output::{self, Filled, Positions, Target, Tiles};
 use crate::pipeline::{
-    self, Fineness, Sampling, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with,
+    self, Fineness, Reconstructed, Sampling, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud,
+    survey_with,
 };
 use crate::plan::MemoryPlan;
 use crate::preview::{DrawnPreview, PlannedPreview, Preview};
@@ -222,7 +225,7 @@ pub fn default_output_of(inputs: &[PathBuf], files: &[PathBuf]) -> Result<PathBu
 #[derive(Debug)]
 pub struct Planned {
     /// The files.
-    pub cloud: Cloud,
+    pub cloud: Cloud<'static>,
     /// The survey, the grid and the faces to expect.
     pub surveyed: Surveyed,
     /// Where temporary files would go.
@@ -259,7 +262,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
 #[derive(Debug)]
 pub struct Looked {
     /// The files.
-    pub cloud: Cloud,
+    pub cloud: Cloud<'static>,
     /// The survey and the grid.
     pub surveyed: Surveyed,
     /// Points by class and return.
@@ -323,7 +326,7 @@ fn open(
     workers: &Workers,
     passes: Passes,
     progress: &mut Progress,
-) -> Result<Cloud> {
+) -> Result<Cloud<'static>> {
     let mut begun = false;
     let watch = &mut |unpacked: Unpacked| {
         workers.check_cancelled()?;
@@ -346,6 +349,21 @@ fn open(
         known.rehearsed &= passes == Passes::Few || points >= WORTH_IT;
     });
     Ok(cloud)
+}
+
+/// Opens the inputs of a job whose mesh stays in memory.
+///
+/// # Errors
+/// Those of finding and opening files.
+pub(crate) fn open_all(
+    job: &Job,
+    workspace: &Workspace,
+    workers: &Workers,
+    progress: &mut Progress,
+) -> Result<Cloud<'static>> {
+    let files = files(job, progress)?;
+    progress.expect_run(known(job, &files, Passes::All));
+    open(job, &files, workspace, workers, Passes::All, progress)
 }
 
 /// What is known of the work that a job is, before its files are opened.
@@ -424,6 +442,50 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
     }
 }
 
+/// Surveys a cloud, once it is told how its files were understood; with the settings as its points settle them.
+///
+/// # Errors
+/// Those of reading the input and of laying the grid; [`Error::Usage`] if its reference system contradicts its coordinates.
+pub(crate) fn surveyed(
+    cloud: &Cloud,
+    settings: &Settings,
+    workers: &Workers,
+    progress: &mut Progress,
+) -> Result<(Surveyed, Settings)> {
+    describe(cloud, settings, progress);
+    let surveyed = survey_cloud(cloud, settings, workers, progress)?;
+    refuse_contradiction(cloud, &surveyed)?;
+    let settings = Settings { open: surveyed.open, ..*settings };
+    Ok((surveyed, settings))
+}
+
+/// The plan of a surveyed cloud, and all that the passes over it are given.
+///
+/// # Errors
+/// [`Error::Budget`], [`Error::Disk`], [`Error::TooManyElements`]; those of a rehearsal.
+pub(crate) fn planned(
+    mut surveyed: Surveyed,
+    settings: &Settings,
+    workers: &Workers,
+    workspace: &Workspace,
+    budget: u64,
+    progress: &mut Progress,
+) -> Result<(Surveyed, Context)> {
+    progress.learn(|known| known.points = surveyed.survey.points);
+    // What the box alone lets expect may be too much.
+    if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, budget).is_err() {
+        surveyed = rehearsed(surveyed, settings, workers, workspace, budget, progress)?;
+    }
+    let context = context(&surveyed, workers, workspace, budget)?;
+    progress.learn(|known| {
+        known.triangles = surveyed.load.triangles();
+        if context.memory.mesh_quota == 0 && known.write == forecast::Write::Meanwhile {
+            known.write = forecast::Write::After;
+        }
+    });
+    Ok((surveyed, context))
+}
+
 /// Reconstructs: reads the input, makes the mesh, checks it, writes it.
 ///
 /// # Errors
@@ -451,25 +513,11 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         tiles.set_side(side);
     }
 
-    describe(&cloud, &job.settings, progress);
-    let mut surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
-    let settings = Settings { open: surveyed.open, ..job.settings };
-    refuse_contradiction(&cloud, &surveyed)?;
+    let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, progress)?;
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
     }
-    // What the box alone lets expect may be too much.
-    progress.learn(|known| known.points = surveyed.survey.points);
-    if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, job.means.budget()).is_err() {
-        surveyed = rehearsed(surveyed, &settings, workers, &workspace, job.means.budget(), progress)?;
-    }
-    let context = context(&surveyed, workers, &workspace, job.means.budget())?;
-    progress.learn(|known| {
-        known.triangles = surveyed.load.triangles();
-        if context.memory.mesh_quota == 0 && known.write == forecast::Write::Meanwhile {
-            known.write = forecast::Write::After;
-        }
-    });
+    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, job.means.budget(), progress)?;
     let picture = picture
         .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));
     if let Some(picture) = &picture {
@@ -480,13 +528,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     if job.settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
-    let mut header = header(&cloud, &surveyed, &settings, &made);
-    if job.input.attributes == Wanted::All {
-        for (name, value) in output::constant(&made.mesh, workers)? {
-            header.comments.push(format!("constant {name} {value}"));
-            header.constant.push(name);
-        }
-    }
+    let header = header_of(&cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
     let origin = if positions == Positions::Absolute { [0.0; 3] } else { made.origin };
     let mut checked = None;
     if job.check == Check::Always {
@@ -503,10 +545,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         if let (Some(bounds), Positions::Absolute) = (&mut report.bounds, positions) {
             bounds.iter_mut().for_each(|corner| (0..3).for_each(|a| corner[a] += made.origin[a]));
         }
-        let open = job.settings.open.is_some_and(|open| open.base.is_none());
-        if !report.is_sound(open) {
-            return Err(Error::CheckFailed(report.to_string()));
-        }
+        refuse_unsound(&report, &settings)?;
         checked = Some(report);
     }
     let mut drawn = None;
@@ -537,37 +576,63 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let preview = drawn.map(DrawnPreview::write).transpose()?;
     progress.end();
 
+    let output = OutputReport {
+        path: Some(path),
+        preview,
+        bytes: written.bytes,
+        tiles: files,
+        vertices: made.mesh.vertex_count(),
+        triangles: made.mesh.face_count(),
+        origin,
+        coordinates: positions,
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    Ok(report(&cloud, &surveyed, &settings, &made, checked, output, (progress, seconds), &workspace))
+}
+
+/// A mesh that is not what was promised is nobody's.
+///
+/// # Errors
+/// [`Error::CheckFailed`].
+pub(crate) fn refuse_unsound(report: &CheckReport, settings: &Settings) -> Result<()> {
+    let open = settings.open.is_some_and(|open| open.base.is_none());
+    if report.is_sound(open) { Ok(()) } else { Err(Error::CheckFailed(report.to_string())) }
+}
+
+/// What is told of a run, with how long it took and what may be wrong.
+#[expect(clippy::too_many_arguments, reason = "a report is of all of them")]
+pub(crate) fn report(
+    cloud: &Cloud,
+    surveyed: &Surveyed,
+    settings: &Settings,
+    made: &Reconstructed,
+    check: Option<CheckReport>,
+    output: OutputReport,
+    (progress, seconds_total): (&Progress, f64),
+    workspace: &Workspace,
+) -> Report {
     let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
-        inputs: input_reports(&cloud),
-        parameters: Parameters::of(&settings),
-        points: PointsReport::of(&cloud, &surveyed),
+        inputs: input_reports(cloud),
+        parameters: Parameters::of(settings),
+        points: PointsReport::of(cloud, surveyed),
         grid: GridReport::of(&surveyed.grid),
         points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
-        closing: Closing::of(&made, &surveyed.grid),
+        closing: Closing::of(made, &surveyed.grid),
         vertices: made.counts,
-        check: checked,
-        output: OutputReport {
-            path,
-            preview,
-            bytes: written.bytes,
-            tiles: files,
-            vertices: made.mesh.vertex_count(),
-            triangles: made.mesh.face_count(),
-            origin,
-            coordinates: positions,
-        },
+        check,
+        output,
         seconds: progress.times().iter().map(|(phase, time)| (*phase, time.as_secs_f64())).collect(),
-        seconds_total: start.elapsed().as_secs_f64(),
+        seconds_total,
         memory: MemoryReport {
-            plan: made.memory,
+            plan: made.memory.clone(),
             peak_resident: machine::peak_resident(),
             peak_disk: workspace.peak_on_disk(),
         },
         warnings: Vec::new(),
     };
     report.judge();
-    Ok(report)
+    report
 }
 
 /// Where the mesh goes.
@@ -614,13 +679,30 @@ pub fn input_reports(cloud: &Cloud) -> Vec<InputReport> {
     cloud.sources().iter().map(report).collect()
 }
 
-/// What the mesh file says of its making: nothing that depends on means, so that the same points give the same bytes.
-fn header(
+/// The header of a mesh: where all attributes are carried, those that never change stand in it.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Interrupted`].
+pub(crate) fn header_of(
     cloud: &Cloud,
     surveyed: &Surveyed,
     settings: &Settings,
-    made: &crate::pipeline::Reconstruction,
-) -> MeshHeader {
+    made: &Reconstructed,
+    attributes: &Wanted,
+    workers: &Workers,
+) -> Result<MeshHeader> {
+    let mut header = header(cloud, surveyed, settings, made);
+    if *attributes == Wanted::All {
+        for (name, value) in output::constant(&made.mesh, workers)? {
+            header.comments.push(format!("constant {name} {value}"));
+            header.constant.push(name);
+        }
+    }
+    Ok(header)
+}
+
+/// What the mesh file says of its making: nothing that depends on means, so that the same points give the same bytes.
+fn header(cloud: &Cloud, surveyed: &Surveyed, settings: &Settings, made: &Reconstructed) -> MeshHeader {
     let grid = &surveyed.grid;
     let surface = settings.surface;
     let words = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();

@@ -11,7 +11,7 @@ use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
 use asra_stream::open::{Facing, Hole, Kind, Open};
 use asra_stream::partition::slab_slices;
-use asra_stream::pipeline::{Fineness, Reconstruction, Settings, Surveyed, context, reconstruct, survey_cloud};
+use asra_stream::pipeline::{Fineness, Reconstructed, Settings, Surveyed, context, reconstruct, survey_cloud};
 use asra_stream::plan::MemoryPlan;
 use asra_stream::progress::{Progress, Show};
 use asra_stream::schedule::Workers;
@@ -30,7 +30,7 @@ type MeshBits = (Vec<[u64; 3]>, Vec<[u32; 3]>);
 
 struct Run {
     surveyed: Surveyed,
-    made: Reconstruction,
+    made: Reconstructed,
     mesh: MeshBits,
 }
 

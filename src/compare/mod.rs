@@ -265,19 +265,19 @@ impl Comparing<'_> {
 }
 
 /// Passes over queries on their way.
-struct Pass<'a> {
+struct Pass<'a, 'p> {
     room: &'a Room<'a>,
     corner: Point,
-    told: Told<'a>,
+    told: Told<'a, 'p>,
 }
 
 /// Counts queries, and tells of many at a time.
-struct Told<'a> {
-    progress: &'a mut Progress,
+struct Told<'a, 'p> {
+    progress: &'a mut Progress<'p>,
     waiting: u64,
 }
 
-impl Told<'_> {
+impl Told<'_, '_> {
     fn one(&mut self) {
         self.waiting += 1;
         if self.waiting == 1 << 12 {
@@ -297,7 +297,7 @@ struct AlongNormals {
     turned: Option<Figures>,
 }
 
-impl Pass<'_> {
+impl Pass<'_, '_> {
     fn sample(&self, survey: &Survey) -> Vec<Point> {
         let from_corner = |p: &Point| std::array::from_fn(|a| p[a] - self.corner[a]);
         survey.sample.iter().map(from_corner).collect()

@@ -21,7 +21,7 @@ const WINDOW_BYTES: u64 = 48;
 /// A mesh, or a cloud.
 pub(super) enum Source {
     Mesh(Box<dyn MeshSource>),
-    Cloud(Box<Cloud>),
+    Cloud(Box<Cloud<'static>>),
 }
 
 /// What a first look at a side's places tells.

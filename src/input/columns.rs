@@ -61,7 +61,7 @@ impl PointFormat for Columns {
         &self.attributes
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.content.open()?;
         same_length(&file, self.len)?;
         let wanted: Vec<&(Attribute, Stretched)> =
@@ -91,8 +91,8 @@ struct ColumnCutter {
     reading: Arc<Reading>,
 }
 
-impl BlockCutter for ColumnCutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for ColumnCutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         if self.first == self.count {
             return Ok(None);
         }

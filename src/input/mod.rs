@@ -23,6 +23,7 @@ mod layout;
 mod lines;
 mod lzf;
 mod mapped;
+mod memory;
 mod npy;
 mod obj;
 mod pcd;
@@ -56,6 +57,8 @@ use crate::unit::{Measure, Unit};
 pub use files::{Depth, Found, expand, find};
 pub use filter::{Filter, Returns, Withheld};
 pub use layout::{Field, Layout, MAX_STRIDE};
+pub(crate) use memory::Arrays;
+pub use memory::{PointBuffer, PointSlice, PointSource, Values};
 pub(crate) use sidecar::Sidecar;
 pub use unpack::{Opening, Unpacked};
 pub(crate) use unpack::{Packing, STANDARD_INPUT};
@@ -89,13 +92,13 @@ pub struct InputOptions {
     pub depth: Depth,
 }
 
-/// Several files as one cloud.
+/// Several files as one cloud, or points that lie in memory.
 #[derive(Debug)]
-pub struct Cloud {
+pub struct Cloud<'a> {
     sources: Vec<Source>,
     /// Of each file that is read in every pass: how it was when it was opened.
     stamps: Vec<Option<Stamp>>,
-    formats: Vec<Arc<dyn PointFormat>>,
+    formats: Vec<Arc<dyn PointFormat + 'a>>,
     precision: Precision,
     schema: Schema,
     filter: Filter,
@@ -137,13 +140,13 @@ pub(crate) trait PointFormat: fmt::Debug + Send + Sync {
     }
 
     /// Opens the file and starts cutting at its first record; blocks are to be decoded with attributes of `schema`.
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>>;
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>>;
 }
 
 /// One pass over a file.
-pub(crate) trait BlockCutter: Send {
+pub(crate) trait BlockCutter<'a>: Send {
     /// The next block of whole records; `None` at the end. Sequential, and much cheaper than decoding.
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>>;
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>>;
 }
 
 /// The records of a block.
@@ -158,7 +161,7 @@ pub(crate) trait Decode: Send + Sync {
     }
 }
 
-impl Cloud {
+impl<'a> Cloud<'a> {
     /// Looks at the files: their headers, and for raw files without a layout at a sample of their content.
     ///
     /// An argument that is no file is taken as a pattern (`tiles/*.ply`); a folder stands for the point files in it;
@@ -169,7 +172,7 @@ impl Cloud {
     /// # Errors
     /// If an argument or pattern matches nothing, a file cannot be opened, is malformed or of a format that is not
     /// supported, or the layout of a raw file cannot be told; [`Error::Usage`] if files tell different coordinate reference systems.
-    pub fn open(inputs: &[PathBuf], options: &InputOptions) -> Result<Cloud> {
+    pub fn open(inputs: &[PathBuf], options: &InputOptions) -> Result<Cloud<'static>> {
         let files = find(inputs, options.depth)?.files;
         let workspace = Workspace::unchecked(Workspace::folder_beside(&files[0]));
         let opening =
@@ -181,7 +184,7 @@ impl Cloud {
     ///
     /// # Errors
     /// As [`Cloud::open`]; [`Error::Disk`] before the disk is full; what `opening.watch` says.
-    pub fn open_in(files: &[PathBuf], options: &InputOptions, opening: Opening) -> Result<Cloud> {
+    pub fn open_in(files: &[PathBuf], options: &InputOptions, opening: Opening) -> Result<Cloud<'static>> {
         let mut cloud = Cloud {
             sources: Vec::new(),
             stamps: Vec::new(),
@@ -217,6 +220,40 @@ impl Cloud {
         (cloud.unpacked, cloud.unpacked_later) = (unpacking.bytes(), unpacking.later());
         cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
         Ok(cloud)
+    }
+
+    /// Points that a program holds, or makes. They count as one source, named "memory".
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if an attribute is there twice, or the filter asks for one that is not there.
+    pub fn of_source(source: &'a dyn PointSource, options: &InputOptions) -> Result<Cloud<'a>> {
+        let format = memory::SourceFormat::new(source)?;
+        if let Err(missing) = options.filter.check(format.attributes()) {
+            return Err(Error::Usage(format!("the points have no {missing}, which the filter asks for")));
+        }
+        let schema = options.attributes.of([format.attributes()])?;
+        let crs = options.crs.clone().flatten();
+        let bytes = source.len() * (3 * format.precision().bytes() as u64);
+        let description = "points in memory".to_owned();
+        let path = PathBuf::from("memory");
+        Ok(Cloud {
+            sources: vec![Source {
+                path,
+                format: "memory",
+                description,
+                records: Some(source.len()),
+                bytes,
+                crs: crs.clone(),
+            }],
+            stamps: vec![None],
+            precision: format.precision(),
+            formats: vec![Arc::new(format)],
+            schema,
+            filter: options.filter.clone(),
+            crs,
+            unpacked: 0,
+            unpacked_later: 0,
+        })
     }
 
     /// The files, in reading order.
@@ -312,15 +349,14 @@ impl Cloud {
 
     /// Starts a pass over everything; every pass gives the same blocks as long as the files stay as they are. Files are opened when the
     /// pass comes to them.
-    pub fn blocks(&self, carried: Carried) -> Blocks {
+    pub fn blocks(&self, carried: Carried) -> Blocks<'_> {
         let schema = match carried {
             Carried::Coordinates => Schema::default(),
             Carried::Attributes => self.schema.clone(),
             Carried::Only(names) => self.schema_of(names),
         };
         let sieve = Sieve::new(&self.filter, schema, self.formats.iter().map(|format| format.attributes()));
-        let waiting = self.formats.clone().into_iter();
-        Blocks { waiting, current: None, precision: self.precision, sieve: Arc::new(sieve) }
+        Blocks { waiting: self.formats.iter(), current: None, precision: self.precision, sieve: Arc::new(sieve) }
     }
 
     /// One pass over everything, decoded with what is `carried`: `work` sees each block's points on some worker, `sink` the results in file order. At most
@@ -392,20 +428,20 @@ pub enum Carried {
 }
 
 /// One pass over a cloud.
-pub struct Blocks {
-    waiting: std::vec::IntoIter<Arc<dyn PointFormat>>,
-    current: Option<Box<dyn BlockCutter>>,
+pub struct Blocks<'a> {
+    waiting: std::slice::Iter<'a, Arc<dyn PointFormat + 'a>>,
+    current: Option<Box<dyn BlockCutter<'a> + 'a>>,
     precision: Precision,
     sieve: Arc<Sieve>,
 }
 
-impl Blocks {
+impl<'a> Blocks<'a> {
     /// The next block; `None` at the end. Cheap: it only finds where the block ends.
     ///
     /// # Errors
     /// If a file cannot be read, changed its length since it was looked at, or is malformed.
     #[expect(clippy::should_implement_trait, reason = "an iterator of results would go on after an error")]
-    pub fn next(&mut self) -> Result<Option<Block>> {
+    pub fn next(&mut self) -> Result<Option<Block<'a>>> {
         loop {
             if let Some(cutter) = &mut self.current {
                 if let Some(records) = cutter.next()? {
@@ -422,13 +458,13 @@ impl Blocks {
 }
 
 /// Undecoded records, to be decoded on any thread.
-pub struct Block {
-    records: Box<dyn Decode>,
+pub struct Block<'a> {
+    records: Box<dyn Decode + 'a>,
     precision: Precision,
     sieve: Arc<Sieve>,
 }
 
-impl Block {
+impl Block<'_> {
     /// Replaces the content of `batch` by this block's points that count, in file order and the cloud's precision. Reusing a batch
     /// saves its allocation.
     ///

@@ -138,7 +138,7 @@ impl PointFormat for FixedRecords {
         &self.attributes
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.content.open()?;
         same_length(&file, self.len)?;
         let (shape, carrying) = (Arc::clone(&self.shape), Arc::new(self.shape.carrying(schema)));
@@ -162,8 +162,8 @@ struct RecordCutter {
     carrying: Arc<Carrying>,
 }
 
-impl BlockCutter for RecordCutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for RecordCutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         if self.left == 0 {
             return Ok(None);
         }

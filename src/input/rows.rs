@@ -119,7 +119,7 @@ impl PointFormat for Rows {
         &self.attributes
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.shape.content.open()?;
         same_length(&file, self.len)?;
         let mut lines = LineCutter::new(file, self.start, self.first_line);
@@ -142,8 +142,8 @@ struct RowCutter {
     placing: Arc<Placing>,
 }
 
-impl BlockCutter for RowCutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for RowCutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         if self.left == 0 {
             return Ok(None);
         }

@@ -42,7 +42,7 @@ impl PointFormat for Statements {
         &self.attributes
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.content.open()?;
         same_length(&file, self.len)?;
         let own: Vec<(Attribute, usize)> = self.attributes.iter().cloned().zip(3..).collect();
@@ -70,8 +70,8 @@ struct StatementCutter {
     reading: Arc<Reading>,
 }
 
-impl BlockCutter for StatementCutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for StatementCutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         let Some(lines) = self.lines.next()? else { return Ok(None) };
         Ok(Some(Box::new(StatementBlock { lines, reading: Arc::clone(&self.reading) })))
     }

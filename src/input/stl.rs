@@ -104,7 +104,7 @@ impl PointFormat for Facets {
         &[]
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.content.open()?;
         same_length(&file, self.len)?;
         Ok(Box::new(FacetCutter { file, at: HEADER, left: self.facets, record: schema.stride() }))
@@ -118,8 +118,8 @@ struct FacetCutter {
     record: usize,
 }
 
-impl BlockCutter for FacetCutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for FacetCutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         if self.left == 0 {
             return Ok(None);
         }

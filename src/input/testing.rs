@@ -37,7 +37,7 @@ pub fn points_of(path: &Path, options: &InputOptions) -> Vec<[f64; 3]> {
 /// A cloud's points, widened, with the records of their attributes.
 pub struct WithAttributes {
     /// The cloud.
-    pub cloud: Cloud,
+    pub cloud: Cloud<'static>,
     /// Its points.
     pub points: Vec<[f64; 3]>,
     /// Their records.
@@ -53,7 +53,7 @@ impl WithAttributes {
     }
 
     /// Reads a cloud.
-    pub fn of_cloud(cloud: Cloud) -> Result<WithAttributes> {
+    pub fn of_cloud(cloud: Cloud<'static>) -> Result<WithAttributes> {
         let (mut points, mut records, mut left_out) = (Vec::new(), Vec::new(), (0, 0));
         let mut blocks = cloud.blocks(Carried::Attributes);
         let mut batch = Batch::new(Precision::Double);
@@ -67,6 +67,7 @@ impl WithAttributes {
             records.extend_from_slice(&batch.attributes);
             left_out = (left_out.0 + batch.dropped, left_out.1 + batch.filtered);
         }
+        drop(blocks);
         Ok(WithAttributes { cloud, points, records, left_out })
     }
 

@@ -594,7 +594,7 @@ impl PointFormat for Text {
         &self.attributes
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.content.open()?;
         same_length(&file, self.len)?;
         let lines = LineCutter::new(file, self.start, self.first_line);
@@ -632,8 +632,8 @@ struct TextCutter {
     reading: Arc<Reading>,
 }
 
-impl BlockCutter for TextCutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for TextCutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         let Some(lines) = self.lines.next()? else { return Ok(None) };
         Ok(Some(Box::new(TextBlock { lines, reading: Arc::clone(&self.reading) })))
     }

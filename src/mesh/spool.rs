@@ -117,6 +117,11 @@ impl MeshSpool {
         Ok(())
     }
 
+    /// Bytes of all of it.
+    pub fn bytes(&self) -> u64 {
+        self.vertices.len() + self.attributes.len() + self.faces.len()
+    }
+
     /// The vertices' bytes: `x y z` in native order, 12 or 24 bytes each.
     pub fn vertex_bytes(&self) -> &Spool {
         &self.vertices

@@ -140,7 +140,7 @@ impl PointFormat for E57File {
         self.scans.iter().filter_map(Scan::station).collect()
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.content.open()?;
         same_length(&file, self.len)?;
         let (scans, schema) = (Arc::clone(&self.scans), schema.clone());
@@ -278,8 +278,8 @@ impl Open {
     }
 }
 
-impl BlockCutter for Cutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for Cutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         loop {
             let Some(open) = self.open.as_mut().filter(|open| open.left > 0) else {
                 if self.next == self.scans.len() {

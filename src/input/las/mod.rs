@@ -150,7 +150,7 @@ impl PointFormat for LasFile {
         &self.attributes
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let decoding = Arc::new(Decoding::new(self.record, self.transform, &self.fields, schema));
         Ok(match &self.packing {
             Packing::Plain => Box::new(Cutter { file: self.opened()?, at: self.start, left: self.count, decoding }),
@@ -171,8 +171,8 @@ struct Cutter {
     decoding: Arc<Decoding>,
 }
 
-impl BlockCutter for Cutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for Cutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         if self.left == 0 {
             return Ok(None);
         }

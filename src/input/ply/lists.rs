@@ -179,7 +179,7 @@ impl PointFormat for ListRecords {
         &self.attributes
     }
 
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter>> {
+    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.content.open()?;
         same_length(&file, self.len)?;
         let (at, count) = (self.start, self.count);
@@ -205,8 +205,8 @@ struct ListCutter {
     placing: Arc<Placing>,
 }
 
-impl BlockCutter for ListCutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for ListCutter {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         if self.row == self.count {
             return Ok(None);
         }

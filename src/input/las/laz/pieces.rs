@@ -240,8 +240,8 @@ pub struct Blocks {
     pub decoding: Arc<Decoding>,
 }
 
-impl BlockCutter for Blocks {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode>>> {
+impl<'a> BlockCutter<'a> for Blocks {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         let Some(piece) = self.cutter.next_piece()? else { return Ok(None) };
         Ok(Some(Box::new(Block { piece, decoding: Arc::clone(&self.decoding) })))
     }
