@@ -9,8 +9,8 @@ use std::time::Instant;
 use asra_stream::mesh::check::{check, intersections};
 use asra_stream::mesh::spool::{FaceRecord, MeshSpool};
 use asra_stream::points::Precision;
-use asra_stream::schedule::Workers;
-use asra_stream::spool::Workspace;
+use asra_stream::resources::workers::Workers;
+use asra_stream::storage::spool::Workspace;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 

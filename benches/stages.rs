@@ -22,36 +22,37 @@ mod clouds;
 use std::hint::black_box;
 use std::time::Duration;
 
-use asra_stream::bucket::Buckets;
-use asra_stream::closing::{self, Asked, Sealing};
-use asra_stream::context::Context;
+use asra_stream::format::write;
 use asra_stream::grid::Grid;
+use asra_stream::grid::bucket::Buckets;
+use asra_stream::grid::dilate::Ball;
+use asra_stream::grid::occupancy::{Counted, Occupancy, Sampled};
+use asra_stream::grid::partition::{halo, slab_count, slices_of};
 use asra_stream::input::{Cloud, InputOptions};
-use asra_stream::machine;
 use asra_stream::mesh::check::check;
 use asra_stream::mesh::spool::{Frame, MeshSpool};
 use asra_stream::mesh::{MeshHeader, MeshSource};
-use asra_stream::output;
-use asra_stream::partition::{halo, slab_count, slices_of};
-use asra_stream::pipeline::{Settings, Surveyed, context, survey_cloud};
-use asra_stream::plan::SlabJobs;
 use asra_stream::points::Precision;
-use asra_stream::progress::{Progress, Show};
-use asra_stream::schedule::Workers;
-use asra_stream::slab::{Fit, SlabMesh, SurfaceOptions};
-use asra_stream::spool::Workspace;
-use asra_stream::stage::contract::{Fans, Groups, NONE, contract};
-use asra_stream::stage::dilate::Ball;
-use asra_stream::stage::exterior::Exterior;
-use asra_stream::stage::extract::Surface;
-use asra_stream::stage::fit::{Fitted, Task, fit};
-use asra_stream::stage::raster::{Counted, Occupancy, Sampled};
+use asra_stream::resources::context::Context;
+use asra_stream::resources::machine;
+use asra_stream::resources::workers::Workers;
+use asra_stream::run::pipeline::{Settings, Surveyed, context, survey_cloud};
+use asra_stream::run::planner::SlabJobs;
+use asra_stream::run::progress::{Progress, Show};
+use asra_stream::solid::close;
+use asra_stream::solid::close::{Asked, Sealing};
+use asra_stream::solid::exterior::Exterior;
+use asra_stream::stitch::slab::{Fit, SlabMesh, SurfaceOptions};
+use asra_stream::storage::spool::Workspace;
+use asra_stream::surface::contract::{Fans, Groups, NONE, contract};
+use asra_stream::surface::extract::Surface;
+use asra_stream::surface::fit::{Fitted, Task, fit};
 
-use asra_stream::stage::smooth::smooth;
-use asra_stream::stage::solid::Solid;
+use asra_stream::grid::survey::survey;
+use asra_stream::solid::Solid;
 use asra_stream::stitch::Stitcher;
-use asra_stream::survey::survey;
-use asra_stream::whole::Overwrite;
+use asra_stream::storage::atomic_file::Overwrite;
+use asra_stream::surface::smooth::smooth;
 use criterion::measurement::WallTime;
 use criterion::{BatchSize, BenchmarkGroup, BenchmarkId, Criterion, SamplingMode, Throughput};
 
@@ -94,7 +95,7 @@ fn main() {
     });
     group.bench_function("write", |b| {
         let (path, header) = (dir.path().join("knot.ply"), MeshHeader::default());
-        b.iter(|| output::write(&mesh, &header, &path, Overwrite::Replace, &workers, &mut |_| ()).expect("room"));
+        b.iter(|| write::write(&mesh, &header, &path, Overwrite::Replace, &workers, &mut |_| ()).expect("room"));
     });
     group.finish();
     criterion.final_summary();
@@ -139,7 +140,7 @@ fn cells_to_solid(group: &mut BenchmarkGroup<'_, WallTime>, occupancy: &Occupanc
     // The cells are closed anew each time: closing takes them.
     let again = || occupancy.filtered(|_| true, context).expect("cells");
     let asked = Asked { seal: Sealing::Auto, window: None, keep_outliers: false, min_component: None, rough: false };
-    let close = || closing::close(again(), 1.0, asked, context, |_, _| ()).expect("a solid").solid;
+    let close = || close::close(again(), 1.0, asked, context, |_, _| ()).expect("a solid").solid;
     group.bench_function("close", |b| b.iter(close));
     group.bench_function("lone", |b| {
         let drop_lone = |solid: Solid| solid.without_lone_cells(context).expect("a solid");

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use asra_stream::allocator;
+use asra_stream::resources::allocator;
 
 /// Slabs allocate and free tens of megabytes at a time from several threads. The system's allocator keeps much of that for
 /// itself (twice the plan was seen resident); this one gives it back.

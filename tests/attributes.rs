@@ -3,15 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use asra_stream::attribute::Wanted;
-use asra_stream::closing::Sealing;
 use asra_stream::input::{Filter, InputOptions};
-use asra_stream::pipeline::{Fineness, Settings};
-use asra_stream::progress::{Progress, Show};
-use asra_stream::report::Report;
+use asra_stream::points::attribute::Wanted;
+use asra_stream::resources::workers::Workers;
+use asra_stream::run::pipeline::{Fineness, Settings};
+use asra_stream::run::progress::{Progress, Show};
+use asra_stream::run::report::Report;
 use asra_stream::run::{Job, Means, run};
-use asra_stream::schedule::Workers;
-use asra_stream::slab::{Fit, SurfaceOptions};
+use asra_stream::solid::close::Sealing;
+use asra_stream::stitch::slab::{Fit, SurfaceOptions};
 use proptest::prelude::*;
 
 /// A point, its intensity and its class.
@@ -176,7 +176,7 @@ fn filters_choose_points_and_are_told_of() {
     for filter in filters {
         let mut job = job(std::slice::from_ref(&all), &mesh, 2, 1 << 30);
         job.input.filter = filter;
-        job.overwrite = asra_stream::whole::Overwrite::Replace;
+        job.overwrite = asra_stream::storage::atomic_file::Overwrite::Replace;
         let report = run_job(&job);
         assert_eq!((report.points.count, report.points.filtered), (1500, 1500));
         assert!(std::fs::read(&mesh).unwrap() == std::fs::read(&mesh_upper).unwrap());

@@ -1,18 +1,18 @@
 //! Inside and outside are told apart: a plane has no inside; a shell has one, with a hole or without, for every window. Hollows that no points line are filled.
 
-use asra_stream::closing::{Asked, How, Parted, Sealing, close};
-use asra_stream::context::Context;
 use asra_stream::grid::Cell;
-use asra_stream::load::Load;
-use asra_stream::plan::MemoryPlan;
+use asra_stream::grid::dilate::Ball;
+use asra_stream::grid::occupancy::Occupancy;
+use asra_stream::grid::slice::{Run, Runs, SliceStore, Slices};
 use asra_stream::points::Precision;
-use asra_stream::schedule::Workers;
-use asra_stream::slice::{Run, Runs, SliceStore, Slices};
-use asra_stream::spool::Workspace;
-use asra_stream::stage::component::{Least, keep};
-use asra_stream::stage::dilate::Ball;
-use asra_stream::stage::raster::Occupancy;
-use asra_stream::stage::solid::Solid;
+use asra_stream::resources::context::Context;
+use asra_stream::resources::workers::Workers;
+use asra_stream::run::planner::MemoryPlan;
+use asra_stream::run::workload::Load;
+use asra_stream::solid::Solid;
+use asra_stream::solid::close::{Asked, How, Parted, Sealing, close};
+use asra_stream::solid::component::{Least, keep};
+use asra_stream::storage::spool::Workspace;
 
 fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
     let dir = tempfile::tempdir().unwrap();

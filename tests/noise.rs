@@ -1,14 +1,14 @@
 //! Noisy clouds: `--fit plane` leads the surface back to where the points were sampled.
 
+use asra_stream::format::read;
 use asra_stream::generate::{Options, Shape, generate};
 use asra_stream::grid::Resolution;
-use asra_stream::mesh::read;
-use asra_stream::pipeline::{Fineness, Settings};
-use asra_stream::progress::{Progress, Show};
+use asra_stream::resources::workers::Workers;
+use asra_stream::run::pipeline::{Fineness, Settings};
+use asra_stream::run::progress::{Progress, Show};
 use asra_stream::run::{Job, Means, run};
-use asra_stream::schedule::Workers;
-use asra_stream::slab::{Fit, SurfaceOptions};
-use asra_stream::spool::Workspace;
+use asra_stream::stitch::slab::{Fit, SurfaceOptions};
+use asra_stream::storage::spool::Workspace;
 
 /// Cells along the diameter of the sphere without noise.
 const CELLS: f64 = 60.0;

@@ -2,10 +2,10 @@
 //!
 //! Least memory is that of two threads; disk is what there is at a time when nothing is kept in memory.
 
-use asra_stream::load::Load;
-use asra_stream::partition::{slab_count, slices_of};
-use asra_stream::plan::MemoryPlan;
+use asra_stream::grid::partition::{slab_count, slices_of};
 use asra_stream::points::Precision;
+use asra_stream::run::planner::MemoryPlan;
+use asra_stream::run::workload::Load;
 use asra_stream::stitch::VERTEX_LIMIT;
 use bytesize::ByteSize;
 

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use asra_stream::input::{Carried, Cloud, InputOptions, Opening};
 use asra_stream::points::Batch;
-use asra_stream::spool::Workspace;
+use asra_stream::storage::spool::Workspace;
 
 /// The most memory that reading may take, whatever a file claims.
 const LIMIT: usize = 64 << 20;

@@ -11,18 +11,18 @@ use super::args::{
 };
 use super::{exit_code, outputs, signals};
 use crate::compare::compare;
-use crate::defect;
-use crate::densify::densify;
+use crate::error::defect;
 use crate::error::{Error, Kind, Result};
 use crate::generate;
-use crate::looks::{InfoReport, PlanReport};
-use crate::mesh;
+use crate::generate::densify::densify;
 use crate::mesh::check::CheckReport;
-use crate::progress::{Forecast, Phase, Progress, Show, Warning, thousands};
 use crate::render;
+use crate::run::looks::{InfoReport, PlanReport};
+use crate::run::progress::{Forecast, Phase, Progress, Show, Warning, thousands};
 use crate::run::{Means, look, plan, run};
-use crate::steady::Steady;
-use crate::whole::WholeFile;
+use crate::storage::atomic_file::WholeFile;
+use crate::storage::steady::Steady;
+use crate::{format, mesh};
 
 /// Does what the arguments say.
 ///
@@ -100,7 +100,7 @@ fn checked(arguments: &CheckArguments, progress: &mut Progress) -> Result<(Check
     signals::stop(&workers)?;
     let budget = means.budget();
     let workspace = means.workspace(&arguments.mesh)?.stopped_with(&workers);
-    let mesh = mesh::read::open(&arguments.mesh, &workspace, budget / 2)?;
+    let mesh = format::read::open(&arguments.mesh, &workspace, budget / 2)?;
     let triangles = mesh.face_count() as f64;
     let pairs = if arguments.no_intersections { 0.0 } else { INTERSECT * triangles };
     progress.expect(Forecast::new([(Phase::Check, triangles), (Phase::Intersect, pairs)]));
@@ -151,7 +151,7 @@ fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {
     let means = arguments.means.means();
     let workers = means.workers()?;
     signals::stop(&workers)?;
-    let options = arguments.options(mesh::read::told_crs(&arguments.mesh).and_then(|crs| crs.measure()));
+    let options = arguments.options(format::read::told_crs(&arguments.mesh).and_then(|crs| crs.measure()));
     let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
     // Of the budget: an eighth for a mesh that has to be converted, another for the process.
     let (budget, least) = (means.budget(), render::least_memory(&options).div_ceil(3) * 4);
@@ -163,7 +163,7 @@ fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {
     let workspace = means.workspace(&output)?.stopped_with(&workers);
     let steady = Steady::of([&arguments.mesh]);
     let mut drawn = || {
-        let mesh = mesh::read::open_with(&arguments.mesh, &workspace, budget / 8, &options.colour_by.wanted())?;
+        let mesh = format::read::open_with(&arguments.mesh, &workspace, budget / 8, &options.colour_by.wanted())?;
         progress.expect(Forecast::new([(Phase::Render, 1.0)]));
         progress.begin(Phase::Render, Some(mesh.face_count()));
         let told = &mut |done| progress.set(done);

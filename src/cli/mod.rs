@@ -12,10 +12,10 @@ use std::process::ExitCode;
 use clap::Parser;
 use serde_json::json;
 
-use crate::defect;
+use crate::error::defect;
 use crate::error::{Error, Kind};
-use crate::input::bus;
-use crate::progress::{Progress, Show};
+use crate::run::progress::{Progress, Show};
+use crate::storage::bus;
 
 pub use args::{Arguments, Command};
 

@@ -8,11 +8,12 @@ use std::path::{Path, PathBuf};
 
 use super::args::{Arguments, Command};
 use crate::error::{Error, Result};
+use crate::format::write;
+use crate::format::write::{Format, Tiles};
 use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
-use crate::output::{self, Format, Tiles};
-use crate::preview::Preview;
 use crate::run;
-use crate::whole::{Overwrite, WholeFile};
+use crate::run::preview::Preview;
+use crate::storage::atomic_file::{Overwrite, WholeFile};
 
 /// Extensions of points that have no side-car.
 const WITHOUT_SIDECAR: [&str; 15] =
@@ -108,8 +109,8 @@ impl Output {
                     return Err(Error::OutputExists(self.path.clone()));
                 }
                 let empty = || fs::read_dir(&self.path).is_ok_and(|mut entries| entries.next().is_none());
-                if there && !self.path.join(output::TILE_INDEX).is_file() && !empty() {
-                    let index = output::TILE_INDEX;
+                if there && !self.path.join(write::TILE_INDEX).is_file() && !empty() {
+                    let index = write::TILE_INDEX;
                     return Err(Error::Usage(format!(
                         "{path}: is no folder of tiles (it has no {index}), which alone --overwrite replaces; choose another --output"
                     )));
@@ -146,7 +147,7 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
                     Some(_) => {}
                     None if Format::from_path(output).is_ok() => {
                         put(output.clone(), "mesh", Kind::File, overwrite);
-                        for path in output::beside(output) {
+                        for path in write::beside(output) {
                             put(path, "mesh's side-car", Kind::Beside, overwrite);
                         }
                     }

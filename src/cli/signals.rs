@@ -10,7 +10,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
 
 use crate::error::{Error, Result};
-use crate::schedule::Workers;
+use crate::resources::workers::Workers;
 
 /// The signals that end a run.
 const ENDING: [i32; 3] = [SIGHUP, SIGINT, SIGTERM];

@@ -16,8 +16,8 @@ use super::room::Room;
 use super::shape::{Cuboid, Point, Target};
 use super::tree::{Tree, bytes_of};
 use crate::error::Result;
-use crate::mesh::piles::Piles;
-use crate::spool::Spool;
+use crate::storage::partitions::Piles;
+use crate::storage::spool::Spool;
 
 /// Parts of one distribution at most: each has a page in memory.
 const PARTS: u64 = 256;

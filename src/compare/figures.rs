@@ -5,7 +5,7 @@
 
 use super::room::Room;
 use crate::error::Result;
-use crate::spool::Spool;
+use crate::storage::spool::Spool;
 
 /// Distances kept before they are stored, and read at once.
 const PIECE: usize = 1 << 12;

@@ -10,15 +10,15 @@ use bytemuck::{Pod, Zeroable};
 
 use super::figures::Figures;
 use super::room::Room;
-use crate::colour;
 use crate::error::{Error, Result};
+use crate::format::write::Format;
 use crate::mesh::MeshSource;
-use crate::mesh::piles::Piles;
 use crate::mesh::spool::FaceRecord;
-use crate::output::Format;
 use crate::points::Precision;
-use crate::unit::Unit;
-use crate::whole::{Overwrite, WholeFile};
+use crate::points::unit::Unit;
+use crate::render::scale;
+use crate::storage::atomic_file::{Overwrite, WholeFile};
+use crate::storage::partitions::Piles;
 
 /// Elements of a job.
 const PIECE: u64 = 1 << 15;
@@ -212,7 +212,7 @@ fn colour(share: f64) -> [u8; 3] {
     if share.is_nan() {
         return NOWHERE;
     }
-    colour::along(&SCALE, share)
+    scale::along(&SCALE, share)
 }
 
 #[cfg(test)]

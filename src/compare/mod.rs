@@ -41,14 +41,15 @@ use self::search::{Facing, Nearest, search};
 use self::shape::{Point, Spot, Target, Triangle};
 use self::source::{LeftOut, Source, Survey, is_usable, triangles};
 use crate::error::{Error, Result};
+use crate::format;
 use crate::input::{Cloud, InputOptions, Opening, STANDARD_INPUT, Unpacked, expand};
+use crate::mesh::MeshSource;
 use crate::mesh::check::{CheckReport, check};
-use crate::mesh::{self, MeshSource};
-use crate::progress::{Phase, Progress};
-use crate::report::short;
+use crate::resources::workers::Workers;
 use crate::run::Means;
-use crate::schedule::Workers;
-use crate::steady::Steady;
+use crate::run::progress::{Phase, Progress};
+use crate::run::report::short;
+use crate::storage::steady::Steady;
 
 pub use self::heatmap::{HeatMap, Reach};
 pub use self::report::{
@@ -95,16 +96,16 @@ pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
 fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progress) -> Result<Comparison> {
     let budget = job.means.budget();
     let workspace = job.means.workspace(&job.mesh)?.stopped_with(workers);
-    let mesh = mesh::read::open(&job.mesh, &workspace, budget / 8)?;
+    let mesh = format::read::open(&job.mesh, &workspace, budget / 8)?;
     if mesh.face_count() == 0 {
         return Err(Error::malformed(&job.mesh, "the mesh", "triangles", "none"));
     }
     let as_mesh = match job.kind {
         Some(kind) => kind == Kind::Mesh,
-        None => job.reference != Path::new(STANDARD_INPUT) && mesh::read::has_triangles(&job.reference)?,
+        None => job.reference != Path::new(STANDARD_INPUT) && format::read::has_triangles(&job.reference)?,
     };
     let reference = if as_mesh {
-        Source::Mesh(mesh::read::open(&job.reference, &workspace, budget / 8)?)
+        Source::Mesh(format::read::open(&job.reference, &workspace, budget / 8)?)
     } else {
         let mut watch = |unpacked: Unpacked| {
             progress.unpacked(unpacked);

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use super::figures::Figures;
 use super::{Found, Job, Kind};
 use crate::mesh::check::CheckReport;
-use crate::progress::thousands;
-use crate::report::short;
+use crate::run::progress::thousands;
+use crate::run::report::short;
 
 /// The findings of [`super::compare`]. All per cents are of the reference's box.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]

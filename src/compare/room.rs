@@ -2,9 +2,9 @@
 
 use bytemuck::Pod;
 
-use crate::mesh::piles::Piles;
-use crate::schedule::Workers;
-use crate::spool::{Spool, Workspace};
+use crate::resources::workers::Workers;
+use crate::storage::partitions::Piles;
+use crate::storage::spool::{Spool, Workspace};
 
 /// Workers, temporary storage, and the shares of the budget.
 #[derive(Debug, Clone, Copy)]

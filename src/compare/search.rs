@@ -17,8 +17,8 @@ use super::room::Room;
 use super::shape::{Cuboid, Line, Point, Target, Triangle, angle};
 use super::tree::Tree;
 use crate::error::Result;
-use crate::mesh::piles::Piles;
-use crate::schedule::Spares;
+use crate::resources::workers::Spares;
+use crate::storage::partitions::Piles;
 
 /// Queries of a job.
 const PIECE: usize = 1 << 12;

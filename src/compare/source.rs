@@ -10,7 +10,7 @@ use crate::input::{Carried, Cloud};
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, span};
 use crate::points::{Batch, Coordinate, Points};
-use crate::schedule::Spares;
+use crate::resources::workers::Spares;
 
 /// Places, and triangles, handled at once.
 const PIECE: u64 = 1 << 14;

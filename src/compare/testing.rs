@@ -1,8 +1,8 @@
 //! What tests of several modules need.
 
 use super::room::Room;
-use crate::schedule::Workers;
-use crate::spool::Workspace;
+use crate::resources::workers::Workers;
+use crate::storage::spool::Workspace;
 
 /// Runs a test in a temporary folder, with so many threads and plenty of memory.
 pub(super) fn with_room<R>(threads: usize, test: impl FnOnce(Room) -> R) -> R {

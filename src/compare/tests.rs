@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use super::shape::{Line, angle};
 use super::*;
-use crate::progress::Show;
+use crate::run::progress::Show;
 
 /// Vertices and triangles; without triangles it is a cloud.
 #[derive(Debug, Clone)]

@@ -9,7 +9,7 @@
 use rayon::prelude::*;
 
 use super::shape::{Cuboid, Point, Target};
-use crate::schedule::Workers;
+use crate::resources::workers::Workers;
 
 /// Targets of a leaf at most.
 const LEAF: usize = 8;

@@ -4,6 +4,7 @@
 //! So the file depends on the options alone, whatever the number of threads, and two clouds of different sizes begin
 //! alike.
 
+pub mod densify;
 mod shape;
 
 use std::path::PathBuf;
@@ -13,10 +14,10 @@ use rand_chacha::ChaCha8Rng;
 
 use self::shape::gaussian;
 use crate::error::{Error, Result};
-use crate::output::{CloudTarget, Description, FileKind};
+use crate::format::write::{CloudTarget, Description, FileKind};
 use crate::points::Precision;
-use crate::schedule::Workers;
-use crate::whole::Overwrite;
+use crate::resources::workers::Workers;
+use crate::storage::atomic_file::Overwrite;
 
 pub use shape::Shape;
 

@@ -3,10 +3,20 @@
 //! Eq. 1 moves the box to the origin and scales it by its longest side; instead of moving points, the grid keeps the
 //! box's corner and the cell size in the world's own units. Eq. 2: s = ⌊k·∛n⌋ slices. Eq. 3: w = extent / s.
 
-mod folds;
+pub mod bucket;
+pub mod coarse;
+pub mod dilate;
+mod gaps;
+pub mod label;
+pub mod occupancy;
+pub mod partition;
+pub mod rank_bitmap;
+pub mod slice;
+pub mod survey;
+pub mod window;
 
-pub use self::folds::Folds;
-use self::folds::{GAP, SHOWS};
+pub use self::gaps::Folds;
+use self::gaps::{GAP, SHOWS};
 use crate::error::{Error, Result};
 use crate::points::Coordinate;
 

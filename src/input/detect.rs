@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::mapped::{Content, Mapped};
-use super::raw::{self, Description};
-use super::unpack::{Packing, STANDARD_INPUT, Unpacking};
-use super::{InputOptions, PointFormat, Source, e57, las, npy, obj, pcd, ply, stl, text};
+use super::{InputOptions, PointFormat, Source};
 use crate::error::{Error, Result};
+use crate::format::raw;
+use crate::format::raw::Description;
+use crate::format::unpack::{Packing, STANDARD_INPUT, Unpacking};
+use crate::format::{e57, las, npy, obj, pcd, ply, stl, text};
+use crate::storage::mapped::{Content, Mapped};
 
 /// Bytes looked at: the longest signature, and enough to tell text from numbers.
 const HEAD: u64 = 4096;
@@ -156,8 +158,8 @@ pub(super) fn is_text(head: &[u8]) -> bool {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing::{collect, points_of};
     use super::*;
+    use crate::format::testing::{collect, points_of};
 
     fn file(name: &str, content: &[u8]) -> (tempfile::TempDir, std::path::PathBuf) {
         let dir = tempfile::tempdir().unwrap();

@@ -11,10 +11,11 @@ use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
-use super::unpack::{Packing, STANDARD_INPUT};
-use super::{detect, e57, las, npy, pcd, ply};
+use super::detect;
 use crate::error::{Error, Result};
-use crate::output::TILE_INDEX;
+use crate::format::unpack::{Packing, STANDARD_INPUT};
+use crate::format::write::TILE_INDEX;
+use crate::format::{e57, las, npy, pcd, ply};
 
 /// Extensions that are taken for point files when a whole folder is given; also with that of a compressed file behind them. Files that are
 /// meshes as a rule (`.obj`, `.stl`) must be named.

@@ -3,10 +3,10 @@
 use std::ops::Range;
 
 use super::{BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
-use crate::attribute::{Attribute, Carrying, Schema};
 use crate::error::{Error, Result};
+use crate::points::attribute::{Attribute, Carrying, Schema};
+use crate::points::scalar::Scalar;
 use crate::points::{Batch, Points, Precision};
-use crate::scalar::Scalar;
 
 /// Points that can be read more than once, in pieces, from several threads at a time.
 ///

@@ -3,7 +3,7 @@
 //! ```text
 //!  arguments --files.rs--> files --open--> [PointFormat] --cut--> Block, Block, … --decode--> Batch
 //!                           detect.rs says which          one thread, cheap        any thread, in parallel
-//!                           (unpack.rs: what is compressed, and standard input, first)
+//!                           (format/unpack: what is compressed, and standard input, first)
 //! ```
 //!
 //! A block is a range of whole records, at most [`BLOCK_BYTES`] long (or one record, or one line), or a compressed chunk of them. Blocks come in
@@ -12,56 +12,37 @@
 //!
 //! A new format is a module that implements `PointFormat` and a line in `detect.rs`.
 
-pub(crate) mod bus;
-mod columns;
 mod detect;
-mod e57;
 mod files;
-mod filter;
-mod las;
-mod layout;
-mod lines;
-mod lzf;
-mod mapped;
 mod memory;
-mod npy;
-mod obj;
-mod pcd;
-mod ply;
-mod raw;
-mod records;
-mod rows;
-mod sidecar;
-mod statements;
-mod statistics;
-mod stl;
-mod text;
-mod unpack;
+pub mod tally;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use self::filter::Sieve;
-use self::unpack::Unpacking;
-use crate::attribute::{Attribute, Schema, Wanted};
-use crate::crs::Crs;
 use crate::error::{Error, Result};
+use crate::format::e57;
+use crate::format::unpack::Unpacking;
+use crate::points::attribute::{Attribute, Schema, Wanted};
+use crate::points::crs::Crs;
+use crate::points::filter::Sieve;
+use crate::points::scalar::Endian;
+use crate::points::unit::{Measure, Unit};
 use crate::points::{Batch, Points, Precision};
-use crate::scalar::Endian;
-use crate::schedule::{Spares, Workers};
-use crate::spool::Workspace;
-use crate::steady::{Stamp, settle};
-use crate::unit::{Measure, Unit};
+use crate::resources::workers::{Spares, Workers};
+use crate::storage::mapped;
+use crate::storage::spool::Workspace;
+use crate::storage::steady::{Stamp, settle};
 
+pub use crate::format::layout::{Field, Layout, MAX_STRIDE};
+pub(crate) use crate::format::sidecar::Sidecar;
+pub use crate::format::unpack::{Opening, Unpacked};
+pub(crate) use crate::format::unpack::{Packing, STANDARD_INPUT};
+pub use crate::points::filter::{Filter, Returns, Withheld};
 pub use files::{Depth, Found, expand, find};
-pub use filter::{Filter, Returns, Withheld};
-pub use layout::{Field, Layout, MAX_STRIDE};
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
-pub(crate) use sidecar::Sidecar;
-pub use unpack::{Opening, Unpacked};
-pub(crate) use unpack::{Packing, STANDARD_INPUT};
 
 /// The length a block of records aims at: large against the cost of handing it to another thread, small enough for a
 /// core's cache and for dozens in flight.
@@ -486,12 +467,9 @@ impl Block<'_> {
 }
 
 #[cfg(test)]
-mod testing;
-
-#[cfg(test)]
 mod tests {
-    use super::testing::collect_all;
     use super::*;
+    use crate::format::testing::collect_all;
 
     #[test]
     fn files_of_all_formats_are_one_cloud_in_the_widest_precision() {

@@ -176,7 +176,7 @@ mod tests {
     use super::*;
     use crate::mesh::spool::{FaceRecord, MeshSpool};
     use crate::points::Precision;
-    use crate::spool::Workspace;
+    use crate::storage::spool::Workspace;
 
     /// The corner of a cube of side 3: volume 4.5.
     const FACES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];

@@ -4,16 +4,14 @@
 
 pub mod check;
 pub mod intersect;
+pub(crate) mod intersections;
 pub mod measure;
-pub(crate) mod piles;
-mod queue;
-pub mod read;
 pub mod spool;
 
-use crate::attribute::Schema;
-use crate::crs::Crs;
 use crate::error::{Error, Result};
 use crate::points::Precision;
+use crate::points::attribute::Schema;
+use crate::points::crs::Crs;
 
 /// A triangle mesh that can be read piece by piece, in any order, from several threads.
 pub trait MeshSource: Sync {
@@ -60,14 +58,14 @@ pub struct MeshHeader {
 }
 
 /// The origin that a line of text tells, as in `origin 512000 5403000 300`: the program's own meshes say so in comments.
-fn told_origin(line: &str) -> Option<[f64; 3]> {
+pub(crate) fn told_origin(line: &str) -> Option<[f64; 3]> {
     let numbers = line.trim().strip_prefix("origin ")?;
     let numbers: Vec<f64> = numbers.split_ascii_whitespace().map_while(|word| word.parse().ok()).collect();
     <[f64; 3]>::try_from(numbers).ok().filter(|origin| origin.iter().all(|c| c.is_finite()))
 }
 
 /// Refuses more vertices than 32 bits can number.
-fn check_vertex_count(count: u64) -> Result<()> {
+pub(crate) fn check_vertex_count(count: u64) -> Result<()> {
     let limit = u64::from(u32::MAX);
     if count > limit {
         return Err(Error::TooManyElements { count, what: "vertices", limit, carrier: "a mesh" });

@@ -3,11 +3,11 @@
 use bytemuck::Zeroable;
 
 use super::MeshSource;
-use crate::attribute::Schema;
 use crate::error::Result;
 use crate::points::Precision;
-use crate::scalar::{Endian, reader};
-use crate::spool::{Spool, Workspace};
+use crate::points::attribute::Schema;
+use crate::points::scalar::{Endian, reader};
+use crate::storage::spool::{Spool, Workspace};
 
 /// Elements converted at once: few enough for the fast caches and for small allocations, which cost no page faults.
 const PIECE: usize = 1 << 12;

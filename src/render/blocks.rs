@@ -16,8 +16,8 @@ use super::view::Frame;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, span};
-use crate::schedule::{Spares, Workers};
-use crate::spool::{Spool, Workspace};
+use crate::resources::workers::{Spares, Workers};
+use crate::storage::spool::{Spool, Workspace};
 
 /// Triangles of a block: enough to be worth a job, few enough for a processor's cache.
 pub const BLOCK: usize = 1 << 15;

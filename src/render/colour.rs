@@ -7,12 +7,12 @@ use glam::Vec3;
 
 use super::light::{Side, pack_tone};
 use super::view::Up;
-use crate::attribute::{Wanted, canonical};
-use crate::colour::along;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
-use crate::scalar::Scalar;
-use crate::schedule::Workers;
+use crate::points::attribute::{Wanted, canonical};
+use crate::points::scalar::Scalar;
+use crate::render::scale::along;
+use crate::resources::workers::Workers;
 
 /// What colours tell.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -383,10 +383,10 @@ fn ends(mesh: &dyn MeshSource, value: Value, workers: &Workers) -> Result<(f64, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attribute::{Attribute, Schema};
     use crate::mesh::spool::MeshSpool;
     use crate::points::Precision;
-    use crate::spool::Workspace;
+    use crate::points::attribute::{Attribute, Schema};
+    use crate::storage::spool::Workspace;
 
     #[test]
     fn the_scale_grows_lighter() {

@@ -22,6 +22,7 @@ mod legend;
 mod light;
 mod openness;
 mod raster;
+pub(crate) mod scale;
 mod sheet;
 #[cfg(test)]
 mod tests;
@@ -47,8 +48,8 @@ use self::view::Frame;
 pub use self::view::{Up, View};
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
-use crate::schedule::{Spares, Workers};
-use crate::spool::Workspace;
+use crate::resources::workers::{Spares, Workers};
+use crate::storage::spool::Workspace;
 
 /// Which normals light falls on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]

@@ -14,7 +14,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use crate::error::{Error, Result};
-use crate::whole::{Overwrite, WholeFile};
+use crate::storage::atomic_file::{Overwrite, WholeFile};
 
 /// The longest side of a picture, in pixels.
 pub const LONGEST: u32 = 16384;

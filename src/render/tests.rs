@@ -1,10 +1,10 @@
 //! Whole pictures of meshes that are known.
 
 use super::*;
-use crate::attribute::{Attribute, Schema};
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;
-use crate::scalar::Scalar;
+use crate::points::attribute::{Attribute, Schema};
+use crate::points::scalar::Scalar;
 
 /// A mesh in temporary storage, and its folder.
 struct Made {

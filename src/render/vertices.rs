@@ -14,8 +14,8 @@ use super::light::{NO_NORMAL, pack_normal, unpack_normal};
 use super::{BLOCK, Shading};
 use crate::error::Result;
 use crate::mesh::measure::Corners;
-use crate::schedule::{Spares, Workers, refill};
-use crate::spool::{Spool, Workspace};
+use crate::resources::workers::{Spares, Workers, refill};
+use crate::storage::spool::{Spool, Workspace};
 
 /// Vertices of a range while the triangles at them lie close together.
 const NEAR_RANGE: u32 = 1 << 17;

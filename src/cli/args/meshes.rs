@@ -6,10 +6,10 @@ use clap::Args;
 
 use super::{InUnit, MeansArguments, TalkArguments, coordinates_only, in_unit, overwrite};
 use crate::compare;
-use crate::densify;
+use crate::generate::densify;
 use crate::input::Layout;
+use crate::points::unit::Measure;
 use crate::render::{Background, ColourBy, Legend, Options, Shading, Size, Up, View};
-use crate::unit::Measure;
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]

@@ -8,26 +8,26 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments};
 use super::sizes;
-use crate::attribute::Wanted;
-use crate::closing::Sealing;
 use crate::compare::Reach;
-use crate::crs::Crs;
 use crate::error::{Error, Result};
+use crate::format::write::Positions;
 use crate::generate::Shape;
 use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
 use crate::input::{Depth, Filter, InputOptions, Layout, Returns, Withheld, tells_stations};
-use crate::open::{Facing, Hole, Kind, Open};
-use crate::output::Positions;
-use crate::pipeline::{Fineness, Settings};
-use crate::preview::Preview;
-use crate::progress::Show;
+use crate::points::attribute::Wanted;
+use crate::points::crs::Crs;
+use crate::points::scalar::Endian;
+use crate::points::unit::Unit;
+use crate::run::pipeline::{Fineness, Settings};
+use crate::run::preview::Preview;
+use crate::run::progress::Show;
 use crate::run::{Check, Job, Means, Units};
-use crate::scalar::Endian;
-use crate::slab::{Fit, SurfaceOptions};
-use crate::stage::component::Least;
-use crate::stage::extract::Diagonals;
-use crate::unit::Unit;
-use crate::whole::Overwrite;
+use crate::solid::close::Sealing;
+use crate::solid::component::Least;
+use crate::solid::open::{Facing, Hole, Kind, Open};
+use crate::stitch::slab::{Fit, SurfaceOptions};
+use crate::storage::atomic_file::Overwrite;
+use crate::surface::extract::Diagonals;
 
 /// Turns point clouds too large for memory into watertight triangle meshes, without normals.
 ///

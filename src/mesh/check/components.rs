@@ -12,8 +12,8 @@
 //! ```
 
 use crate::error::Result;
-use crate::mesh::queue::Queue;
-use crate::spool::Workspace;
+use crate::storage::queue::Queue;
+use crate::storage::spool::Workspace;
 
 /// The most ranges, each of which may hold a temporary file open: well below the 1024 files a process may usually open.
 const MOST_RANGES: u64 = 256;

@@ -16,7 +16,6 @@
 
 mod blocks;
 mod components;
-mod intersections;
 mod link;
 mod report;
 mod survey;
@@ -27,15 +26,15 @@ mod vertices;
 use glam::DVec3;
 
 use self::blocks::Stars;
-pub use self::intersections::{Intersection, Intersections, intersections};
 use self::link::Examiner;
 pub use self::report::CheckReport;
 use self::vertices::Bounds;
 use super::measure::{Corners, GROUP, Sums};
 use super::{MeshSource, check_vertex_count};
 use crate::error::Result;
-use crate::schedule::{Spares, Workers};
-use crate::spool::Workspace;
+pub use crate::mesh::intersections::{Intersection, Intersections, intersections};
+use crate::resources::workers::{Spares, Workers};
+use crate::storage::spool::Workspace;
 
 /// Vertices of a range while the triangles at them lie close together: its corners stay in a processor's cache.
 const NEAR_RANGE: u32 = 1 << 15;
@@ -68,23 +67,23 @@ pub fn check(
 
 /// The budget as sizes. None of them shows in the findings.
 #[derive(Debug, Clone)]
-struct Plan {
+pub(crate) struct Plan {
     /// Jobs under way at a time.
-    in_flight: usize,
+    pub(crate) in_flight: usize,
     /// Triangles of a block.
-    block: usize,
+    pub(crate) block: usize,
     /// Vertices that are read along with a group of triangles if its numbers span no more.
-    window: usize,
+    pub(crate) window: usize,
     /// Triangles of far groups measured at once.
-    far: usize,
+    pub(crate) far: usize,
     /// Vertices of a range: the least, and the most.
-    range: (u32, u32),
+    pub(crate) range: (u32, u32),
     /// Bytes for the components of the whole mesh.
-    components: u64,
+    pub(crate) components: u64,
 }
 
 impl Plan {
-    fn for_budget(budget: u64, threads: usize) -> Plan {
+    pub(crate) fn for_budget(budget: u64, threads: usize) -> Plan {
         let in_flight = threads + 1;
         let job = budget / 4 * 3 / in_flight as u64;
         let most = (job / VERTEX_BYTES).clamp(u64::from(NEAR_RANGE) / 4, 1 << 31) as u32;
@@ -99,11 +98,11 @@ impl Plan {
     }
 }
 
-struct Check<'a> {
-    mesh: &'a dyn MeshSource,
-    plan: Plan,
-    workers: &'a Workers,
-    workspace: &'a Workspace,
+pub(crate) struct Check<'a> {
+    pub(crate) mesh: &'a dyn MeshSource,
+    pub(crate) plan: Plan,
+    pub(crate) workers: &'a Workers,
+    pub(crate) workspace: &'a Workspace,
 }
 
 /// The working memory of one job, handed from job to job.

@@ -4,7 +4,7 @@ use super::blocks::Blocks;
 use super::{Check, Scratch};
 use crate::error::Result;
 use crate::mesh::measure::{GROUP, Sums, is_degenerate, span};
-use crate::schedule::Spares;
+use crate::resources::workers::Spares;
 
 /// What the survey knows of the triangles.
 pub(super) struct Survey {

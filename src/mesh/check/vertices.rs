@@ -9,8 +9,8 @@ use super::components::{Components, root};
 use super::link::{Tally, is_simple_cycle};
 use super::{Check, Scratch};
 use crate::error::Result;
-use crate::mesh::queue::Queue;
-use crate::schedule::Spares;
+use crate::resources::workers::Spares;
+use crate::storage::queue::Queue;
 
 /// Blocks may be read this often on average before larger ranges are preferred.
 const READS: u64 = 2;

@@ -1,0 +1,4 @@
+//! GLB: binary glTF.
+
+pub(crate) mod mesh;
+pub(crate) mod write;

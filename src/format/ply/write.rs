@@ -1,0 +1,117 @@
+//! PLY: a header, then the mesh's spools as they are, attributes behind the coordinates.
+
+use std::fmt::Write;
+
+use crate::error::{Error, Result};
+use crate::format::write::attributes::{BLOCK, Property, properties, records};
+use crate::format::write::{Job, Positions};
+use crate::mesh::MeshSource;
+use crate::mesh::spool::{FaceRecord, MeshSpool};
+use crate::points::Precision;
+use crate::points::scalar::Scalar;
+use crate::storage::spool::Spool;
+
+/// Spools hold native byte order.
+const FORMAT: &str = if cfg!(target_endian = "little") { "binary_little_endian" } else { "binary_big_endian" };
+/// Bytes copied at once.
+const PIECE: usize = 1 << 20;
+
+pub(crate) fn write(job: &mut Job) -> Result<()> {
+    let (vertices, faces) = (job.mesh.vertex_count(), job.mesh.face_count());
+    if vertices > i32::MAX as u64 {
+        // Vertex numbers are `int`: programs that read PLY seldom know another type.
+        let limit = i32::MAX as u64;
+        return Err(Error::TooManyElements { count: vertices, what: "vertices", limit, carrier: "a PLY file" });
+    }
+    let moved = job.positions == Positions::Absolute && job.header.origin != [0.0; 3];
+    let absolute = moved.then_some(job.header.origin);
+    let scalar = match job.mesh.precision() {
+        Precision::Single if absolute.is_none() => "float",
+        _ => "double",
+    };
+    let mut header = format!("ply\nformat {FORMAT} 1.0\n");
+    for comment in job.comments() {
+        writeln!(header, "comment {comment}").expect("memory takes all");
+    }
+    let properties = properties(job)?;
+    writeln!(header, "element vertex {vertices}").expect("memory takes all");
+    let coordinates = ["x", "y", "z"].map(|axis| (scalar, axis));
+    for (kind, name) in coordinates.into_iter().chain(properties.iter().map(|p| (kind(p.scalar), p.name.as_str()))) {
+        writeln!(header, "property {kind} {name}").expect("memory takes all");
+    }
+    write!(header, "element face {faces}\nproperty list uchar int vertex_indices\nend_header\n")
+        .expect("memory takes all");
+    job.put(header.as_bytes())?;
+    let mesh = job.mesh;
+    if properties.is_empty() && absolute.is_none() {
+        copy(job, mesh.vertex_bytes(), 3 * mesh.precision().bytes())?;
+    } else {
+        job.put_blocks(vertices, BLOCK, |first, len| made(mesh, &properties, absolute, first, len))?;
+    }
+    copy(job, mesh.face_bytes(), size_of::<FaceRecord>())
+}
+
+/// What PLY calls a type. It has none of 64 bits for whole numbers: `double` takes them, and rounds beyond 2⁵³.
+fn kind(scalar: Scalar) -> &'static str {
+    match scalar {
+        Scalar::I8 => "char",
+        Scalar::U8 => "uchar",
+        Scalar::I16 => "short",
+        Scalar::U16 => "ushort",
+        Scalar::I32 => "int",
+        Scalar::U32 => "uint",
+        Scalar::F32 => "float",
+        Scalar::I64 | Scalar::U64 | Scalar::F64 => "double",
+    }
+}
+
+/// The bytes of vertices with their attributes; in double precision, with the origin added, if that is given.
+fn made(
+    mesh: &MeshSpool,
+    properties: &[Property],
+    origin: Option<[f64; 3]>,
+    first: u64,
+    len: usize,
+) -> Result<Vec<u8>> {
+    let (positions, stride) = match origin {
+        None => {
+            let stride = 3 * mesh.precision().bytes();
+            let mut positions = vec![0; len * stride];
+            mesh.vertex_bytes().read_at(first * stride as u64, &mut positions)?;
+            (positions, stride)
+        }
+        Some(origin) => {
+            let mut positions = vec![[0.0; 3]; len];
+            mesh.read_vertices(first, &mut positions)?;
+            let moved = positions.iter().flat_map(|p| [0, 1, 2].map(|a| (p[a] + origin[a]).to_ne_bytes()));
+            (moved.flatten().collect(), size_of::<[f64; 3]>())
+        }
+    };
+    let records = records(mesh, first, len)?;
+    let mut out = Vec::with_capacity(positions.len() + records.len());
+    for (number, position) in positions.chunks_exact(stride).enumerate() {
+        out.extend_from_slice(position);
+        let record = &records[number * mesh.schema().stride()..];
+        for property in properties {
+            let wide = matches!(property.scalar, Scalar::I64 | Scalar::U64);
+            let scalar = if wide { Scalar::F64 } else { property.scalar };
+            scalar.put(property.value(record), &mut out);
+        }
+    }
+    Ok(out)
+}
+
+/// Copies a spool of records of `stride` bytes.
+fn copy(job: &mut Job, spool: &Spool, stride: usize) -> Result<()> {
+    let mut piece = vec![0; PIECE / stride * stride];
+    let mut at = 0;
+    while at < spool.len() {
+        job.workers.check_cancelled()?;
+        let len = (spool.len() - at).min(piece.len() as u64) as usize;
+        spool.read_at(at, &mut piece[..len])?;
+        job.put(&piece[..len])?;
+        job.advance((len / stride) as u64);
+        at += len as u64;
+    }
+    Ok(())
+}

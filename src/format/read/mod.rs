@@ -1,0 +1,163 @@
+//! Other programs' meshes, opened for reading piece by piece.
+//!
+//! A binary little-endian PLY file of triangles is read in place. Everything else is converted to a
+//! [`MeshSpool`](crate::mesh::spool::MeshSpool) in one pass: polygons become fans of triangles, STL corners of equal position become one vertex. Whatever a
+//! header promises is believed only as far as the file's length bears it out.
+
+pub(crate) mod convert;
+#[cfg(test)]
+mod tests;
+pub(crate) mod text;
+pub(crate) mod weld;
+
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::format::write::Format;
+use crate::format::{glb, obj, ply, stl};
+use crate::mesh::MeshSource;
+use crate::points::attribute::{Attribute, Schema, Wanted};
+use crate::points::crs::Crs;
+use crate::points::scalar::Scalar;
+use crate::storage::spool::Workspace;
+
+/// Opens a mesh: PLY and GLB by their first bytes, STL and OBJ by their extension.
+///
+/// A mesh that has to be converted keeps up to `in_memory` bytes in memory and the rest in the workspace; converting takes
+/// about as much again.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Malformed`] if the content is not what the format promises, then or later when a triangle
+/// with a vertex number out of range is read; [`Error::ForeignFormat`] for a compressed GLB; [`Error::TooManyElements`];
+/// [`Error::Usage`] for an unknown kind of file.
+pub fn open(path: &Path, workspace: &Workspace, in_memory: u64) -> Result<Box<dyn MeshSource>> {
+    open_with(path, workspace, in_memory, &Wanted::None)
+}
+
+/// [`open`], with attributes of vertices: numbers of PLY by their names, colours of OBJ, `COLOR_0` and `_NAME` of GLB. A mesh that is read in place has all of its
+/// attributes, whatever is wanted.
+///
+/// # Errors
+/// As [`open`]; [`Error::Usage`] if the mesh lacks one that is wanted by name: it lists those that are there.
+pub fn open_with(path: &Path, workspace: &Workspace, in_memory: u64, wanted: &Wanted) -> Result<Box<dyn MeshSource>> {
+    let input = Input::open(path)?;
+    match input.format()? {
+        Some(Format::Ply) => ply::mesh::open(input, workspace, in_memory, wanted),
+        Some(Format::Glb) => Ok(Box::new(glb::mesh::read(&input, workspace, in_memory, wanted)?)),
+        Some(Format::Stl) => {
+            chosen(path, wanted, &Schema::default())?;
+            Ok(Box::new(stl::mesh::read(&input, workspace, in_memory)?))
+        }
+        Some(Format::Obj) => Ok(Box::new(obj::mesh::read(&input, workspace, in_memory, wanted)?)),
+        None => Err(Error::Usage(format!("{}: not a mesh that can be read: .ply, .stl, .obj or .glb", path.display()))),
+    }
+}
+
+/// Whether a file holds triangles: PLY with faces, OBJ with any, STL and GLB by what they are. What is none of these, or compressed, does not.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Malformed`] for the header of a PLY file.
+pub fn has_triangles(path: &Path) -> Result<bool> {
+    if path.is_dir() || !path.exists() {
+        // A folder or a pattern of point files; whoever opens it says what is wrong.
+        return Ok(false);
+    }
+    let input = Input::open(path)?;
+    match input.format()? {
+        Some(Format::Ply) => ply::mesh::has_faces(&input),
+        Some(Format::Obj) => obj::mesh::has_faces(&input),
+        Some(Format::Stl | Format::Glb) => Ok(true),
+        None => Ok(false),
+    }
+}
+
+/// The reference system of a mesh, as far as the file tells: a PLY file in its comments, as this program writes them, others in a `.prj` beside. What cannot be read
+/// tells nothing; whoever opens it says why.
+pub fn told_crs(path: &Path) -> Option<Crs> {
+    /// The longest header, or side-car, that is looked at.
+    const LONGEST: u64 = 1 << 20;
+    let input = Input::open(path).ok()?;
+    let format = input.format().ok()??;
+    let beside = path.with_extension("prj");
+    if format != Format::Ply {
+        let is_short = beside.metadata().is_ok_and(|there| there.is_file() && there.len() <= LONGEST);
+        return is_short.then(|| named(&std::fs::read_to_string(&beside).ok()?))?;
+    }
+    let mut head = vec![0; input.length.min(LONGEST) as usize];
+    input.read_at(0, &mut head).ok()?;
+    let lines = head.split(|byte| *byte == b'\n').take_while(|line| line.trim_ascii() != b"end_header");
+    let (mut name, mut wkt) = (None, String::new());
+    for line in lines {
+        let text = |rest: &[u8]| String::from_utf8_lossy(rest).into_owned();
+        if let Some(rest) = line.strip_prefix(b"comment wkt ") {
+            wkt += &text(rest);
+        } else if let Some(rest) = line.strip_prefix(b"comment crs ") {
+            name = name.or(Some(text(rest)));
+        }
+    }
+    Crs::parse(&wkt).filter(|crs| crs.wkt.is_some()).or_else(|| named(&name?))
+}
+
+/// A system as this program writes it: its text, or its code, behind which its name stands.
+fn named(text: &str) -> Option<Crs> {
+    let code = text.split([' ', ',']).next().unwrap_or_default();
+    Crs::parse(code).filter(|crs| crs.epsg.is_some()).or_else(|| Crs::parse(text))
+}
+
+/// Of the attributes that are there, those that are wanted.
+pub(crate) fn chosen(path: &Path, wanted: &Wanted, there: &Schema) -> Result<Schema> {
+    let find = |name: &String| -> Result<Attribute> {
+        let found = there.attributes().iter().find(|attribute| attribute.name == *name);
+        found.cloned().ok_or_else(|| Error::Usage(format!("{}: {}", path.display(), there.lacks(name))))
+    };
+    match wanted {
+        Wanted::None => Ok(Schema::default()),
+        Wanted::All => Ok(there.clone()),
+        Wanted::Named(names) => Ok(Schema::new(names.iter().map(find).collect::<Result<_>>()?)),
+    }
+}
+
+/// Colours, where the format knows them without names.
+pub(crate) fn colours(scalar: Scalar) -> Schema {
+    Schema::new(["red", "green", "blue"].map(|name| Attribute::new(name, scalar)).to_vec())
+}
+
+/// A file to read from, by position.
+pub(crate) struct Input<'a> {
+    pub(crate) file: File,
+    pub(crate) path: &'a Path,
+    pub(crate) length: u64,
+}
+
+impl<'a> Input<'a> {
+    fn open(path: &'a Path) -> Result<Input<'a>> {
+        // Asked first: opening a pipe would wait for a writer.
+        if !std::fs::metadata(path).map_err(Error::io(path, "open"))?.is_file() {
+            return Err(Error::io(path, "read a mesh from")(std::io::Error::new(
+                std::io::ErrorKind::InvalidInput,
+                "it is not a regular file",
+            )));
+        }
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        let length = file.metadata().map_err(Error::io(path, "read"))?.len();
+        Ok(Input { file, path, length })
+    }
+
+    /// PLY and GLB by their first bytes, all by their extension.
+    fn format(&self) -> Result<Option<Format>> {
+        let mut magic = [0; 4];
+        let known = self.length.min(4) as usize;
+        self.read_at(0, &mut magic[..known])?;
+        Ok(match &magic {
+            b"ply\n" | b"ply\r" => Some(Format::Ply),
+            b"glTF" => Some(Format::Glb),
+            _ => Format::from_path(self.path).ok(),
+        })
+    }
+
+    pub(crate) fn read_at(&self, at: u64, out: &mut [u8]) -> Result<()> {
+        self.file.read_exact_at(out, at).map_err(Error::io(self.path, "read"))
+    }
+}

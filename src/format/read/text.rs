@@ -1,0 +1,93 @@
+//! Text, line by line, of bounded length.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::str::FromStr;
+
+use super::Input;
+use crate::error::{Error, Result};
+
+/// The longest line: a polygon of a hundred thousand corners.
+const LONGEST: u64 = 1 << 20;
+
+/// The lines of a file, one in memory at a time.
+pub(crate) struct Lines<'a> {
+    path: &'a Path,
+    reader: BufReader<&'a File>,
+    number: u64,
+    bytes: Vec<u8>,
+    line: String,
+    consumed: u64,
+}
+
+impl<'a> Lines<'a> {
+    /// The lines from the file's current position, which is its start if nothing has been read.
+    pub fn new(input: &'a Input) -> Lines<'a> {
+        Lines {
+            path: input.path,
+            reader: BufReader::with_capacity(1 << 16, &input.file),
+            number: 0,
+            bytes: Vec::new(),
+            line: String::new(),
+            consumed: 0,
+        }
+    }
+
+    /// Goes to the next line; `false` at the end of the file.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Malformed`] if the line is longer than a MiB.
+    pub fn advance(&mut self) -> Result<bool> {
+        self.bytes.clear();
+        let mut limited = (&mut self.reader).take(LONGEST);
+        let read = limited.read_until(b'\n', &mut self.bytes).map_err(Error::io(self.path, "read"))?;
+        self.number += 1;
+        self.consumed += read as u64;
+        if read as u64 == LONGEST {
+            return Err(self.malformed("a line of less than 1 MiB", "a longer one"));
+        }
+        self.line.clear();
+        self.line.push_str(&String::from_utf8_lossy(&self.bytes));
+        Ok(read > 0)
+    }
+
+    /// The current line, without white space at its ends.
+    pub fn line(&self) -> &str {
+        self.line.trim()
+    }
+
+    /// Whether the current line is complete, rather than cut off by the end of the file.
+    pub fn is_terminated(&self) -> bool {
+        self.bytes.ends_with(b"\n")
+    }
+
+    /// Bytes of all lines so far.
+    pub fn consumed(&self) -> u64 {
+        self.consumed
+    }
+
+    /// The file behind the lines, at the byte after the current one.
+    pub fn into_rest(self) -> BufReader<&'a File> {
+        self.reader
+    }
+
+    /// An [`Error::Malformed`] about the current line.
+    pub fn malformed(&self, expected: impl std::fmt::Display, found: impl std::fmt::Display) -> Error {
+        Error::malformed(self.path, format!("line {}", self.number), expected, found)
+    }
+
+    /// A word of the current line as a number.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] if it is none, or missing.
+    pub fn number<T: FromStr>(&self, word: Option<&str>, expected: &str) -> Result<T> {
+        let Some(word) = word else { return Err(self.malformed(expected, "the end of the line")) };
+        word.parse().map_err(|_| self.malformed(expected, format_args!("{:?}", shortened(word))))
+    }
+}
+
+/// The beginning of a word that may be long.
+pub(crate) fn shortened(word: &str) -> String {
+    word.chars().take(40).collect()
+}

@@ -1,0 +1,401 @@
+//! Buckets: the points by slice, [`BUCKET_SLICES`] slices to a bucket, in memory or in temporary storage.
+//!
+//! ```text
+//!   blocks --decode, sort by bucket--> pieces --+--> the bucket's open chunk, until that is full --+--> kept
+//!                                               +--> of a long piece, whole chunks at once --------+
+//!   bucket 0: [chunk 0] [chunk 5] ... [open]     a chunk is one allocation, or one write to a slot on disk
+//!   bucket 1: [chunk 1] [chunk 2] ... [open]     points: x y z in the cloud's precision, file axes, 12 or 24 bytes,
+//!                                                then, for the same points in the same order, their attributes' records
+//! ```
+//!
+//! All of it is done by the workers: a bucket is locked while a piece is copied to its open chunk, and chunks are written by whoever fills them. So points
+//! lie in a bucket in no order that could be told before; nothing later may depend on it.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::{Mutex, MutexGuard};
+
+use crate::error::Result;
+use crate::grid::Grid;
+use crate::grid::partition::BUCKET_SLICES;
+use crate::input::{Carried, Cloud};
+use crate::points::{Batch, Coordinate};
+use crate::resources::context::Context;
+use crate::resources::workers::Spares;
+use crate::storage::spool::Slots;
+
+/// Chunks on disk that are announced before they are read: a bucket's lie all over the file, and disks are fast only if they are asked for several at a time.
+const AHEAD: usize = 32;
+
+/// The buckets of a cloud, readable in any order, from several threads.
+#[derive(Debug)]
+pub struct Buckets<T> {
+    buckets: Vec<Bucket<T>>,
+    /// Where chunks are kept; none if that is memory.
+    slots: Option<Slots>,
+    /// Points of a whole chunk.
+    chunk: usize,
+    /// Bytes of a point's attributes.
+    stride: usize,
+}
+
+/// The points of one bucket.
+#[derive(Debug)]
+struct Bucket<T> {
+    points: u64,
+    /// Fewer points than a whole chunk.
+    open: Chunk<T>,
+    /// Chunks in memory.
+    held: Vec<Chunk<T>>,
+    /// Slots of chunks on disk: whole ones, but for the last.
+    stored: Vec<u32>,
+}
+
+/// Points and their attributes.
+#[derive(Debug)]
+struct Chunk<T> {
+    points: Vec<[T; 3]>,
+    attributes: Vec<u8>,
+}
+
+/// The same, lent.
+#[derive(Clone, Copy)]
+struct Part<'a, T> {
+    points: &'a [[T; 3]],
+    attributes: &'a [u8],
+}
+
+/// The working memory of a job that sorts a block.
+struct Scratch<T> {
+    /// Of each point: its bucket.
+    places: Vec<u32>,
+    /// Of each bucket: its points, then where the next one goes.
+    counts: Vec<u32>,
+    sorted: Chunk<T>,
+    /// An empty chunk.
+    spare: Chunk<T>,
+}
+
+impl<T: Coordinate> Buckets<T> {
+    /// Sorts the whole cloud into buckets. `progress` is told the records of each block.
+    ///
+    /// Memory: a block, its sorted points and a chunk for each job in flight, and a chunk for each bucket.
+    ///
+    /// # Errors
+    /// Those of reading the input, [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn fill(cloud: &Cloud, grid: &Grid, context: &Context, mut progress: impl FnMut(u64)) -> Result<Buckets<T>> {
+        let memory = &context.memory;
+        let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
+        let stride = cloud.schema().stride();
+        let slots = match memory.buckets_quota {
+            0 => Some(context.workspace.slots(memory.bucket_buffer as usize)?),
+            _ => None,
+        };
+        let empty = || {
+            let (open, held, stored) = (Chunk::default(), Vec::new(), Vec::new());
+            Mutex::new(Bucket { points: 0, open, held, stored })
+        };
+        let filling = Filling {
+            buckets: std::iter::repeat_with(empty).take(count).collect(),
+            slots,
+            chunk: memory.bucket_buffer as usize / (size_of::<[T; 3]>() + stride),
+            stride,
+        };
+        let spares = Spares::default();
+        cloud.for_each_batch(
+            &context.workers,
+            memory.blocks_in_flight,
+            Carried::Attributes,
+            |batch| spares.lend(|scratch| filling.sort(batch, grid, scratch)),
+            |records| {
+                progress(records);
+                Ok(())
+            },
+        )?;
+        context.workers.in_order_range(memory.blocks_in_flight, count, |bucket| filling.close(bucket), |()| Ok(()))?;
+        Ok(filling.filled())
+    }
+
+    /// Number of buckets.
+    pub fn count(&self) -> usize {
+        self.buckets.len()
+    }
+
+    /// Bytes of a point's attributes.
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// Number of points in a bucket.
+    pub fn points_in(&self, bucket: usize) -> u64 {
+        self.buckets[bucket].points
+    }
+
+    /// Number of points in all buckets.
+    pub fn point_count(&self) -> u64 {
+        self.buckets.iter().map(|bucket| bucket.points).sum()
+    }
+
+    /// Hands the points of `bucket` to `visit`, a chunk at a time, in no order.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], and what `visit` returns.
+    pub fn read(&self, bucket: usize, visit: impl FnMut(&[[T; 3]]) -> Result<()>) -> Result<()> {
+        self.read_share(bucket, 0..u64::MAX, visit)
+    }
+
+    /// The same for a share of them: those with numbers in `share`, in an order that stays the same once the buckets are filled.
+    ///
+    /// # Errors
+    /// As [`Buckets::read`].
+    pub fn read_share(
+        &self,
+        bucket: usize,
+        share: Range<u64>,
+        mut visit: impl FnMut(&[[T; 3]]) -> Result<()>,
+    ) -> Result<()> {
+        let bucket = &self.buckets[bucket];
+        let mut before = 0;
+        // Of the next so many points, those that are of the share.
+        let mut shared = |count: usize| {
+            let within = |number: u64| number.saturating_sub(before).min(count as u64) as usize;
+            let part = within(share.start)..within(share.end);
+            before += count as u64;
+            part
+        };
+        let Some(slots) = &self.slots else {
+            let parts = bucket.held.iter().map(|chunk| &chunk.points[shared(chunk.points.len())]);
+            return parts.filter(|part| !part.is_empty()).try_for_each(visit);
+        };
+        let mut points = Vec::new();
+        let mut left = bucket.points;
+        let parts = bucket.stored.iter().map(|slot| {
+            let count = left.min(self.chunk as u64);
+            left -= count;
+            (*slot, shared(count as usize))
+        });
+        let mut parts = parts.filter(|(_, part)| !part.is_empty());
+        let mut announced = VecDeque::new();
+        loop {
+            while announced.len() < AHEAD
+                && let Some((slot, part)) = parts.next()
+            {
+                slots.announce(slot);
+                announced.push_back((slot, part));
+            }
+            let Some((slot, part)) = announced.pop_front() else { return Ok(()) };
+            points.resize(part.len(), [T::zeroed(); 3]);
+            slots.read(slot, part.start * size_of::<[T; 3]>(), bytemuck::cast_slice_mut(&mut points))?;
+            visit(&points)?;
+        }
+    }
+
+    /// Hands the points of `bucket` to `visit` with the records of their attributes, a chunk at a time, in no order.
+    ///
+    /// # Errors
+    /// As [`Buckets::read`].
+    pub fn read_attributes(&self, bucket: usize, mut visit: impl FnMut(&[[T; 3]], &[u8]) -> Result<()>) -> Result<()> {
+        let bucket = &self.buckets[bucket];
+        let Some(slots) = &self.slots else {
+            return bucket.held.iter().try_for_each(|chunk| visit(&chunk.points, &chunk.attributes));
+        };
+        let (mut points, mut attributes) = (Vec::new(), Vec::new());
+        let mut left = bucket.points;
+        for slot in &bucket.stored {
+            points.resize(left.min(self.chunk as u64) as usize, [T::zeroed(); 3]);
+            attributes.resize(points.len() * self.stride, 0);
+            slots.read(*slot, 0, bytemuck::cast_slice_mut(&mut points))?;
+            slots.read(*slot, size_of_val(points.as_slice()), &mut attributes)?;
+            visit(&points, &attributes)?;
+            left -= points.len() as u64;
+        }
+        Ok(())
+    }
+}
+
+/// Buckets that all workers fill.
+struct Filling<T> {
+    buckets: Vec<Mutex<Bucket<T>>>,
+    slots: Option<Slots>,
+    chunk: usize,
+    stride: usize,
+}
+
+/// A chunk where it stays.
+enum Kept<T> {
+    Held(Chunk<T>),
+    Stored(u32),
+}
+
+impl<T: Coordinate> Filling<T> {
+    /// Sorts a block's points into the buckets, and returns the number of the block's records.
+    fn sort(&self, batch: &Batch, grid: &Grid, scratch: &mut Scratch<T>) -> Result<u64> {
+        let part = Part { points: T::of(&batch.points), attributes: &batch.attributes };
+        scratch.sort(part, self.stride, grid, self.buckets.len());
+        let mut rest = scratch.sorted.part();
+        let mut start = 0;
+        for bucket in 0..self.buckets.len() {
+            // Where the next point would go: the end.
+            let end = scratch.counts[bucket] as usize;
+            if start < end {
+                let (here, beyond) = rest.split(end - start, self.stride);
+                self.add(bucket, here, &mut scratch.spare)?;
+                (rest, start) = (beyond, end);
+            }
+        }
+        Ok(batch.records())
+    }
+
+    /// Adds points to a bucket. `spare` is an empty chunk, and stays one.
+    fn add(&self, bucket: usize, part: Part<'_, T>, spare: &mut Chunk<T>) -> Result<()> {
+        let (mut whole, rest) = part.split(part.points.len() / self.chunk * self.chunk, self.stride);
+        while !whole.points.is_empty() {
+            let (chunk, beyond) = whole.split(self.chunk, self.stride);
+            let kept = self.kept(chunk)?;
+            self.lock(bucket).keep(kept);
+            whole = beyond;
+        }
+        let mut full = {
+            let mut bucket = self.lock(bucket);
+            bucket.points += part.points.len() as u64;
+            bucket.open.reserve(self.chunk, self.stride);
+            let (fits, left) = rest.split(rest.points.len().min(self.chunk - bucket.open.points.len()), self.stride);
+            bucket.open.extend(fits);
+            if bucket.open.points.len() < self.chunk {
+                return Ok(());
+            }
+            spare.reserve(self.chunk, self.stride);
+            spare.extend(left);
+            std::mem::replace(&mut bucket.open, std::mem::take(spare))
+        };
+        // Nobody waits for the bucket while its chunk is written.
+        let kept = match &self.slots {
+            Some(_) => {
+                let kept = self.kept(full.part())?;
+                full.points.clear();
+                full.attributes.clear();
+                *spare = full;
+                kept
+            }
+            None => Kept::Held(full),
+        };
+        self.lock(bucket).keep(kept);
+        Ok(())
+    }
+
+    /// Puts a chunk where it stays.
+    fn kept(&self, part: Part<'_, T>) -> Result<Kept<T>> {
+        Ok(match &self.slots {
+            Some(slots) => Kept::Stored(slots.put(&[bytemuck::cast_slice(part.points), part.attributes])?),
+            None => Kept::Held(Chunk { points: part.points.to_vec(), attributes: part.attributes.to_vec() }),
+        })
+    }
+
+    /// Keeps what is left in a bucket's open chunk.
+    fn close(&self, bucket: usize) -> Result<()> {
+        let mut bucket = self.lock(bucket);
+        let open = std::mem::take(&mut bucket.open);
+        if !open.points.is_empty() {
+            let kept = if self.slots.is_some() { self.kept(open.part())? } else { Kept::Held(open) };
+            bucket.keep(kept);
+        }
+        Ok(())
+    }
+
+    fn filled(self) -> Buckets<T> {
+        let unlocked = self.buckets.into_iter().map(|bucket| bucket.into_inner().expect(NO_PANIC));
+        Buckets { buckets: unlocked.collect(), slots: self.slots, chunk: self.chunk, stride: self.stride }
+    }
+
+    fn lock(&self, bucket: usize) -> MutexGuard<'_, Bucket<T>> {
+        self.buckets[bucket].lock().expect(NO_PANIC)
+    }
+}
+
+const NO_PANIC: &str = "no job panics while it holds a bucket";
+
+impl<T> Bucket<T> {
+    fn keep(&mut self, chunk: Kept<T>) {
+        match chunk {
+            Kept::Held(points) => self.held.push(points),
+            Kept::Stored(slot) => self.stored.push(slot),
+        }
+    }
+}
+
+impl<T> Default for Chunk<T> {
+    fn default() -> Self {
+        Chunk { points: Vec::new(), attributes: Vec::new() }
+    }
+}
+
+impl<T: Coordinate> Chunk<T> {
+    /// Makes room for so many points, if there is none yet.
+    fn reserve(&mut self, points: usize, stride: usize) {
+        if self.points.capacity() == 0 {
+            self.points.reserve_exact(points);
+            self.attributes.reserve_exact(points * stride);
+        }
+    }
+
+    fn extend(&mut self, part: Part<'_, T>) {
+        self.points.extend_from_slice(part.points);
+        self.attributes.extend_from_slice(part.attributes);
+    }
+
+    fn part(&self) -> Part<'_, T> {
+        Part { points: &self.points, attributes: &self.attributes }
+    }
+}
+
+impl<'a, T> Part<'a, T> {
+    /// The first `points` points, and the others.
+    fn split(self, points: usize, stride: usize) -> (Part<'a, T>, Part<'a, T>) {
+        let (first, others) = self.points.split_at(points);
+        let (attributes, of_others) = self.attributes.split_at(points * stride);
+        (Part { points: first, attributes }, Part { points: others, attributes: of_others })
+    }
+}
+
+impl<T> Default for Scratch<T> {
+    fn default() -> Self {
+        Scratch { places: Vec::new(), counts: Vec::new(), sorted: Chunk::default(), spare: Chunk::default() }
+    }
+}
+
+impl<T: Coordinate> Scratch<T> {
+    /// A counting sort of points by bucket. Afterwards `counts` says of each bucket where its points end.
+    fn sort(&mut self, part: Part<'_, T>, stride: usize, grid: &Grid, buckets: usize) {
+        let Scratch { places, counts, sorted, .. } = self;
+        let points = part.points;
+        counts.clear();
+        counts.resize(buckets, 0);
+        places.clear();
+        places.extend(points.iter().map(|p| {
+            let bucket = grid.slice_of(p.map(Into::into)) / BUCKET_SLICES;
+            counts[bucket as usize] += 1;
+            bucket
+        }));
+        let mut next = 0;
+        for count in counts.iter_mut() {
+            next += std::mem::replace(count, next);
+        }
+        // What was there is overwritten: only what is longer than ever before is set to zero first.
+        sorted.points.resize(points.len(), [T::zeroed(); 3]);
+        sorted.attributes.resize(points.len() * stride, 0);
+        if stride > 0 {
+            // Before the points are sorted, which moves the counts on.
+            let mut ends = counts.clone();
+            for (record, bucket) in part.attributes.chunks_exact(stride).zip(places.iter()) {
+                let at = &mut ends[*bucket as usize];
+                sorted.attributes[*at as usize * stride..][..stride].copy_from_slice(record);
+                *at += 1;
+            }
+        }
+        for (point, bucket) in points.iter().zip(places) {
+            let at = &mut counts[*bucket as usize];
+            sorted.points[*at as usize] = *point;
+            *at += 1;
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! Sketch: the cells that a cloud's points lie in at a coarse resolution, found in the survey's pass, before there is a grid.
+//!
+//! ```text
+//!   cells have sides of 2^e of the input's units and lie at multiples of them, whatever the box:
+//!
+//!   |   |   |   |   |   |   |   |      when the box outgrows SIDE cells, e grows by one, and cells become one by twos
+//!   |       |       |       |
+//!
+//!   a cell's bit is that of its place modulo SIDE along each axis: no two cells of a box of up to SIDE cells share one
+//! ```
+//!
+//! Points come in any order and from several threads; the cells are the same. What the plan makes of them is [`crate::run::estimate`]'s.
+
+use std::sync::RwLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::grid::Bounds;
+use crate::points::Coordinate;
+
+/// The most cells along an axis, a power of two: a bit each, 2 MiB in all.
+pub const SIDE: u32 = 256;
+
+/// Added to a number of less than 2^51, it leaves the nearest whole number in the lowest bits.
+const TO_WHOLE: f64 = 6_755_399_441_055_744.0;
+
+/// Points to a column of cells from which hardly any is empty by chance: of random ones, one in 3,000.
+const FILLED: u64 = 8;
+
+/// Cells have no smaller sides than 2^-46 of the farthest coordinate, and than this power of two.
+const SMALLEST: i32 = -1000;
+
+/// The cells of a cloud, while its points arrive.
+#[derive(Debug)]
+pub struct Sketching(RwLock<Sketch>);
+
+/// The cells of a cloud.
+#[derive(Debug)]
+pub struct Sketch {
+    exponent: i32,
+    bounds: Bounds,
+    words: Vec<AtomicU64>,
+}
+
+impl Default for Sketching {
+    fn default() -> Self {
+        let words = (0..SIDE.pow(3) / 64).map(|_| AtomicU64::new(0)).collect();
+        Sketching(RwLock::new(Sketch { exponent: SMALLEST, bounds: Bounds::EMPTY, words }))
+    }
+}
+
+impl Sketching {
+    /// Adds points, all of which lie in `bounds`.
+    pub fn add<T: Coordinate>(&self, points: &[[T; 3]], bounds: Bounds) {
+        const NO_PANIC: &str = "nothing panics while it holds the sketch";
+        if points.is_empty() {
+            return;
+        }
+        let mut sketch = self.0.read().expect(NO_PANIC);
+        if !sketch.holds(bounds) {
+            drop(sketch);
+            self.0.write().expect(NO_PANIC).widen(bounds);
+            sketch = self.0.read().expect(NO_PANIC);
+        }
+        let inverse = sketch.inverse();
+        for point in points {
+            let place = place(point.map(|c| whole(c.into(), inverse)));
+            let (word, bit) = (&sketch.words[place / 64], 1 << (place % 64));
+            // Nearly all points find their cell's bit set.
+            if word.load(Ordering::Relaxed) & bit == 0 {
+                word.fetch_or(bit, Ordering::Relaxed);
+            }
+        }
+    }
+
+    /// All cells of the points.
+    pub fn finish(self) -> Sketch {
+        self.0.into_inner().expect("nothing panicked while it held the sketch")
+    }
+}
+
+impl Sketch {
+    /// The cells' side.
+    pub fn side(&self) -> f64 {
+        2f64.powi(self.exponent)
+    }
+
+    /// The lowest place of a cell along each axis, in sides from zero, and the number of places up to the highest.
+    pub fn extent(&self) -> ([i64; 3], [u32; 3]) {
+        let ([low, high], inverse) = ([self.bounds.min, self.bounds.max], self.inverse());
+        let low = low.map(|c| whole(c, inverse));
+        (low, std::array::from_fn(|a| (whole(high[a], inverse) - low[a]) as u32 + 1))
+    }
+
+    /// Along each axis: whether some planes of cells between others are empty. A gap of three sides shows.
+    pub fn has_gaps(&self) -> [bool; 3] {
+        let (_, cells) = self.extent();
+        let mut planes = cells.map(|cells| vec![false; cells as usize]);
+        for cell in self.cells() {
+            planes.iter_mut().zip(cell).for_each(|(planes, plane)| planes[plane as usize] = true);
+        }
+        planes.map(|planes| planes.contains(&false))
+    }
+
+    /// The cells, each by its place above the lowest, in no particular order.
+    pub fn cells(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+        let (low, cells) = self.extent();
+        // A point on a cell's end that was sketched with smaller cells may be one above what it gives now.
+        self.places().map(move |place| std::array::from_fn(|a| ((place[a] - low[a]) as u32).min(cells[a] - 1)))
+    }
+
+    /// The cells' places, in sides from zero.
+    fn places(&self) -> impl Iterator<Item = [i64; 3]> + '_ {
+        let (low, _) = self.extent();
+        let bits =
+            |word: u64| std::iter::successors(Some(word), |w| Some(w & w.wrapping_sub(1))).take_while(|w| *w != 0);
+        let words =
+            self.words.iter().map(|word| word.load(Ordering::Relaxed)).enumerate().filter(|(_, word)| *word != 0);
+        words.flat_map(move |(i, word)| bits(word).map(move |w| i * 64 + w.trailing_zeros() as usize)).map(move |bit| {
+            let side = SIDE as usize;
+            let remainder = [bit % side, bit / side % side, bit / side / side];
+            std::array::from_fn(|a| low[a] + (remainder[a] as i64 - low[a]).rem_euclid(i64::from(SIDE)))
+        })
+    }
+
+    /// The columns of cells that points lie in, seen along z: each once, by its place above the lowest along x and y, in order.
+    pub fn columns(&self) -> Vec<[u32; 2]> {
+        let mut columns: Vec<[u32; 2]> = self.cells().map(|[x, y, _]| [x, y]).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        columns
+    }
+
+    /// About how large an area the cloud's `points` cover, seen along z: that of their columns, of which those that have a neighbour without points count half.
+    /// Columns are so wide that `FILLED` points or more fall to one on average: narrower ones may be empty between the points.
+    pub fn area(&self, points: u64) -> f64 {
+        let (mut columns, mut side) = (self.columns(), self.side());
+        while columns.len() > 1 && points < FILLED * columns.len() as u64 {
+            columns.iter_mut().for_each(|column| *column = column.map(|c| c / 2));
+            columns.sort_unstable();
+            columns.dedup();
+            side *= 2.0;
+        }
+        let has = |x: i64, y: i64| {
+            let column = u32::try_from(x).ok().zip(u32::try_from(y).ok());
+            column.is_some_and(|(x, y)| columns.binary_search(&[x, y]).is_ok())
+        };
+        let share = |column: &[u32; 2]| {
+            let [x, y] = column.map(i64::from);
+            let inner = has(x - 1, y) && has(x + 1, y) && has(x, y - 1) && has(x, y + 1);
+            if inner { 1.0 } else { 0.5 }
+        };
+        columns.iter().map(share).sum::<f64>() * side * side
+    }
+
+    fn inverse(&self) -> f64 {
+        2f64.powi(-self.exponent)
+    }
+
+    fn holds(&self, bounds: Bounds) -> bool {
+        let both = self.bounds.union(bounds);
+        both == self.bounds
+    }
+
+    /// Makes room for points in `bounds`.
+    fn widen(&mut self, bounds: Bounds) {
+        let both = self.bounds.union(bounds);
+        let farthest = both.min.iter().chain(&both.max).fold(0.0f64, |most, c| most.max(c.abs()));
+        let fits = |exponent: i32| {
+            let inverse = 2f64.powi(-exponent);
+            farthest * inverse < 2f64.powi(46)
+                && (0..3).all(|a| whole(both.max[a], inverse) - whole(both.min[a], inverse) < i64::from(SIDE))
+        };
+        let mut exponent = self.exponent;
+        while !fits(exponent) {
+            exponent += 1;
+        }
+        let coarser = exponent - self.exponent;
+        let held: Vec<[i64; 3]> = if coarser > 0 { self.places().collect() } else { Vec::new() };
+        (self.exponent, self.bounds) = (exponent, both);
+        if coarser > 0 {
+            self.words.iter_mut().for_each(|word| *word.get_mut() = 0);
+            for cell in held {
+                // A cell 2^63 times as large lies at 0 or -1.
+                let place = place(cell.map(|c| c >> coarser.min(63)));
+                *self.words[place / 64].get_mut() |= 1 << (place % 64);
+            }
+        }
+    }
+}
+
+/// The whole number at or below c/side; next to one, it may be the one below.
+#[inline]
+fn whole(c: f64, inverse: f64) -> i64 {
+    // The number's fraction has the last 52 bits, of which the highest is that of 2^51: it is 1 for what is not negative.
+    (((c * inverse - 0.5) + TO_WHOLE).to_bits() << 12) as i64 >> 12 ^ i64::MIN >> 12
+}
+
+/// The number of a cell's bit.
+#[inline]
+fn place(cell: [i64; 3]) -> usize {
+    let [x, y, z] = cell.map(|c| c as usize % SIDE as usize);
+    (z * SIDE as usize + y) * SIDE as usize + x
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn bounds_of(points: &[[f64; 3]]) -> Bounds {
+        points.iter().fold(Bounds::EMPTY, |bounds, p| bounds.union(Bounds { min: *p, max: *p }))
+    }
+
+    #[test]
+    fn whole_numbers_are_found_without_a_branch() {
+        for (c, expected) in [(0.25, 0), (0.999, 0), (1.25, 1), (-0.25, -1), (-1.25, -2), (1e9 + 0.5, 1_000_000_000)] {
+            assert_eq!(whole(c, 1.0), expected, "{c}");
+        }
+        assert_eq!(whole(-7e12 - 0.5, 1.0), -7_000_000_000_001);
+    }
+
+    #[test]
+    fn columns_and_their_area_are_those_of_a_map() {
+        // A square of 90 by 90, thick in places, in cells of 1.
+        let points: Vec<[f64; 3]> = (0..360)
+            .flat_map(|i| (0..360).map(move |j| [f64::from(i) / 4.0 + 0.1, f64::from(j) / 4.0 + 0.1, f64::from(i % 7)]))
+            .chain([[200.0, 0.5, 0.0]])
+            .collect();
+        let sketching = Sketching::default();
+        sketching.add(&points, bounds_of(&points));
+        let sketch = sketching.finish();
+        assert_eq!((sketch.side(), sketch.columns().len()), (1.0, 90 * 90 + 1));
+        let area = |points: u64| sketch.area(points) / 8100.0;
+        assert!((area(360 * 360) - 1.0).abs() < 0.03, "{}", area(360 * 360));
+        // Were they fewer, columns of 1 might be empty between them.
+        assert!((area(8100) - 1.0).abs() < 0.1, "{}", area(8100));
+    }
+
+    #[test]
+    fn whole_coordinates_stay_within_the_extent_when_cells_grow() {
+        // 130 is an even number of the first cells, and an odd one of those twice as large.
+        let blocks = [vec![[0.0; 3], [130.0; 3]], vec![[5.0, 300.0, 5.0]]];
+        let sketching = Sketching::default();
+        blocks.iter().for_each(|block| sketching.add(block, bounds_of(block)));
+        let sketch = sketching.finish();
+        let (_, cells) = sketch.extent();
+        assert_eq!((sketch.side(), cells[0]), (2.0, 65));
+        assert!(sketch.cells().all(|c| (0..3).all(|a| c[a] < cells[a])));
+    }
+
+    proptest! {
+        #[test]
+        fn cells_do_not_depend_on_the_order_of_blocks(
+            points in prop::collection::vec(prop::array::uniform3(-1e3f64..1e3), 1..300),
+            scale in -20i32..20, offset in -1e6f64..1e6, block in 1usize..50,
+        ) {
+            let points: Vec<[f64; 3]> =
+                points.into_iter().map(|p| p.map(|c| c * 2f64.powi(scale) + offset)).collect();
+            let sketch = |points: &[[f64; 3]]| {
+                let sketching = Sketching::default();
+                points.chunks(block).for_each(|block| sketching.add(block, bounds_of(block)));
+                sketching.finish()
+            };
+            let here = sketch(&points);
+            let reversed: Vec<_> = points.iter().rev().copied().collect();
+            let there = sketch(&reversed);
+            prop_assert_eq!(here.exponent, there.exponent);
+            let cells: BTreeSet<_> = here.cells().collect();
+            prop_assert_eq!(&cells, &there.cells().collect());
+            let (low, cells_along) = here.extent();
+            let expected: BTreeSet<[u32; 3]> =
+                points.iter().map(|p| std::array::from_fn(|a| (whole(p[a], here.inverse()) - low[a]) as u32)).collect();
+            // A point next to a cell's end may fall to either side of it, depending on the sides at the time.
+            prop_assert!(cells.symmetric_difference(&expected).count() <= points.len() / 50);
+            prop_assert!(cells.iter().all(|c| (0..3).all(|a| c[a] < cells_along[a] && cells_along[a] <= SIDE)));
+        }
+    }
+}

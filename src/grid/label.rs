@@ -1,0 +1,391 @@
+//! Labels: which runs of cells hang together over all slices, and what is to be said of each such component.
+//!
+//! Components stream. A job joins the runs of its chunk of slices by union-find to *parts*; what is measured of runs is added up by part.
+//! Of a part that touches neither the chunk's lowest nor its highest slice that is all: it is *closed*. The others are *open*. Upwards, chunk
+//! by chunk, open parts are joined where the highest slice of a chunk meets the lowest of the next; a set of joined parts is a *class* of its
+//! chunk, and of the chunk below only "what became of its classes" is kept. Measures are added up along the way, so that they are complete
+//! where a component ends. Downwards, a verdict is given where a component ends, and each class learns it from the chunk above:
+//!
+//! ```text
+//!   chunk c+1   [0] [  1  ]          became, for the classes of chunk c: 0 -> 0, 1 -> 1, 2 -> 1, 3 -> ended
+//!   chunk c     [0] [1] [2] [3]      verdict(c, class) = verdict(c+1, became(class)), or that given where it ended
+//! ```
+//!
+//! Only what touches the border of chunks is joined on the calling thread. Memory: the runs and parts of a chunk for each job, and of two slices
+//! with their open parts.
+
+use std::marker::PhantomData;
+
+use bytemuck::Pod;
+
+use crate::error::Result;
+use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices, set_range};
+use crate::resources::context::Context;
+use crate::storage::spool::{Spool, Workspace};
+
+/// What is measured of a run, and so of a component.
+pub trait Measure: Pod + Default + Send {
+    /// Adds what was measured of another part of the same component. Order must not matter.
+    fn add(&mut self, other: &Self);
+}
+
+/// What a class became in the chunk above, if nothing: it ended.
+const ENDED: u32 = u32::MAX;
+
+/// The parts of a chunk of slices.
+#[derive(Debug)]
+pub struct Parts<M> {
+    runs: Slices,
+    /// Of each run, slice after slice, its part.
+    parts: Vec<u32>,
+    /// Of each slice, the runs before it in the chunk; and of all.
+    starts: Vec<u32>,
+    lowest: Runs,
+    highest: Runs,
+    /// What was measured of the open parts, which have the first numbers.
+    open: Vec<M>,
+    closed: Vec<M>,
+}
+
+impl<M: Measure> Parts<M> {
+    /// Joins the runs of a chunk of slices; `measure` is told slice, row and run, in order. There must be a slice.
+    pub fn of(slices: Vec<Runs>, mut measure: impl FnMut(usize, u32, Run) -> M) -> Parts<M> {
+        let mut runs = Slices::default();
+        let mut starts = vec![0];
+        let mut parents: Vec<u32> = Vec::new();
+        for (y, slice) in slices.iter().enumerate() {
+            runs.push_runs(slice);
+            let base = parents.len() as u32;
+            parents.extend(base..base + slice.all().len() as u32);
+            starts.push(parents.len() as u32);
+            for z in 0..slice.row_count() {
+                let here = slice.row_range(z);
+                let row = &slice.all()[here.clone()];
+                let mut join = |other: &Runs, z: u32, base_of_other: u32| {
+                    let there = other.row_range(z);
+                    overlaps(row, &other.all()[there.clone()], |i, j| {
+                        unite(&mut parents, base + (here.start + i) as u32, base_of_other + (there.start + j) as u32);
+                    });
+                };
+                if z > 0 {
+                    join(slice, z - 1, base);
+                }
+                if y > 0 {
+                    join(&slices[y - 1], z, starts[y - 1]);
+                }
+            }
+        }
+        // No run has a parent behind it: in order, each learns its root.
+        for run in 0..parents.len() {
+            parents[run] = parents[parents[run] as usize];
+        }
+        // Open parts first.
+        let mut numbers = vec![ENDED; parents.len()];
+        let (mut open, last) = (0, slices.len() - 1);
+        let ends = [0..starts[1], starts[last]..starts[last + 1]];
+        for root in ends.into_iter().flatten().map(|run| parents[run as usize] as usize) {
+            if numbers[root] == ENDED {
+                numbers[root] = open;
+                open += 1;
+            }
+        }
+        let mut measures = vec![M::default(); open as usize];
+        let mut next = 0;
+        for (y, slice) in slices.iter().enumerate() {
+            for z in 0..slice.row_count() {
+                for run in slice.row(z) {
+                    let root = parents[next] as usize;
+                    if numbers[root] == ENDED {
+                        numbers[root] = measures.len() as u32;
+                        measures.push(M::default());
+                    }
+                    measures[numbers[root] as usize].add(&measure(y, z, *run));
+                    next += 1;
+                }
+            }
+        }
+        parents.iter_mut().for_each(|part| *part = numbers[*part as usize]);
+        let closed = measures.split_off(open as usize);
+        let mut slices = slices.into_iter();
+        let lowest = slices.next().expect("a chunk has a slice");
+        let highest = slices.next_back().unwrap_or_else(|| lowest.clone());
+        Parts { runs, parts: parents, starts, lowest, highest, open: measures, closed }
+    }
+
+    /// The parts of slice `y` of the chunk.
+    fn of_slice(&self, y: usize) -> &[u32] {
+        &self.parts[self.starts[y] as usize..self.starts[y + 1] as usize]
+    }
+}
+
+/// The upward half: takes the parts of chunks in order, from slice 0.
+pub struct Labeller<M> {
+    components: Components<M>,
+    /// The highest slice so far, the class of each of its runs, and what was measured of each class.
+    below: Runs,
+    below_classes: Vec<u32>,
+    below_measures: Vec<M>,
+}
+
+impl<M: Measure> Labeller<M> {
+    /// A labeller of no slices yet.
+    pub fn new(context: &Context) -> Labeller<M> {
+        let quota = context.memory.store_quota;
+        let components = Components {
+            runs: SliceStore::new(&context.workspace, quota),
+            parts: Lists::new(&context.workspace, quota),
+            chunk_of: Vec::new(),
+            classes: Lists::new(&context.workspace, quota),
+            became: Lists::new(&context.workspace, quota),
+            ended: Lists::new(&context.workspace, quota),
+            closed: Lists::new(&context.workspace, quota),
+        };
+        Labeller { components, below: Runs::default(), below_classes: Vec::new(), below_measures: Vec::new() }
+    }
+
+    /// Joins the next chunk to those before.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the work directory is full.
+    pub fn add(&mut self, chunk: Parts<M>) -> Result<()> {
+        // Elements of the union-find: the classes below, then this chunk's open parts.
+        let (base, open) = (self.below_measures.len(), chunk.open.len());
+        let mut parents: Vec<u32> = (0..(base + open) as u32).collect();
+        let first = self.components.chunk_of.is_empty();
+        if !first {
+            let parts = chunk.of_slice(0);
+            for z in 0..chunk.lowest.row_count() {
+                let (here, below) = (chunk.lowest.row_range(z), self.below.row_range(z));
+                overlaps(chunk.lowest.row(z), self.below.row(z), |i, j| {
+                    unite(&mut parents, base as u32 + parts[here.start + i], self.below_classes[below.start + j]);
+                });
+            }
+        }
+        let mut names = vec![ENDED; base + open];
+        let (mut classes, mut sums): (Vec<u32>, Vec<M>) = (Vec::with_capacity(open), Vec::new());
+        for (part, measure) in chunk.open.iter().enumerate() {
+            let root = find(&mut parents, (base + part) as u32) as usize;
+            if names[root] == ENDED {
+                names[root] = sums.len() as u32;
+                sums.push(M::default());
+            }
+            sums[names[root] as usize].add(measure);
+            classes.push(names[root]);
+        }
+        let (mut became, mut ended) = (Vec::with_capacity(base), Vec::new());
+        for (class, measure) in self.below_measures.iter().enumerate() {
+            let name = names[find(&mut parents, class as u32) as usize];
+            became.push(name);
+            match sums.get_mut(name as usize) {
+                Some(sum) => sum.add(measure),
+                None => ended.push(*measure),
+            }
+        }
+        let slices = chunk.starts.len() - 1;
+        let highest = chunk.of_slice(slices - 1);
+        self.below_classes.clear();
+        self.below_classes.extend(highest.iter().map(|part| classes[*part as usize]));
+        (self.below, self.below_measures) = (chunk.highest, sums);
+
+        let out = &mut self.components;
+        if !first {
+            out.became.append(&became)?;
+            out.ended.append(&ended)?;
+        }
+        out.chunk_of.extend(std::iter::repeat_n(out.classes.places.len() as u32, slices));
+        out.classes.append(&classes)?;
+        out.closed.append(&chunk.closed)?;
+        out.runs.extend(&chunk.runs)?;
+        out.parts.extend(&chunk.parts, &chunk.starts)
+    }
+
+    /// Ends the upward half: what ends with the last slice ends.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the work directory is full.
+    pub fn finish(mut self) -> Result<Components<M>> {
+        self.components.became.append(&vec![ENDED; self.below_measures.len()])?;
+        self.components.ended.append(&self.below_measures)?;
+        Ok(self.components)
+    }
+}
+
+/// All components, measured, and not yet judged.
+#[derive(Debug)]
+pub struct Components<M> {
+    runs: SliceStore,
+    /// Of each slice: the parts of its runs.
+    parts: Lists<u32>,
+    /// Of each slice: its chunk.
+    chunk_of: Vec<u32>,
+    /// Of each chunk: the classes of its open parts.
+    classes: Lists<u32>,
+    /// Of each chunk: what its classes became in the next.
+    became: Lists<u32>,
+    /// Of each chunk: what was measured of the components that ended there, in the order of its classes.
+    ended: Lists<M>,
+    /// Of each chunk: what was measured of its closed parts.
+    closed: Lists<M>,
+}
+
+impl<M: Measure> Components<M> {
+    /// Calls `each` with what was measured of every component.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn for_each(&self, mut each: impl FnMut(&M)) -> Result<()> {
+        let mut read = Vec::new();
+        for list in [&self.ended, &self.closed] {
+            for chunk in 0..list.places.len() as u32 {
+                list.read(chunk, &mut read)?;
+                read.iter().for_each(&mut each);
+            }
+        }
+        Ok(())
+    }
+
+    /// The downward half: every run learns its component's verdict, which is asked for once.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn judged(self, context: &Context, mut verdict: impl FnMut(&M) -> u8) -> Result<Labels> {
+        let mut verdicts = Lists::new(&context.workspace, context.memory.store_quota);
+        let (mut became, mut measures, mut classes, mut of_parts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut above = Vec::<u8>::new();
+        for chunk in (0..self.classes.places.len() as u32).rev() {
+            self.became.read(chunk, &mut became)?;
+            self.ended.read(chunk, &mut measures)?;
+            let mut ended = measures.iter();
+            let mut given = |class: &u32| match above.get(*class as usize) {
+                Some(verdict) => *verdict,
+                None => verdict(ended.next().expect("every class that ended was measured")),
+            };
+            let here: Vec<u8> = became.iter().map(&mut given).collect();
+            self.classes.read(chunk, &mut classes)?;
+            self.closed.read(chunk, &mut measures)?;
+            of_parts.clear();
+            of_parts.extend(classes.iter().map(|class| here[*class as usize]));
+            of_parts.extend(measures.iter().map(&mut verdict));
+            verdicts.append(&of_parts)?;
+            above = here;
+        }
+        verdicts.places.reverse();
+        Ok(Labels { runs: self.runs, parts: self.parts, chunk_of: self.chunk_of, verdicts })
+    }
+}
+
+/// Runs of cells, slice by slice, each with its component's verdict.
+#[derive(Debug)]
+pub struct Labels {
+    runs: SliceStore,
+    parts: Lists<u32>,
+    chunk_of: Vec<u32>,
+    /// Of each chunk: the verdicts on its parts.
+    verdicts: Lists<u8>,
+}
+
+/// Buffers for reading a slice of [`Labels`].
+#[derive(Debug, Default)]
+pub struct Scratch {
+    runs: Runs,
+    parts: Vec<u32>,
+    verdicts: Vec<u8>,
+}
+
+impl Labels {
+    /// Sets the cells of slice `y` in `bits`, which is cleared first, whatever their component's verdict.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn paint_all(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
+        self.runs.paint(i64::from(y), bits, &mut scratch.runs)
+    }
+
+    /// Sets the cells of slice `y` whose component's verdict is `wanted` in `bits`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn paint(&self, y: u32, wanted: u8, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
+        self.for_each(y, scratch, |z, run, verdict| {
+            if verdict == wanted {
+                set_range(bits.row_mut(z), run.start, run.end);
+            }
+        })
+    }
+
+    /// Calls `each` with the row, the run and the verdict of every run of slice `y`, in order.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn for_each(&self, y: u32, scratch: &mut Scratch, mut each: impl FnMut(u32, Run, u8)) -> Result<()> {
+        self.runs.read(y, &mut scratch.runs)?;
+        self.parts.read(y, &mut scratch.parts)?;
+        self.verdicts.read(self.chunk_of[y as usize], &mut scratch.verdicts)?;
+        for z in 0..scratch.runs.row_count() {
+            let range = scratch.runs.row_range(z);
+            for (run, &part) in scratch.runs.row(z).iter().zip(&scratch.parts[range]) {
+                each(z, *run, scratch.verdicts[part as usize]);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Lists of plain values, written one after the other, read by number.
+#[derive(Debug)]
+struct Lists<T> {
+    spool: Spool,
+    places: Vec<(u64, u32)>,
+    values: PhantomData<T>,
+}
+
+impl<T: Pod> Lists<T> {
+    fn new(workspace: &Workspace, in_memory: u64) -> Lists<T> {
+        Lists { spool: workspace.spool(in_memory), places: Vec::new(), values: PhantomData }
+    }
+
+    fn append(&mut self, list: &[T]) -> Result<()> {
+        let at = self.spool.append(bytemuck::cast_slice(list))?;
+        self.places.push((at, list.len() as u32));
+        Ok(())
+    }
+
+    /// Appends several lists: from each start to the next.
+    fn extend(&mut self, lists: &[T], starts: &[u32]) -> Result<()> {
+        let at = self.spool.append(bytemuck::cast_slice(lists))?;
+        let place = |ends: &[u32]| (at + u64::from(ends[0]) * size_of::<T>() as u64, ends[1] - ends[0]);
+        self.places.extend(starts.windows(2).map(place));
+        Ok(())
+    }
+
+    fn read(&self, number: u32, out: &mut Vec<T>) -> Result<()> {
+        let (at, len) = self.places[number as usize];
+        out.resize(len as usize, T::zeroed());
+        self.spool.read_at(at, bytemuck::cast_slice_mut(out))
+    }
+}
+
+/// Calls `found(i, j)` for every pair of runs of two rows that share a cell coordinate.
+pub fn overlaps(a: &[Run], b: &[Run], mut found: impl FnMut(usize, usize)) {
+    let (mut i, mut j) = (0, 0);
+    while i < a.len() && j < b.len() {
+        if a[i].start < b[j].end && b[j].start < a[i].end {
+            found(i, j);
+        }
+        if a[i].end < b[j].end { i += 1 } else { j += 1 }
+    }
+}
+
+fn find(parents: &mut [u32], mut element: u32) -> u32 {
+    while parents[element as usize] != element {
+        let grandparent = parents[parents[element as usize] as usize];
+        parents[element as usize] = grandparent;
+        element = grandparent;
+    }
+    element
+}
+
+fn unite(parents: &mut [u32], a: u32, b: u32) {
+    let (a, b) = (find(parents, a), find(parents, b));
+    parents[a.max(b) as usize] = a.min(b);
+}

@@ -1,0 +1,402 @@
+//! Triangles of a mesh that intersect, exactly, for meshes of any size in bounded memory.
+//!
+//! ```text
+//!  sample      boxes of triangles, evenly over their numbers -> cells with about as many triangles each (cells)
+//!  distribute  every triangle, with its corners, to each cell that its box touches (piles, on disk if need be)
+//!  search      cell by cell, in parallel: cut on in memory, then each triangle with each (pairs)
+//!              a cell that is too full is sampled and distributed in its turn
+//! ```
+//!
+//! Cells and limits depend on the mesh alone, and cells are counted in their order: so the findings are the same for every
+//! budget and any number of threads, even where a limit ends the search. Where none does, they do not depend on the order
+//! of triangles either, but for their numbers.
+
+mod cells;
+mod pairs;
+#[cfg(test)]
+mod tests;
+
+use std::cell::RefCell;
+use std::sync::Mutex;
+
+use self::cells::{Cell, Cuboid, Tree};
+use self::pairs::Pairs;
+use crate::error::Result;
+use crate::mesh::check::{Check, Plan};
+use crate::mesh::intersect::FARTHEST;
+use crate::mesh::measure::{Corners, is_degenerate, span};
+use crate::mesh::{MeshSource, check_vertex_count};
+use crate::resources::workers::Workers;
+use crate::storage::partitions::Piles;
+use crate::storage::spool::Workspace;
+
+/// Triangles of a cell that are searched in memory.
+const HELD: usize = 1 << 15;
+/// Triangles that a cell is meant to have: fewer than are held, as a sample shows only about how many there will be.
+const MEANT: u64 = HELD as u64 / 4;
+/// Cells of one distribution at most.
+const CELLS: usize = 1 << 12;
+/// Boxes of a sample.
+const SAMPLE: u64 = 1 << 14;
+/// Distributions within each other at most: each makes cells smaller by up to [`CELLS`] times, so that more would not help.
+const DEEPEST: u32 = 4;
+/// Pairs after which counting ends: who has so many has no use for the rest.
+const MOST_PAIRS: u64 = 1_000_000;
+/// Work after which the search ends, in comparisons of boxes: so much, and so much for each triangle. A usual mesh takes
+/// a tenth of the latter; the former is some seconds.
+const MOST_WORK: (u64, u64) = (1 << 32, 1 << 12);
+/// Bytes for a triangle of a far batch: see [`Corners::fill`], the triangle, and its record on its way to the piles.
+const FAR_BYTES: u64 = 122 + 12 + 100;
+
+/// The triangles that intersect, as [`crate::mesh::intersect`] defines it.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Intersections {
+    /// Pairs of triangles that intersect; at least so many, if the search is not complete.
+    pub pairs: u64,
+    /// Triangles that intersect another; at least so many, if the search is not complete.
+    pub triangles: u64,
+    /// Whether all pairs were looked at. The search ends after 1,000,000 pairs, or when far more boxes of triangles overlap
+    /// than in any sensible mesh.
+    pub complete: bool,
+    /// Of the pairs found, that with the lowest numbers.
+    pub first: Option<Intersection>,
+}
+
+/// Two triangles that intersect.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Intersection {
+    /// The triangles' numbers, from 0, in ascending order.
+    pub triangles: [u64; 2],
+    /// The middle of what their boxes have in common, in the mesh's coordinates.
+    pub at: [f64; 3],
+}
+
+impl Intersections {
+    /// Whether the mesh is known to be free of self-intersections.
+    pub fn none(&self) -> bool {
+        self.pairs == 0 && self.complete
+    }
+}
+
+impl Intersection {
+    /// Leaves the one with the lower numbers in `first`.
+    fn keep_first(first: &mut Option<Intersection>, other: Option<Intersection>) {
+        let numbers = |found: &Option<Intersection>| found.as_ref().map(|found| found.triangles);
+        if first.is_none() || other.is_some() && numbers(&other) < numbers(first) {
+            *first = other;
+        }
+    }
+}
+
+/// Finds the triangles that intersect.
+///
+/// Left out are triangles that repeat a vertex number, and those with a corner that is not finite or has a coordinate
+/// beyond [`FARTHEST`]. The mesh must name no vertex that it does not have; [`crate::mesh::check::check`] tells.
+///
+/// Memory: about `budget` bytes, but no less than some 10 MB for each worker and as much once more; beyond that 16 bytes for
+/// each pair found. Temporary storage: 92 bytes a triangle, up to twice that for meshes of long triangles, and as much for
+/// cells that are distributed again. `progress` is told the number of triangles done, up to the number of triangles;
+/// distribution and search count half each.
+///
+/// # Errors
+/// What reading the mesh or the work directory gives; [`crate::Error::TooManyElements`] if 32 bits cannot number the
+/// vertices; [`crate::Error::Interrupted`].
+pub fn intersections(
+    mesh: &dyn MeshSource,
+    budget: u64,
+    workers: &Workers,
+    workspace: &Workspace,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Intersections> {
+    check_vertex_count(mesh.vertex_count())?;
+    let plan = Plan::for_budget(budget, workers.threads());
+    let check = Check { mesh, plan, workers, workspace };
+    Search { check: &check, budget, limits: Limits::of(mesh.face_count()) }.run(progress)
+}
+
+/// When a cell is distributed and when the search ends. Fixed by the mesh, as they may show in the findings.
+#[derive(Debug, Clone)]
+struct Limits {
+    held: u64,
+    cells: usize,
+    sample: u64,
+    pairs: u64,
+    work: u64,
+}
+
+impl Limits {
+    fn of(triangles: u64) -> Limits {
+        let (base, each) = MOST_WORK;
+        let work = base.saturating_add(triangles.saturating_mul(each));
+        Limits { held: HELD as u64, cells: CELLS, sample: SAMPLE, pairs: MOST_PAIRS, work }
+    }
+
+    /// Cells for so many triangles.
+    fn cells_for(&self, triangles: u64) -> usize {
+        let meant = MEANT.min(self.held.div_ceil(4));
+        triangles.div_ceil(meant).clamp(2, self.cells as u64) as usize
+    }
+}
+
+/// What the cells so far have shown.
+#[derive(Debug, Default)]
+struct Found {
+    pairs: u64,
+    /// The numbers of triangles that intersect another, some of them several times.
+    involved: Vec<u64>,
+    first: Option<Intersection>,
+    work: u64,
+    complete: bool,
+}
+
+impl Found {
+    fn add(&mut self, other: Found) {
+        self.pairs += other.pairs;
+        self.involved.extend(other.involved);
+        Intersection::keep_first(&mut self.first, other.first);
+        self.work = self.work.saturating_add(other.work);
+        self.complete &= other.complete;
+    }
+
+    /// Whether the search is to end before its time.
+    fn enough(&self, limits: &Limits) -> bool {
+        self.pairs > limits.pairs || self.work >= limits.work
+    }
+}
+
+struct Search<'a> {
+    check: &'a Check<'a>,
+    budget: u64,
+    limits: Limits,
+}
+
+impl Search<'_> {
+    fn run(&self, progress: &mut dyn FnMut(u64)) -> Result<Intersections> {
+        let triangles = self.check.mesh.face_count();
+        let tree = if triangles <= self.limits.held {
+            Tree::uncut(Cell::SPACE)
+        } else {
+            Tree::new(Cell::SPACE, self.sample()?, self.limits.cells_for(triangles))
+        };
+        let mut piles = self.piles(tree.cells().len(), 0);
+        self.distribute(&tree, &mut piles, &mut |done| progress(done / 2))?;
+        let mut found = Found { complete: true, ..Found::default() };
+        self.search(&tree, piles, 0, &mut found, &mut |done| progress(triangles / 2 + done / 2))?;
+        progress(triangles);
+
+        let Found { pairs, mut involved, first, complete, .. } = found;
+        involved.sort_unstable();
+        involved.dedup();
+        Ok(Intersections { pairs: pairs.min(self.limits.pairs), triangles: involved.len() as u64, complete, first })
+    }
+
+    /// Piles for so many cells; those within other cells share what these have left over.
+    fn piles(&self, cells: usize, depth: u32) -> Piles<Record> {
+        let share = self.budget >> depth;
+        Piles::new(cells, share / 8, share / 8, self.check.workspace)
+    }
+
+    /// The boxes of triangles at even distances.
+    fn sample(&self) -> Result<Vec<Cuboid>> {
+        let mesh = self.check.mesh;
+        let (triangles, size) = (mesh.face_count(), self.limits.sample.min(mesh.face_count()));
+        let mut sample = Vec::with_capacity(size as usize);
+        for i in 0..size {
+            let mut face = [[0; 3]];
+            mesh.read_faces((u128::from(i) * u128::from(triangles) / u128::from(size)) as u64, &mut face)?;
+            let mut corners = [[0.0; 3]; 3];
+            for (vertex, corner) in face[0].iter().zip(&mut corners) {
+                mesh.read_vertices(u64::from(*vertex), std::slice::from_mut(corner))?;
+            }
+            if is_sound(face[0], &corners) {
+                sample.push(Cuboid::around(corners));
+            }
+        }
+        Ok(sample)
+    }
+
+    /// Some triangles of a pile, chosen by their numbers: the order in which they lie there depends on means.
+    fn sample_pile(&self, piles: &Piles<Record>, pile: usize) -> Result<Vec<Record>> {
+        // Multiples of the golden ratio's fraction of 2^64 are spread evenly; folded and multiplied once more, they are even
+        // for rows of numbers, too.
+        const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+        let spread = |number: u64| number.wrapping_mul(GOLDEN);
+        let share = self.limits.sample as f64 / piles.records(pile) as f64;
+        let below = (share * u64::MAX as f64) as u64;
+        let mut sample = Vec::new();
+        piles.read(pile, |record| {
+            let first = spread(record.number);
+            if spread(first ^ first >> 32) <= below {
+                sample.push(*record);
+            }
+            Ok(())
+        })?;
+        Ok(sample)
+    }
+
+    /// Puts every sound triangle on the piles of its cells.
+    fn distribute(&self, tree: &Tree, piles: &mut Piles<Record>, progress: &mut dyn FnMut(u64)) -> Result<()> {
+        let Check { mesh, plan, workers, .. } = self.check;
+        let block = plan.block as u64;
+        let blocks = mesh.face_count().div_ceil(block);
+        let read = |number: u64, faces: &mut Vec<[u32; 3]>| {
+            let first = number * block;
+            let held = faces.len();
+            faces.resize(held + (mesh.face_count() - first).min(block) as usize, [0; 3]);
+            mesh.read_faces(first, &mut faces[held..])
+        };
+        let mut done = 0;
+        let mut put = |numbers: usize, records: Vec<(Option<u32>, Record)>| {
+            done += numbers as u64 * block;
+            progress(done.min(mesh.face_count()));
+            records.iter().try_for_each(|(cell, record)| match cell {
+                Some(cell) => piles.push(*cell as usize, record),
+                None => push_to_all(piles, tree, record),
+            })
+        };
+
+        // Blocks whose vertices lie far apart wait, since each batch of them may read all vertices.
+        let mut far = Vec::new();
+        let look = |number: usize| {
+            let (mut faces, mut records) = (Vec::new(), Vec::new());
+            read(number as u64, &mut faces)?;
+            if span(&faces).is_some_and(|(low, high)| (high - low) as usize >= plan.window) {
+                return Ok((Some(number as u64), records));
+            }
+            self.records(tree, &[number as u64], faces, &mut records)?;
+            Ok((None, records))
+        };
+        workers.in_order_range(plan.in_flight, blocks as usize, look, |(number, records)| match number {
+            Some(number) => {
+                far.push(number);
+                Ok(())
+            }
+            None => put(1, records),
+        })?;
+
+        let batch = (self.budget / 2 / plan.in_flight as u64 / FAR_BYTES / block).max(1) as usize;
+        let batches: Vec<&[u64]> = far.chunks(batch).collect();
+        let look = |number: usize| {
+            let (mut faces, mut records) = (Vec::new(), Vec::new());
+            batches[number].iter().try_for_each(|number| read(*number, &mut faces))?;
+            self.records(tree, batches[number], faces, &mut records)?;
+            Ok((batches[number].len(), records))
+        };
+        workers.in_order_range(plan.in_flight, batches.len(), look, |(numbers, records)| put(numbers, records))
+    }
+
+    /// The records of the triangles of some blocks, each with its cell if that is only one. Others are copied to their cells
+    /// as they are put there: a huge triangle may be in all of them.
+    fn records(
+        &self,
+        tree: &Tree,
+        blocks: &[u64],
+        mut faces: Vec<[u32; 3]>,
+        records: &mut Vec<(Option<u32>, Record)>,
+    ) -> Result<()> {
+        let vertices = faces.clone();
+        let mut corners = Corners::default();
+        corners.fill(self.check.mesh, &mut faces, self.check.plan.window)?;
+        records.reserve_exact(faces.len());
+        let block = self.check.plan.block as u64;
+        let numbers = blocks.iter().flat_map(|number| number * block..(number + 1) * block);
+        for ((face, vertices), number) in faces.iter().zip(vertices).zip(numbers) {
+            let corners = face.map(|v| corners.table[v as usize]);
+            if is_sound(vertices, &corners) {
+                records.push((tree.only(&Cuboid::around(corners)), Record { corners, vertices, number }));
+            }
+        }
+        Ok(())
+    }
+
+    /// Searches the cells' piles: those that fit in memory first, the others by distributing them in their turn.
+    fn search(
+        &self,
+        tree: &Tree,
+        piles: Piles<Record>,
+        depth: u32,
+        found: &mut Found,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<()> {
+        let Check { plan, workers, mesh, .. } = self.check;
+        let (held, full): (Vec<usize>, Vec<usize>) =
+            (0..tree.cells().len()).partition(|&pile| piles.records(pile) <= self.limits.held);
+        let pool = Mutex::new(Vec::<Pairs>::new());
+        let look = |pile: usize| {
+            let mut pairs = pool.lock().expect("no job panics while it takes memory").pop().unwrap_or_default();
+            pairs.records.clear();
+            piles.read(pile, |record| {
+                pairs.records.push(*record);
+                Ok(())
+            })?;
+            let found = pairs.find(tree.cells()[pile], &self.limits);
+            pool.lock().expect("no job panics while it returns memory").push(pairs);
+            Ok(found)
+        };
+        let so_far = RefCell::new((found, 0u128));
+        let mut waiting = held.iter();
+        let next = || Ok(waiting.next().copied().filter(|_| !so_far.borrow().0.enough(&self.limits)));
+        workers.in_order(plan.in_flight, next, look, |of_cell| {
+            let (found, done) = &mut *so_far.borrow_mut();
+            // Cells that were under way when the search ended do not count: their number depends on the threads.
+            if !found.enough(&self.limits) {
+                found.add(of_cell);
+                *done += 1;
+                progress((u128::from(mesh.face_count()) * *done / tree.cells().len() as u128) as u64);
+            }
+            Ok(())
+        })?;
+        let (found, done) = so_far.into_inner();
+        drop(pool);
+
+        found.complete &= done == held.len() as u128;
+        for pile in full {
+            if depth == DEEPEST || found.enough(&self.limits) {
+                found.complete = false;
+                continue;
+            }
+            workers.check_cancelled()?;
+            let sample = self.sample_pile(&piles, pile)?;
+            let boxes = sample.iter().map(|record| Cuboid::around(record.corners)).collect();
+            let parts = Tree::new(tree.cells()[pile], boxes, self.limits.cells_for(piles.records(pile)));
+            if parts.cells().len() == 1 {
+                // So many boxes on one another that their pairs are beyond every limit: a look at some has to do.
+                let mut pairs = Pairs::default();
+                pairs.records = sample;
+                found.add(pairs.find(tree.cells()[pile], &self.limits));
+                found.complete = false;
+                continue;
+            }
+            let mut within = self.piles(parts.cells().len(), depth + 1);
+            piles.read(pile, |record| push_to_all(&mut within, &parts, record))?;
+            self.search(&parts, within, depth + 1, found, &mut |_| ())?;
+        }
+        Ok(())
+    }
+}
+
+/// A triangle with all that the search needs: 92 bytes.
+#[derive(Debug, Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, packed)]
+struct Record {
+    corners: [[f64; 3]; 3],
+    vertices: [u32; 3],
+    number: u64,
+}
+
+/// Puts a record on the piles of all cells that its triangle's box touches.
+fn push_to_all(piles: &mut Piles<Record>, tree: &Tree, record: &Record) -> Result<()> {
+    let mut result = Ok(());
+    tree.visit(&Cuboid::around(record.corners), &mut |cell| {
+        if result.is_ok() {
+            result = piles.push(cell as usize, record);
+        }
+    });
+    result
+}
+
+/// Whether the search looks at a triangle.
+fn is_sound(vertices: [u32; 3], corners: &[[f64; 3]; 3]) -> bool {
+    // Not what compares false: NaN is left out, too.
+    !is_degenerate(vertices) && corners.as_flattened().iter().all(|c| c.abs() <= FARTHEST)
+}

@@ -1,0 +1,111 @@
+//! Forecast: how much work the phases of a run are likely to be, from what is known so far: bytes at first, then points, then faces.
+//!
+//! The figures are nanoseconds on a machine of two processors, rounded; only their ratios count, as the run's own speed scales them. They are means over clouds
+//! that differ by a factor of two and more, so that an estimate early in a run is a rough one.
+
+use crate::input::Cloud;
+use crate::run::progress::{Forecast, Phase};
+
+/// A byte of a packed file.
+const UNPACK: f64 = 60.0;
+/// A point in one pass over the input.
+const SURVEY: f64 = 65.0;
+/// A rehearsal, whose cells are as many for every cloud.
+const REHEARSE: f64 = 400e6;
+/// A point on its way to its bucket.
+const BUCKET: f64 = 200.0;
+/// A point out of its bucket.
+const RASTER: f64 = 40.0;
+/// A triangle, while cells are closed: all round, and below a surface that is open.
+const SEAL: [f64; 2] = [1000.0, 150.0];
+/// A triangle that is made, and a point that it may be fitted to.
+const SURFACE: (f64, f64) = (1600.0, 400.0);
+/// A triangle that is checked.
+const CHECK: f64 = 230.0;
+/// A triangle that is drawn.
+const RENDER: f64 = 250.0;
+/// A triangle that is written: meanwhile the mesh was checked; after that; and in tiles.
+const WRITE: [f64; 3] = [10.0, 80.0, 600.0];
+
+/// Bytes of a point: packed, in text and in other files.
+const BYTES: [u64; 3] = [6, 28, 20];
+
+/// What is known of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Known {
+    /// Bytes of packed files that are unpacked before all passes.
+    pub packed: u64,
+    /// Passes of the survey.
+    pub passes: u64,
+    /// Points.
+    pub points: u64,
+    /// Triangles of the mesh.
+    pub triangles: u64,
+    /// Whether the closing is rehearsed.
+    pub rehearsed: bool,
+    /// Whether points are counted by class and return.
+    pub counted: bool,
+    /// Whether a mesh is made at all, and not only the points looked at.
+    pub whole: bool,
+    /// Whether the surface is open.
+    pub open: bool,
+    /// Whether the mesh is checked.
+    pub checked: bool,
+    /// Whether a picture is drawn.
+    pub drawn: bool,
+    /// How the mesh is written.
+    pub write: Write,
+}
+
+/// How the mesh is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Write {
+    /// While it is checked.
+    Meanwhile,
+    /// After that.
+    #[default]
+    After,
+    /// In tiles.
+    Tiles,
+}
+
+impl Known {
+    /// The work of each phase.
+    pub fn forecast(&self) -> Forecast {
+        let [points, triangles] = [self.points, self.triangles].map(|n| n as f64);
+        let if_so = |so: bool, work: f64| if so && self.whole { work } else { 0.0 };
+        Forecast::new([
+            (Phase::Unpack, UNPACK * self.packed as f64),
+            (Phase::Survey, SURVEY * (self.passes as f64 * points)),
+            (Phase::Count, if self.counted { SURVEY * points } else { 0.0 }),
+            (Phase::Rehearse, if self.rehearsed { REHEARSE } else { 0.0 }),
+            (Phase::Bucket, if_so(true, BUCKET * points)),
+            (Phase::Raster, if_so(true, RASTER * points)),
+            (Phase::Seal, if_so(true, SEAL[usize::from(self.open)] * triangles)),
+            (Phase::Surface, if_so(true, surface(triangles, points))),
+            (Phase::Check, if_so(self.checked, CHECK * triangles)),
+            (Phase::Render, if_so(self.drawn, RENDER * triangles)),
+            (Phase::Write, if_so(true, WRITE[self.write as usize] * triangles)),
+        ])
+    }
+}
+
+/// The work of making triangles where there are so many points.
+pub fn surface(triangles: f64, points: f64) -> f64 {
+    SURFACE.0 * triangles + SURFACE.1 * points
+}
+
+/// Triangles of points of which nothing else is known.
+pub fn triangles(points: u64) -> u64 {
+    points / 2
+}
+
+/// Points of files of so many bytes, `packed` of them in packed files.
+pub fn points(bytes: u64, packed: u64) -> u64 {
+    packed / BYTES[0] + bytes.saturating_sub(packed) / BYTES[2]
+}
+
+/// The records of a cloud, as its files say, or as their lengths let expect.
+pub fn records(cloud: &Cloud) -> u64 {
+    cloud.sources().iter().map(|source| source.records.unwrap_or(source.bytes / BYTES[1])).sum()
+}

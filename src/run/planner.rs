@@ -1,0 +1,454 @@
+//! The memory plan: a budget becomes buffer sizes, quotas and numbers of jobs in flight, before the first point is sorted.
+//!
+//! Passes run one after the other, so the peak is what persists (spools that are kept in memory, the directories of spools)
+//! plus the most that any one pass needs. Each pass is given as many jobs in flight as its share allows, at least one; the
+//! least budget is what one job of the hungriest pass needs.
+//!
+//! ```text
+//!   budget = process | buckets (if they fit)  | stores of slices | mesh (if it fits) |  working share: one pass at a time
+//! ```
+//!
+//! The plan is made twice. First from the number of points, the grid, and how many faces each slab is expected to have ([`crate::run::estimate`], or the box
+//! alone). Then, when the solid is known, its faces are counted, and what is not yet given out is shared out anew.
+
+use bytesize::ByteSize;
+
+use crate::error::{Error, Result};
+use crate::grid::dilate::Dilation;
+use crate::grid::partition::{buckets_round, halo, slab_slices, smooth_halo};
+use crate::grid::slice::Bits;
+use crate::input::BLOCK_RECORDS;
+use crate::resources::context::CHUNK_SLICES;
+use crate::run::workload::{Load, PointLoad};
+use crate::sign;
+use crate::solid::heightfield;
+
+/// The process itself: code (seven), small things, what the allocator keeps; and for each thread its stack and its part of that.
+const PROCESS: u64 = 16 << 20;
+const THREAD: u64 = 3 << 19;
+
+/// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
+const CHUNK: u64 = 12 << 10;
+
+/// Chunks are so many times as large at most, and as a power of two: sizes that the allocator has.
+const CHUNK_DOUBLINGS: u32 = 4;
+
+/// The largest and smallest piece of points that a slab's fitting holds at once, in points.
+const PIECE: (u64, u64) = (4 << 20, 16 << 10);
+
+/// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
+const GOOD_PIECE: u64 = 128 << 10;
+
+/// Bytes of a slab's mesh for each face while it waits for its seam, less its target's coordinates: smoothed (24), the point's number (4), triangles (24), fans and
+/// fates (34), spots (8). The rest, here as below, is what vectors and the allocator leave unused.
+const WAITING: u64 = 102;
+
+/// While it is made, in the memory of an earlier one, which is as large as that waits. While it is extracted, a vertex as found (21) beside that.
+const EXTRACTING: u64 = 26;
+
+/// While it is fitted, beside that: the vertex without its look-ups (16).
+const FITTING: u64 = 20;
+
+/// While its points' attributes are found: where each point's coordinates stand in a table (36, and as many free), what is known.
+const CARRYING: u64 = 80;
+
+/// While its vertices retreat, where it is largest, less the coordinates of its targets and places: all that, what is seen of fans (1), triangles by layer (20).
+const RETREATING: u64 = 128;
+
+/// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds, so that two slabs seldom have
+/// given back at the same time; one slab at a time asks it not to wait (`stitch/slab.rs`).
+const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
+
+/// A budget so many times as large as what is used is not one that anybody named: then the allocator keeps what slabs give back for the next (`main.rs`), this part
+/// of it all.
+const ROOMY: u64 = 4;
+const KEPT_BACK: u64 = 8;
+
+/// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
+const CHECKING: (u64, u64) = (13 << 20, 2);
+
+/// What a job that writes a mesh file takes: of STL, 65,536 triangles, and its part of the vertices that are read together.
+const FILLING: u64 = 5 << 20;
+
+/// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
+const SMOOTHED: u64 = 69;
+
+/// Bytes for each face of a slab while it is written: numbers of its vertices, the next one's and those of the one before.
+const WRITING: u64 = 14;
+
+/// How a memory budget is shared out.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct MemoryPlan {
+    /// The budget, in bytes.
+    pub budget: u64,
+    /// Worker threads.
+    pub threads: usize,
+    /// Blocks of input in flight while bucketing and surveying.
+    pub blocks_in_flight: usize,
+    /// Chunks of slices in flight.
+    pub chunks_in_flight: usize,
+    /// A whole chunk of a bucket, in bytes.
+    pub bucket_buffer: u64,
+    /// Buckets stay in memory up to this many bytes in all: all or nothing.
+    pub buckets_quota: u64,
+    /// Each store of slices stays in memory up to this many bytes.
+    pub store_quota: u64,
+    /// The mesh stays in memory up to this many bytes.
+    pub mesh_quota: u64,
+    /// Points that a slab's fitting holds at once, at most.
+    pub piece_points: usize,
+    /// What one pass may use at a time, in bytes.
+    pub working: u64,
+    /// The most memory that the plan expects to be used, in bytes.
+    pub predicted: u64,
+    /// The most temporary disk that the plan expects to be used, in bytes.
+    pub predicted_disk: u64,
+}
+
+/// Of a budget, what is kept in memory from pass to pass.
+#[derive(Debug, Clone, Copy)]
+struct Kept {
+    buckets: u64,
+    /// For all stores of slices.
+    slices: u64,
+}
+
+impl MemoryPlan {
+    /// Shares out `budget` bytes for `load` on `threads` threads.
+    ///
+    /// # Errors
+    /// [`Error::Budget`] with the least budget that would do.
+    pub fn for_budget(budget: u64, load: &Load, threads: usize) -> Result<MemoryPlan> {
+        let least = Self::least(load, threads);
+        if budget < least {
+            return Err(Error::Budget {
+                given: ByteSize(budget),
+                needed: ByteSize(least.next_multiple_of(1 << 20)),
+                what: "the smallest plan for this cloud",
+            });
+        }
+        Self::share_out(budget, load, threads.max(1), 0, None)
+    }
+
+    /// The same plan, when the faces of all slabs have been counted, and each needs `means` bytes for means of cells: what is not yet given
+    /// out is shared out anew.
+    ///
+    /// # Errors
+    /// [`Error::Budget`] if a slab is too much, with the least budget that would do.
+    pub fn with_surface(&self, load: &Load, means: u64) -> Result<MemoryPlan> {
+        let kept = Kept { buckets: self.buckets_quota, slices: self.slices_quota() };
+        Self::share_out(self.budget, load, self.threads, means, Some(kept))
+    }
+
+    /// Bytes that all stores of slices together may take.
+    fn slices_quota(&self) -> u64 {
+        STORES * self.store_quota
+    }
+
+    fn share_out(budget: u64, load: &Load, threads: usize, means: u64, already: Option<Kept>) -> Result<MemoryPlan> {
+        let process = process(threads);
+        let mut left = budget.saturating_sub(process);
+        // Kept in memory only what leaves the passes the larger part, and twice the least: a slab may turn out to have more faces than
+        // expected, and the budget that is then named must not be eaten up by what it would allow to keep.
+        let spare = 2 * (Self::least(load, threads) - process);
+        let keep = |left: &mut u64, bytes: u64, share: u64| {
+            let kept = if bytes <= *left / share && bytes + spare <= *left { bytes } else { 0 };
+            *left -= kept;
+            kept
+        };
+        let kept = already.unwrap_or_else(|| {
+            let mut left = left;
+            let buckets = keep(&mut left, load.bucket_bytes(), 2);
+            Kept { buckets, slices: keep(&mut left, load.slice_bytes().max(1 << 20) * 3 / 2, 4) }
+        });
+        left = left.saturating_sub(kept.buckets + kept.slices);
+        let mesh_quota = keep(&mut left, load.mesh_bytes(), 3);
+        let working = left;
+
+        let jobs = |per_job: u64, share: u64, most: usize| ((share / per_job.max(1)) as usize).clamp(1, most);
+        let blocks_in_flight = jobs(load.block_job() + (CHUNK << CHUNK_DOUBLINGS), working / 2, 2 * threads);
+        let for_buffers = working.saturating_sub(blocks_in_flight as u64 * load.block_job());
+        // A job that sorts a block holds a chunk, too. Of what is kept in memory, larger chunks would leave more of each bucket's last one empty.
+        let doublings = (for_buffers / 16 * 15 / (load.buckets() + blocks_in_flight as u64) / CHUNK).max(1).ilog2();
+        let bucket_buffer = CHUNK << doublings.min(if kept.buckets > 0 { 1 } else { CHUNK_DOUBLINGS });
+        let chunks_in_flight = jobs(Self::chunk_job(load, 1), working, 2 * threads);
+        let for_points = (working / 2 / threads as u64).saturating_sub(load.fitting_raster());
+        let mut plan = MemoryPlan {
+            budget,
+            threads,
+            blocks_in_flight,
+            chunks_in_flight,
+            bucket_buffer,
+            buckets_quota: kept.buckets,
+            store_quota: kept.slices / STORES,
+            mesh_quota,
+            piece_points: piece_in(load, for_points).clamp(PIECE.1, PIECE.0) as usize,
+            working,
+            predicted: 0,
+            predicted_disk: 0,
+        };
+        (plan.predicted, plan.predicted_disk) = plan.predict(load, means)?;
+        Ok(plan)
+    }
+
+    /// The most memory and the most temporary disk that are going to be used.
+    fn predict(&self, load: &Load, means: u64) -> Result<(u64, u64)> {
+        let blocks = (self.blocks_in_flight as u64).min(load.points.div_ceil(BLOCK_RECORDS as u64));
+        let chunks = load.buckets() + blocks;
+        let buckets = self.buckets_quota.min(load.bucket_bytes());
+        // An open chunk is whole as memory goes, once it was another's.
+        let open = (chunks * self.bucket_buffer / 15 * 16).min(load.bucket_bytes());
+        let bucketing = blocks * load.block_job() + if buckets > 0 { open / 2 } else { open };
+
+        let sealing = load.slice_bytes().min(self.slices_quota());
+        let standing = load.standing_slice_bytes().min(self.slices_quota());
+        let mesh = self.mesh_quota.min(load.mesh_bytes());
+        let slices = self.chunks_in_flight as u64 * Self::chunk_job(load, 1);
+        let jobs = self.slab_jobs(load, means)?;
+        let slabs = jobs.bytes(load) + jobs.running as u64 * means;
+        let held = buckets + if buckets > 0 { open / 2 } else { 0 };
+        // A mesh that lies in memory is written meanwhile.
+        let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
+        let check = mesh + checking(load, self.threads) + filling;
+        let passes =
+            [buckets + bucketing, held + sealing + slices.max(deciding(load)), held + standing + mesh + slabs, check];
+        let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
+        if memory < self.budget / ROOMY {
+            memory += memory / KEPT_BACK;
+        }
+
+        let bucketed = load.bucket_bytes() - buckets;
+        let sealing = if self.store_quota > 0 { 0 } else { load.slice_bytes() };
+        let standing = if self.store_quota > 0 { 0 } else { load.standing_slice_bytes() };
+        let surface = standing + load.mesh_bytes() - mesh;
+        Ok((memory, bucketed + sealing.max(surface)))
+    }
+
+    /// The least budget for a load on `threads` threads, in bytes.
+    pub fn least(load: &Load, threads: usize) -> u64 {
+        let chunks = load.buckets() + 1;
+        let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
+        let slices = Self::chunk_job(load, 1);
+        let slab = SlabJobs::one(PIECE.1).bytes(load);
+        process(threads) + (2 << 20) + bucketing.max(slices).max(deciding(load)).max(slab).max(checking(load, threads))
+    }
+
+    /// Bytes of a job over a chunk of slices with a ball of radius `radius`: its dilation, some slices more, and the runs it gives, three a row, as
+    /// they are, labelled (16 bytes each) and as they are stored.
+    fn chunk_job(load: &Load, radius: u32) -> u64 {
+        let [x, _, z] = load.cells;
+        let pad = 2 * (radius + 1);
+        Dilation::bytes(radius, x + pad, z + pad)
+            + 4 * Bits::bytes(x + pad, z + pad)
+            + u64::from(CHUNK_SLICES + 2) * u64::from(z + pad) * (2 * (4 + 3 * 8) + 3 * 16)
+            + load.columns.map_or(0, |columns| heightfield::bytes(columns.of_slice, columns.bridge, load.smooth))
+    }
+
+    /// Chunks in flight for a ball of radius `radius`, at least one.
+    pub fn chunks_for(&self, load: &Load, radius: u32) -> usize {
+        ((self.working / Self::chunk_job(load, radius)) as usize).clamp(1, 2 * self.threads)
+    }
+
+    /// Slabs that may be in the making and waiting at a time, when each needs `means` bytes for means of cells.
+    ///
+    /// # Errors
+    /// [`Error::Budget`] if one in the making and one at its seam are too much.
+    pub fn slab_jobs(&self, load: &Load, means: u64) -> Result<SlabJobs> {
+        // As many as there are threads, and finished slabs that wait for their turn; then fewer.
+        let beside = [self.threads.div_ceil(2), 0].map(|ahead| (self.threads, ahead));
+        let fewer = (1..self.threads).rev().map(|running| (running, 0));
+        for (running, ahead) in beside.into_iter().chain(fewer) {
+            let jobs = SlabJobs { running, ahead, piece_points: 0 };
+            let making = jobs.running as u64;
+            let room = self.working.saturating_sub(jobs.bytes(load) + making * means) / making;
+            // What retreat needs more than fitting is room for points, too.
+            let fits = |piece: &u64| {
+                let jobs = SlabJobs { piece_points: *piece as usize, ..jobs };
+                jobs.bytes(load) + making * means <= self.working
+            };
+            let doubled = std::iter::successors(Some(PIECE.1), |piece| Some(2 * piece));
+            let beside = doubled.take_while(|piece| *piece <= PIECE.0 && fits(piece)).last().unwrap_or(0);
+            let piece_points = piece_in(load, room).max(beside).min(self.piece_points as u64);
+            // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
+            let enough = if running > 1 { GOOD_PIECE } else { PIECE.1 };
+            if piece_points >= enough.min(self.piece_points as u64).min(load.whole_piece()) {
+                return Ok(SlabJobs { piece_points: piece_points as usize, ..jobs });
+            }
+        }
+        let least = SlabJobs::one(PIECE.1).bytes(load) + means;
+        Err(Error::Budget {
+            given: ByteSize(self.budget),
+            needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
+            what: "the slab with the most faces",
+        })
+    }
+}
+
+/// The stores of slices that each have as large a share: more exist at a time, but most are smaller.
+const STORES: u64 = 3;
+
+/// Bytes of the process with its threads.
+fn process(threads: usize) -> u64 {
+    PROCESS + THREAD * threads.max(1) as u64
+}
+
+/// Jobs at a time of a pass that asks for little memory: one more than threads.
+fn jobs_of_all(threads: usize) -> u64 {
+    threads as u64 + 1
+}
+
+/// Bytes of the level that inside and outside are told apart on; a surface that is not closed needs none.
+fn deciding(load: &Load) -> u64 {
+    if load.columns.is_some() { 0 } else { sign::bytes(load.cells) }
+}
+
+/// Bytes of the check.
+fn checking(load: &Load, threads: usize) -> u64 {
+    (CHECKING.0 * jobs_of_all(threads)).min(load.mesh_bytes() * CHECKING.1)
+}
+
+/// Bytes of the points that are held at once when a slab is fitted in pieces of `piece`: those round a plane, sorted, with as many cells at most; and a bucket's share
+/// of them while it is sorted.
+fn piece_bytes(load: &Load, piece: u64) -> u64 {
+    let PointLoad { bucket, window } = load.points_near();
+    let share = piece / u64::from(buckets_round(halo(load.smooth)));
+    (window.min(piece) + bucket.min(share)) * sorted_bytes(load)
+}
+
+/// Bytes of a point among others that are sorted, with the number of its cell or of those before it.
+fn sorted_bytes(load: &Load) -> u64 {
+    load.coordinates() + 4
+}
+
+/// The most points that can be held at once in `room` bytes: all of them, or a piece.
+fn piece_in(load: &Load, room: u64) -> u64 {
+    let whole = load.whole_piece();
+    if piece_bytes(load, whole) <= room {
+        return whole;
+    }
+    let buckets = u64::from(buckets_round(halo(load.smooth)));
+    room / sorted_bytes(load) * buckets / (buckets + 1)
+}
+
+/// How many slabs exist at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SlabJobs {
+    /// In the making.
+    pub running: usize,
+    /// Finished, and waiting for their turn.
+    pub ahead: usize,
+    /// Points of a slab that are held at once.
+    pub piece_points: usize,
+}
+
+impl SlabJobs {
+    /// One slab at a time.
+    fn one(piece_points: u64) -> SlabJobs {
+        SlabJobs { running: 1, ahead: 0, piece_points: piece_points as usize }
+    }
+
+    /// Between source and sink of the pass.
+    pub fn in_flight(&self) -> usize {
+        self.running + self.ahead
+    }
+
+    /// Bytes of all slabs of a load at a time, with the points round a plane, as far as they are held at once.
+    fn bytes(&self, load: &Load) -> u64 {
+        let points = piece_bytes(load, self.piece_points as u64);
+        let waits = WAITING + load.coordinates();
+        let making = |faces: u64| {
+            // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
+            let beside = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED / u64::from(slab_slices(load.smooth));
+            let extraction = load.extraction_raster() + faces * (waits + EXTRACTING + beside);
+            let fitting = load.fitting_raster() + points + faces * (waits + FITTING);
+            let carrying =
+                if load.attributes > 0 { faces * (waits + FITTING + CARRYING + 2 * load.attributes) } else { 0 };
+            let retreating = RETREATING + 2 * load.coordinates() + load.more();
+            extraction.max(fitting).max(carrying).max(faces * retreating)
+        };
+        let one = load.widest(1);
+        let given_back = if self.running > 1 { (one * GIVEN_BACK.0).min(GIVEN_BACK.1) } else { 0 };
+        // While the calling thread waits for a slab, the one before waits for its seam. While it is at a seam, the slab it came with is still in flight.
+        let waiting = waits + load.more();
+        let idle = self.running as u64 * making(one) + load.widest(1 + self.ahead) * waiting;
+        let others = self.in_flight() - 1;
+        let (made, finished) = (others.min(self.running), others.saturating_sub(self.running));
+        let busy = made as u64 * making(one) + load.widest(2 + finished) * waiting + one * (WRITING + load.attributes);
+        idle.max(busy) + given_back
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::partition::slab_count;
+    use crate::points::Precision;
+
+    fn load(points: u64, s: u32) -> Load {
+        Load::in_cells(points, Precision::Single, [s; 3], 1)
+    }
+
+    #[test]
+    fn the_least_budget_is_accepted_and_one_byte_less_is_refused_with_it() {
+        for (points, s) in [(1, 1), (36_000, 132), (100_000_000, 1856), (1_000_000_000, 4000)] {
+            let load = load(points, s);
+            for threads in [1, 2, 64] {
+                MemoryPlan::for_budget(MemoryPlan::least(&load, threads), &load, threads).unwrap();
+            }
+            let least = MemoryPlan::least(&load, 2);
+            let Err(Error::Budget { needed, .. }) = MemoryPlan::for_budget(least - 1, &load, 2) else {
+                panic!("a budget below the least was accepted")
+            };
+            assert!(needed.0 >= least && needed.0 < least + (1 << 20));
+        }
+    }
+
+    #[test]
+    fn the_prediction_keeps_the_budget() {
+        for budget in [64u64 << 20, 200 << 20, 1 << 30, 6 << 30] {
+            for (points, s) in [(1, 1), (36_000, 132), (20_000_000, 1085), (100_000_000, 1856)] {
+                if let Ok(plan) = MemoryPlan::for_budget(budget, &load(points, s), 2) {
+                    assert!(plan.predicted <= budget, "{budget} {points} {plan:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn faces_that_are_known_sharpen_the_plan() {
+        let load = load(20_000_000, 1085);
+        let slabs = slab_count(1, 1085);
+        let with = |faces: u64| load.with_faces(vec![faces; slabs as usize], false);
+        let plan = MemoryPlan::for_budget(200 << 20, &with(100_000), 2).unwrap();
+        let sharper = plan.with_surface(&with(90_000), 0).unwrap();
+        assert!(sharper.predicted < plan.predicted && sharper.predicted_disk < plan.predicted_disk);
+        assert_eq!((sharper.bucket_buffer, sharper.buckets_quota), (plan.bucket_buffer, plan.buckets_quota));
+        let Err(Error::Budget { needed, .. }) = plan.with_surface(&with(1_000_000), 0) else {
+            panic!("a slab of a million faces was accepted")
+        };
+        let roomier = MemoryPlan::for_budget(needed.0, &with(100_000), 2).unwrap();
+        roomier.with_surface(&with(1_000_000), 0).expect("the figure that was named does");
+    }
+
+    #[test]
+    fn slabs_are_made_side_by_side_while_there_is_room() {
+        // More than telling inside and outside apart takes.
+        let load = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
+        let jobs = |budget: u64| MemoryPlan::for_budget(budget, &load, 2).unwrap().slab_jobs(&load, 0).unwrap();
+        let (least, large) = (jobs(MemoryPlan::least(&load, 2)), jobs(4 << 30));
+        assert_eq!((least.running, least.in_flight()), (1, 1));
+        assert_eq!((large.running, large.in_flight()), (2, 3));
+        assert!(least.piece_points < large.piece_points);
+        assert_eq!(large.piece_points as u64, load.whole_piece());
+    }
+
+    #[test]
+    fn more_memory_never_means_smaller_shares() {
+        let load = load(20_000_000, 1085);
+        let small = MemoryPlan::for_budget(128 << 20, &load, 2).unwrap();
+        let large = MemoryPlan::for_budget(8 << 30, &load, 2).unwrap();
+        assert_eq!(small.buckets_quota, 0, "240 MB of points do not fit into 128 MiB");
+        assert!(large.buckets_quota >= load.bucket_bytes());
+        assert!(large.piece_points >= small.piece_points);
+    }
+}

@@ -1,0 +1,374 @@
+//! A reconstruction as a call: points from memory, from a source of one's own or from files; a mesh in memory.
+
+mod mesh;
+
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::RecvTimeoutError;
+
+use crate::error::{Error, Result};
+use crate::format::write::Positions;
+use crate::grid::{AxisChoice, Resolution};
+use crate::input::{Arrays, Cloud, Filter, PointSlice, PointSource, Values};
+use crate::mesh::MeshSource;
+use crate::mesh::check::check;
+use crate::points::attribute::Wanted;
+use crate::points::crs::Crs;
+use crate::resources::workers::Workers;
+use crate::run::estimate::WORTH_IT;
+use crate::run::forecast::{self, Known};
+use crate::run::pipeline::{Fineness, reconstruct};
+use crate::run::progress::{Observer, Phase, Progress};
+use crate::run::report::OutputReport;
+use crate::run::{self, Check, Job};
+use crate::solid::close::Sealing;
+use crate::solid::component::Least;
+use crate::solid::open::Open;
+use crate::stitch::slab::Fit;
+use crate::storage::spool::Workspace;
+
+pub use mesh::{Mesh, MeshSink};
+
+/// How often an observer is asked whether the run is to end.
+const ASKED_EVERY: Duration = Duration::from_millis(50);
+
+/// Vertices, or triangles, that are handed on at a time.
+const PIECE: usize = 1 << 14;
+
+/// A surface to be made from points.
+///
+/// Every setting has the default that the command has, and the same name. Lengths are in the unit of the coordinates.
+///
+/// ```
+/// # fn main() -> asra_stream::Result<()> {
+/// // Points on a sphere, in no order, without normals.
+/// let points: Vec<[f32; 3]> = (0..20_000)
+///     .map(|i| {
+///         let z = (2.0 * i as f32 + 1.0) / 20_000.0 - 1.0;
+///         let (r, angle) = ((1.0 - z * z).sqrt(), 2.399963 * i as f32);
+///         [r * angle.cos(), r * angle.sin(), z]
+///     })
+///     .collect();
+/// let mesh = asra_stream::Reconstruction::of(&points).run()?;
+/// let (vertices, triangles) = (mesh.vertices()?, mesh.triangles()?);
+/// println!("{} vertices, {} triangles", vertices.len(), triangles.len());
+/// assert!(mesh.report().closing.sealed);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// The mesh is closed, oriented and 2-manifold, and checked to be so. The same points and settings give the same mesh, bit for bit, whatever
+/// [`Reconstruction::max_memory`], [`Reconstruction::threads`] and [`Reconstruction::temp_dir`] are.
+///
+/// Memory: [`Reconstruction::max_memory`], a quarter of the machine's by default; beyond that, what does not fit lies in temporary files without names. Points
+/// that a program holds are read where they are, and not counted.
+#[derive(Clone)]
+#[must_use = "nothing happens before `run`"]
+pub struct Reconstruction<'a> {
+    points: Points<'a>,
+    job: Job,
+    observer: Option<&'a dyn Observer>,
+    /// The first thing that cannot be done.
+    refused: Option<String>,
+}
+
+/// Where points come from.
+#[derive(Clone)]
+enum Points<'a> {
+    Arrays(Arrays<'a>),
+    Source(&'a dyn PointSource),
+    /// The inputs of the job.
+    Files,
+}
+
+impl std::fmt::Debug for Reconstruction<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Reconstruction").field("job", &self.job).finish_non_exhaustive()
+    }
+}
+
+impl<'a> Reconstruction<'a> {
+    /// From points in memory: a slice, an array or a `Vec` of `[f32; 3]` or `[f64; 3]`. Points that are not finite are left out, and counted.
+    pub fn of(points: impl Into<PointSlice<'a>>) -> Reconstruction<'a> {
+        Reconstruction::new(Points::Arrays(Arrays::new(points.into())), Vec::new())
+    }
+
+    /// From a source of one's own.
+    pub fn from_source(source: &'a dyn PointSource) -> Reconstruction<'a> {
+        Reconstruction::new(Points::Source(source), Vec::new())
+    }
+
+    /// From files of any format that is read, patterns (`tiles/*.laz`) and folders: together they are one cloud.
+    pub fn from_files(inputs: impl IntoIterator<Item = impl Into<PathBuf>>) -> Reconstruction<'a> {
+        Reconstruction::new(Points::Files, inputs.into_iter().map(Into::into).collect())
+    }
+
+    fn new(points: Points<'a>, inputs: Vec<PathBuf>) -> Reconstruction<'a> {
+        Reconstruction { points, job: Job::new(inputs), observer: None, refused: None }
+    }
+
+    /// An attribute of points in memory, a value for each: the mesh's vertices get it. Beside files or a source of one's own, which have their own attributes, it
+    /// is an error of [`Reconstruction::run`].
+    pub fn attribute(mut self, name: &str, values: impl Into<Values<'a>>) -> Self {
+        let added = match &mut self.points {
+            Points::Arrays(arrays) => arrays.add(name, values.into()),
+            Points::Source(_) | Points::Files => {
+                Err(Error::Usage(format!("attribute {name:?}: only points in memory get attributes this way")))
+            }
+        };
+        if let Err(error) = added {
+            self.refused.get_or_insert(error.to_string());
+        }
+        self
+    }
+
+    /// The side of a cell. By default the paper's k = 4, or larger where the sampling is sparser.
+    pub fn cell_size(mut self, side: f64) -> Self {
+        self.job.settings.fineness = Fineness::Given(Resolution::Cell(side));
+        self
+    }
+
+    /// Cells tied to the sampling distance, as `--cell-size auto`.
+    pub fn cell_size_auto(mut self) -> Self {
+        self.job.settings.fineness = Fineness::Sampling;
+        self
+    }
+
+    /// The paper's k, which sets the number of slices: s = ⌊k·∛n⌋ (Eq. 2).
+    pub fn k(mut self, k: f64) -> Self {
+        self.job.settings.fineness = Fineness::Given(Resolution::K(k));
+        self
+    }
+
+    /// The number of slices.
+    pub fn slices(mut self, slices: u32) -> Self {
+        self.job.settings.fineness = Fineness::Given(Resolution::Slices(slices));
+        self
+    }
+
+    /// The axis that is sliced: the longest by default.
+    pub fn axis(mut self, axis: AxisChoice) -> Self {
+        self.job.settings.axis = axis;
+        self
+    }
+
+    /// How holes are closed: as wide as they are by default.
+    pub fn seal(mut self, seal: Sealing) -> Self {
+        self.job.settings.seal = seal;
+        self
+    }
+
+    /// The slices of the window, odd and at least 3: they bound a radius given to [`Reconstruction::seal`], and change nothing else.
+    pub fn window(mut self, slices: u32) -> Self {
+        self.job.settings.window = Some(slices);
+        self
+    }
+
+    /// Keeps points that belong to no surface; by default they are left out, and counted.
+    pub fn keep_outliers(mut self) -> Self {
+        self.job.settings.keep_outliers = true;
+        self
+    }
+
+    /// The least number of points of an occupied cell: 1 by default.
+    pub fn min_points(mut self, points: u32) -> Self {
+        self.job.settings.min_points = points;
+        self
+    }
+
+    /// Which components are kept: all but specks by default; all with `None`.
+    pub fn min_component(mut self, least: Option<Least>) -> Self {
+        self.job.settings.min_component = least;
+        self
+    }
+
+    /// Steps of smoothing: 1 by default, at most 100.
+    pub fn smooth(mut self, steps: u32) -> Self {
+        self.job.settings.surface.smooth = steps;
+        self
+    }
+
+    /// What vertices are moved onto: their nearest points by default.
+    pub fn fit(mut self, fit: Fit) -> Self {
+        self.job.settings.surface.fit = fit;
+        self
+    }
+
+    /// Makes an open surface, of terrain or of what was scanned from one side, and not a closed one.
+    pub fn open(mut self, open: Open) -> Self {
+        self.job.settings.open = Some(open);
+        self
+    }
+
+    /// Which points count: all by default.
+    pub fn filter(mut self, filter: Filter) -> Self {
+        self.job.input.filter = filter;
+        self
+    }
+
+    /// Which attributes are carried to the mesh: all by default.
+    pub fn attributes(mut self, wanted: Wanted) -> Self {
+        self.job.input.attributes = wanted;
+        self
+    }
+
+    /// The coordinate reference system, whatever files say.
+    pub fn crs(mut self, crs: Option<Crs>) -> Self {
+        self.job.input.crs = Some(crs);
+        self
+    }
+
+    /// The memory that the run may take, in bytes, the mesh included as long as it is held. A quarter of the machine's by default.
+    pub fn max_memory(mut self, bytes: u64) -> Self {
+        self.job.means.max_memory = Some(bytes);
+        self
+    }
+
+    /// Worker threads: one for each processor by default.
+    pub fn threads(mut self, threads: usize) -> Self {
+        self.job.means.threads = Some(threads);
+        self
+    }
+
+    /// The folder for temporary files: the system's by default.
+    pub fn temp_dir(mut self, folder: impl Into<PathBuf>) -> Self {
+        self.job.means.temp_dir = Some(folder.into());
+        self
+    }
+
+    /// Who is told how far the run is, and may end it.
+    pub fn observer(mut self, observer: &'a dyn Observer) -> Self {
+        self.observer = Some(observer);
+        self
+    }
+
+    /// Makes the mesh, and checks it.
+    ///
+    /// # Errors
+    /// All of [`Error`]. Nothing stays behind.
+    pub fn run(self) -> Result<Mesh> {
+        if let Some(refused) = self.refused {
+            return Err(Error::Usage(refused));
+        }
+        let workers = self.job.means.workers()?;
+        watched(self.observer, &workers, || {
+            let mut progress = Progress::told(self.observer);
+            match &self.points {
+                Points::Arrays(arrays) => of_source(arrays, &self.job, &workers, &mut progress),
+                Points::Source(source) => of_source(*source, &self.job, &workers, &mut progress),
+                Points::Files => of_files(&self.job, &workers, &mut progress),
+            }
+        })
+    }
+
+    /// Makes the mesh, checks it, and hands it on piece by piece.
+    ///
+    /// # Errors
+    /// As [`Reconstruction::run`]; what the sink says.
+    pub fn run_into(self, sink: &mut dyn MeshSink) -> Result<crate::run::report::Report> {
+        let mesh = self.run()?;
+        mesh.send(sink)?;
+        Ok(mesh.into_report())
+    }
+}
+
+fn of_source(source: &dyn PointSource, job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Mesh> {
+    let start = Instant::now();
+    job.settings.validate()?;
+    let cloud = Cloud::of_source(source, &job.input)?;
+    let points = forecast::records(&cloud);
+    progress.expect_run(Known {
+        passes: 1 + u64::from(matches!(job.settings.fineness, Fineness::Sampling | Fineness::Default)),
+        points,
+        triangles: forecast::triangles(points),
+        rehearsed: job.settings.open.is_none() && points >= WORTH_IT,
+        whole: true,
+        open: job.settings.open.is_some(),
+        checked: true,
+        ..Known::default()
+    });
+    made(&cloud, job, workers, &workspace(job, workers)?, progress, start)
+}
+
+fn of_files(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Mesh> {
+    let start = Instant::now();
+    let workspace = workspace(job, workers)?;
+    let cloud = run::open_all(job, &workspace, workers, progress)?;
+    made(&cloud, job, workers, &workspace, progress, start)
+}
+
+fn workspace(job: &Job, workers: &Workers) -> Result<Workspace> {
+    let folder = job.means.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
+    Ok(Workspace::new(folder)?.stopped_with(workers))
+}
+
+/// Makes the mesh of a cloud, and checks it.
+fn made(
+    cloud: &Cloud,
+    job: &Job,
+    workers: &Workers,
+    workspace: &Workspace,
+    progress: &mut Progress,
+    start: Instant,
+) -> Result<Mesh> {
+    let (surveyed, settings) = run::surveyed(cloud, &job.settings, workers, progress)?;
+    let (surveyed, context) = run::planned(surveyed, &settings, workers, workspace, job.means.budget(), progress)?;
+    let made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
+    if settings.open.is_some() && made.mesh.face_count() == 0 {
+        return Err(Error::NoSurface);
+    }
+    let header = run::header_of(cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
+    let checked = match job.check {
+        Check::Never => None,
+        Check::Always => {
+            progress.begin(Phase::Check, Some(made.mesh.face_count()));
+            let report = check(&made.mesh, made.memory.working, workers, workspace, &mut |done| progress.set(done))?;
+            run::refuse_unsound(&report, &settings)?;
+            Some(report)
+        }
+    };
+    progress.end();
+    let output = OutputReport {
+        path: None,
+        preview: None,
+        bytes: made.mesh.bytes(),
+        tiles: None,
+        vertices: made.mesh.vertex_count(),
+        triangles: made.mesh.face_count(),
+        origin: made.origin,
+        coordinates: Positions::Shifted,
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    let report = run::report(cloud, &surveyed, &settings, &made, checked, output, (progress, seconds), workspace);
+    Ok(Mesh::new(made.mesh, header, report, workers.clone(), workspace.clone()))
+}
+
+/// Does some work, while an observer is asked from time to time whether the workers are to stop.
+fn watched<R>(observer: Option<&dyn Observer>, workers: &Workers, work: impl FnOnce() -> Result<R>) -> Result<R> {
+    let Some(observer) = observer else { return work() };
+    let flag = workers.cancel_flag();
+    if observer.is_cancelled() {
+        return Err(Error::Interrupted);
+    }
+    let (over, is_over) = crossbeam_channel::bounded::<()>(0);
+    thread::scope(|scope| {
+        let watch = move || {
+            while is_over.recv_timeout(ASKED_EVERY) == Err(RecvTimeoutError::Timeout) {
+                if observer.is_cancelled() {
+                    flag.store(true, Ordering::Relaxed);
+                    return;
+                }
+            }
+        };
+        thread::Builder::new()
+            .name("asra-observer".into())
+            .spawn_scoped(scope, watch)
+            .map_err(Error::io("threads", "start"))?;
+        let outcome = work();
+        drop(over);
+        outcome
+    })
+}

@@ -1,0 +1,222 @@
+//! The load: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
+
+use crate::grid::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices, smooth_halo};
+use crate::grid::slice::Bits;
+use crate::grid::{Cell, Grid};
+use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
+use crate::points::Precision;
+
+/// Bytes for each face of a surface that is trimmed: of triangles, whether they are kept, of vertices, whether they are written, now and of the slab after.
+const TRIMMED: u64 = 6;
+
+/// Bytes for each column while heights are found (extents, heights, tops, flags), and while slabs are made.
+const COLUMN: (u64, u64) = (17, 5);
+
+/// What the plan is made from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Load {
+    /// Number of points.
+    pub points: u64,
+    /// Precision of the cloud.
+    pub precision: Precision,
+    /// Bytes of a point's attributes.
+    pub attributes: u64,
+    /// Cells along x, slices, rows.
+    pub cells: Cell,
+    /// Steps of smoothing.
+    pub smooth: u32,
+    /// Faces of each slab, as far as is known.
+    slabs: Vec<u64>,
+    /// Whether a ball falls, which takes more stores of slices.
+    falls: bool,
+    /// The most points of a bucket, and of those round a plane, if they have been counted.
+    counted: Option<PointLoad>,
+    /// The columns of a surface that is seen from one side.
+    pub(crate) columns: Option<ColumnLoad>,
+}
+
+/// The most points of a bucket, and of as many in a row as are looked at round a plane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PointLoad {
+    /// Of one.
+    pub bucket: u64,
+    /// Of [`buckets_round`] the halo.
+    pub window: u64,
+}
+
+/// What the plan must know of columns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColumnLoad {
+    /// Columns of a slice.
+    pub of_slice: u32,
+    /// Radius of the disc that bridges holes, in cells.
+    pub bridge: u32,
+}
+
+impl Load {
+    /// The load of `points` points on `grid`, with the faces of a surface round the whole box, and a third more for its slopes.
+    pub fn new(points: u64, precision: Precision, grid: &Grid, smooth: u32) -> Load {
+        Load::in_cells(points, precision, grid.cells(), smooth)
+    }
+
+    /// [`Load::new`] for a grid of so many cells along x, slices and rows.
+    pub fn in_cells(points: u64, precision: Precision, cells: Cell, smooth: u32) -> Load {
+        let [x, y, z] = cells.map(u64::from);
+        let faces = (2 * (x * y + y * z + z * x) * 4 / 3).min(x.saturating_mul(y).saturating_mul(z).saturating_mul(6));
+        let slabs = slab_count(smooth, cells[1]);
+        let share = faces.div_ceil(u64::from(slabs));
+        Load {
+            points,
+            precision,
+            attributes: 0,
+            cells,
+            smooth,
+            slabs: vec![share; slabs as usize],
+            falls: false,
+            counted: None,
+            columns: None,
+        }
+    }
+
+    /// The load of a surface that is seen from one side.
+    pub fn with_columns(self, columns: ColumnLoad) -> Load {
+        Load { columns: Some(columns), ..self }
+    }
+
+    /// The same load with other numbers of faces, one for each slab; `falls` says whether a ball falls to close the cells.
+    ///
+    /// # Panics
+    /// If there are not as many numbers as slabs.
+    pub fn with_faces(&self, slabs: Vec<u64>, falls: bool) -> Load {
+        assert_eq!(slabs.len(), self.slabs.len(), "a number of faces for each slab");
+        Load { slabs, falls, ..self.clone() }
+    }
+
+    /// The same load when the points of each bucket are known.
+    pub fn with_buckets(self, points: &[u64]) -> Load {
+        let most = |buckets: usize| {
+            points.windows(buckets.clamp(1, points.len().max(1))).map(|some| some.iter().sum()).max().unwrap_or(0)
+        };
+        let counted = PointLoad { bucket: most(1), window: most(buckets_round(halo(self.smooth)) as usize) };
+        Load { counted: Some(counted), ..self }
+    }
+
+    /// The same load with attributes of so many bytes on every point.
+    pub fn with_attributes(self, bytes: usize) -> Load {
+        Load { attributes: bytes as u64, ..self }
+    }
+
+    /// Bytes of a point's coordinates.
+    pub fn coordinates(&self) -> u64 {
+        3 * self.precision.bytes() as u64
+    }
+
+    /// Bytes of a point in a bucket, and of a vertex in the mesh.
+    pub fn record(&self) -> u64 {
+        self.coordinates() + self.attributes
+    }
+
+    /// Faces to expect.
+    pub fn faces(&self) -> u64 {
+        self.slabs.iter().sum()
+    }
+
+    /// Triangles to expect: two a face, less what contraction takes.
+    pub fn triangles(&self) -> u64 {
+        self.faces() * 2
+    }
+
+    /// Vertices to expect.
+    pub fn vertices(&self) -> u64 {
+        self.faces()
+    }
+
+    /// Bytes of the mesh to expect, in temporary storage.
+    pub fn mesh_bytes(&self) -> u64 {
+        self.vertices() * self.record() + self.triangles() * 13
+    }
+
+    /// Bytes of the points in buckets.
+    pub fn bucket_bytes(&self) -> u64 {
+        self.points * self.record()
+    }
+
+    /// Buckets.
+    pub(crate) fn buckets(&self) -> u64 {
+        u64::from(self.cells[1].div_ceil(BUCKET_SLICES))
+    }
+
+    /// Bytes that slices take as runs while the ball is looked for, to expect: of each row its start in four stores and the run round it; of faces,
+    /// a third lie across x, half of them at either end of a run; and all that at half the resolution, a quarter, and so on.
+    pub fn slice_bytes(&self) -> u64 {
+        let [_, y, z] = self.cells.map(u64::from);
+        let sealing = (y * z * 28 + self.faces() * 8) * 4 / 3 + y * 200;
+        (if self.falls { sealing * 3 } else { sealing }) + y * self.columns_of_slice() * COLUMN.0
+    }
+
+    /// Of these, the bytes that remain while slabs are made: occupied and solid cells.
+    pub(crate) fn standing_slice_bytes(&self) -> u64 {
+        let [_, y, z] = self.cells.map(u64::from);
+        y * z * 8 + self.faces() * 6 + y * self.columns_of_slice() * COLUMN.1
+    }
+
+    /// Columns of a slice, if there are any.
+    pub(crate) fn columns_of_slice(&self) -> u64 {
+        self.columns.map_or(0, |columns| u64::from(columns.of_slice))
+    }
+
+    /// Bytes for each face beside those of a closed surface.
+    pub(crate) fn more(&self) -> u64 {
+        self.attributes + if self.columns.is_some() { TRIMMED } else { 0 }
+    }
+
+    /// Temporary disk to expect when nothing is kept in memory.
+    pub fn disk(&self) -> u64 {
+        self.bucket_bytes() + self.slice_bytes().max(self.standing_slice_bytes() + self.mesh_bytes())
+    }
+
+    /// Bytes that a block of input takes while its points are sorted: as it is mapped, decoded, sorted, with the buckets of its points.
+    pub(crate) fn block_job(&self) -> u64 {
+        let points = self.points.min(BLOCK_RECORDS as u64);
+        BLOCK_BYTES as u64 + points * (2 * self.record() + 4) + 4 * self.buckets()
+    }
+
+    /// Bytes of bits that one slab's job holds while it is extracted: its planes of corners, and the slices round one.
+    pub(crate) fn extraction_raster(&self) -> u64 {
+        let [x, _, z] = self.cells;
+        let bits = Bits::bytes(x + 2, z + 2);
+        let planes = u64::from(slab_slices(self.smooth) + 2 * smooth_halo(self.smooth) + 1);
+        planes * (bits * 3 / 2 + 4 * u64::from(z)) + 3 * bits + (planes + 2) * self.columns_of_slice() * COLUMN.1
+    }
+
+    /// Bytes of bits that one slab's job holds while it is fitted: the index of points.
+    pub(crate) fn fitting_raster(&self) -> u64 {
+        let [x, _, z] = self.cells;
+        u64::from(BUCKET_SLICES * buckets_round(halo(self.smooth))) * Bits::bytes(x + 2, z + 2) * 3 / 2
+    }
+
+    /// The most faces of a slab.
+    pub fn faces_of_widest(&self) -> u64 {
+        self.widest(1)
+    }
+
+    /// The most faces that so many consecutive slabs have together.
+    pub(crate) fn widest(&self, slabs: usize) -> u64 {
+        self.slabs.windows(slabs.clamp(1, self.slabs.len())).map(|slabs| slabs.iter().sum()).max().unwrap_or(0)
+    }
+
+    /// Points of buckets: as counted, or to expect if points lie where faces do.
+    pub(crate) fn points_near(&self) -> PointLoad {
+        self.counted.unwrap_or_else(|| {
+            let share = self.widest(1) as f64 / self.faces().max(1) as f64;
+            let slices = |buckets: u32| f64::from(buckets * BUCKET_SLICES) / f64::from(slab_slices(self.smooth));
+            let points = |buckets: u32| ((self.points as f64 * share * slices(buckets)) as u64 + 1).min(self.points);
+            PointLoad { bucket: points(1), window: points(buckets_round(halo(self.smooth))) }
+        })
+    }
+
+    /// The points that must be held at once for all of a plane's to be there: as many for each bucket as the fullest has.
+    pub(crate) fn whole_piece(&self) -> u64 {
+        self.points_near().bucket * u64::from(buckets_round(halo(self.smooth)))
+    }
+}

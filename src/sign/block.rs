@@ -1,0 +1,116 @@
+//! A level's cells, held whole, with some cells more on every side.
+
+use crate::error::Result;
+use crate::grid::Cell;
+use crate::grid::occupancy::Occupancy;
+use crate::grid::slice::Runs;
+
+/// Cells added on every side, so that what looks about a cell need not look where the block ends.
+pub const PAD: usize = 4;
+
+/// A box of cells. Cell (x, y, z) of the level has the index ((y + PAD) rows + z + PAD) width + x + PAD.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Block {
+    /// The level's cells along x, slices, rows.
+    pub cells: Cell,
+    /// Cells along x, padding included.
+    pub width: usize,
+    /// Slices, padding included.
+    pub slices: usize,
+    /// Rows of a slice, padding included.
+    pub rows: usize,
+}
+
+impl Block {
+    /// The block of so many cells.
+    pub fn new(cells: Cell) -> Block {
+        let [width, slices, rows] = cells.map(|c| c as usize + 2 * PAD);
+        Block { cells, width, slices, rows }
+    }
+
+    /// The block of a level whose cells are taken together by `factor` along every axis, and which of its cells are occupied: those any of whose cells is.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn of(occupancy: &Occupancy, factor: u32) -> Result<(Block, Vec<bool>)> {
+        let block = Block::new(occupancy.cells.map(|c| c.div_ceil(factor)));
+        let mut occupied = vec![false; block.size()];
+        let mut runs = Runs::default();
+        for y in 0..occupancy.cells[1] {
+            occupancy.store.read(y, &mut runs)?;
+            for z in 0..runs.row_count() {
+                let first = block.index([0, (y / factor) as usize, (z / factor) as usize]);
+                for run in runs.row(z) {
+                    let cells = (run.start / factor) as usize..run.end.div_ceil(factor) as usize;
+                    occupied[first + cells.start..first + cells.end].fill(true);
+                }
+            }
+        }
+        Ok((block, occupied))
+    }
+
+    /// Number of cells, padding included.
+    pub fn size(&self) -> usize {
+        self.width * self.slices * self.rows
+    }
+
+    /// The index of a cell of the level.
+    pub fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        ((y + PAD) * self.rows + z + PAD) * self.width + x + PAD
+    }
+
+    /// The index of a cell of the level or of the padding; none beyond that.
+    pub fn at(&self, cell: [i64; 3]) -> Option<usize> {
+        let [x, y, z] = cell.map(|c| c + PAD as i64);
+        let inside = |c: i64, n: usize| (0..n as i64).contains(&c);
+        (inside(x, self.width) && inside(y, self.slices) && inside(z, self.rows))
+            .then(|| (y as usize * self.rows + z as usize) * self.width + x as usize)
+    }
+
+    /// The cell of the level that has an index.
+    pub fn cell(&self, index: usize) -> [usize; 3] {
+        let (x, rest) = (index % self.width, index / self.width);
+        [x, rest / self.rows, rest % self.rows].map(|c| c.saturating_sub(PAD))
+    }
+
+    /// Steps to the next cell along x, slices and rows.
+    pub fn strides(&self) -> [isize; 3] {
+        [1, (self.rows * self.width) as isize, self.width as isize]
+    }
+
+    /// The six cells that share a face with one that does not lie at the border.
+    pub fn beside(&self, cell: usize) -> [usize; 6] {
+        let [a, b, c] = self.strides();
+        [-a, a, -b, b, -c, c].map(|step| cell.wrapping_add_signed(step))
+    }
+
+    /// The step from a cell to another.
+    pub fn step(&self, [x, y, z]: [i32; 3]) -> isize {
+        let [a, b, c] = self.strides();
+        x as isize * a + y as isize * b + z as isize * c
+    }
+
+    /// Whether a cell of the block lies on its border.
+    pub fn at_border(&self, index: usize) -> bool {
+        let (x, rest) = (index % self.width, index / self.width);
+        let (z, y) = (rest % self.rows, rest / self.rows);
+        x == 0 || z == 0 || y == 0 || x + 1 == self.width || z + 1 == self.rows || y + 1 == self.slices
+    }
+
+    /// The offsets of a ball of squared radius `squared`, its centre included.
+    pub fn ball(squared: i32) -> Vec<[i32; 3]> {
+        let r = squared.isqrt();
+        let mut out = Vec::new();
+        for y in -r..=r {
+            for z in -r..=r {
+                out.extend((-r..=r).filter(|x| x * x + y * y + z * z <= squared).map(|x| [x, y, z]));
+            }
+        }
+        out
+    }
+
+    /// The steps of the 26 cells round a cell.
+    pub fn around(&self) -> Vec<isize> {
+        Block::ball(3).into_iter().filter(|d| *d != [0; 3]).map(|d| self.step(d)).collect()
+    }
+}

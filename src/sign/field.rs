@@ -1,0 +1,151 @@
+//! The field u that makes E least.
+
+use super::block::Block;
+use super::normal::Wall;
+use super::system::System;
+use super::{Side, support};
+use crate::resources::workers::Workers;
+
+/// What a face weighs if one of its cells lies between two occupied ones: a gap in a wall, as sparse sampling leaves.
+const GAP: f32 = 0.1;
+
+/// Fewer enclosed cells are no cavity.
+const CAVITY: usize = 27;
+
+/// The field on the free cells of a block.
+#[derive(Debug)]
+pub struct Field<'a> {
+    pub(super) block: &'a Block,
+    occupied: &'a [bool],
+    /// Cells with an occupied one among the 26 round them.
+    pub(super) lined: Vec<bool>,
+    gaps: Vec<bool>,
+    /// Cells that are outside, whatever the field.
+    outside: Vec<bool>,
+    /// Of each cell, what a face to an equally open one weighs; 0 where u is not looked for.
+    open: Vec<f32>,
+    /// The u of each cell in which it is looked for.
+    pub(super) u: Vec<f32>,
+}
+
+impl<'a> Field<'a> {
+    /// The field that is −1 on the cells `outside`.
+    pub fn new(block: &'a Block, occupied: &'a [bool], walls: &[u32], outside: Vec<bool>) -> Field<'a> {
+        let mut lined = vec![false; occupied.len()];
+        for step in block.around() {
+            walls.iter().for_each(|&wall| lined[(wall as usize).wrapping_add_signed(step)] = true);
+        }
+        let opposite: Vec<isize> = block.around().into_iter().filter(|step| *step > 0).collect();
+        let mut gaps = vec![false; occupied.len()];
+        for cell in (0..occupied.len()).filter(|&cell| lined[cell] && !occupied[cell] && !block.at_border(cell)) {
+            gaps[cell] = opposite
+                .iter()
+                .any(|&step| occupied[cell.wrapping_add_signed(step)] && occupied[cell.wrapping_add_signed(-step)]);
+        }
+        let (open, u) = (vec![0.0; occupied.len()], vec![0.0; occupied.len()]);
+        let mut field = Field { block, occupied, lined, gaps, outside, open, u };
+        field.look_where_free();
+        field
+    }
+
+    /// Looks for u in all cells that are neither occupied nor outside.
+    fn look_where_free(&mut self) {
+        for cell in 0..self.open.len() {
+            let asked = !self.occupied[cell] && !self.outside[cell];
+            self.open[cell] = if asked { weight(self.gaps[cell]) } else { 0.0 };
+        }
+    }
+
+    /// Whether u is looked for in a cell.
+    pub(super) fn is_asked(&self, cell: usize) -> bool {
+        self.open[cell] > 0.0
+    }
+
+    /// Whether two free cells lie on the same side.
+    pub(super) fn same_side(&self, [a, b]: [u32; 2]) -> bool {
+        self.is_outside(a as usize) == self.is_outside(b as usize)
+    }
+
+    /// Whether nothing stands between two cells that share a face: neither is occupied, nor a gap between occupied ones.
+    pub(super) fn is_open(&self, a: usize, b: usize) -> bool {
+        !(self.occupied[a] || self.occupied[b] || self.gaps[a] || self.gaps[b])
+    }
+
+    /// Whether a cell is free and outside.
+    pub(super) fn is_outside(&self, cell: usize) -> bool {
+        if self.is_asked(cell) { self.u[cell] <= 0.0 } else { !self.occupied[cell] }
+    }
+
+    /// Whether a cell is free and inside.
+    pub(super) fn is_inside(&self, cell: usize) -> bool {
+        self.is_asked(cell) && self.u[cell] > 0.0
+    }
+
+    /// Finds the u that makes E least, from where it is.
+    pub fn solve(&mut self, walls: &[Wall], workers: &Workers) {
+        let known = |cell: usize, next: usize| {
+            (!self.occupied[next]).then(|| (weight(self.gaps[cell] | self.gaps[next]), -1.0))
+        };
+        let mut system = System::new(self.block, &self.open, workers, known);
+        walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |_| -1.0));
+        system.solve(&mut self.u, workers);
+    }
+
+    /// Lets the outside into the components that are `bare`, as far as it is `reached`. Both are told of each cell of the block.
+    pub fn open(&mut self, bare: &[bool], reached: &[bool]) {
+        for ((outside, bare), reached) in self.outside.iter_mut().zip(bare).zip(reached) {
+            *outside |= bare & reached;
+        }
+        self.look_where_free();
+    }
+
+    /// Gives all cells that are `bare` to the outside.
+    pub fn give_up(&mut self, bare: &[bool]) {
+        self.u.iter_mut().zip(bare).filter(|(_, bare)| **bare).for_each(|(u, _)| *u = -1.0);
+    }
+
+    /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start. Else it is enclosed: a cavity if
+    /// walls line it ([`support::is_lined`]), and else inside.
+    pub fn sides(&self) -> Vec<Side> {
+        let mut sides: Vec<Side> =
+            self.occupied.iter().map(|occupied| if *occupied { Side::Wall } else { Side::Inside }).collect();
+        let starts = (0..sides.len()).filter(|&cell| self.outside[cell] && !self.occupied[cell]).collect();
+        self.spread(&mut sides, starts, |_| {});
+        for cell in 0..sides.len() {
+            if sides[cell] == Side::Inside && self.is_outside(cell) {
+                let mut enclosed = Vec::new();
+                self.spread(&mut sides, vec![cell], |cell| enclosed.push(cell));
+                if enclosed.len() < CAVITY || !support::is_lined(self, &enclosed) {
+                    // Not outside, and not to be found again.
+                    enclosed.into_iter().for_each(|cell| sides[cell] = Side::Enclosed);
+                }
+            }
+        }
+        sides.iter_mut().filter(|side| **side == Side::Enclosed).for_each(|side| *side = Side::Inside);
+        sides
+    }
+
+    /// Makes cells that are not inside outside, and all that faces join to them.
+    fn spread(&self, sides: &mut [Side], mut stack: Vec<usize>, mut found: impl FnMut(usize)) {
+        for &cell in &stack {
+            sides[cell] = Side::Outside;
+        }
+        while let Some(cell) = stack.pop() {
+            found(cell);
+            if self.block.at_border(cell) {
+                continue;
+            }
+            for next in self.block.beside(cell) {
+                if sides[next] == Side::Inside && self.is_outside(next) {
+                    sides[next] = Side::Outside;
+                    stack.push(next);
+                }
+            }
+        }
+    }
+}
+
+/// What a face weighs of which one cell is a gap, or neither.
+fn weight(gap: bool) -> f32 {
+    if gap { GAP } else { 1.0 }
+}

@@ -1,0 +1,62 @@
+//! Membranes: where inside and outside meet with no wall between them, the border between them is stretched anew.
+//!
+//! The ball that rolls round the cloud dips into a hole, and so does the field, which is −1 wherever the ball has been:
+//!
+//! ```text
+//!   # # # .         . # # #        # # # . . . . # # #        # wall, o outside, i inside, f held as it is
+//!   f i i \ o o o  / i i f         f ? ? ? ? ? ? ? ? f
+//!   f i i i \ _ _ / i i i          f ? ? ? ? ? ? ? ? f        Left: the field's membrane. Right: the cells (?) that are asked anew.
+//! ```
+//!
+//! So the cells round a membrane are asked anew, with those beside walls that part inside and outside held at ±1, and those farther off too. The
+//! field that is harmonic in between is as far from the walls on either side, and its membrane is as flat as the rim lets it be.
+
+use super::Side;
+use super::block::Block;
+use super::distance::squared;
+use super::normal::Wall;
+use super::system::System;
+use crate::resources::workers::Workers;
+
+/// Fewer cells of a membrane are left as they are.
+const FEW: usize = 9;
+
+/// How far from a membrane cells are asked anew, at the most.
+const FAR: f64 = 32.0;
+
+/// Stretches the membranes anew.
+pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], sides: &mut [Side], workers: &Workers) {
+    let size = [block.width, block.rows, block.slices];
+    let mut membrane = vec![false; sides.len()];
+    let mut count = 0;
+    for cell in (0..sides.len()).filter(|&cell| sides[cell] == Side::Inside && !lined[cell]) {
+        if block.beside(cell).iter().any(|&next| sides[next] == Side::Outside) {
+            membrane[cell] = true;
+            count += 1;
+        }
+    }
+    if count < FEW {
+        return;
+    }
+    // The radius of a disc of as many cells.
+    let reach = ((f64::from(count as u32) / std::f64::consts::PI).sqrt() + 4.0).min(FAR);
+    let far = squared(&membrane, size);
+    let mut held: Vec<bool> = far.iter().map(|far| f64::from(*far) > reach * reach).collect();
+    drop((far, membrane));
+    let parted = |wall: &Wall| sides[wall.sides[0] as usize] != sides[wall.sides[1] as usize];
+    walls.iter().filter(|wall| parted(wall)).flat_map(|wall| wall.sides).for_each(|cell| held[cell as usize] = true);
+    let sign = |cell: usize| if sides[cell] == Side::Outside { -1.0f32 } else { 1.0 };
+    let mut open = vec![0f32; sides.len()];
+    let mut u = vec![0f32; sides.len()];
+    for cell in (0..sides.len()).filter(|&cell| !held[cell] && sides[cell] != Side::Wall && !block.at_border(cell)) {
+        (open[cell], u[cell]) = (1.0, sign(cell));
+    }
+    drop(held);
+    let known = |_, next: usize| (sides[next] != Side::Wall).then(|| (1.0, sign(next)));
+    let mut system = System::new(block, &open, workers, known);
+    walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |other| sign(other as usize)));
+    system.solve(&mut u, workers);
+    for (cell, _) in open.iter().enumerate().filter(|(_, open)| **open > 0.0) {
+        sides[cell] = if u[cell] > 0.0 { Side::Inside } else { Side::Outside };
+    }
+}

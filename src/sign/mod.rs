@@ -1,0 +1,230 @@
+//! Sign: which free cells lie inside, by a field that changes its sign across every wall.
+//!
+//! A wall that bounds a body has the outside on one side and the inside on the other. So the field u wants to be smooth where nothing stands
+//! between two cells, and to turn its sign where a wall does. With u = −1 outside, it is the least of
+//!
+//! ```text
+//!   E(u) = Σ g_ij (u_i − u_j)²  over free cells that share a face  +  C Σ (u_a + u_b)²  over walls, a and b being the free cells on both sides
+//!
+//!   u = -1 (outside)    -1   -1        # occupied
+//!     # # # # # # . . # #              Round a whole body u is -1 outside and +1 inside, and E is 0, however folded the body is.
+//!     #  +1  +1  +.5 0 .5 #            In a hole u passes through 0: the body is closed there by a membrane that its walls hold,
+//!     #  +1  +1  +1  +1   #            whatever the hole's width. Where sampled walls face a concavity, they hold it open.
+//!     # # # # # # # # # # #
+//! ```
+//!
+//! No radius is looked for. E is quadratic; its least is found by conjugate gradients (`field.rs`). The inside is where u > 0.
+//!
+//! *What is outside* to begin with: all that a ball as large as the largest hole reaches (`rolling.rs`). On the concave side of a surface that is open that
+//! ball may not fit, and u may rise above 0 there. What is inside of a body is lined by its walls; what merely lies before a dome or on a floor is
+//! bare on its other side. So where too much of a component's border is bare, a smaller ball rolls in, until what is left is lined or gone (`support.rs`).
+//!
+//! All of that happens on one level of the pyramid, whose cells are held whole: at most [`LONGEST`] along any axis, so that its memory is bounded.
+//! What is finer is decided where it is seen, by [`crate::solid::watershed`].
+//!
+//! Source: the idea that an unsigned distance can be given signs by a Laplacian is that of P. Mullen et al., *Signing the Unsigned* (2010).
+
+mod block;
+mod distance;
+mod field;
+mod membrane;
+mod normal;
+mod outliers;
+mod rolling;
+mod sheet;
+mod support;
+mod system;
+#[cfg(test)]
+mod tests;
+
+use crate::error::Result;
+use crate::grid::Cell;
+use crate::grid::occupancy::Occupancy;
+use crate::resources::context::Context;
+
+pub use self::block::Block;
+use self::field::Field;
+use self::normal::Wall;
+use self::sheet::Sheet;
+
+/// The most cells along any axis of a level that is held whole.
+pub const LONGEST: u32 = 128;
+
+/// The most of them where a rough answer will do.
+pub const ROUGH: u32 = 48;
+
+/// The radius of the first ball, as a share of the longest side. A hole of a tenth of a sphere's surface is .6 of its side wide.
+const FIRST: f64 = 0.35;
+
+/// Each ball is so many times as large as the next.
+const STEP: f64 = std::f64::consts::SQRT_2;
+
+/// What a cell of the block is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Side {
+    /// Occupied: a wall.
+    Wall,
+    /// Free, and outside.
+    Outside,
+    /// Free, and inside.
+    Inside,
+    /// Free, on the outer side of walls, but reached from nowhere: not among what is found.
+    Enclosed,
+}
+
+/// A level of the pyramid, held whole, and which of its cells are walls.
+#[derive(Debug)]
+pub struct Seen {
+    block: Block,
+    occupied: Vec<bool>,
+    walls: Vec<u32>,
+    outliers: Vec<u32>,
+    /// Whether its cells are those of the grid.
+    finest: bool,
+}
+
+impl Seen {
+    /// Looks at a level whose cells are taken together by `factor`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn of(occupancy: &Occupancy, factor: u32, context: &Context) -> Result<Seen> {
+        let (block, mut occupied) = Block::of(occupancy, factor)?;
+        let outliers = context.workers.pool().install(|| outliers::take_out(&block, &mut occupied));
+        let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
+        Ok(Seen { block, occupied, walls, outliers, finest: factor == 1 })
+    }
+
+    /// Whether there are outliers.
+    pub fn has_outliers(&self) -> bool {
+        !self.outliers.is_empty()
+    }
+
+    /// Whether a cell of the block is an outlier.
+    pub fn is_outlier(&self, cell: Cell) -> bool {
+        let index = self.block.index(cell.map(|c| c as usize));
+        self.outliers.binary_search(&(index as u32)).is_ok()
+    }
+}
+
+/// A level of the pyramid with the side of every cell.
+#[derive(Debug)]
+pub struct Signed {
+    /// The cells, some more on every side.
+    pub block: Block,
+    /// Of each cell of the block.
+    pub sides: Vec<Side>,
+    /// Occupied cells that belong to no surface, as indices of the block.
+    pub outliers: Vec<u32>,
+    /// Number of walls: occupied cells that have free cells on both sides.
+    pub walls: u64,
+    /// How many of them have the same side on both sides.
+    pub part_nothing: u64,
+    /// Patches of walls with the outside on both sides, the largest first: sheets.
+    pub open: Vec<Patch>,
+    /// Patches of walls with the inside on both sides: of slots and folds that were filled.
+    pub filled: Vec<Patch>,
+}
+
+/// A patch of walls that part nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Patch {
+    /// Number of its walls.
+    pub walls: u64,
+    /// Its least and its greatest cell along each axis.
+    pub cells: [[usize; 3]; 2],
+}
+
+impl Patch {
+    fn of(block: &Block, sheet: &Sheet) -> Patch {
+        let mut cells = [[usize::MAX; 3], [0; 3]];
+        for cell in sheet.walls.iter().map(|wall| block.cell(*wall as usize)) {
+            for a in 0..3 {
+                cells[0][a] = cells[0][a].min(cell[a]);
+                cells[1][a] = cells[1][a].max(cell[a]);
+            }
+        }
+        Patch { walls: sheet.walls.len() as u64, cells }
+    }
+}
+
+impl Signed {
+    /// Finds the sides on a level.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn find(seen: Seen, context: &Context) -> Result<Signed> {
+        let Seen { block, occupied, walls, outliers, finest } = seen;
+        let mut two_sided = context.workers.pool().install(|| normal::two_sided(&block, &occupied, &walls));
+        let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
+        let mut radius = (FIRST * longest).max(2.0);
+        let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
+        let mut tries = 0;
+        loop {
+            context.workers.check_cancelled()?;
+            field.solve(&two_sided, &context.workers);
+            if let Some(bare) = support::bare(&field, &two_sided) {
+                radius /= STEP;
+                if radius >= SMALLEST {
+                    let reached = rolling::reached(&block, &occupied, radius);
+                    field.open(&bare.cells, &reached);
+                    continue;
+                }
+                field.give_up(&bare.whole);
+            }
+            let nothing: Vec<bool> = two_sided.iter().map(|wall| field.same_side(wall.sides)).collect();
+            tries += 1;
+            let count = nothing.iter().filter(|n| **n).count();
+            let new = if tries < TRIES && count as f64 > SEEN * nothing.len() as f64 {
+                sheet::weigh(&block, &mut two_sided, &nothing)
+            } else {
+                0
+            };
+            if new == 0 {
+                break;
+            }
+        }
+        let mut sides = field.sides();
+        membrane::stretch(&block, &two_sided, &field.lined, &mut sides, &context.workers);
+        let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
+        let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
+        let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
+        // On finer levels samples of sheets lie closer than these cells are wide.
+        if finest {
+            sheet::fill(&block, &open, &mut sides);
+        }
+        let [open, filled] =
+            [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
+        Ok(Signed { walls: two_sided.len() as u64, part_nothing, open, filled, block, sides, outliers })
+    }
+
+    /// The side of a cell of the level; beyond it, all is outside.
+    pub fn side(&self, cell: [i64; 3]) -> Side {
+        self.block.at(cell).map_or(Side::Outside, |index| self.sides[index])
+    }
+
+    /// Cells of the level along x, slices, rows.
+    pub fn cells(&self) -> Cell {
+        self.block.cells
+    }
+}
+
+/// Bytes for each cell of the block: its flags and number, and, as if every cell's u were looked for, the cell, u, and what conjugate gradients
+/// hold of it.
+const CELL: u64 = 5 + 4 + 8 + 20;
+
+/// The most memory that finding the sides of a grid of so many cells takes.
+pub fn bytes(cells: Cell) -> u64 {
+    let factor = cells.into_iter().max().unwrap_or(1).div_ceil(LONGEST).max(1);
+    cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * block::PAD as u64).product::<u64>() * CELL
+}
+
+/// How often sheets are looked for.
+const TRIES: usize = 8;
+
+/// The part of the walls that part nothing, from which on sheets are looked for.
+const SEEN: f64 = 0.02;
+
+/// A ball smaller than this, in cells, is no ball.
+const SMALLEST: f64 = 1.5;

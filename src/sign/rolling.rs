@@ -1,0 +1,133 @@
+//! A ball that rolls round the cloud: the cells that it reaches from beyond the box, whatever else becomes of them.
+//!
+//! A large ball rolls on a coarser copy of the cells, so that it is never more than [`ROUND`] cells wide; a copy's cell is occupied if any of its cells is, so that the ball
+//! mostly reaches less there. Never does it come nearer to an occupied cell than by (f − 1) √3 cells more than a ball on the block itself, f being the copy's factor.
+
+use super::block::{Block, PAD};
+use crate::grid::dilate::{Ball, Dilation};
+use crate::grid::slice::{Bits, clip};
+
+/// The radius from which a coarser copy will do.
+const ROUND: f64 = 24.0;
+
+/// Of each cell of the block, whether a ball of `radius` cells covers it that touches no occupied cell and can be moved there from far off. Memory: a few bits for each cell
+/// of a box that is larger by the ball on every side.
+pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {
+    let mut level = 0u32;
+    while radius / f64::from(1 << level) >= ROUND {
+        level += 1;
+    }
+    let radius = radius / f64::from(1u32 << level);
+    let ball = Ball::squared((radius * radius).floor() as u32);
+    let margin = radius.ceil() as usize + 2;
+    let [width, rows, slices] = [block.width, block.rows, block.slices].map(|n| n.div_ceil(1 << level) + 2 * margin);
+    let empty = Bits::new(width as u32, rows as u32);
+    let place = |c: usize| (c >> level) + margin;
+    let mut coarse = vec![empty.clone(); slices];
+    for (index, _) in occupied.iter().enumerate().filter(|(_, occupied)| **occupied) {
+        let (x, rest) = (index % block.width, index / block.width);
+        coarse[place(rest / block.rows)].set(place(x) as u32, place(rest % block.rows) as u32);
+    }
+    let mut free = dilated(&coarse, ball);
+    drop(coarse);
+    for slice in &mut free {
+        slice.light(0..rows);
+        for z in 0..rows as u32 {
+            let row = slice.row_mut(z);
+            row.iter_mut().for_each(|word| *word = !*word);
+            clip(row, width as u32);
+        }
+    }
+    let centres = filled_from_corner(&free);
+    drop(free);
+    let covered = dilated(&centres, ball);
+    let mut out = Vec::with_capacity(block.size());
+    for y in 0..block.slices {
+        for z in 0..block.rows {
+            let border = |c: usize, n: usize| c < PAD || c + PAD >= n;
+            let padding = border(y, block.slices) || border(z, block.rows);
+            let (slice, z) = (&covered[place(y)], place(z) as i64);
+            out.extend((0..block.width).map(|x| padding || border(x, block.width) || slice.get(place(x) as i64, z)));
+        }
+    }
+    for (out, occupied) in out.iter_mut().zip(occupied) {
+        *out &= !occupied;
+    }
+    out
+}
+
+/// The slices with all cells in the ball round a set one.
+fn dilated(slices: &[Bits], ball: Ball) -> Vec<Bits> {
+    let (width, rows, count) = (slices[0].width(), slices[0].row_count(), slices.len() as i64);
+    let mut dilation = Dilation::new(ball, width, rows, count);
+    let mut out = Vec::with_capacity(slices.len());
+    for y in 0..count {
+        let slice = dilation.slide_to(y, |y, bits| {
+            match usize::try_from(y).ok().and_then(|y| slices.get(y)) {
+                Some(slice) => bits.clone_from(slice),
+                None => bits.clear(),
+            }
+            Ok(())
+        });
+        out.push(slice.expect("nothing is read").clone());
+    }
+    out
+}
+
+/// The free cells that hang together by faces with the first cell: found slice by slice, up and down, until no slice gains a cell.
+fn filled_from_corner(free: &[Bits]) -> Vec<Bits> {
+    let (rows, count) = (free[0].row_count(), free.len());
+    let mut reached = vec![Bits::new(free[0].width(), rows); count];
+    reached[0].set(0, 0);
+    let mut changed = true;
+    while changed {
+        changed = false;
+        for y in (0..count).chain((0..count).rev()) {
+            let mut here = std::mem::replace(&mut reached[y], Bits::new(0, 0));
+            for beside in [y.checked_sub(1), Some(y + 1).filter(|y| *y < count)].into_iter().flatten() {
+                for z in 0..rows {
+                    if let Some(row) = reached[beside].lit_row(z) {
+                        changed |= spread(here.row_mut(z), row, free[y].row(z));
+                    }
+                }
+            }
+            let mut row_before = vec![0; here.row_words()];
+            for rows in [&mut (0..rows) as &mut dyn Iterator<Item = u32>, &mut (0..rows).rev()] {
+                row_before.fill(0);
+                for z in rows {
+                    changed |= spread(here.row_mut(z), &row_before, free[y].row(z));
+                    row_before.copy_from_slice(here.row(z));
+                }
+            }
+            reached[y] = here;
+        }
+    }
+    reached
+}
+
+/// Adds the free cells of `from`, and all free ones in a row with them. Whether there were any new ones.
+fn spread(row: &mut [u64], from: &[u64], free: &[u64]) -> bool {
+    if row.iter().zip(from).zip(free).all(|((row, from), free)| from & free & !row == 0) {
+        return false;
+    }
+    row.iter_mut().zip(from).zip(free).for_each(|((row, from), free)| *row |= from & free);
+    let mut carry = 0;
+    for (row, free) in row.iter_mut().zip(free) {
+        let (mut found, mut path) = (*row | carry & free, *free);
+        for step in [1, 2, 4, 8, 16, 32] {
+            found |= path & found << step;
+            path &= path << step;
+        }
+        (*row, carry) = (found, found >> 63);
+    }
+    carry = 0;
+    for (row, free) in row.iter_mut().zip(free).rev() {
+        let (mut found, mut path) = (*row | carry & free, *free);
+        for step in [1, 2, 4, 8, 16, 32] {
+            found |= path & found >> step;
+            path &= path >> step;
+        }
+        (*row, carry) = (found, found << 63);
+    }
+    true
+}

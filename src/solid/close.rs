@@ -1,0 +1,380 @@
+//! Closing: from the occupied cells to the solid, as asked for.
+//!
+//! Tells inside and outside apart by the sign of a field ([`crate::sign`]) or by a ball that is asked for ([`crate::solid::seal`]), decides finer
+//! cells by falling balls, and leaves out what is too small to be kept.
+//!
+//! The field is found on one coarse level, whose cells are at least 1.1 sampling distances wide, and no more than [`sign::LONGEST`] along any axis. A window
+//! of slices, however few, holds what finer levels need: on these the balls are a few cells wide.
+
+use crate::error::{Error, Result};
+use crate::grid::dilate::{Ball, squared};
+use crate::grid::occupancy::Occupancy;
+use crate::grid::{CELLS_LIMIT, Grid};
+use crate::resources::context::Context;
+use crate::sign;
+use crate::sign::{Patch, Seen, Signed};
+use crate::solid::Solid;
+use crate::solid::component;
+use crate::solid::component::{Components, Least};
+use crate::solid::heightfield;
+use crate::solid::open::Open;
+use crate::solid::seal;
+use crate::solid::seal::Pyramid;
+use crate::solid::watershed;
+use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
+
+pub use crate::solid::seal::Closing;
+
+/// How holes are closed.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sealing {
+    /// As wide as they are, where samples on their rims say so ([`crate::sign`]).
+    #[default]
+    Auto,
+    /// By a ball of this radius, in cells.
+    Cells(u32),
+    /// By a ball of this radius, in the input's units.
+    Length(f64),
+    /// Only those that a ball of one cell closes.
+    Off,
+}
+
+impl Sealing {
+    /// The radius asked for, in cells of `cell_size`, at least 1; none if it is to be found.
+    pub fn radius(self, cell_size: f64) -> Option<u32> {
+        match self {
+            Sealing::Auto => None,
+            Sealing::Cells(cells) => Some(cells.max(1)),
+            Sealing::Length(length) => Some((length / cell_size).ceil().clamp(1.0, f64::from(CELLS_LIMIT)) as u32),
+            Sealing::Off => Some(1),
+        }
+    }
+}
+
+/// What is asked of the closing.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked {
+    /// How holes are closed.
+    pub seal: Sealing,
+    /// The window's slices, which bound a closing radius that is given: ρ ≤ (W − 1) / 2.
+    pub window: Option<u32>,
+    /// Whether outliers stay.
+    pub keep_outliers: bool,
+    /// The components that are kept; `None` keeps all.
+    pub min_component: Option<Least>,
+    /// Whether the sign's level may be coarser than the sampling asks for, as [`sign::ROUGH`] says: faster, for a number of faces that is looked for.
+    pub rough: bool,
+}
+
+/// The solid, and how it came to be.
+#[derive(Debug)]
+pub struct Closed {
+    /// The solid, without lone cells and small components.
+    pub solid: Solid,
+    /// The occupied cells that count.
+    pub occupancy: Occupancy,
+    /// How they were closed.
+    pub how: How,
+    /// Whether a ball fell to smaller ones ([`crate::solid::watershed`]).
+    pub falls: bool,
+    /// What was found and left out, if small components were to be.
+    pub components: Option<Components>,
+}
+
+impl Closed {
+    /// Whether outliers were left out.
+    pub fn has_outliers(&self) -> bool {
+        matches!(&self.how, How::Sign(parted) if parted.outliers > 0)
+    }
+}
+
+/// How cells were closed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum How {
+    /// By a ball.
+    Ball(Closing),
+    /// By the sign of a field.
+    Sign(Parted),
+}
+
+/// What the walls part: the occupied cells that have free cells on both sides, on the level that the field was found on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parted {
+    /// How many there are.
+    pub walls: u64,
+    /// How many have the inside on both sides, or the outside.
+    pub part_nothing: u64,
+    /// Patches with the outside on both sides, the largest first.
+    pub open: Vec<PartingNothing>,
+    /// Patches with the inside on both sides, the largest first.
+    pub filled: Vec<PartingNothing>,
+    /// Occupied cells left out as outliers.
+    pub outliers: u64,
+}
+
+/// A patch of walls that part nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PartingNothing {
+    /// Number of its walls.
+    pub walls: u64,
+    /// Its box, in cells of the grid.
+    pub cells: [[f64; 3]; 2],
+}
+
+/// One wall in so many that parts nothing is too many for a sealed body.
+const SEALED: u64 = 50;
+
+impl Parted {
+    fn of(signed: &Signed, factor: u32, outliers: u64) -> Parted {
+        let patch = |patch: &Patch| {
+            let [low, high] = patch.cells;
+            let scale = f64::from(factor);
+            PartingNothing {
+                walls: patch.walls,
+                cells: [low.map(|c| c as f64 * scale), high.map(|c| (c + 1) as f64 * scale)],
+            }
+        };
+        Parted {
+            walls: signed.walls,
+            part_nothing: signed.part_nothing,
+            open: signed.open.iter().map(patch).collect(),
+            filled: signed.filled.iter().map(patch).collect(),
+            outliers,
+        }
+    }
+
+    /// Whether the mesh encloses the inside: the samples part inside and outside everywhere. No patch of walls has the same side on both of its
+    /// sides, and of all walls less than two in a hundred have.
+    pub fn is_sealed(&self) -> bool {
+        self.open.is_empty() && self.filled.is_empty() && SEALED * self.part_nothing < self.walls
+    }
+}
+
+/// The passes over the slices that closing takes, and who is told of them.
+struct Passes<'a> {
+    done: u64,
+    total: u64,
+    tell: &'a mut dyn FnMut(u64, u64),
+}
+
+impl Passes<'_> {
+    /// A pass over so many slices is done.
+    fn done(&mut self, slices: u32) {
+        self.done += u64::from(slices);
+        self.total = self.total.max(self.done);
+        (self.tell)(self.done, self.total);
+    }
+
+    /// From here on, there are going to be passes over so many slices.
+    fn expect(&mut self, slices: u64) {
+        self.total = self.done + slices;
+    }
+}
+
+/// The slices of the passes in which a ball falls, from level `level` to the grid's own. `first` is its squared radius there, `last` that on each level.
+fn slices_of_falls(slices: u32, level: u32, first: u32, last: impl Fn(u32) -> u32) -> u64 {
+    let mut squared = first;
+    let of_level = |l: u32| {
+        if l < level {
+            squared *= 4;
+        }
+        let steps = watershed::steps(squared, last(l));
+        squared = squared.min(last(l));
+        u64::from(steps) * u64::from(slices.div_ceil(1 << l))
+    };
+    (0..=level).rev().map(of_level).sum()
+}
+
+/// Passes after those of a ball's fall: the solid, its hollows, what cannot be resolved, lone cells, components. With a ball that is given, the first three
+/// are one.
+const AFTER_THE_FALL: [u64; 2] = [5, 3];
+
+/// Closes the occupied cells: with the radius that is asked for, as far as the window allows it, or by the sign of a field. `progress` is told the
+/// slices of the passes that are done, and of all.
+///
+/// # Errors
+/// [`Error::Usage`] for a radius of more than half the longest side, and if no component is as large as asked for; [`Error::Io`];
+/// [`Error::Interrupted`].
+pub fn close(
+    occupancy: Occupancy,
+    cell_size: f64,
+    asked: Asked,
+    context: &Context,
+    mut progress: impl FnMut(u64, u64),
+) -> Result<Closed> {
+    let slices = occupancy.cells[1];
+    let progress = &mut Passes { done: 0, total: 0, tell: &mut progress };
+    let given = asked.seal.radius(cell_size);
+    let longest = occupancy.cells.into_iter().max().unwrap_or(1);
+    if let Some(radius) = given.filter(|radius| *radius > 1 && 2 * u64::from(*radius) > u64::from(longest)) {
+        return Err(Error::Usage(format!(
+            "--seal: a radius of {radius} cells is more than half of the longest side, {longest} cells"
+        )));
+    }
+    let (solid, occupancy, how, falls) = match given {
+        None => close_signed(occupancy, asked, context, progress)?,
+        Some(_) => {
+            let wanted = given.map(Closing::with_radius).expect("a radius is given");
+            let falls = slices_of_falls(slices, wanted.level, squared(wanted.radius), seal::last);
+            progress.expect(falls + AFTER_THE_FALL[1] * u64::from(slices));
+            let pyramid = Pyramid::over(&occupancy, wanted.level, context)?;
+            let most = asked.window.map_or(u32::MAX, |w| (w - 1) / 2);
+            // A ball that the window bounds does not seal: there are no sides to tell apart, and nothing to fall to.
+            let falls = wanted.rho() > 1 && wanted.rho() <= most;
+            let closing = if wanted.rho() <= most { wanted } else { Closing { level: 0, radius: most } };
+            let solid = if closing == wanted {
+                pyramid.close(closing, context, |slices| progress.done(slices))?
+            } else {
+                Solid::close(&occupancy, &Ball::new(closing.radius), context)?
+            };
+            drop(pyramid);
+            (solid, occupancy, How::Ball(closing), falls)
+        }
+    };
+    let solid = solid.without_lone_cells(context)?;
+    progress.done(slices);
+    let (solid, occupancy, components) = match asked.min_component {
+        None => (solid, occupancy, None),
+        Some(least) => {
+            let (solid, occupancy, components) = component::keep(solid, occupancy, least, context)?;
+            if components.dropped == components.found {
+                let largest = components.largest;
+                return Err(Error::Usage(format!("--min-component: the largest component has {largest} cells only")));
+            }
+            (solid, occupancy, Some(components))
+        }
+    };
+    progress.done(slices);
+    Ok(Closed { solid, occupancy, how, falls, components })
+}
+
+/// The solid below a surface that is not closed: columns, over which a small ball rolls. `progress` is told the slices that are done, and of all.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Interrupted`].
+pub fn close_below(
+    occupancy: Occupancy,
+    grid: &Grid,
+    open: &Open,
+    asked: Asked,
+    smooth: u32,
+    context: &Context,
+    mut progress: impl FnMut(u64, u64),
+) -> Result<Closed> {
+    let slices = u64::from(grid.cells()[1]);
+    progress(0, slices);
+    let ball = open.ball(asked.seal, asked.window, grid.cell_size());
+    let ground = heightfield::Asked {
+        up: open.up(grid),
+        bridge: open.bridge(grid),
+        ball,
+        base: open.base.is_some(),
+        jump: open.jump(grid),
+        smooth,
+    };
+    let solid = heightfield::solid(&occupancy, ground, context)?;
+    progress(slices, slices);
+    let how = How::Ball(Closing { level: 0, radius: ball.radius() });
+    Ok(Closed { solid, occupancy, how, falls: false, components: None })
+}
+
+/// The side of the cells that the field is looked for on, in sampling distances, at the least.
+const COARSE: f64 = 1.1;
+
+/// The last ball's radius, in sampling distances.
+const BALL: f64 = 1.5;
+
+/// The side of a cell in sampling distances, from how many occupied cells there are for each one twice as large. Of samples at random on a surface that is
+/// q = exp(-r²/1.5) of its cells empty by chance, 4 / ((1 + q) (1 + q²)).
+fn side_in_samples(filling: f64) -> f64 {
+    const TABLE: [(f64, f64); 11] = [
+        (1.0, 0.1),
+        (1.09, 0.3),
+        (1.26, 0.5),
+        (1.45, 0.65),
+        (1.70, 0.8),
+        (2.09, 1.0),
+        (2.52, 1.2),
+        (2.73, 1.3),
+        (3.11, 1.5),
+        (3.72, 2.0),
+        (4.0, 3.0),
+    ];
+    let above = TABLE.iter().position(|(f, _)| *f > filling).unwrap_or(TABLE.len() - 1).max(1);
+    let ((f0, r0), (f1, r1)) = (TABLE[above - 1], TABLE[above]);
+    r0 + (r1 - r0) * ((filling - f0) / (f1 - f0)).clamp(0.0, 1.0)
+}
+
+/// Closes the occupied cells by the sign of a field on a coarse level ([`crate::sign`]), and finer levels by what that says.
+fn close_signed(
+    mut occupancy: Occupancy,
+    asked: Asked,
+    context: &Context,
+    progress: &mut Passes,
+) -> Result<(Solid, Occupancy, How, bool)> {
+    let slices = occupancy.cells[1];
+    let longest = occupancy.cells.into_iter().max().unwrap_or(1);
+    let least = longest.div_ceil(if asked.rough { sign::ROUGH } else { sign::LONGEST });
+    let first = Seen::of(&occupancy, least, context)?;
+    let all = occupancy.occupied;
+    // It serves as the level that the field is found on, if that has the same cells.
+    let mut first = Some(first);
+    if let Some(seen) = first.take_if(|first| !asked.keep_outliers && first.has_outliers()) {
+        occupancy = occupancy.filtered(|cell| !seen.is_outlier(cell.map(|c| c / least)), context)?;
+    }
+    let coarser = occupancy.coarser(context)?;
+    let side = side_in_samples(occupancy.occupied as f64 / coarser.occupied as f64);
+    let factor = (COARSE / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
+    let level = factor.ilog2();
+    let last = ((BALL / side).powi(2) as u32).clamp(LAST, 64);
+    let (mut factor, mut level) = (factor, level);
+    let fall_from = |factor: u32, level: u32| (factor >> level).max(1).pow(2);
+    let last_of = |l: u32| if l > 0 { LAST_COARSE.max(last >> (2 * l)) } else { last };
+    // The field's pass, which may have to be made again with coarser cells, and those of the fall.
+    let of_fall =
+        slices_of_falls(slices, level, fall_from(factor, level), last_of) + AFTER_THE_FALL[0] * u64::from(slices);
+    progress.expect(u64::from(slices) + of_fall);
+    let seen = match first.filter(|_| factor == least) {
+        Some(first) => first,
+        None => Seen::of(&occupancy, factor, context)?,
+    };
+    let mut signed = Signed::find(seen, context)?;
+    progress.done(slices);
+    // Where the sampling is uneven, the cells may be too fine for a part of it.
+    for coarser in [2, 3, 4].map(|times| times * factor) {
+        if asked.rough || Parted::of(&signed, factor, 0).is_sealed() || longest / coarser < 16 {
+            break;
+        }
+        progress.expect(u64::from(slices) + of_fall);
+        let found = Signed::find(Seen::of(&occupancy, coarser, context)?, context)?;
+        progress.done(slices);
+        if Parted::of(&found, coarser, 0).is_sealed() {
+            (signed, factor, level) = (found, coarser, coarser.ilog2());
+        }
+    }
+    drop(coarser);
+    let of_fall = slices_of_falls(slices, level, fall_from(factor, level), last_of);
+    progress.expect(of_fall + AFTER_THE_FALL[0] * u64::from(slices));
+    let mut levels: Vec<Occupancy> = Vec::new();
+    while (levels.len() as u32) < level {
+        levels.push(levels.last().unwrap_or(&occupancy).coarser(context)?);
+    }
+    let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
+    let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
+    for l in (0..=level).rev() {
+        if l < level {
+            sides = sides.refined(at(l), context)?;
+        }
+        sides = sides.fallen(at(l), last_of(l), context, &mut |slices| progress.done(slices))?;
+    }
+    let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
+    drop(sides);
+    progress.done(slices);
+    let solid = solid.without_hollows(&occupancy, context)?;
+    progress.done(slices);
+    let solid = solid.without_unresolved(&occupancy, context)?;
+    progress.done(slices);
+    let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied));
+    Ok((solid, occupancy, how, level > 0))
+}

@@ -1,0 +1,387 @@
+//! Unresolved: groups of a few cells that alter the topology of the solid, and that no sampling can vouch for.
+//!
+//! Where samples are noisy or sparse, single occupied cells stand off the body, and single gaps go through its wall:
+//!
+//! ```text
+//!      . # # .       an arch: two cells more make     # # . # #      a pin hole: one cell more
+//!      . # . # .     a handle                         # # . # #      takes a handle away
+//!    # # # # # # #                                    # # . # #
+//!    i i i i i i i
+//! ```
+//!
+//! Such groups are found by a cube of 3 x 3 x 3 cells. *Spikes* are the solid cells that no such cube round an unoccupied solid cell covers; *pits* the
+//! cells that are not solid and that no such cube of cells that are not solid covers. A group, joined by faces, is judged by what it does to the Euler
+//! characteristic χ = components − handles + cavities of the solid: a few spikes that lower it are taken away, a few pits whose filling raises it are
+//! filled. Spikes and pits that leave χ as it is are detail, and stay.
+//!
+//! χ is a sum over the 2 x 2 x 2 cells round each corner of the grid (`characteristic`), so that what a group changes is summed up along its runs. Where a corner
+//! touches two groups, the first one in the order of cells is given its change.
+//!
+//! Source: T. Y. Kong and A. Rosenfeld, *Digital topology: introduction and survey* (1989), for χ of cells joined by faces.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::error::Result;
+use crate::grid::dilate::{Ball, Dilation};
+use crate::grid::label::{Labeller, Labels, Measure, Parts};
+use crate::grid::occupancy::Occupancy;
+use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices, clip};
+use crate::grid::window::Window;
+use crate::resources::context::{Context, chunks};
+use crate::solid::dents::Lining;
+use crate::solid::exterior::{Padded, Scratch, invert};
+use crate::solid::{Solid, faces, move_back};
+
+/// Groups of as many cells are seen well enough to be believed.
+const BELIEVED: u64 = 64;
+
+/// Pits of no more cells are filled even if samples line them: they lie under an arch of samples.
+const PIT: u64 = 8;
+
+/// The squared radius of a ball that is a cube of 3 x 3 x 3 cells.
+const CUBE: u32 = 3;
+
+/// The verdicts on groups.
+const STAYS: u8 = 0;
+const CHANGES: u8 = 1;
+
+/// What is looked for, and how the solid is changed where it is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Change {
+    /// Spikes are taken away.
+    Removed,
+    /// Pits are filled.
+    Filled,
+}
+
+/// Eight times what the corner between 2 x 2 x 2 cells adds to χ of solid cells joined by faces: cells − pairs that share a face + squares of four −
+/// cubes of eight. Bit x + 2 z + 4 y of the pattern is the cell's. A cell is shared by 8 corners, a pair by 4, a square by 2.
+const fn characteristic(pattern: u8) -> i32 {
+    let mut sum = pattern.count_ones() as i32;
+    let mut axis = 0;
+    while axis < 3 {
+        let step = 1 << axis;
+        let mut cell = 0;
+        while cell < 8 {
+            if cell & step == 0 && pattern >> cell & 1 == 1 && pattern >> (cell + step) & 1 == 1 {
+                sum -= 2;
+            }
+            cell += 1;
+        }
+        // The squares across this axis: the four cells of either side.
+        let side: u8 = match axis {
+            0 => 0b0101_0101,
+            1 => 0b0011_0011,
+            _ => 0b0000_1111,
+        };
+        if pattern & side == side {
+            sum += 4;
+        }
+        if pattern & !side == !side {
+            sum += 4;
+        }
+        axis += 1;
+    }
+    if pattern == u8::MAX { sum - 8 } else { sum }
+}
+
+/// [`characteristic`] of every pattern.
+const CHARACTERISTIC: [i32; 256] = {
+    let mut table = [0; 256];
+    let mut pattern = 0;
+    while pattern < 256 {
+        table[pattern] = characteristic(pattern as u8);
+        pattern += 1;
+    }
+    table
+};
+
+/// What a group of cells is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Zeroable, Pod)]
+#[repr(C)]
+struct Group {
+    cells: u64,
+    /// Eight times χ with the group less χ without it.
+    change: i64,
+    /// Of a pit: its faces to the occupied cells, and to other solid cells.
+    lining: Lining,
+}
+
+impl Measure for Group {
+    fn add(&mut self, other: &Group) {
+        self.cells += other.cells;
+        self.change += other.change;
+        self.lining.add(&other.lining);
+    }
+}
+
+impl Group {
+    fn verdict(&self, change: Change) -> u8 {
+        let better = match change {
+            Change::Removed => self.change < 0,
+            Change::Filled => self.change > 0 && (self.cells <= PIT || !self.lining.is_sampled()),
+        };
+        if better && self.cells < BELIEVED { CHANGES } else { STAYS }
+    }
+}
+
+impl Solid {
+    /// The same solid without small groups of cells that make handles, and with small gaps filled that do.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn without_unresolved(self, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
+        let mut solid = self;
+        for change in [Change::Removed, Change::Filled] {
+            let mut labeller = Labeller::new(context);
+            let mut jobs = chunks(solid.cells[1]);
+            let mut any = false;
+            context.workers.in_order(
+                context.memory.chunks_for(&context.load, 6),
+                || Ok(jobs.next()),
+                |slices| Seen::new(&solid, occupancy, change, slices.end).groups(slices),
+                |(found, parts)| {
+                    any |= found;
+                    labeller.add(parts)
+                },
+            )?;
+            let components = labeller.finish()?;
+            if !any {
+                continue;
+            }
+            let mut changes = false;
+            let labels = components.judged(context, |group| {
+                let verdict = group.verdict(change);
+                changes |= verdict == CHANGES;
+                verdict
+            })?;
+            if changes {
+                solid = solid.changed(&labels, CHANGES, change, context)?;
+            }
+        }
+        Ok(solid)
+    }
+
+    /// The solid with the groups changed that have a verdict.
+    pub(super) fn changed(&self, labels: &Labels, verdict: u8, change: Change, context: &Context) -> Result<Solid> {
+        let [width, slices, rows] = self.cells;
+        let store = SliceStore::new(&context.workspace, context.memory.store_quota);
+        let mut out =
+            Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize), ground: None };
+        let mut jobs = chunks(slices);
+        context.workers.in_order(
+            context.memory.chunks_for(&context.load, 1),
+            || Ok(jobs.next()),
+            |chunk| {
+                let (mut runs, mut scratch) = (Runs::default(), Scratch::default());
+                let mut bits = [(); 3].map(|()| Bits::new(width, rows));
+                let [slice, below, group] = &mut bits;
+                let (mut volume, mut faces_of, mut out) = (0, Vec::with_capacity(chunk.len()), Slices::default());
+                for y in chunk.start.saturating_sub(1)..chunk.end {
+                    self.store.paint(y.into(), slice, &mut runs)?;
+                    match change {
+                        Change::Filled => labels.paint(y, verdict, slice, &mut scratch)?,
+                        Change::Removed => {
+                            group.clear();
+                            labels.paint(y, verdict, group, &mut scratch)?;
+                            slice.and_not(group);
+                        }
+                    }
+                    if y >= chunk.start {
+                        volume += slice.cell_count();
+                        faces_of.push(faces(slice, below));
+                        out.push(slice);
+                    }
+                    std::mem::swap(slice, below);
+                }
+                Ok((volume, faces_of, out))
+            },
+            |(volume, faces_of, slices)| {
+                out.volume += volume;
+                out.faces.extend(faces_of);
+                out.store.extend(&slices)
+            },
+        )?;
+        Ok(out)
+    }
+}
+
+/// Finds the groups of some slices.
+struct Seen<'a> {
+    solid: &'a Solid,
+    occupancy: &'a Occupancy,
+    change: Change,
+    padded: Padded,
+    /// What the first cube covers, and for pits the second.
+    dilations: [Dilation; 2],
+    runs: Runs,
+    scratch: Bits,
+}
+
+impl<'a> Seen<'a> {
+    fn new(solid: &'a Solid, occupancy: &'a Occupancy, change: Change, end: u32) -> Seen<'a> {
+        let padded = Padded::new(solid.cells, Ball::squared(CUBE).radius());
+        let dilation = |more: u32| padded.dilation(Ball::squared(CUBE), end + padded.pad + more);
+        // A slice more than asked for: corners are shared with it.
+        let dilations = [dilation(3), dilation(2)];
+        let scratch = Bits::new(solid.cells[0], solid.cells[2]);
+        Seen { solid, occupancy, change, padded, dilations, runs: Runs::default(), scratch }
+    }
+
+    /// Sets the cells of slice `y` that groups are made of.
+    fn paint(&mut self, y: i64, bits: &mut Bits) -> Result<()> {
+        bits.clear();
+        let [width, slices, rows] = self.solid.cells;
+        if !(0..i64::from(slices)).contains(&y) {
+            return Ok(());
+        }
+        let Seen { solid, occupancy, change, padded, dilations, runs, scratch } = self;
+        let pad = i64::from(padded.pad);
+        let [first, second] = dilations;
+        let covered = match change {
+            Change::Removed => first.slide_to(y + pad, |y, room| {
+                solid.store.paint_moved(y - pad, padded.pad, room, runs)?;
+                let mut occupied = padded.bits();
+                padded.paint_occupied(occupancy, y, &mut occupied, runs)?;
+                room.and_not(&occupied);
+                Ok(())
+            })?,
+            Change::Filled => second.slide_to(y + pad, |y, room| {
+                let paint = |y, bits: &mut Bits| solid.store.paint_moved(y - pad, padded.pad, bits, runs);
+                let near = first.slide_to(y, paint)?;
+                for z in 0..padded.cells[2] {
+                    let row = room.row_mut(z);
+                    row.copy_from_slice(near.row(z));
+                    invert(row, padded.cells[0]);
+                }
+                Ok(())
+            })?,
+        };
+        solid.store.paint(y, scratch, runs)?;
+        for z in 0..rows {
+            let solid = scratch.row(z);
+            if *change == Change::Removed && scratch.lit_row(z).is_none() {
+                continue;
+            }
+            let row = bits.row_mut(z);
+            move_back(covered.row(z + padded.pad), padded.pad, row);
+            match change {
+                Change::Removed => row.iter_mut().zip(solid).for_each(|(covered, solid)| *covered = solid & !*covered),
+                Change::Filled => row.iter_mut().zip(solid).for_each(|(covered, solid)| *covered = !(*covered | solid)),
+            }
+            clip(row, width);
+        }
+        Ok(())
+    }
+
+    /// The groups of some slices, as far as they hang together there; and whether there are any.
+    fn groups(mut self, slices: std::ops::Range<u32>) -> Result<(bool, Parts<Group>)> {
+        let [width, _, rows] = self.solid.cells;
+        let mut cells = Window::new(3, || Bits::new(width, rows));
+        let mut around = [(); 2].map(|()| Window::new(3, || Bits::new(width, rows)));
+        let (mut runs, mut held, mut groups) = (Runs::default(), Vec::with_capacity(slices.len()), Vec::new());
+        for y in slices.map(i64::from) {
+            cells.slide_to(y - 1, |y, bits| self.paint(y, bits))?;
+            for (window, store) in around.iter_mut().zip([&self.solid.store, &self.occupancy.store]) {
+                window.slide_to(y - 1, |y, bits| store.paint(y, bits, &mut runs))?;
+            }
+            let found = Runs::from_bits(cells.get(y));
+            for z in 0..rows {
+                groups.extend(found.row(z).iter().map(|run| Group::of(&around, &cells, y, z, *run)));
+            }
+            held.push(found);
+        }
+        let any = !groups.is_empty();
+        let mut groups = groups.into_iter();
+        Ok((any, Parts::of(held, |_, _, _| groups.next().expect("every run has its group"))))
+    }
+}
+
+impl Group {
+    /// What a run of row `z` of slice `y` adds: its cells, and the change at the corners whose first cell of a group is one of them.
+    fn of(around: &[Window<Bits>; 2], cells: &Window<Bits>, y: i64, z: u32, run: Run) -> Group {
+        let mut change = 0;
+        let [solid, _] = around;
+        for x in i64::from(run.start)..i64::from(run.end) {
+            for corner in 0..8i64 {
+                let [dx, dz, dy] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
+                let (mut group, mut without) = (0u8, 0u8);
+                for cell in 0..8i64 {
+                    // The corner's lowest cell lies at x + dx - 1, y + dy - 1, z + dz - 1.
+                    let at = [x + dx - 1 + (cell & 1), i64::from(z) + dz - 1 + (cell >> 1 & 1)];
+                    let slice = y + dy - 1 + (cell >> 2 & 1);
+                    if cells.get(slice).get(at[0], at[1]) {
+                        group |= 1 << cell;
+                    } else if solid.get(slice).get(at[0], at[1]) {
+                        without |= 1 << cell;
+                    }
+                }
+                let this = (1 - dx) + 2 * (1 - dz) + 4 * (1 - dy);
+                if i64::from(group.trailing_zeros()) == this {
+                    let [with, without] = [group | without, without].map(|p| i64::from(CHARACTERISTIC[p as usize]));
+                    change += with - without;
+                }
+            }
+        }
+        Group { cells: u64::from(run.end - run.start), change, lining: Lining::of(around, y, z, run) }
+    }
+}
+
+#[cfg(test)]
+mod properties;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// χ of solid cells joined by faces, counted one by one.
+    fn counted(cells: &[[i32; 3]]) -> i32 {
+        let has = |cell: [i32; 3]| cells.contains(&cell);
+        let mut sum = 0;
+        for &[x, y, z] in cells {
+            for square in 0..8 {
+                let [a, b, c] = [square & 1, square >> 1 & 1, square >> 2 & 1];
+                let all = (0..=a).all(|i| (0..=b).all(|j| (0..=c).all(|k| has([x + i, y + j, z + k]))));
+                sum += if all { if (a + b + c) % 2 == 0 { 1 } else { -1 } } else { 0 };
+            }
+        }
+        sum
+    }
+
+    /// The same by corners.
+    fn by_corners(cells: &[[i32; 3]]) -> i32 {
+        let mut sum = 0;
+        for x in -2..6 {
+            for y in -2..6 {
+                for z in -2..6 {
+                    let pattern = (0..8).fold(0u8, |pattern, i| {
+                        let cell = [x + (i & 1), y + (i >> 2 & 1), z + (i >> 1 & 1)];
+                        pattern | u8::from(cells.contains(&cell)) << i
+                    });
+                    sum += CHARACTERISTIC[usize::from(pattern)];
+                }
+            }
+        }
+        assert_eq!(sum % 8, 0);
+        sum / 8
+    }
+
+    #[test]
+    fn every_pattern_of_eight_cells_has_the_characteristic_that_is_counted() {
+        for pattern in 0..256 {
+            let cells: Vec<[i32; 3]> =
+                (0..8).filter(|i| pattern >> i & 1 == 1).map(|i| [i & 1, i >> 2 & 1, i >> 1 & 1]).collect();
+            assert_eq!(by_corners(&cells), counted(&cells), "{pattern}");
+        }
+    }
+
+    #[test]
+    fn a_ball_a_ring_and_a_hollow_have_one_none_and_two() {
+        let cube = |keep: fn([i32; 3]) -> bool| -> Vec<[i32; 3]> {
+            (0..27).map(|i| [i % 3, i / 3 % 3, i / 9]).filter(|c| keep(*c)).collect()
+        };
+        assert_eq!(by_corners(&cube(|_| true)), 1);
+        assert_eq!(by_corners(&cube(|[x, y, _]| [x, y] != [1, 1])), 0);
+        assert_eq!(by_corners(&cube(|c| c != [1, 1, 1])), 2);
+    }
+}

@@ -1,0 +1,407 @@
+//! Spikes, pits and what they do to χ, against counts over all cells.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::grid::Cell;
+use crate::points::Precision;
+use crate::resources::workers::Workers;
+use crate::run::planner::MemoryPlan;
+use crate::run::workload::Load;
+use crate::storage::spool::Workspace;
+
+fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
+    let dir = tempfile::tempdir().unwrap();
+    let load = Load::in_cells(1000, Precision::Single, cells, 1);
+    let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
+    let workers = Workers::new(1).unwrap();
+    work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory, load })
+}
+
+/// Marks on the cells of a box, nothing beyond it.
+#[derive(Debug, Clone, PartialEq)]
+struct Marks {
+    cells: [i64; 3],
+    marks: Vec<bool>,
+}
+
+impl Marks {
+    fn of(cells: Cell, mut holds: impl FnMut([i64; 3]) -> bool) -> Marks {
+        let cells = cells.map(i64::from);
+        let marks = places(cells).map(&mut holds).collect();
+        Marks { cells, marks }
+    }
+
+    fn number(&self, [x, y, z]: [i64; 3]) -> Option<usize> {
+        let within = [x, y, z].iter().zip(self.cells).all(|(c, n)| (0..n).contains(c));
+        within.then(|| ((y * self.cells[2] + z) * self.cells[0] + x) as usize)
+    }
+
+    fn at(&self, cell: [i64; 3]) -> bool {
+        self.number(cell).is_some_and(|number| self.marks[number])
+    }
+
+    fn set(&mut self, cell: [i64; 3], mark: bool) {
+        let number = self.number(cell).unwrap();
+        self.marks[number] = mark;
+    }
+
+    fn cells(&self) -> Vec<[i64; 3]> {
+        places(self.cells).zip(&self.marks).filter(|(_, mark)| **mark).map(|(cell, _)| cell).collect()
+    }
+
+    fn size(&self) -> Cell {
+        self.cells.map(|c| c as u32)
+    }
+
+    fn occupancy(&self, context: &Context) -> Occupancy {
+        Occupancy::of_cells(self.cells().into_iter().map(|cell| cell.map(|c| c as u32)), self.size(), context).unwrap()
+    }
+
+    fn solid(&self, context: &Context) -> Solid {
+        let Occupancy { store, occupied, .. } = self.occupancy(context);
+        // As many faces as there are cells, which nobody reads here.
+        Solid { cells: self.size(), store, volume: occupied, faces: vec![0; self.cells[1] as usize], ground: None }
+    }
+
+    fn of_solid(solid: &Solid) -> Marks {
+        let (mut bits, mut runs) = (Bits::new(solid.cells[0], solid.cells[2]), Runs::default());
+        let mut marks = Marks::of(solid.cells, |_| false);
+        for y in 0..i64::from(solid.cells[1]) {
+            solid.store.paint(y, &mut bits, &mut runs).unwrap();
+            for cell in places(marks.cells).filter(|cell| cell[1] == y) {
+                marks.set(cell, bits.get(cell[0], cell[2]));
+            }
+        }
+        marks
+    }
+
+    /// χ of the cells joined by faces: cells − pairs + squares − cubes.
+    fn characteristic(&self) -> i64 {
+        let mut sum = 0;
+        for cell in self.cells() {
+            for size in corners() {
+                let all = corners().filter(|c| (0..3).all(|a| c[a] <= size[a])).all(|c| self.at(plus(cell, c)));
+                sum += if !all {
+                    0
+                } else if size.iter().sum::<i64>() % 2 == 0 {
+                    1
+                } else {
+                    -1
+                };
+            }
+        }
+        sum
+    }
+
+    /// χ from the surface: half of its corners − edges + faces, where cells that share no face are kept apart.
+    fn characteristic_of_surface(&self) -> i64 {
+        // A face is a solid cell, an axis and a direction; its corners are numbered 0 to 3.
+        let faces: Vec<([i64; 3], usize, i64)> = self
+            .cells()
+            .into_iter()
+            .flat_map(|cell| (0..3).flat_map(move |axis| [-1, 1].map(|side| (cell, axis, side))))
+            .filter(|(cell, axis, side)| !self.at(plus(*cell, unit(*axis, *side))))
+            .collect();
+        let numbers: std::collections::HashMap<_, _> = faces.iter().enumerate().map(|(i, face)| (*face, i)).collect();
+        let across = |axis: usize| [(axis + 1) % 3, (axis + 2) % 3];
+        let corner = |face: ([i64; 3], usize, i64), c: usize| {
+            let mut at = plus(face.0, unit(face.1, (face.2 + 1) / 2));
+            let [a, b] = across(face.1);
+            at[a] += (c & 1) as i64;
+            at[b] += (c >> 1) as i64;
+            at
+        };
+        let mut joined: Vec<usize> = (0..4 * faces.len()).collect();
+        fn root(joined: &[usize], mut i: usize) -> usize {
+            while joined[i] != i {
+                i = joined[i];
+            }
+            i
+        }
+        for (i, &face) in faces.iter().enumerate() {
+            let (cell, axis, side) = face;
+            for edge in across(axis) {
+                for direction in [-1, 1] {
+                    // The face that this one meets there: of the cell that lies over the edge, of the one beside, or of the cell itself.
+                    let beside = plus(cell, unit(edge, direction));
+                    let over = plus(beside, unit(axis, side));
+                    let next = if self.at(beside) && self.at(over) {
+                        (over, edge, -direction)
+                    } else if self.at(beside) {
+                        (beside, axis, side)
+                    } else {
+                        (cell, edge, direction)
+                    };
+                    let j = numbers[&next];
+                    for (a, b) in (0..4).flat_map(|a| (0..4).map(move |b| (a, b))) {
+                        // Both corners of the edge that they share.
+                        let at = corner(face, a);
+                        if at[edge] == cell[edge] + (direction + 1) / 2 && at == corner(next, b) {
+                            let (a, b) = (root(&joined, 4 * i + a), root(&joined, 4 * j + b));
+                            joined[a] = b;
+                        }
+                    }
+                }
+            }
+        }
+        let corners = (0..joined.len()).filter(|&i| joined[i] == i).count() as i64;
+        let faces = faces.len() as i64;
+        // Every face has four edges, every edge two faces.
+        (corners - 2 * faces + faces) / 2
+    }
+}
+
+fn places(cells: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
+    let [width, slices, rows] = cells;
+    (0..slices).flat_map(move |y| (0..rows).flat_map(move |z| (0..width).map(move |x| [x, y, z])))
+}
+
+/// In the order of x, rows, slices.
+fn corners() -> impl Iterator<Item = [i64; 3]> {
+    (0..8).map(|i| [i & 1, i >> 2 & 1, i >> 1 & 1])
+}
+
+fn cube() -> impl Iterator<Item = [i64; 3]> {
+    places([3; 3]).map(|c| c.map(|c| c - 1))
+}
+
+fn plus(a: [i64; 3], b: [i64; 3]) -> [i64; 3] {
+    [0, 1, 2].map(|i| a[i] + b[i])
+}
+
+fn unit(axis: usize, length: i64) -> [i64; 3] {
+    let mut out = [0; 3];
+    out[axis] = length;
+    out
+}
+
+/// The cells that groups are made of, by the definition.
+fn looked_for(solid: &Marks, occupied: &Marks, change: Change) -> Marks {
+    Marks::of(solid.size(), |cell| match change {
+        Change::Removed => {
+            let covers = |c| solid.at(plus(cell, c)) && !occupied.at(plus(cell, c));
+            solid.at(cell) && !cube().any(covers)
+        }
+        Change::Filled => {
+            let covers = |middle: [i64; 3]| cube().all(|c| !solid.at(plus(middle, c)));
+            !solid.at(cell) && !cube().any(|c| covers(plus(cell, c)))
+        }
+    })
+}
+
+/// The cells that faces join, group by group.
+fn groups(marks: &Marks) -> Vec<Vec<[i64; 3]>> {
+    let mut left = marks.clone();
+    let mut out = Vec::new();
+    for first in marks.cells() {
+        let (mut group, mut stack) = (Vec::new(), vec![first]);
+        while let Some(cell) = stack.pop() {
+            if left.at(cell) {
+                left.set(cell, false);
+                group.push(cell);
+                stack.extend((0..6).map(|i| plus(cell, unit(i / 2, i as i64 % 2 * 2 - 1))));
+            }
+        }
+        if !group.is_empty() {
+            out.push(group);
+        }
+    }
+    out
+}
+
+/// The groups with what they are found to be: at every corner, the first cell of a group is given what all groups change there.
+fn measured(solid: &Marks, occupied: &Marks, change: Change) -> Vec<(Vec<[i64; 3]>, Group)> {
+    let marks = looked_for(solid, occupied, change);
+    let with = Marks::of(solid.size(), |cell| solid.at(cell) || marks.at(cell));
+    let without = Marks::of(solid.size(), |cell| solid.at(cell) && !marks.at(cell));
+    let of = |group: Vec<[i64; 3]>| {
+        let mut sum = Group { cells: group.len() as u64, ..Group::default() };
+        for &cell in &group {
+            for corner in corners() {
+                let at = plus(plus(cell, corner), [-1; 3]);
+                let around = || corners().map(|c| plus(at, c));
+                if around().find(|cell| marks.at(*cell)) == Some(cell) {
+                    let value = |marks: &Marks| {
+                        let pattern = around().enumerate().fold(0, |p, (i, cell)| p | usize::from(marks.at(cell)) << i);
+                        i64::from(CHARACTERISTIC[pattern])
+                    };
+                    sum.change += value(&with) - value(&without);
+                }
+            }
+            for next in (0..6).map(|i| plus(cell, unit(i / 2, i as i64 % 2 * 2 - 1))) {
+                let (sampled, bare) = (occupied.at(next), solid.at(next) && !occupied.at(next));
+                sum.lining.add(&Lining::of_faces(u64::from(sampled), u64::from(bare)));
+            }
+        }
+        (group, sum)
+    };
+    groups(&marks).into_iter().map(of).collect()
+}
+
+/// What [`Solid::without_unresolved`] is to make of the cells.
+fn resolved(solid: &Marks, occupied: &Marks) -> Marks {
+    let mut solid = solid.clone();
+    for change in [Change::Removed, Change::Filled] {
+        let found = measured(&solid, occupied, change);
+        for (group, measure) in found {
+            if measure.verdict(change) == CHANGES {
+                group.iter().for_each(|cell| solid.set(*cell, change == Change::Filled));
+            }
+        }
+    }
+    solid
+}
+
+fn found(solid: &Marks, occupied: &Marks) -> Marks {
+    with_context(solid.size(), |context| {
+        let resolved = solid.solid(context).without_unresolved(&occupied.occupancy(context), context).unwrap();
+        let marks = Marks::of_solid(&resolved);
+        assert_eq!(resolved.volume, marks.cells().len() as u64);
+        marks
+    })
+}
+
+fn numbers(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed | 1;
+    move || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 33) as f64 / f64::from(1u32 << 31)
+    }
+}
+
+/// A box whose outer cells are occupied, with noise on it and dents in it, at places that stand apart.
+fn noisy(seed: u64, share: f64) -> [Marks; 2] {
+    let mut number = numbers(seed);
+    let cells = [25, 20, 19];
+    let depth = |cell: [i64; 3]| (0..3).map(|a| (cell[a] - 4).min(cells[a] as i64 - 5 - cell[a])).min().unwrap();
+    let mut solid = Marks::of(cells, |cell| depth(cell) >= 0);
+    let mut occupied = Marks::of(cells, |cell| depth(cell) == 0);
+    for cell in places(cells.map(i64::from)) {
+        let patch = cell.iter().all(|c| (c - 5).rem_euclid(6) < 3);
+        if patch && (-3..2).contains(&depth(cell)) && number() < share {
+            let on = depth(cell) < 0;
+            solid.set(cell, on);
+            occupied.set(cell, on && number() < 0.9);
+        }
+    }
+    [solid, occupied]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn the_sum_over_cells_is_that_of_the_surface(seed in any::<u64>(), share in 0.0f64..1.0) {
+        let mut number = numbers(seed);
+        let marks = Marks::of([7, 6, 8], |_| number() < share);
+        // Two cells that are not solid and share a corner only are joined for the sum, and kept apart by the surface: a handle more.
+        let joined = places([9, 8, 10]).map(|c| plus(c, [-2; 3])).filter(|at| {
+            let empty: Vec<[i64; 3]> = corners().filter(|c| !marks.at(plus(*at, *c))).collect();
+            empty.len() == 2 && (0..3).all(|a| empty[0][a] != empty[1][a])
+        });
+        let joined = joined.count() as i64;
+        prop_assert_eq!(marks.characteristic(), marks.characteristic_of_surface() - joined);
+    }
+
+    #[test]
+    fn groups_are_those_of_the_definition(seed in any::<u64>(), share in 0.0f64..0.7) {
+        let [solid, occupied] = noisy(seed, share);
+        for change in [Change::Removed, Change::Filled] {
+            let mut found = Vec::new();
+            with_context(solid.size(), |context| {
+                let (cells, samples) = (solid.solid(context), occupied.occupancy(context));
+                let mut labeller = Labeller::new(context);
+                for slices in chunks(cells.cells[1]) {
+                    let seen = Seen::new(&cells, &samples, change, slices.end);
+                    labeller.add(seen.groups(slices).unwrap().1).unwrap();
+                }
+                labeller.finish().unwrap().for_each(|group: &Group| found.push(*group)).unwrap();
+            });
+            let expected = measured(&solid, &occupied, change);
+            // The lining of spikes is not asked for.
+            let key = |g: &Group| (g.cells, g.change, change == Change::Filled && g.lining.is_sampled());
+            let mut keys = [found.iter().map(key).collect::<Vec<_>>(), expected.iter().map(|(_, g)| key(g)).collect()];
+            keys.iter_mut().for_each(|keys| keys.sort_unstable());
+            prop_assert_eq!(&keys[0], &keys[1]);
+            // Groups that touch no other one change χ by as much.
+            let touch = |a: &[[i64; 3]], b: &[[i64; 3]]| {
+                a.iter().any(|a| b.iter().any(|b| (0..3).all(|i| (a[i] - b[i]).abs() <= 1)))
+            };
+            for (i, (group, measure)) in expected.iter().enumerate() {
+                if expected.iter().enumerate().all(|(j, (other, _))| i == j || !touch(group, other)) {
+                    let changed = |mark: bool| {
+                        let mut marks = solid.clone();
+                        group.iter().for_each(|cell| marks.set(*cell, mark));
+                        marks.characteristic()
+                    };
+                    prop_assert_eq!(measure.change, 8 * (changed(true) - changed(false)));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_solid_is_that_of_the_definition(seed in any::<u64>(), share in 0.0f64..0.7) {
+        let [solid, occupied] = noisy(seed, share);
+        prop_assert_eq!(found(&solid, &occupied), resolved(&solid, &occupied));
+    }
+
+    /// Cubes of 3 x 3 x 3 cells: nothing in them is finer than what is seen, whatever handles they make.
+    #[test]
+    fn a_solid_without_spikes_and_pits_stays(seed in any::<u64>(), share in 0.2f64..0.8) {
+        let mut number = numbers(seed);
+        let coarse = Marks::of([6, 7, 5], |_| number() < share);
+        let solid = Marks::of([18, 21, 15], |cell| coarse.at(cell.map(|c| c / 3)));
+        let occupied = Marks::of(solid.size(), |cell| solid.at(cell) && cell.iter().all(|c| c % 3 == 1) && number() < 0.5);
+        for change in [Change::Removed, Change::Filled] {
+            // A cube that stands alone and has its middle occupied has others round it that are not.
+            prop_assert_eq!(looked_for(&solid, &occupied, change).cells(), Vec::<[i64; 3]>::new());
+        }
+        prop_assert_eq!(found(&solid, &occupied), solid);
+    }
+
+    #[test]
+    fn an_arch_of_samples_on_a_body_is_taken_away(
+        at in [0i64..8, 0i64..4],
+        length in 3i64..7,
+        height in 2i64..5,
+        order in Just([0usize, 1, 2]).prop_shuffle(),
+    ) {
+        let turned = |cell: [i64; 3]| order.map(|a| cell[a]);
+        let cells = turned([18, 14, 20]).map(|c| c as u32);
+        let back = |cell: [i64; 3]| [0, 1, 2].map(|a| cell[order.iter().position(|o| *o == a).unwrap()]);
+        let within = |[x, y, z]: [i64; 3]| (2..16).contains(&x) && (2..12).contains(&y) && (2..12).contains(&z);
+        let body = Marks::of(cells, |cell| within(back(cell)));
+        let arch = Marks::of(cells, |cell| {
+            let [x, y, z] = back(cell);
+            let (along, up) = (x - 2 - at[0], z - 11);
+            y == 4 + at[1] && (0..length).contains(&along) && (1..=height).contains(&up)
+                && (along == 0 || along == length - 1 || up == height)
+        });
+        let surface = Marks::of(cells, |cell| body.at(cell) && cube().any(|c| !body.at(plus(cell, c))));
+        let solid = Marks::of(cells, |cell| body.at(cell) || arch.at(cell));
+        let occupied = Marks::of(cells, |cell| surface.at(cell) || arch.at(cell));
+        prop_assert_eq!([body.characteristic(), solid.characteristic()], [1, 0]);
+        prop_assert_eq!(found(&solid, &occupied).characteristic(), 1);
+    }
+
+    #[test]
+    fn a_pin_hole_through_a_plate_is_filled(
+        at in [1i64..10, 1i64..8],
+        wide in 1i64..3,
+        thick in 1i64..5,
+        order in Just([0usize, 1, 2]).prop_shuffle(),
+        sampled in any::<bool>(),
+    ) {
+        let back = |cell: [i64; 3]| [0, 1, 2].map(|a| cell[order.iter().position(|o| *o == a).unwrap()]);
+        let cells = order.map(|a| [18u32, 14, 10][a]);
+        let within = |[x, y, z]: [i64; 3]| (2..16).contains(&x) && (2..12).contains(&y) && (2..2 + thick).contains(&z);
+        let in_hole = |[x, y, _]: [i64; 3]| (0..wide).contains(&(x - 2 - at[0])) && y == 3 + at[1];
+        let plate = Marks::of(cells, |cell| within(back(cell)));
+        let solid = Marks::of(cells, |cell| within(back(cell)) && !in_hole(back(cell)));
+        let occupied = Marks::of(cells, |cell| solid.at(cell) && sampled);
+        prop_assert_eq!([plate.characteristic(), solid.characteristic()], [1, 0]);
+        prop_assert_eq!(found(&solid, &occupied), plate);
+    }
+}

@@ -1,0 +1,265 @@
+//! Stitching: the slabs, arriving in order, become one mesh.
+//!
+//! ```text
+//!   slab k+1   (being made)
+//!   slab k     [ arrived ]     1. phase 2 of contraction at the seam between k - 1 and k
+//!     ~ seam ~                 2. of vertices of k - 1 and k with the same point, one takes its place
+//!   slab k-1   [ waiting ]     3. vertices of both retreat until no triangles intersect
+//!                              4. nothing can change in k - 1 any more: it is numbered and written
+//! ```
+//!
+//! A vertex's number is the count of surviving vertices before it. What the seam above slab k takes away lies in the
+//! upper half of slab k, so the numbers in its lower half, which slab k - 1's triangles name, are final in time. A retreat mostly reaches a few cells;
+//! those vertices of slab k up to the last that is named are *settled*, and a round that would move one of them is not done.
+
+pub mod seam;
+pub mod slab;
+pub mod trim;
+
+use glam::DVec3;
+
+use self::seam::Seam;
+use self::slab::{BEFORE, SlabMesh};
+use self::trim::{Trim, Trimmed};
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+use crate::mesh::MeshSource;
+use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
+use crate::points::Coordinate;
+use crate::surface::untangle::broad_phase::Near;
+use crate::surface::untangle::retreat;
+use crate::surface::vertex_state::Fate;
+
+/// The largest number of vertices: what a PLY file's `int` can index.
+pub const VERTEX_LIMIT: u64 = i32::MAX as u64;
+
+/// Vertices or triangles that are written at a time.
+const PIECE: usize = 1 << 15;
+
+/// Takes slabs in order and writes the mesh.
+#[derive(Debug)]
+pub struct Stitcher<'a, T> {
+    grid: &'a Grid,
+    /// Slices either side of a seam within which vertices of both slabs can have the same point.
+    halo: u32,
+    frame: Frame,
+    near: Near,
+    mesh: MeshSpool,
+    waiting: Option<SlabMesh<T>>,
+    /// The number of the waiting slab's first vertex.
+    base: u64,
+    /// Numbers of the vertices of the slab before the waiting one.
+    before: Vec<u32>,
+    /// What is left out, if the surface is not closed.
+    trim: Option<Trim>,
+    /// The waiting slab's vertices `0..settled` must stay as they are: the slab before names them.
+    settled: u32,
+    vertices: Vec<[f64; 3]>,
+    attributes: Vec<u8>,
+    faces: Vec<FaceRecord>,
+    counts: Counts,
+}
+
+/// What became of the vertices.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct Counts {
+    /// Vertices that are input points, bit for bit.
+    pub fitted: u64,
+    /// Vertices moved into the plane of the points round them.
+    pub projected: u64,
+    /// Vertices pulled towards a point that another vertex took.
+    pub pulled: u64,
+    /// Vertices that stay where smoothing put them: no point within reach, or not to be fitted.
+    pub unfitted: u64,
+    /// Vertices where a hole is bridged, at the height interpolated there.
+    pub bridged: u64,
+    /// Vertices contracted into others.
+    pub contracted: u64,
+    /// Vertices that went back towards rest because triangles there would intersect.
+    pub retreated: u64,
+    /// Pairs of triangles that intersect still: none, unless cells are too small for the precision of coordinates, or a chain of
+    /// retreats would have to reach through a whole slab.
+    pub tangled: u64,
+    /// Area of the triangles that bridge a hole: all three vertices stay where smoothing put them, for want of a point within reach, or lie at an
+    /// interpolated height.
+    pub bridged_area: f64,
+}
+
+impl Counts {
+    /// Counts a vertex that is written, or that was contracted.
+    fn count(&mut self, fate: Fate) {
+        let count = match fate {
+            Fate::Gone => &mut self.contracted,
+            Fate::Fitted => &mut self.fitted,
+            Fate::Projected => &mut self.projected,
+            Fate::Bridged => &mut self.bridged,
+            Fate::Pulled => &mut self.pulled,
+            Fate::Stays => &mut self.unfitted,
+            Fate::Back(_) | Fate::Rest => &mut self.retreated,
+        };
+        *count += 1;
+    }
+}
+
+impl<'a, T: Coordinate> Stitcher<'a, T> {
+    /// A stitcher that appends to `mesh`, whose positions are to be written in `frame`; `halo` as in [`crate::grid::partition::halo`]. If the surface is `trimmed`,
+    /// only triangles that are kept are written.
+    pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool, trimmed: bool) -> Stitcher<'a, T> {
+        Stitcher {
+            grid,
+            halo,
+            frame,
+            near: Near::new(grid, frame.origin),
+            mesh,
+            waiting: None,
+            base: 0,
+            before: Vec::new(),
+            trim: trimmed.then(Trim::default),
+            settled: 0,
+            vertices: Vec::new(),
+            attributes: Vec::new(),
+            faces: Vec::new(),
+            counts: Counts::default(),
+        }
+    }
+
+    /// Takes the next slab; gives one that is written, for its memory.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::TooManyElements`] past [`VERTEX_LIMIT`].
+    pub fn add(&mut self, mut slab: SlabMesh<T>) -> Result<Option<SlabMesh<T>>> {
+        let mut lower = self.waiting.take();
+        if let Some(lower) = &mut lower {
+            let mut seam = Seam::of(lower, &mut slab, self.settled, self.frame, self.near.scale());
+            let mut changed = seam.close();
+            changed.extend(seam.choose_fitted(self.grid, self.halo));
+            changed.extend(seam.strayed(self.grid));
+            let suspects = seam.triangles_around(changed);
+            self.counts.tangled += retreat(&mut seam, &mut self.near, Some(suspects));
+            seam.give_back_blocks();
+            self.write(lower, Some(&slab))?;
+        }
+        self.waiting = Some(slab);
+        Ok(lower)
+    }
+
+    /// Writes the last slab and gives the mesh.
+    ///
+    /// # Errors
+    /// As [`Stitcher::add`].
+    pub fn finish(mut self) -> Result<(MeshSpool, Counts)> {
+        if let Some(last) = self.waiting.take() {
+            self.write(&last, None)?;
+        }
+        Ok((self.mesh, self.counts))
+    }
+
+    fn write(&mut self, slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> Result<()> {
+        self.counts.tangled += slab.tangled;
+        self.counts.bridged_area += bridged_area(slab, next);
+        let after = if let Some(trim) = &mut self.trim {
+            let Trimmed { written, triangles, settled } = trim.slab(slab, next, self.base as u32);
+            let after = self.number_after(written.iter().filter(|written| **written).count())?;
+            for ((v, written), fate) in (0..).zip(written).zip(&slab.fate) {
+                if written {
+                    self.put_vertex(slab, v)?;
+                }
+                if written || *fate == Fate::Gone {
+                    self.counts.count(*fate);
+                }
+            }
+            triangles.into_iter().try_for_each(|triangle| self.put_face(triangle))?;
+            self.settled = settled;
+            after
+        } else {
+            let after = self.number_after(slab.fate.iter().filter(|fate| **fate != Fate::Gone).count())?;
+            let numbers = number(&slab.fate, self.base);
+            for (v, fate) in (0..).zip(&slab.fate) {
+                self.counts.count(*fate);
+                if *fate != Fate::Gone {
+                    self.put_vertex(slab, v)?;
+                }
+            }
+            let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
+            self.settled = named.map_or(0, |v| v - slab.own() + 1);
+            let numbers_after = next.map_or_else(Vec::new, |next| number(&next.fate[..self.settled as usize], after));
+            for triangle in slab.triangles_left() {
+                self.put_face(triangle.map(|v| {
+                    if v >= BEFORE {
+                        self.before[(v - BEFORE) as usize]
+                    } else if v >= slab.own() {
+                        numbers_after[(v - slab.own()) as usize]
+                    } else {
+                        numbers[v as usize]
+                    }
+                }))?;
+            }
+            self.before = numbers;
+            after
+        };
+        self.hand_on()?;
+        self.base = after;
+        Ok(())
+    }
+
+    /// The number of the first vertex after `more` others.
+    fn number_after(&self, more: usize) -> Result<u64> {
+        let after = self.base + more as u64;
+        if after > VERTEX_LIMIT {
+            return Err(Error::TooManyElements {
+                count: after,
+                what: "vertices",
+                limit: VERTEX_LIMIT,
+                carrier: "a mesh file's int",
+            });
+        }
+        Ok(after)
+    }
+
+    fn put_vertex(&mut self, slab: &SlabMesh<T>, v: u32) -> Result<()> {
+        let stride = self.mesh.schema().stride();
+        self.vertices.push(self.frame.place(slab.position(v)));
+        self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
+        if self.vertices.len() == PIECE { self.hand_on() } else { Ok(()) }
+    }
+
+    fn put_face(&mut self, vertices: [u32; 3]) -> Result<()> {
+        self.faces.push(FaceRecord::new(vertices));
+        if self.faces.len() == PIECE { self.hand_on() } else { Ok(()) }
+    }
+
+    /// Hands what is gathered to the mesh.
+    fn hand_on(&mut self) -> Result<()> {
+        self.mesh.append_vertices(&self.vertices)?;
+        self.mesh.append_attributes(&self.attributes)?;
+        self.mesh.append_faces(&self.faces)?;
+        self.vertices.clear();
+        self.attributes.clear();
+        self.faces.clear();
+        Ok(())
+    }
+}
+
+/// The area of a slab's triangles that are written and whose vertices all stay, or lie at an interpolated height. Vertices of the slab before are named only by triangles that were contracted onto a point.
+fn bridged_area<T: Coordinate>(slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> f64 {
+    let place = |v: u32| -> Option<DVec3> {
+        let (mesh, v) = if v < slab.own() { (slab, v) } else { (next?, v.checked_sub(slab.own())?) };
+        let stays = matches!(mesh.fate.get(v as usize)?, Fate::Stays | Fate::Bridged);
+        stays.then(|| DVec3::from(mesh.position(v)))
+    };
+    let corners = slab.triangles_written().filter_map(|[a, b, c]| Some([place(a)?, place(b)?, place(c)?]));
+    corners.map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
+}
+
+/// The numbers of vertices, given what became of them, counted from `base`; those of contracted ones mean nothing.
+fn number(fates: &[Fate], base: u64) -> Vec<u32> {
+    let mut next = base as u32;
+    fates
+        .iter()
+        .map(|fate| {
+            let number = next;
+            next += u32::from(*fate != Fate::Gone);
+            number
+        })
+        .collect()
+}

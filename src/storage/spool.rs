@@ -1,0 +1,469 @@
+//! Temporary storage: append-only byte stores that begin in memory and move to disk when they outgrow it.
+//!
+//! A [`Workspace`] names the folder; a [`Spool`] is one store in it, written by one thread, [`Slots`] is one that all
+//! threads write to, and [`Temporary`] is a file as such. Files are unlinked as soon as they are opened, so
+//! nothing is left behind on success, on error, on Ctrl-C or when the process is killed. What a spool holds is private
+//! to the process that wrote it: native byte order, no version. Results never depend on where the bytes lay.
+
+use std::fs::File;
+use std::num::NonZeroU64;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+
+use bytesize::ByteSize;
+
+use crate::error::{Error, Result};
+use crate::resources::workers::Workers;
+
+/// The folder for temporary files and the account of what lies in it.
+///
+/// Cloning is cheap; clones share the account.
+#[derive(Debug, Clone)]
+pub struct Workspace {
+    dir: Arc<PathBuf>,
+    on_disk: Arc<AtomicU64>,
+    peak: Arc<AtomicU64>,
+    stopped: Arc<AtomicBool>,
+}
+
+impl Workspace {
+    /// Uses `dir` for temporary files.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if no file can be created there: the work fails in its first second, not after hours.
+    pub fn new(dir: impl Into<PathBuf>) -> Result<Workspace> {
+        let workspace = Workspace::unchecked(dir);
+        workspace.file()?;
+        Ok(workspace)
+    }
+
+    /// Uses `dir` for temporary files, which may turn out to be impossible when the first is needed: for work that hardly ever needs one.
+    pub fn unchecked(dir: impl Into<PathBuf>) -> Workspace {
+        Workspace { dir: Arc::new(dir.into()), on_disk: Arc::default(), peak: Arc::default(), stopped: Arc::default() }
+    }
+
+    /// Storage stops when the workers do: loops that go on for long without a job of theirs, such as the conversion of a mesh, end at their next piece of data.
+    pub fn stopped_with(self, workers: &Workers) -> Workspace {
+        Workspace { stopped: workers.cancel_flag(), ..self }
+    }
+
+    fn check_stopped(&self) -> Result<()> {
+        if self.stopped.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
+    }
+
+    /// The folder for temporary files of work on `file`, unless told otherwise: `TMPDIR`, or else the folder of `file`. The system's temporary
+    /// folder is no default: it is often kept in memory.
+    pub fn folder_beside(file: &Path) -> PathBuf {
+        std::env::var_os("TMPDIR").map(PathBuf::from).unwrap_or_else(|| match file.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
+            _ => PathBuf::from("."),
+        })
+    }
+
+    /// The folder.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// The most bytes that lay on disk at one time so far.
+    pub fn peak_on_disk(&self) -> u64 {
+        self.peak.load(Ordering::Relaxed)
+    }
+
+    /// Bytes free in the folder's file system, for users like this one.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn available(&self) -> Result<u64> {
+        let stat = rustix::fs::statvfs(self.dir()).map_err(|e| self.failed("read the free space")(e.into()))?;
+        Ok(stat.f_bavail * stat.f_frsize)
+    }
+
+    /// The size of the folder's file system.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn capacity(&self) -> Result<u64> {
+        let stat = rustix::fs::statvfs(self.dir()).map_err(|e| self.failed("read the size")(e.into()))?;
+        Ok(stat.f_blocks * stat.f_frsize)
+    }
+
+    /// A new store that keeps up to `in_memory` bytes in memory and goes to disk beyond.
+    pub fn spool(&self, in_memory: u64) -> Spool {
+        Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0 }
+    }
+
+    /// New slots of `slot` bytes each, on disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if no file can be created.
+    pub fn slots(&self, slot: usize) -> Result<Slots> {
+        Ok(Slots {
+            file: self.file()?,
+            workspace: self.clone(),
+            slot,
+            taken: AtomicU32::new(0),
+            on_disk: AtomicU64::new(0),
+        })
+    }
+
+    /// A new file without a name, on disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if no file can be created.
+    pub fn temporary(&self) -> Result<Temporary> {
+        Ok(Temporary {
+            file: self.file()?,
+            workspace: self.clone(),
+            written: AtomicU64::new(0),
+            promised: AtomicU64::new(0),
+        })
+    }
+
+    /// A file without a name.
+    fn file(&self) -> Result<File> {
+        tempfile::tempfile_in(&*self.dir).map_err(self.failed("create a temporary file"))
+    }
+}
+
+/// Bytes of a spool that are allocated together while it lies in memory. In pieces, so that what is there is never moved, nor
+/// twice there, as more comes.
+const PIECE: usize = 64 << 10;
+
+/// An append-only store of bytes, in memory while small, in an unlinked file once it outgrows its share.
+///
+/// Writing needs `&mut`; reading is by position and may happen from several threads at once.
+#[derive(Debug)]
+pub struct Spool {
+    workspace: Workspace,
+    in_memory: u64,
+    store: Store,
+    len: u64,
+}
+
+#[derive(Debug)]
+enum Store {
+    /// Pieces of [`PIECE`] bytes, the last one shorter.
+    Memory(Vec<Vec<u8>>),
+    Disk(File),
+}
+
+impl Spool {
+    /// Bytes appended so far.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// Whether nothing was appended yet.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Whether the bytes lie on disk.
+    pub fn is_on_disk(&self) -> bool {
+        matches!(self.store, Store::Disk(_))
+    }
+
+    /// Adds `bytes` at the end and returns the position of their first. Unbuffered: append in large pieces.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory is full or fails; [`Error::Interrupted`].
+    pub fn append(&mut self, bytes: &[u8]) -> Result<u64> {
+        self.workspace.check_stopped()?;
+        let at = self.len;
+        if let Store::Memory(held) = &mut self.store {
+            if at + bytes.len() as u64 <= self.in_memory {
+                hold(held, bytes);
+                self.len += bytes.len() as u64;
+                return Ok(at);
+            }
+            let file = self.workspace.file()?;
+            for (number, piece) in held.iter().enumerate() {
+                let at = (number * PIECE) as u64;
+                file.write_all_at(piece, at).map_err(self.workspace.failed("write temporary data"))?;
+            }
+            self.workspace.grow(at);
+            self.store = Store::Disk(file);
+        }
+        if let Store::Disk(file) = &self.store {
+            file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;
+            self.workspace.grow(bytes.len() as u64);
+        }
+        self.len += bytes.len() as u64;
+        Ok(at)
+    }
+
+    /// Fills `out` from position `at`.
+    ///
+    /// # Panics
+    /// If the range was never appended: a bug of the caller.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory fails; [`Error::Interrupted`].
+    pub fn read_at(&self, at: u64, out: &mut [u8]) -> Result<()> {
+        assert!(at + out.len() as u64 <= self.len, "read past the end of a spool");
+        self.workspace.check_stopped()?;
+        match &self.store {
+            Store::Memory(held) => {
+                let (mut number, mut from, mut out) = (at as usize / PIECE, at as usize % PIECE, out);
+                while !out.is_empty() {
+                    let (now, rest) = out.split_at_mut(out.len().min(PIECE - from));
+                    now.copy_from_slice(&held[number][from..from + now.len()]);
+                    (number, from, out) = (number + 1, 0, rest);
+                }
+                Ok(())
+            }
+            Store::Disk(file) => file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data")),
+        }
+    }
+}
+
+/// Appends `bytes` to pieces.
+fn hold(held: &mut Vec<Vec<u8>>, mut bytes: &[u8]) {
+    while !bytes.is_empty() {
+        if held.last().is_none_or(|last| last.len() == PIECE) {
+            // A spool's first piece grows: most spools of small clouds stay far below it.
+            held.push(if held.is_empty() { Vec::new() } else { Vec::with_capacity(PIECE) });
+        }
+        let last = held.last_mut().expect("a piece was added if there was none");
+        let (now, rest) = bytes.split_at(bytes.len().min(PIECE - last.len()));
+        last.extend_from_slice(now);
+        bytes = rest;
+    }
+}
+
+/// Slots of equal size in an unlinked file, written and read by several threads at once.
+#[derive(Debug)]
+pub struct Slots {
+    workspace: Workspace,
+    file: File,
+    slot: usize,
+    taken: AtomicU32,
+    on_disk: AtomicU64,
+}
+
+impl Slots {
+    /// Puts `parts`, one behind the other, into a slot of their own and returns its number.
+    ///
+    /// # Panics
+    /// If they are more than a slot holds: a bug of the caller.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory is full or fails.
+    pub fn put(&self, parts: &[&[u8]]) -> Result<u32> {
+        let bytes: usize = parts.iter().map(|part| part.len()).sum();
+        assert!(bytes <= self.slot, "more bytes than a slot holds");
+        let number = self.taken.fetch_add(1, Ordering::Relaxed);
+        let mut at = u64::from(number) * self.slot as u64;
+        for part in parts {
+            self.file.write_all_at(part, at).map_err(self.workspace.failed("write temporary data"))?;
+            at += part.len() as u64;
+        }
+        self.on_disk.fetch_add(bytes as u64, Ordering::Relaxed);
+        self.workspace.grow(bytes as u64);
+        Ok(number)
+    }
+
+    /// Says that slot `number` is going to be read: the system begins to fetch it.
+    pub fn announce(&self, number: u32) {
+        let (at, bytes) = (u64::from(number) * self.slot as u64, NonZeroU64::new(self.slot as u64));
+        // Whether the system does so or not, the slot can be read.
+        let _ = rustix::fs::fadvise(&self.file, at, bytes, rustix::fs::Advice::WillNeed);
+    }
+
+    /// Fills `out` from byte `from` of slot `number` on.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory fails.
+    pub fn read(&self, number: u32, from: usize, out: &mut [u8]) -> Result<()> {
+        let at = u64::from(number) * self.slot as u64 + from as u64;
+        self.file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data"))
+    }
+}
+
+impl Drop for Slots {
+    fn drop(&mut self) {
+        self.workspace.on_disk.fetch_sub(*self.on_disk.get_mut(), Ordering::Relaxed);
+    }
+}
+
+/// Bytes between two looks at the free space; and as many stay free, at least.
+const LOOK: u64 = 16 << 20;
+
+/// A file without a name whose length nobody knows beforehand. It takes what is free on its disk, and stops before it is full.
+#[derive(Debug)]
+pub struct Temporary {
+    workspace: Workspace,
+    file: File,
+    written: AtomicU64,
+    /// Bytes that may be written before the free space is looked at again.
+    promised: AtomicU64,
+}
+
+impl Temporary {
+    /// Writes at a position; each is written once.
+    ///
+    /// # Errors
+    /// [`Error::Disk`] if hardly any space is left; [`Error::Io`] if the work directory fails.
+    pub fn write_at(&self, bytes: &[u8], at: u64) -> Result<()> {
+        let more = bytes.len() as u64;
+        if self.promised.load(Ordering::Relaxed) < more {
+            let available = self.workspace.available()?;
+            let written = self.written.load(Ordering::Relaxed);
+            let Some(promise) = promise(available, more) else {
+                return Err(Error::Disk {
+                    path: self.workspace.dir().to_path_buf(),
+                    // Of all that was free at first, and for all that is to be written: more may come yet.
+                    available: ByteSize(written + available),
+                    needed: ByteSize(written + more + LOOK),
+                    capacity: ByteSize(self.workspace.capacity()?),
+                });
+            };
+            self.promised.store(promise, Ordering::Relaxed);
+        }
+        self.file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;
+        self.promised.fetch_sub(more, Ordering::Relaxed);
+        self.written.fetch_add(more, Ordering::Relaxed);
+        self.workspace.grow(more);
+        Ok(())
+    }
+
+    /// Another handle of the file, to read from.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the process has too many files open.
+    pub fn handle(&self) -> Result<File> {
+        self.file.try_clone().map_err(self.workspace.failed("open temporary data"))
+    }
+}
+
+/// How many bytes may be written, `more` of them now, where `available` are free; `None` if that leaves too little.
+fn promise(available: u64, more: u64) -> Option<u64> {
+    (available >= more + LOOK).then(|| more.max(LOOK.min(available - LOOK)))
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        self.workspace.on_disk.fetch_sub(*self.written.get_mut(), Ordering::Relaxed);
+    }
+}
+
+impl Workspace {
+    fn failed(&self, action: &'static str) -> impl FnOnce(std::io::Error) -> Error + use<> {
+        Error::io(self.dir.to_path_buf(), action)
+    }
+
+    fn grow(&self, bytes: u64) {
+        let now = self.on_disk.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        self.peak.fetch_max(now, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Spool {
+    fn drop(&mut self) {
+        if self.is_on_disk() {
+            self.workspace.on_disk.fetch_sub(self.len, Ordering::Relaxed);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_are_the_same_in_memory_and_on_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(dir.path()).unwrap();
+        for (quota, stretch) in [(0, 1), (5, 1), (10, 1), (1000, 1), (200_000, 5000), (10_000_000, 5000)] {
+            let mut spool = workspace.spool(quota);
+            let mut expected = Vec::new();
+            for i in 0u8..40 {
+                let piece: Vec<u8> = (0..usize::from(i % 7) * stretch).map(|at| i ^ at as u8).collect();
+                assert_eq!(spool.append(&piece).unwrap(), expected.len() as u64);
+                expected.extend(piece);
+            }
+            assert_eq!(spool.is_on_disk(), expected.len() as u64 > quota);
+            let mut back = vec![0; expected.len() - 3];
+            spool.read_at(3, &mut back).unwrap();
+            assert_eq!(back, expected[3..]);
+        }
+        assert!(workspace.peak_on_disk() > 0);
+        assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "spool files have no name");
+    }
+
+    #[test]
+    fn slots_filled_by_several_threads_are_read_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(dir.path()).unwrap();
+        let slots = workspace.slots(100).unwrap();
+        let fill = |thread: u8| {
+            (0..50u8)
+                .map(|i| {
+                    (
+                        slots
+                            .put(&[
+                                &[thread ^ i][..usize::from(i.min(1))],
+                                &vec![thread ^ i; usize::from(i.max(1) - 1)],
+                            ])
+                            .unwrap(),
+                        thread,
+                        i,
+                    )
+                })
+                .collect::<Vec<_>>()
+        };
+        let filled: Vec<_> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (1..4).map(|thread| scope.spawn(move || fill(thread << 6))).collect();
+            threads.into_iter().flat_map(|thread| thread.join().unwrap()).collect()
+        });
+        for (number, thread, i) in filled {
+            let mut back = vec![0; usize::from(i)];
+            slots.read(number, 0, &mut back).unwrap();
+            assert_eq!(back, vec![thread ^ i; usize::from(i)]);
+        }
+        assert_eq!(workspace.peak_on_disk(), 3 * (0..50).sum::<u64>());
+        drop(slots);
+        assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
+    }
+
+    #[test]
+    fn a_temporary_file_is_counted_and_leaves_the_disk_some_room() {
+        let dir = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(dir.path()).unwrap();
+        let file = workspace.temporary().unwrap();
+        file.write_at(b"abc", 0).unwrap();
+        file.write_at(b"de", 100).unwrap();
+        let mut back = [0; 2];
+        file.handle().unwrap().read_exact_at(&mut back, 100).unwrap();
+        assert_eq!((&back, workspace.peak_on_disk()), (b"de", 5));
+        drop(file);
+        assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        assert_eq!(promise(1 << 40, 7), Some(LOOK));
+        assert_eq!(promise(1 << 40, 3 * LOOK), Some(3 * LOOK));
+        assert_eq!(promise(LOOK + 9, 7), Some(9));
+        assert_eq!(promise(LOOK + 6, 7), None);
+        assert_eq!(promise(0, 7), None);
+    }
+
+    #[test]
+    fn storage_stops_with_the_workers() {
+        let dir = tempfile::tempdir().unwrap();
+        let workers = Workers::new(1).unwrap();
+        let mut spool = Workspace::new(dir.path()).unwrap().stopped_with(&workers).spool(100);
+        spool.append(b"abc").unwrap();
+        workers.cancel_flag().store(true, Ordering::Relaxed);
+        assert!(matches!(spool.append(b"d"), Err(Error::Interrupted)));
+        assert!(matches!(spool.read_at(0, &mut [0]), Err(Error::Interrupted)));
+    }
+
+    #[test]
+    fn a_missing_folder_is_refused_at_once() {
+        let error = Workspace::new("/nonexistent/folder").unwrap_err();
+        assert!(error.to_string().contains("/nonexistent/folder"));
+    }
+}

@@ -1,0 +1,13 @@
+//! From the solid to the triangles of one slab: corners, smoothing, fitting, contraction, attributes, untangling.
+//!
+//! These stages do no I/O of their own: slices come from the stores that they are handed.
+
+pub mod attributes;
+pub mod contract;
+pub mod corner;
+pub mod extract;
+pub mod fit;
+pub mod plane;
+pub mod smooth;
+pub mod untangle;
+pub mod vertex_state;

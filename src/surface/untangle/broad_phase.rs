@@ -1,0 +1,375 @@
+//! Triangles that are near each other: a sweep along rows of coarse cells over the boxes of triangles.
+//!
+//! ```text
+//!   row 2  |      .              a layer is as thick as a coarse cell (2 cells), as is a row in it; layers are done one
+//!          +---_____-----        after the other, so that only one layer's lists exist at a time
+//!   row 1  | _|-~   |  ___
+//!          +/--+----+-|---|      a triangle is listed in every row its box touches; two whose boxes meet are a
+//!   row 0  |   |      |   |      pair in one of them only: that of the greater of their lower ends
+//! ```
+//!
+//! The two triangles of a rectangle are listed as one.
+//!
+//! Boxes are those of `quantized.rs`; what counts is which of them meet, not how far they reach.
+
+use std::ops::Range;
+
+use crate::grid::Grid;
+use crate::grid::slice::set_range;
+use crate::surface::untangle::quantized::{Extent, Scale, Spot};
+
+/// Triangles with consecutive numbers that share a box of their own.
+pub const BLOCK: usize = 64;
+
+/// Entries of a layer that are looked at together, about: a layer with more is done in bands of rows.
+const BAND: usize = 1 << 17;
+
+/// Triangles by number, and where their corners are.
+pub trait Places {
+    /// The numbers that triangles have, as two stretches; the second begins at a multiple of [`BLOCK`].
+    fn stretches(&self) -> [Range<u32>; 2];
+    /// The corners of a triangle.
+    fn triangle(&self, t: u32) -> [u32; 3];
+    /// Whether the places of all corners of a triangle are known.
+    fn is_known(&self, triangle: [u32; 3]) -> bool;
+    /// The corners of triangle `t`, if there is one of that number, it is left, and its places are known.
+    fn known(&self, t: u32) -> Option<[u32; 3]>;
+    /// The spot of a vertex, at the place that is going to be written.
+    fn spot(&self, v: u32) -> Spot;
+    /// The boxes of blocks of triangles, from the first stretch's first block on.
+    fn blocks(&mut self) -> &mut [Extent];
+}
+
+/// Which triangles are looked at.
+#[derive(Debug, Clone, Copy)]
+pub enum Suspects<'a> {
+    /// All pairs are wanted; the boxes of blocks are set.
+    All,
+    /// Pairs of which at least one is among these (sorted); the boxes of their blocks are widened to hold them.
+    Some(&'a [u32]),
+}
+
+/// Two triangles with consecutive numbers, the first of them even: mostly the two of one rectangle, which are near the same others.
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    /// Of both.
+    whole: Extent,
+    /// Of each; that of nothing where it is not known or gone.
+    each: [Extent; 2],
+    /// Of a rectangle or a lone triangle: the corners at which it certainly does not meet another; elsewhere, a number that no vertex and no other
+    /// entry has.
+    sure: [u32; 4],
+    first: u32,
+    suspect: bool,
+}
+
+impl Entry {
+    /// Whether the two entries have a corner in common at which they certainly do not meet.
+    #[inline]
+    fn are_sure(&self, other: &Entry) -> bool {
+        // All of them, without a branch: this is asked once for every two rectangles side by side.
+        self.sure.iter().fold(false, |any, v| any | other.sure.iter().fold(false, |any, w| any | (v == w)))
+    }
+}
+
+/// Finds pairs of triangles whose boxes meet. Keeps its buffers.
+///
+/// Memory: some 3 bytes for each triangle, and some 70 for each of one layer's, of 300,000 at most.
+#[derive(Debug)]
+pub struct Near {
+    scale: Scale,
+    entries: Vec<Entry>,
+    /// Where each row's list ends, and the lists.
+    ends: Vec<u32>,
+    listed: Vec<u32>,
+    /// One row's, by where they begin.
+    order: Vec<u64>,
+    row: Vec<(Extent, u32)>,
+}
+
+impl Near {
+    /// For triangles on `grid` whose places are less `origin`.
+    pub fn new(grid: &Grid, origin: [f64; 3]) -> Near {
+        let (entries, ends, listed, order, row) = Default::default();
+        Near { scale: Scale::new(grid, origin), entries, ends, listed, order, row }
+    }
+
+    /// How places become spots.
+    pub fn scale(&self) -> Scale {
+        self.scale
+    }
+
+    /// Tells `found` of every pair of known triangles whose boxes meet, each once, in no particular order. Left out are pairs in rectangles with a
+    /// common corner of which `is_ring` is true ([`crate::surface::untangle::star`]).
+    pub fn pairs<P: Places>(
+        &mut self,
+        of: &mut P,
+        suspects: Suspects<'_>,
+        is_ring: impl Fn(u32) -> bool,
+        mut found: impl FnMut(&P, [u32; 3], [u32; 3]),
+    ) {
+        let layers = match suspects {
+            Suspects::All => self.layers_of_all(of),
+            Suspects::Some(suspects) => self.layers_near(of, suspects),
+        };
+        let all_rows = self.scale.rows();
+        for (layer, triangles) in layers {
+            let rows = all_rows.div_ceil(triangles.len().div_ceil(BAND).max(1));
+            for band in (0..all_rows).step_by(rows).map(|row| row..(row + rows).min(all_rows)) {
+                self.entries.clear();
+                // Both are sorted.
+                let mut to_come = match suspects {
+                    Suspects::All => [].as_slice(),
+                    Suspects::Some(suspects) => suspects,
+                };
+                for &first in &triangles {
+                    let both = [of.known(first), of.known(first + 1)];
+                    let each = both.map(|triangle| triangle.map_or(Extent::EMPTY, |triangle| extent(of, triangle)));
+                    let whole = each[0].union(each[1]);
+                    let [lowest, highest] = self.scale.rows_of(&whole);
+                    if lowest >= band.end || highest < band.start {
+                        continue;
+                    }
+                    let number = self.entries.len() as u32;
+                    let sure = match corners(both) {
+                        Some(corners) => corners.map(|v| if is_ring(v) { v } else { !number }),
+                        None => [!number; 4],
+                    };
+                    // The two themselves are a pair, where they first appear.
+                    if let [Some(one), Some(other)] = both
+                        && sure == [!number; 4]
+                        && each[0].meets(&each[1])
+                        && self.scale.layers(&whole)[0] == layer
+                        && band.contains(&lowest)
+                    {
+                        found(of, one, other);
+                    }
+                    while to_come.first().is_some_and(|t| *t < first) {
+                        to_come = &to_come[1..];
+                    }
+                    let suspect = matches!(suspects, Suspects::All) || to_come.first().is_some_and(|t| *t <= first + 1);
+                    self.entries.push(Entry { whole, each, sure, first, suspect });
+                }
+                self.list(&band);
+                self.sweep(layer, &band, |a, b| found(of, of.triangle(a), of.triangle(b)));
+            }
+        }
+    }
+
+    /// All known triangles by layer; sets the boxes of blocks.
+    fn layers_of_all<P: Places>(&self, of: &mut P) -> Vec<(usize, Vec<u32>)> {
+        let mut layers = Layers::default();
+        let mut block = 0;
+        for stretch in of.stretches() {
+            let mut first = stretch.start;
+            while first < stretch.end {
+                let mut whole = Extent::EMPTY;
+                let end = (first + BLOCK as u32).min(stretch.end);
+                for t in (first..end).step_by(2) {
+                    let both = extent_of_both(of, t);
+                    if both != Extent::EMPTY {
+                        whole = whole.union(both);
+                        layers.add(t, self.scale.layers(&both));
+                    }
+                }
+                of.blocks()[block] = whole;
+                block += 1;
+                first = end;
+            }
+        }
+        layers.0
+    }
+
+    /// By layer, the triangles that touch a coarse cell that a suspect touches.
+    fn layers_near<P: Places>(&self, of: &mut P, suspects: &[u32]) -> Vec<(usize, Vec<u32>)> {
+        let [first, second] = of.stretches();
+        let blocks_of_first = first.len().div_ceil(BLOCK);
+        let mut marks = Marks::new(self.scale);
+        for &t in suspects {
+            let triangle = of.triangle(t);
+            let extent = extent(of, triangle);
+            marks.add(&extent);
+            let block = if t < second.start {
+                t as usize / BLOCK
+            } else {
+                blocks_of_first + (t - second.start) as usize / BLOCK
+            };
+            let whole = &mut of.blocks()[block];
+            *whole = whole.union(extent);
+        }
+        let mut layers = Layers::default();
+        let mut block = 0;
+        for stretch in [first, second] {
+            for start in stretch.clone().step_by(BLOCK) {
+                let whole = of.blocks()[block];
+                block += 1;
+                if whole == Extent::EMPTY || !marks.meet(&whole) {
+                    continue;
+                }
+                for t in (start..(start + BLOCK as u32).min(stretch.end)).step_by(2) {
+                    let both = extent_of_both(of, t);
+                    if both != Extent::EMPTY && marks.meet(&both) {
+                        layers.add(t, self.scale.layers(&both));
+                    }
+                }
+            }
+        }
+        layers.0
+    }
+
+    /// Lists the entries by row of the band: afterwards those of its row z are those from `ends[z]` to `ends[z + 1]`, counted from the band's first row.
+    fn list(&mut self, band: &Range<usize>) {
+        let mut ends = std::mem::take(&mut self.ends);
+        ends.clear();
+        ends.resize(band.len() + 2, 0);
+        let rows_of = |entry: &Entry| {
+            let [first, last] = self.scale.rows_of(&entry.whole);
+            [first.max(band.start) - band.start, last.min(band.end - 1) - band.start]
+        };
+        for entry in &self.entries {
+            let [first, last] = rows_of(entry);
+            for end in &mut ends[first + 2..=last + 2] {
+                *end += 1;
+            }
+        }
+        for z in 1..ends.len() {
+            ends[z] += ends[z - 1];
+        }
+        self.listed.clear();
+        self.listed.resize(ends[band.len() + 1] as usize, 0);
+        for (number, entry) in self.entries.iter().enumerate() {
+            let [first, last] = rows_of(entry);
+            for end in &mut ends[first + 1..=last + 1] {
+                self.listed[*end as usize] = number as u32;
+                *end += 1;
+            }
+        }
+        self.ends = ends;
+    }
+
+    /// The pairs of the band that is listed: along each row, from where one box begins to where it ends, others begin.
+    fn sweep(&mut self, layer: usize, band: &Range<usize>, mut found: impl FnMut(u32, u32)) {
+        for z in 0..band.len() {
+            let listed = &self.listed[self.ends[z] as usize..self.ends[z + 1] as usize];
+            let begins = |number: u32| self.entries[number as usize].whole.begin();
+            self.order.clear();
+            self.order.extend(listed.iter().map(|&number| u64::from(begins(number)) << 32 | u64::from(number)));
+            self.order.sort_unstable();
+            self.row.clear();
+            self.row.extend(self.order.iter().map(|key| (self.entries[*key as u32 as usize].whole, *key as u32)));
+            let cell = self.scale.cell(layer, band.start + z);
+            for (i, (one, number)) in self.row.iter().enumerate() {
+                let end = one.end();
+                for (other, other_number) in self.row[i + 1..].iter().take_while(|(other, _)| other.begin() <= end) {
+                    if one.meets(other) && self.scale.first_common(one, other) == cell {
+                        let (one, other) = (&self.entries[*number as usize], &self.entries[*other_number as usize]);
+                        if !(one.suspect || other.suspect) || one.are_sure(other) {
+                            continue;
+                        }
+                        for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                            if one.each[i].meets(&other.each[j]) {
+                                found(one.first + i as u32, other.first + j as u32);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The box of triangles `first` and the next.
+#[inline]
+fn extent_of_both<P: Places>(of: &P, first: u32) -> Extent {
+    let both = [of.known(first), of.known(first + 1)];
+    match (corners(both), both) {
+        (Some([a, b, c, d]), _) => {
+            let [a, b, c, d] = [a, b, c, d].map(|v| of.spot(v));
+            Extent::of([a, b, c]).union(Extent::of([d, d, d]))
+        }
+        (None, [Some(one), Some(other)]) => extent(of, one).union(extent(of, other)),
+        _ => Extent::EMPTY,
+    }
+}
+
+/// The corners of the rectangle that two triangles make, in order round it, or of a lone triangle, the last one twice. None if they make none.
+///
+/// ```text
+///   3---2    diagonal 0: (0 1 2) (0 2 3)
+///   |   |    diagonal 1: (0 1 3) (1 2 3)
+///   0---1
+/// ```
+#[inline]
+pub fn corners(both: [Option<[u32; 3]>; 2]) -> Option<[u32; 4]> {
+    match both {
+        [Some([a, b, c]), Some([d, e, f])] if d == a && e == c => Some([a, b, c, f]),
+        [Some([a, b, c]), Some([d, e, f])] if d == b && f == c => Some([a, b, e, c]),
+        [Some([a, b, c]), None] | [None, Some([a, b, c])] => Some([a, b, c, c]),
+        _ => None,
+    }
+}
+
+#[inline]
+fn extent<P: Places>(of: &P, triangle: [u32; 3]) -> Extent {
+    Extent::of(triangle.map(|v| of.spot(v)))
+}
+
+/// Triangles by layer; a triangle that touches several is in each.
+#[derive(Debug, Default)]
+struct Layers(Vec<(usize, Vec<u32>)>);
+
+impl Layers {
+    fn add(&mut self, t: u32, [first, last]: [usize; 2]) {
+        for layer in first..=last {
+            // Few layers, and mostly the same one as for the triangle before.
+            match self.0.iter().rposition(|(number, _)| *number == layer) {
+                Some(at) => self.0[at].1.push(t),
+                None => self.0.push((layer, vec![t])),
+            }
+        }
+    }
+}
+
+/// The coarse cells that suspects touch: of each layer, bits, row after row.
+#[derive(Debug)]
+struct Marks {
+    scale: Scale,
+    /// Words of a row.
+    words: usize,
+    layers: Vec<(usize, Vec<u64>)>,
+}
+
+impl Marks {
+    fn new(scale: Scale) -> Marks {
+        Marks { scale, words: scale.columns().div_ceil(64), layers: Vec::new() }
+    }
+
+    fn add(&mut self, extent: &Extent) {
+        let [first, last] = self.scale.layers(extent);
+        let ([low, high], [left, right]) = (self.scale.rows_of(extent), self.scale.columns_of(extent));
+        for layer in first..=last {
+            let at = self.layers.iter().position(|(number, _)| *number == layer).unwrap_or_else(|| {
+                self.layers.push((layer, vec![0; self.words * self.scale.rows()]));
+                self.layers.len() - 1
+            });
+            for row in low..=high {
+                let words = &mut self.layers[at].1[row * self.words..][..self.words];
+                set_range(words, left as u32, right as u32 + 1);
+            }
+        }
+    }
+
+    fn meet(&self, extent: &Extent) -> bool {
+        let [first, last] = self.scale.layers(extent);
+        let ([low, high], [left, right]) = (self.scale.rows_of(extent), self.scale.columns_of(extent));
+        self.layers.iter().filter(|(layer, _)| (first..=last).contains(layer)).any(|(_, bits)| {
+            (low..=high).any(|row| {
+                (left / 64..=right / 64).any(|word| {
+                    let from = u64::MAX << (if word == left / 64 { left % 64 } else { 0 });
+                    let to = u64::MAX >> (if word == right / 64 { 63 - right % 64 } else { 0 });
+                    bits[row * self.words + word] & from & to != 0
+                })
+            })
+        })
+    }
+}

@@ -1,0 +1,242 @@
+//! Retreat: vertices of triangles that intersect go back to rest, until no two triangles intersect.
+//!
+//! *At rest* a vertex is where one step of smoothing puts it. The surface with all vertices at rest, nothing contracted, is free of
+//! intersections (`tests/rest.rs`), so a retreat comes to an end. Each round looks only at what the one before has changed.
+//!
+//! ```text
+//!      x                  x     a and b are one vertex, on point x, and the triangles there meet others: the cluster is taken
+//!     /|\                       apart, a and b are vertices of their own again, at rest
+//!    / | \              a---b
+//!   c  d  e            c  d  e
+//! ```
+//!
+//! Where clusters are taken apart, others may lose what made their contraction sound: a vertex that meets one cluster twice.
+//! These are taken apart, too, so that the mesh stays a closed 2-manifold.
+
+pub mod broad_phase;
+pub mod quantized;
+pub mod star;
+
+use std::cell::Cell;
+
+use self::broad_phase::{Near, Places, Suspects};
+use self::star::{Fan, all_fans, cross, fan_is_free, minus};
+use crate::mesh::intersect::intersect;
+use crate::surface::contract::{NONE, is_gone};
+use crate::surface::vertex_state::Fate;
+
+/// A part of the mesh in which vertices may retreat.
+pub trait Piece: Places {
+    /// One more than the highest vertex of a known triangle.
+    fn vertices(&self) -> u32;
+    /// The place of a vertex, as it is going to be written.
+    fn place(&self, v: u32) -> [f64; 3];
+    /// The corners (3 × triangle + position) that were `v`'s before any contraction.
+    fn corners(&self, v: u32) -> impl Iterator<Item = u32>;
+    /// The next vertex of `v`'s cluster, or [`NONE`].
+    fn also(&self, v: u32) -> u32;
+    /// Whether all triangles at `v` are in the piece.
+    fn is_whole(&self, v: u32) -> bool;
+    /// Whether `v` must stay as it is.
+    fn is_settled(&self, v: u32) -> bool;
+    /// Whether triangle `t` is written in the end.
+    fn is_kept(&self, t: u32) -> bool;
+    /// What became of `v`.
+    fn fate(&self, v: u32) -> Fate;
+    /// Gives the corners that were `v`'s to `survivor`, and sets the rest of its state.
+    fn put(&mut self, v: u32, survivor: u32, also: u32, fate: Fate);
+}
+
+/// Lets vertices retreat until no two known triangles intersect, given that only pairs with a suspect can. The number of pairs that still do:
+/// not zero only if cells are too small for the precision of coordinates, or if a settled vertex would have to move.
+pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Vec<u32>>) -> u64 {
+    let mut left = 0;
+    let fans = match suspects {
+        None => all_fans(piece),
+        Some(_) => vec![Cell::new(Fan::Unknown); piece.vertices() as usize],
+    };
+    let is_ring = |v: u32| fans[v as usize].get() == Fan::Ring;
+    loop {
+        let mut tangled: Vec<u32> = Vec::new();
+        let mut pairs = 0;
+        let looked_at = suspects.as_deref().map_or(Suspects::All, Suspects::Some);
+        near.pairs(piece, looked_at, is_ring, |piece, a, b| {
+            if !are_apart(piece, &fans, a, b) {
+                pairs += 1;
+                let moves = |v: &u32| piece.fate(*v) != Fate::Rest;
+                let before = tangled.len();
+                tangled.extend(a.iter().chain(&b).copied().filter(moves));
+                left += u64::from(tangled.len() == before);
+            }
+        });
+        tangled.sort_unstable();
+        tangled.dedup();
+        if tangled.is_empty() {
+            return left;
+        }
+        let Some(moved) = step_back(piece, &tangled) else { return left + pairs };
+        let members = moved.iter().flat_map(|&v| cluster(piece, v));
+        let mut changed: Vec<u32> = members.flat_map(|v| piece.corners(v)).map(|corner| corner / 3).collect();
+        changed.retain(|&t| !is_gone(piece.triangle(t)) && piece.is_known(piece.triangle(t)));
+        changed.sort_unstable();
+        changed.dedup();
+        // A vertex's ring has triangles that do not touch it: the other halves of rectangles.
+        for v in changed.iter().flat_map(|&t| [piece.known(t), piece.known(t ^ 1)]).flatten().flatten() {
+            fans[v as usize].set(Fan::Unknown);
+        }
+        suspects = Some(changed);
+    }
+}
+
+/// Whether two triangles whose boxes meet do not intersect: by the fan of a vertex they share, by a plane between them, or else in full.
+fn are_apart<P: Piece>(piece: &P, fans: &[Cell<Fan>], a: [u32; 3], b: [u32; 3]) -> bool {
+    for v in a {
+        if v != b[0] && v != b[1] && v != b[2] {
+            continue;
+        }
+        let fan = &fans[v as usize];
+        if fan.get() == Fan::Unknown {
+            fan.set(if fan_is_free(piece, v) { Fan::Free } else { Fan::Doubtful });
+        }
+        if fan.get() >= Fan::Free {
+            return true;
+        }
+    }
+    let (pa, pb) = (a.map(|v| piece.place(v)), b.map(|v| piece.place(v)));
+    let beside = lies_beside(pa, a.map(|v| b.contains(&v)), pb) || lies_beside(pb, b.map(|v| a.contains(&v)), pa);
+    beside || !intersect(a, pa, b, pb)
+}
+
+/// Whether the first triangle, but for the corners it shares, certainly lies on one side of the second's plane: then it meets that plane, and
+/// the second triangle, in these corners or the edge between them alone. May say no where it does.
+fn lies_beside(one: [[f64; 3]; 3], shared: [bool; 3], [a, b, c]: [[f64; 3]; 3]) -> bool {
+    let (ab, ac) = (minus(b, a), minus(c, a));
+    let normal = cross(ab, ac);
+    let from_plane = one.map(|p| minus(p, a));
+    let largest = ab.iter().chain(&ac).chain(from_plane.as_flattened()).fold(0.0f64, |m, d| m.max(d.abs()));
+    // Each difference is off by half a unit in its last place at most, and so is every product and sum of them.
+    let doubt = 1e-13 * largest * largest * largest;
+    let (mut above, mut below) = (shared != [true; 3], shared != [true; 3]);
+    for (d, shared) in from_plane.into_iter().zip(shared) {
+        let height = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2];
+        above &= shared | (height > doubt);
+        below &= shared | (height < -doubt);
+    }
+    above | below
+}
+
+/// Moves the vertices one step back. Where that is to rest, takes their clusters apart, and whatever other clusters this makes unsound: all
+/// vertices of these are put to rest. Gives the vertices moved.
+///
+/// If one of them is settled, nothing is done, and there is no result.
+fn step_back<P: Piece>(piece: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
+    let mut moved = Vec::new();
+    let mut apart = Vec::new();
+    // What was: vertex, survivor, next of its cluster, fate.
+    let mut before = Vec::new();
+    for &v in vertices {
+        if cluster(piece, v).any(|member| piece.is_settled(member)) {
+            take_back(piece, &before);
+            return None;
+        }
+        match piece.fate(v).after_retreat() {
+            Fate::Rest => apart.push(v),
+            fate => {
+                before.push((v, v, piece.also(v), piece.fate(v)));
+                piece.put(v, v, piece.also(v), fate);
+                moved.push(v);
+            }
+        }
+    }
+    while !apart.is_empty() {
+        let first = moved.len();
+        for &survivor in &apart {
+            let members: Vec<u32> = cluster(piece, survivor).collect();
+            if members.iter().any(|&member| piece.is_settled(member)) {
+                take_back(piece, &before);
+                return None;
+            }
+            for member in members {
+                before.push((member, survivor, piece.also(member), piece.fate(member)));
+                piece.put(member, member, NONE, Fate::Rest);
+                moved.push(member);
+            }
+        }
+        let mut near: Vec<u32> = moved[first..]
+            .iter()
+            .flat_map(|&v| piece.corners(v))
+            .flat_map(|corner| piece.triangle(corner / 3))
+            .collect();
+        near.sort_unstable();
+        near.dedup();
+        apart.clear();
+        for v in near {
+            find_unsound(piece, v, &mut apart);
+        }
+        apart.sort_unstable();
+        apart.dedup();
+    }
+    Some(moved)
+}
+
+fn take_back<P: Piece>(piece: &mut P, before: &[(u32, u32, u32, Fate)]) {
+    for &(v, survivor, also, fate) in before.iter().rev() {
+        piece.put(v, survivor, also, fate);
+    }
+}
+
+/// The vertices that have become `v`, with it as the first.
+pub fn cluster<P: Piece>(piece: &P, v: u32) -> impl Iterator<Item = u32> {
+    std::iter::successors(Some(v), |v| Some(piece.also(*v)).filter(|v| *v != NONE))
+}
+
+/// If the link of `v` is not one simple cycle of at least three vertices, or kept triangles are more than one stretch of it, appends the clusters to blame: its own, and those that occur in the link
+/// more than once, or all if it is too short.
+fn find_unsound<P: Piece>(piece: &P, v: u32, out: &mut Vec<u32>) {
+    let mut link: Vec<(u32, u32)> = Vec::new();
+    // Where a kept triangle begins and ends, seen from the other side of its edges.
+    let (mut begins, mut ends): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
+    let mut member = v;
+    while member != NONE {
+        for corner in piece.corners(member) {
+            let triangle = piece.triangle(corner / 3);
+            if !is_gone(triangle) {
+                let at = corner as usize % 3;
+                link.push((triangle[(at + 1) % 3], triangle[(at + 2) % 3]));
+                if piece.is_kept(corner / 3) {
+                    begins.push(triangle[(at + 1) % 3]);
+                    ends.push(triangle[(at + 2) % 3]);
+                }
+            }
+        }
+        member = piece.also(member);
+    }
+    link.sort_unstable();
+    let is_cluster = |v: &u32| piece.also(*v) != NONE;
+    let before = out.len();
+    let twice = link.windows(2).filter(|pair| pair[0].0 == pair[1].0).map(|pair| pair[0].0);
+    out.extend(twice.filter(is_cluster));
+    let mut sound = out.len() == before;
+    if sound && piece.is_whole(v) && !link.is_empty() {
+        if link.len() < 3 {
+            out.extend(link.iter().map(|(u, _)| *u).filter(is_cluster));
+            sound = false;
+        } else {
+            let mut at = link[0].0;
+            let mut steps = 0;
+            while steps < link.len() {
+                let Ok(next) = link.binary_search_by_key(&at, |(u, _)| *u) else { break };
+                at = link[next].1;
+                steps += 1;
+                if at == link[0].0 {
+                    break;
+                }
+            }
+            let stretches = begins.iter().filter(|begin| !ends.contains(begin)).count();
+            sound = steps == link.len() && stretches <= 1;
+        }
+    }
+    if !sound && is_cluster(&v) {
+        out.push(v);
+    }
+}

@@ -1,0 +1,187 @@
+//! Fans: the triangles round a vertex, seen along an axis. If they all turn the same way there and go round once, no two of them intersect.
+//!
+//! ```text
+//!     c---b---a       the *fan* of v are the triangles at v, its *ring* the rectangles at v: both their triangles. If the rectangles are
+//!     |\  |   |       convex, too, each lies within its sector at v (between d and b, for one), and no two triangles of the ring intersect.
+//!     | \ |   |       On a smooth surface nearly all vertices have such a ring, so that nothing that touches them need be looked at again.
+//!     d---v---h
+//!     |   |\  |
+//!     e---f--\g
+//! ```
+
+use std::cell::Cell;
+
+use robust::{Coord, orient2d};
+
+use crate::surface::contract::{NONE, is_gone};
+use crate::surface::untangle::Piece;
+use crate::surface::untangle::broad_phase::corners;
+
+/// What is known of the triangles at a vertex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fan {
+    /// Nothing.
+    Unknown,
+    /// Each pair has to be looked at.
+    Doubtful,
+    /// No two of its fan intersect.
+    Free,
+    /// No two of its ring intersect.
+    Ring,
+}
+
+/// What is to be said of all vertices, in one pass over the triangles. May be in doubt, or say less, where a closer look would not.
+///
+/// ```text
+///   bits 0-5    seen along axis a, some triangle may not turn left (bit 2 a), or not right (bit 2 a + 1)
+///   bits 6-11   the same of some rectangle, whichever of its diagonals cuts it
+///   bits 16-63  sixteen for each axis: crossings of the ray
+/// ```
+pub fn all_fans<P: Piece>(piece: &P) -> Vec<Cell<Fan>> {
+    let mut seen = vec![0u64; piece.vertices() as usize];
+    for first in piece.stretches().into_iter().flat_map(|stretch| stretch.step_by(2)) {
+        let both = [piece.known(first), piece.known(first + 1)];
+        let mut not = [0; 2];
+        for ((triangle, not), t) in both.into_iter().zip(&mut not).zip(first..) {
+            match triangle {
+                Some(triangle) => *not = add(&mut seen, triangle, triangle.map(|v| piece.place(v))),
+                None => leave_open(&mut seen, piece, t),
+            }
+        }
+        match (corners(both), both) {
+            (Some(around), [Some(_), Some(_)]) => {
+                // Each diagonal's triangles make the rectangle; the fourth is looked at, too, so that rounding is no matter.
+                let [p0, p1, p2, p3] = around.map(|v| piece.place(v));
+                let [a, b, c, d] = [[p0, p1, p2], [p0, p2, p3], [p0, p1, p3], [p1, p2, p3]].map(|t| turns(t).1);
+                around.into_iter().for_each(|v| seen[v as usize] |= (a | b | c | d) << RING);
+            }
+            (Some([a, b, c, _]), _) => {
+                [a, b, c].into_iter().for_each(|v| seen[v as usize] |= (not[0] | not[1]) << RING)
+            }
+            (None, _) => both.into_iter().flatten().flatten().for_each(|v| seen[v as usize] |= NEITHER << RING),
+        }
+    }
+    let turns_one_way = |seen: u64, a: usize| seen >> (2 * a) & 3 != 3 && seen >> (16 * (a + 1)) & 0xffff == 1;
+    let said = |seen: u64| {
+        if (0..3).any(|a| turns_one_way(seen | seen >> RING & NEITHER, a)) {
+            Fan::Ring
+        } else if (0..3).any(|a| turns_one_way(seen, a)) {
+            Fan::Free
+        } else {
+            Fan::Doubtful
+        }
+    };
+    seen.into_iter().map(|seen| Cell::new(said(seen))).collect()
+}
+
+/// Bits of all axes and both directions, and how far those of rectangles are shifted.
+const NEITHER: u64 = 0b11_1111;
+const RING: u32 = 6;
+
+/// Adds a triangle to the fans of its corners. Gives its turns.
+#[inline]
+fn add(seen: &mut [u64], triangle: [u32; 3], places: [[f64; 3]; 3]) -> u64 {
+    let (normal, not) = turns(places);
+    for i in 0..3 {
+        let (centre, from, to) = (places[i], places[(i + 1) % 3], places[(i + 2) % 3]);
+        let mut crossings = 0;
+        for (a, n) in normal.into_iter().enumerate() {
+            let y = (a + 2) % 3;
+            let upwards = (from[y] < centre[y]) & (centre[y] <= to[y]);
+            let downwards = (to[y] < centre[y]) & (centre[y] <= from[y]);
+            let left = n > 0.0;
+            crossings += u64::from((left & upwards) | (!left & downwards)) << (16 * (a + 1));
+        }
+        // A vertex has far fewer triangles than sixteen bits can count.
+        let seen = &mut seen[triangle[i] as usize];
+        *seen = (*seen | not) + crossings;
+    }
+    not
+}
+
+/// A triangle's normal, and along which axes it may not turn left, or not right.
+#[inline]
+fn turns(places: [[f64; 3]; 3]) -> ([f64; 3], u64) {
+    let (ab, ac) = (minus(places[1], places[0]), minus(places[2], places[0]));
+    let largest = ab.iter().chain(&ac).fold(0.0f64, |m, d| m.max(d.abs()));
+    let doubt = 1e-14 * largest * largest;
+    let normal = cross(ab, ac);
+    let mut not = 0;
+    for (a, n) in normal.into_iter().enumerate() {
+        not |= u64::from(n <= doubt) << (2 * a) | u64::from(n >= -doubt) << (2 * a + 1);
+    }
+    (normal, not)
+}
+
+/// If triangle `t` is left, but not known, nothing is said of the vertices it touches.
+fn leave_open<P: Piece>(seen: &mut [u64], piece: &P, t: u32) {
+    if piece.stretches().iter().any(|stretch| stretch.contains(&t)) && !is_gone(piece.triangle(t)) {
+        for v in piece.triangle(t) {
+            if let Some(seen) = seen.get_mut(v as usize) {
+                *seen |= NEITHER | NEITHER << RING;
+            }
+        }
+    }
+}
+
+/// Whether, seen along some axis, all triangles at `v` turn the same way and go round it once: then no two of them intersect.
+///
+/// Exact, as the turns are. Of a fan with a triangle that is not known nothing is said.
+pub fn fan_is_free<P: Piece>(piece: &P, v: u32) -> bool {
+    let centre = piece.place(v);
+    let mut link: [([f64; 3], [f64; 3]); MOST_IN_FAN] = [([0.0; 3], [0.0; 3]); MOST_IN_FAN];
+    let mut count = 0;
+    let mut member = v;
+    while member != NONE {
+        for corner in piece.corners(member) {
+            let triangle = piece.triangle(corner / 3);
+            if is_gone(triangle) {
+                continue;
+            }
+            if count == MOST_IN_FAN || !piece.is_known(triangle) {
+                return false;
+            }
+            let at = corner as usize % 3;
+            link[count] = (piece.place(triangle[(at + 1) % 3]), piece.place(triangle[(at + 2) % 3]));
+            count += 1;
+        }
+        member = piece.also(member);
+    }
+    let link = &link[..count];
+    (0..3).any(|axis| goes_round_once(centre, link, axis))
+}
+
+/// Fans with more triangles are rare, and looked at pair by pair.
+const MOST_IN_FAN: usize = 24;
+
+fn goes_round_once(centre: [f64; 3], link: &[([f64; 3], [f64; 3])], axis: usize) -> bool {
+    let flat = |p: [f64; 3]| Coord { x: p[(axis + 1) % 3], y: p[(axis + 2) % 3] };
+    let centre = flat(centre);
+    let mut sides = link.iter().map(|&(a, b)| orient2d(centre, flat(a), flat(b)));
+    let Some(first) = sides.next() else { return false };
+    if first == 0.0 || !sides.all(|side| if first > 0.0 { side > 0.0 } else { side < 0.0 }) {
+        return false;
+    }
+    // Every turn crosses the ray from the centre along +x once, upwards if turns are to the left.
+    let crosses = |a: f64, b: f64| a < centre.y && centre.y <= b;
+    let crossings = link.iter().filter(|&&(a, b)| {
+        let (a, b) = (flat(a).y, flat(b).y);
+        if first > 0.0 { crosses(a, b) } else { crosses(b, a) }
+    });
+    crossings.count() == 1
+}
+
+/// The difference of two places.
+#[inline]
+pub fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|a| p[a] - q[a])
+}
+
+/// The cross product.
+#[inline]
+pub fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|a| {
+        let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+        p[b] * q[c] - p[c] * q[b]
+    })
+}
