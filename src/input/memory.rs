@@ -40,7 +40,7 @@ use crate::points::{Batch, Points, Precision};
 /// }
 ///
 /// let mesh = asra_stream::Reconstruction::from_source(&Sphere).run()?;
-/// assert_eq!(mesh.report().check.as_ref().unwrap().genus, 0);
+/// assert_eq!(mesh.report().check.as_ref().unwrap().genus, Some(0));
 /// # Ok::<(), asra_stream::Error>(())
 /// ```
 #[expect(clippy::len_without_is_empty, reason = "a source without points is an error of the run, told there")]
@@ -219,16 +219,24 @@ impl<'a> Arrays<'a> {
         Arrays { coordinates, attributes: Vec::new() }
     }
 
+    /// The names of its attributes.
+    pub fn names(&self) -> Vec<String> {
+        self.attributes.iter().map(|(attribute, _)| attribute.name.clone()).collect()
+    }
+
     /// Adds an attribute.
     ///
     /// # Errors
-    /// [`Error::Usage`] if there is not one value for each point, or an attribute of this name already.
+    /// [`Error::Usage`] if there is not one value for each point, an attribute of this name already, or the name is that of a coordinate.
     pub fn add(&mut self, name: &str, values: Values<'a>) -> Result<()> {
         let attribute = Attribute::new(name, values.scalar());
         let count = (values.bytes().len() / attribute.scalar.bytes()) as u64;
         if count != self.len() {
             let points = self.len();
             return Err(Error::Usage(format!("attribute {name:?}: {count} values for {points} points")));
+        }
+        if ["x", "y", "z"].contains(&attribute.name.as_str()) {
+            return Err(Error::Usage(format!("attribute {name:?}: is the name of a coordinate")));
         }
         if self.attributes.iter().any(|(other, _)| other.name == attribute.name) {
             return Err(Error::Usage(format!("attribute {name:?}: is there twice")));

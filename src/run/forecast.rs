@@ -24,8 +24,8 @@ const SURFACE: (f64, f64) = (1600.0, 400.0);
 const CHECK: f64 = 230.0;
 /// A triangle that is drawn.
 const RENDER: f64 = 250.0;
-/// A triangle that is written: meanwhile the mesh was checked; after that; and in tiles.
-const WRITE: [f64; 3] = [10.0, 80.0, 600.0];
+/// A triangle that is written: meanwhile the mesh was checked; after that; in tiles; and not at all.
+const WRITE: [f64; 4] = [10.0, 80.0, 600.0, 0.0];
 
 /// Bytes of a point: packed, in text and in other files.
 const BYTES: [u64; 3] = [6, 28, 20];
@@ -67,6 +67,8 @@ pub enum Write {
     After,
     /// In tiles.
     Tiles,
+    /// It is not: it stays in memory.
+    Not,
 }
 
 impl Known {

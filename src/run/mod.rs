@@ -373,7 +373,7 @@ pub(crate) fn open_all(
     progress: &mut Progress,
 ) -> Result<Cloud<'static>> {
     let files = files(job, progress)?;
-    progress.expect_run(known(job, &files, Passes::All));
+    progress.expect_run(Known { write: forecast::Write::Not, ..known(job, &files, Passes::All) });
     open(job, &files, workspace, workers, Passes::All, progress)
 }
 

@@ -257,7 +257,14 @@ impl<'a> Reconstruction<'a> {
         watched(self.observer, &workers, || {
             let mut progress = Progress::told(self.observer);
             match &self.points {
-                Points::Arrays(arrays) => of_source(arrays, &self.job, &workers, &mut progress),
+                Points::Arrays(arrays) => {
+                    let mut job = self.job.clone();
+                    if job.input.attributes == Wanted::All {
+                        // Those that were named are wanted, whatever files would call them, and even if they never change.
+                        job.input.attributes = Wanted::Named(arrays.names());
+                    }
+                    of_source(arrays, &job, &workers, &mut progress)
+                }
                 Points::Source(source) => of_source(*source, &self.job, &workers, &mut progress),
                 Points::Files => of_files(&self.job, &workers, &mut progress),
             }
@@ -288,6 +295,7 @@ fn of_source(source: &dyn PointSource, job: &Job, workers: &Workers, progress: &
         whole: true,
         open: job.settings.open.is_some(),
         checked: true,
+        write: forecast::Write::Not,
         ..Known::default()
     });
     made(&cloud, job, workers, &workspace(job, workers)?, progress, start)

@@ -1,0 +1,292 @@
+//! The library as another program uses it: points in memory, a mesh in memory.
+
+use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use asra_stream::points::attribute::Attribute;
+use asra_stream::points::scalar::Scalar;
+use asra_stream::{
+    Error, Mesh, MeshSink, Observer, PointBuffer, PointSource, Precision, Reconstruction, Result, Update,
+};
+
+/// Points on a sphere round a centre.
+fn sphere(count: usize, centre: [f64; 3]) -> Vec<[f64; 3]> {
+    (0..count)
+        .map(|i| {
+            let z = (2.0 * i as f64 + 1.0) / count as f64 - 1.0;
+            let (r, angle) = ((1.0 - z * z).sqrt(), 2.399963 * i as f64);
+            [centre[0] + r * angle.cos(), centre[1] + r * angle.sin(), centre[2] + z]
+        })
+        .collect()
+}
+
+fn same(a: &Mesh, b: &Mesh) -> bool {
+    a.vertices().unwrap() == b.vertices().unwrap() && a.triangles().unwrap() == b.triangles().unwrap()
+}
+
+#[test]
+fn a_slice_and_a_file_of_the_same_points_are_the_same_mesh() {
+    let points: Vec<[f32; 3]> = sphere(5000, [0.0; 3]).into_iter().map(|p| p.map(|c| c as f32)).collect();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("sphere.xyz.npy");
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (5000, 3), }";
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(bytemuck::cast_slice::<_, u8>(&points));
+    std::fs::write(&path, bytes).unwrap();
+
+    let mesh = Reconstruction::of(&points).run().unwrap();
+    let from_file = Reconstruction::from_files([&path]).threads(3).max_memory(64 << 20).run().unwrap();
+    assert!(same(&mesh, &from_file));
+    // Euler's formula for a sphere.
+    assert_eq!(2 * mesh.vertex_count(), 4 + mesh.triangle_count());
+    let check = mesh.report().check.as_ref().unwrap();
+    assert_eq!((check.components, check.genus), (1, Some(0)));
+    assert_eq!(mesh.check().unwrap().intersections.unwrap().pairs, 0);
+
+    // And the command's file is the one that the mesh is saved as.
+    let saved = dir.path().join("saved.ply");
+    mesh.save(&saved).unwrap();
+    assert!(matches!(mesh.save(&saved), Err(Error::OutputExists(there)) if there == saved));
+    let mut job = asra_stream::run::Job::new([&path]);
+    job.output = Some(dir.path().join("command.ply"));
+    let workers = job.means.workers().unwrap();
+    let mut progress = asra_stream::run::progress::Progress::new(asra_stream::run::progress::Show::Nothing);
+    asra_stream::run::run(&job, &workers, &mut progress).unwrap();
+    assert!(std::fs::read(saved).unwrap() == std::fs::read(job.output.unwrap()).unwrap());
+}
+
+#[test]
+fn a_mesh_far_from_zero_has_an_origin_and_the_points_own_coordinates() {
+    let centre = [500_000.0, 5_400_000.0, 300.0];
+    let mesh = Reconstruction::of(&sphere(4000, centre)).run().unwrap();
+    let origin = mesh.origin();
+    assert!(origin[0] > 490_000.0 && origin[1] > 5_390_000.0);
+    for (vertex, local) in mesh.vertices().unwrap().iter().zip(mesh.local_vertices().unwrap()) {
+        for a in 0..3 {
+            assert!((vertex[a] - centre[a]).abs() < 1.1);
+            assert!((f64::from(local[a]) + origin[a] - vertex[a]).abs() < 1e-5);
+        }
+    }
+    // Fitted vertices are points of the input, bit for bit.
+    let points: std::collections::HashSet<[u64; 3]> =
+        sphere(4000, centre).into_iter().map(|p| p.map(f64::to_bits)).collect();
+    let fitted = mesh.vertices().unwrap().iter().filter(|v| points.contains(&v.map(f64::to_bits))).count();
+    assert!(fitted > mesh.vertex_count() / 2, "{fitted} of {}", mesh.vertex_count());
+}
+
+#[test]
+fn attributes_come_with_their_points() {
+    let points = sphere(5000, [0.0; 3]);
+    let heights: Vec<f32> = points.iter().map(|p| p[2] as f32).collect();
+    let numbers: Vec<u32> = (0..5000).collect();
+    let mesh = Reconstruction::of(&points).attribute("height", &heights).attribute("Number", &numbers).run().unwrap();
+    // One that never changes, and a name that files use for normals: both were asked for.
+    let (ones, normals) = ([1u8; 5000], [0.5f64; 5000]);
+    let both = Reconstruction::of(&points).attribute("one", &ones).attribute("nx", &normals).run().unwrap();
+    assert!(both.attribute("one").unwrap().iter().all(|value| *value == 1.0));
+    assert!(both.attribute("nx").unwrap().iter().all(|value| *value == 0.5));
+    let (heights, found) = (mesh.attribute("height").unwrap(), mesh.attribute("number").unwrap());
+    let mut fitted = 0;
+    for ((vertex, height), number) in mesh.vertices().unwrap().into_iter().zip(heights).zip(found) {
+        let point = points[number as usize];
+        assert_eq!(height, f64::from(point[2] as f32));
+        fitted += usize::from(vertex == point);
+    }
+    assert!(fitted > mesh.vertex_count() / 2);
+    let error = mesh.attribute("colour").unwrap_err().to_string();
+    assert!(error.contains("colour") && error.contains("height, number"), "{error}");
+}
+
+#[test]
+fn mistakes_in_attributes_are_told() {
+    let points = sphere(100, [0.0; 3]);
+    let told = |made: Result<Mesh>| made.unwrap_err().to_string();
+    let short = Reconstruction::of(&points).attribute("a", &[1u8; 99]);
+    assert!(told(short.run()).contains("99 values for 100 points"));
+    let twice = Reconstruction::of(&points).attribute("a", &[1u8; 100]).attribute("A", &[2i16; 100]);
+    assert!(told(twice.run()).contains("there twice"));
+    let coordinate = Reconstruction::of(&points).attribute("Y", &[1u8; 100]);
+    assert!(told(coordinate.run()).contains("a coordinate"));
+    let of_file = Reconstruction::from_files(["a.ply"]).attribute("a", &[1u8; 100]);
+    assert!(told(of_file.run()).contains("only points in memory"));
+}
+
+#[test]
+fn what_is_no_cloud_is_an_error() {
+    let none: [[f32; 3]; 0] = [];
+    assert!(matches!(Reconstruction::of(&none).run(), Err(Error::NoPoints { dropped: 0, .. })));
+    let no_numbers = [[f64::NAN, 0.0, 0.0], [f64::INFINITY, 1.0, 2.0]];
+    assert!(matches!(Reconstruction::of(&no_numbers).run(), Err(Error::NoPoints { dropped: 2, .. })));
+    let points = sphere(1000, [0.0; 3]);
+    for refused in [
+        Reconstruction::of(&points).cell_size(0.0),
+        Reconstruction::of(&points).cell_size(f64::NAN),
+        Reconstruction::of(&points).window(4),
+        Reconstruction::of(&points).min_points(0),
+        Reconstruction::of(&points).smooth(101),
+        Reconstruction::of(&points).threads(1 << 20),
+    ] {
+        assert!(matches!(refused.run(), Err(Error::Usage(_))));
+    }
+    assert!(matches!(Reconstruction::of(&points).max_memory(1).run(), Err(Error::Budget { .. })));
+}
+
+/// A source that counts, and may fail.
+struct Counting {
+    points: Vec<[f64; 3]>,
+    asked: AtomicU64,
+    fails_after: u64,
+    /// Gives one point too few.
+    short: bool,
+}
+
+impl PointSource for Counting {
+    fn len(&self) -> u64 {
+        self.points.len() as u64
+    }
+
+    fn precision(&self) -> Precision {
+        Precision::Double
+    }
+
+    fn attributes(&self) -> Vec<Attribute> {
+        vec![Attribute::new("half", Scalar::U8)]
+    }
+
+    fn read(&self, range: Range<u64>, out: &mut PointBuffer) -> Result<()> {
+        if self.asked.fetch_add(1, Ordering::Relaxed) >= self.fails_after {
+            return Err(Error::Source("the line is dead".into()));
+        }
+        let range = range.start as usize..range.end as usize - usize::from(self.short);
+        for point in &self.points[range] {
+            out.push(*point);
+            out.push_attribute(Scalar::U8, f64::from(u8::from(point[0] > 0.0)));
+        }
+        Ok(())
+    }
+}
+
+fn counting(fails_after: u64, short: bool) -> Counting {
+    Counting { points: sphere(200_000, [0.0; 3]), asked: AtomicU64::new(0), fails_after, short }
+}
+
+#[test]
+fn a_source_of_ones_own_is_read_in_pieces() {
+    let source = counting(u64::MAX, false);
+    let mesh = Reconstruction::from_source(&source).run().unwrap();
+    assert!(source.asked.load(Ordering::Relaxed) >= 8);
+    assert!(same(&mesh, &Reconstruction::of(&source.points).run().unwrap()));
+    for (vertex, half) in mesh.vertices().unwrap().iter().zip(mesh.attribute("half").unwrap()) {
+        assert!(half == f64::from(u8::from(vertex[0] > 0.0)) || vertex[0].abs() < 0.1);
+    }
+}
+
+#[test]
+fn a_source_that_fails_or_lies_ends_the_run() {
+    for fails_after in [0, 3, 5] {
+        let error = Reconstruction::from_source(&counting(fails_after, false)).run().unwrap_err();
+        assert!(matches!(&error, Error::Source(words) if words.to_string() == "the line is dead"), "{error}");
+    }
+    let error = Reconstruction::from_source(&counting(u64::MAX, true)).run().unwrap_err();
+    assert!(error.to_string().contains("expected 65536 points"), "{error}");
+}
+
+#[derive(Default)]
+struct Watching {
+    stages: Mutex<Vec<(&'static str, bool)>>,
+    fractions: Mutex<Vec<f64>>,
+    cancel_in: Option<&'static str>,
+    cancelled: AtomicBool,
+}
+
+impl Observer for Watching {
+    fn progress(&self, update: &Update) {
+        let mut stages = self.stages.lock().unwrap();
+        if stages.last() != Some(&(update.stage.name(), update.ended)) {
+            stages.push((update.stage.name(), update.ended));
+        }
+        self.fractions.lock().unwrap().extend(update.fraction);
+        if self.cancel_in == Some(update.stage.name()) {
+            self.cancelled.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
+    }
+}
+
+#[test]
+fn an_observer_is_told_every_stage() {
+    let watching = Watching::default();
+    Reconstruction::of(&sphere(3000, [0.0; 3])).observer(&watching).run().unwrap();
+    let stages = watching.stages.into_inner().unwrap();
+    let both = |name| [(name, false), (name, true)];
+    let expected = ["survey", "bucket", "raster", "seal", "surface", "check"].map(both).concat();
+    assert_eq!(stages, expected);
+    let fractions = watching.fractions.into_inner().unwrap();
+    assert!(fractions.is_sorted() && fractions.last() == Some(&1.0), "{fractions:?}");
+}
+
+#[test]
+fn an_observer_ends_the_run() {
+    let watching = Watching { cancel_in: Some("survey"), ..Watching::default() };
+    let points = sphere(2_000_000, [0.0; 3]);
+    let outcome = Reconstruction::of(&points).observer(&watching).run();
+    assert!(matches!(outcome, Err(Error::Interrupted)));
+    assert!(watching.stages.into_inner().unwrap().iter().all(|(name, _)| *name != "check"));
+}
+
+#[derive(Default)]
+struct Taken {
+    expected: usize,
+    vertices: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    values: Vec<f64>,
+    full: bool,
+}
+
+impl MeshSink for Taken {
+    fn begin(&mut self, mesh: &Mesh) -> Result<()> {
+        self.expected = mesh.vertex_count();
+        Ok(())
+    }
+
+    fn vertices(&mut self, positions: &[[f64; 3]]) -> Result<()> {
+        if self.full {
+            return Err(Error::Source("full".into()));
+        }
+        self.vertices.extend_from_slice(positions);
+        Ok(())
+    }
+
+    fn attribute(&mut self, number: usize, values: &[f64]) -> Result<()> {
+        assert_eq!(number, 0);
+        self.values.extend_from_slice(values);
+        Ok(())
+    }
+
+    fn triangles(&mut self, triangles: &[[u32; 3]]) -> Result<()> {
+        self.triangles.extend_from_slice(triangles);
+        Ok(())
+    }
+}
+
+#[test]
+fn a_sink_gets_the_whole_mesh() {
+    let points = sphere(60_000, [1000.0, 0.0, 0.0]);
+    let values: Vec<f64> = points.iter().map(|p| p[1]).collect();
+    let cloud = || Reconstruction::of(&points).attribute("side", &values);
+    let mut taken = Taken::default();
+    let report = cloud().run_into(&mut taken).unwrap();
+    let mesh = cloud().run().unwrap();
+    assert_eq!(taken.vertices.len(), taken.expected);
+    assert!(taken.vertices == mesh.vertices().unwrap() && taken.triangles == mesh.triangles().unwrap());
+    assert!(taken.values == mesh.attribute("side").unwrap());
+    assert_eq!(report.output.triangles, taken.triangles.len() as u64);
+    let mut full = Taken { full: true, ..Taken::default() };
+    assert!(matches!(cloud().run_into(&mut full), Err(Error::Source(_))));
+}
