@@ -1,7 +1,7 @@
 //! The survey, pass 1: how many points there are and the box they fill; and, where asked for, how densely they lie.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
 use crate::grid::coarse::{Sketch, Sketching};
@@ -282,21 +282,34 @@ const KEPT: usize = 1024;
 /// hash is the fraction f of the hash range, there are about KEPT / f cells. Order of arrival does not matter.
 ///
 /// Of a cell that is kept to the end, every point was counted: it was never left out before.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Distinct {
     /// The hashes, and how many points each was seen with.
     smallest: BTreeMap<u64, u64>,
+    /// Larger hashes are not kept.
+    largest: u64,
 }
 
 impl Distinct {
+    fn new() -> Distinct {
+        Distinct { smallest: BTreeMap::new(), largest: u64::MAX }
+    }
+
     fn add(&mut self, hash: u64, points: u64) {
+        // Nearly all hashes of small cells are too large, which is soon seen.
+        if hash > self.largest {
+            return;
+        }
         if let Some(count) = self.smallest.get_mut(&hash) {
             *count += points;
-        } else if self.smallest.len() < KEPT {
+        } else {
             self.smallest.insert(hash, points);
-        } else if hash < *self.smallest.last_key_value().expect("the list is full").0 {
-            self.smallest.insert(hash, points);
-            self.smallest.pop_last();
+            if self.smallest.len() > KEPT {
+                self.smallest.pop_last();
+            }
+            if self.smallest.len() == KEPT {
+                self.largest = *self.smallest.last_key_value().expect("the list is full").0;
+            }
         }
     }
 
@@ -364,36 +377,86 @@ pub fn sampling_distance(
     in_flight: usize,
     mut progress: impl FnMut(u64),
 ) -> Result<Option<f64>> {
-    const LEVELS: usize = 20;
+    match measured(cloud, survey, Levels::Coarse, workers, in_flight, &mut progress)? {
+        Measured::Distance(distance) => Ok(distance),
+        // So many of the cells hold strays that those of the other levels count.
+        Measured::TooCoarse => match measured(cloud, survey, Levels::All, workers, in_flight, &mut progress)? {
+            Measured::Distance(distance) => Ok(distance),
+            Measured::TooCoarse => Ok(None),
+        },
+    }
+}
+
+/// Levels of cells. Level l has 2^(l + 1) cells along the diagonal.
+const LEVELS: usize = 20;
+/// Cells for each point beyond which finer ones are left out: at four points to a cell, far below [`POINTS_TO_A_CELL`].
+const ENOUGH_CELLS: f64 = 0.25;
+
+/// The levels that are looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Levels {
+    /// Those with fewer cells than [`ENOUGH_CELLS`], and the next.
+    Coarse,
+    /// All.
+    All,
+}
+
+/// What the levels tell.
+enum Measured {
+    /// The sampling distance; none of a single place.
+    Distance(Option<f64>),
+    /// None of them has few enough points to a cell.
+    TooCoarse,
+}
+
+/// [`sampling_distance`], from these levels.
+fn measured(
+    cloud: &Cloud,
+    survey: &Survey,
+    which: Levels,
+    workers: &Workers,
+    in_flight: usize,
+    mut progress: impl FnMut(u64),
+) -> Result<Measured> {
     let diagonal = survey.bounds.extent().into_iter().fold(0.0, libm::hypot);
     if diagonal <= 0.0 {
-        return Ok(None);
+        return Ok(Measured::Distance(None));
     }
     let Bounds { min, max } = survey.bounds;
     let centre: [f64; 3] = std::array::from_fn(|a| min[a].midpoint(max[a]));
     // However it is turned, the box lies within half its diagonal of its centre.
     let cells = 2f64.powi(LEVELS as i32);
-    let finest = cells * (1.0 - 1e-12) / diagonal;
-    let mut sketches: Vec<Distinct> = (0..LEVELS).map(|_| Distinct::default()).collect();
+    let scale = cells * (1.0 - 1e-12) / diagonal;
+    let mut sketches: Vec<Distinct> = (0..LEVELS).map(|_| Distinct::new()).collect();
+    // Falls as soon as finer levels show to be of no use.
+    let looked_at = AtomicUsize::new(LEVELS);
     cloud.for_each_batch(
         workers,
         in_flight,
         Carried::Coordinates,
         |batch| {
-            let mut part: Vec<Distinct> = (0..LEVELS).map(|_| Distinct::default()).collect();
-            let mut add = |p: [f64; 3]| {
-                let d: [f64; 3] = std::array::from_fn(|a| (p[a] - centre[a]) * finest / 3.0);
+            let cell = |p: [f64; 3]| {
+                let d: [f64; 3] = std::array::from_fn(|a| (p[a] - centre[a]) * scale / 3.0);
                 let along = |axis: [f64; 3]| axis[0] * d[0] + axis[1] * d[1] + axis[2] * d[2];
-                let cell = ASKEW.map(|axis| (along(axis) + cells / 2.0) as u64);
-                for (level, sketch) in part.iter_mut().enumerate() {
-                    // Level l has 2^(l + 1) cells along the diagonal.
-                    let shift = LEVELS - 1 - level;
-                    sketch.add(hash(cell.map(|c| c >> shift)), 1);
-                }
+                interleaved(ASKEW.map(|axis| (along(axis) + cells / 2.0) as u64))
             };
-            match &batch.points {
-                Points::Single(points) => points.iter().for_each(|p| add(p.map(f64::from))),
-                Points::Double(points) => points.iter().for_each(|p| add(*p)),
+            let mut codes: Vec<u64> = match &batch.points {
+                Points::Single(points) => points.iter().map(|p| cell(p.map(f64::from))).collect(),
+                Points::Double(points) => points.iter().map(|p| cell(*p)).collect(),
+            };
+            codes.sort_unstable();
+            let levels = looked_at.load(Ordering::Relaxed);
+            let mut part: Vec<Distinct> = (0..levels).map(|_| Distinct::new()).collect();
+            // Along this curve, the cells within a larger one lie side by side, on every level.
+            let mut runs: Vec<([u64; 3], u64)> = Vec::with_capacity(codes.len());
+            for code in codes {
+                add_to_run(&mut runs, apart(code >> (3 * (LEVELS - levels))), 1);
+            }
+            for sketch in part.iter_mut().rev() {
+                runs.iter().for_each(|&(cell, points)| sketch.add(hash(cell), points));
+                let mut coarser = Vec::with_capacity(runs.len());
+                runs.iter().for_each(|&(cell, points)| add_to_run(&mut coarser, cell.map(|c| c >> 1), points));
+                runs = coarser;
             }
             Ok((part, batch.records()))
         },
@@ -402,21 +465,61 @@ pub fn sampling_distance(
             for (sketch, part) in sketches.iter_mut().zip(part) {
                 part.smallest.into_iter().for_each(|(hash, points)| sketch.add(hash, points));
             }
+            let enough = ENOUGH_CELLS * survey.points as f64;
+            let levels = looked_at.load(Ordering::Relaxed);
+            if which == Levels::Coarse
+                && let Some(level) = sketches[..levels].iter().position(|sketch| sketch.distinct() > enough)
+            {
+                looked_at.store(level + 1, Ordering::Relaxed);
+            }
             Ok(())
         },
     )?;
+    let levels = looked_at.into_inner();
     let counted = |sketch: &Distinct| {
         let [cells, points] = sketch.without_strays();
         (points * survey.points as f64, cells * sketch.distinct())
     };
-    let (level, (n, cells)) = sketches
-        .iter()
-        .map(counted)
-        .enumerate()
-        .find(|(_, (n, cells))| n / cells < POINTS_TO_A_CELL)
-        .unwrap_or((LEVELS - 1, counted(&sketches[LEVELS - 1])));
+    let found = sketches[..levels].iter().map(counted).enumerate().find(|(_, (n, cells))| n / cells < POINTS_TO_A_CELL);
+    let (level, (n, cells)) = match found {
+        Some(found) => found,
+        None if levels < LEVELS => return Ok(Measured::TooCoarse),
+        None => (LEVELS - 1, counted(&sketches[LEVELS - 1])),
+    };
     let side = diagonal / 2f64.powi(level as i32 + 1);
-    Ok(Some(side / (CELLS_OF_SURFACE * points_to_a_cell(n / cells)).sqrt()))
+    Ok(Measured::Distance(Some(side / (CELLS_OF_SURFACE * points_to_a_cell(n / cells)).sqrt())))
+}
+
+/// Adds points of a cell to the last run, if that is of the same cell, or begins a new one.
+fn add_to_run(runs: &mut Vec<([u64; 3], u64)>, cell: [u64; 3], points: u64) {
+    match runs.last_mut() {
+        Some((last, count)) if *last == cell => *count += points,
+        _ => runs.push((cell, points)),
+    }
+}
+
+/// The bits of three numbers below 2²¹, in turns: a Morton code.
+fn interleaved(cell: [u64; 3]) -> u64 {
+    let spread = |mut c: u64| {
+        c = (c | c << 32) & 0x001F_0000_0000_FFFF;
+        c = (c | c << 16) & 0x001F_0000_FF00_00FF;
+        c = (c | c << 8) & 0x100F_00F0_0F00_F00F;
+        c = (c | c << 4) & 0x10C3_0C30_C30C_30C3;
+        (c | c << 2) & 0x1249_2492_4924_9249
+    };
+    spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
+}
+
+/// The three numbers of a Morton code.
+fn apart(code: u64) -> [u64; 3] {
+    [code, code >> 1, code >> 2].map(|mut c| {
+        c &= 0x1249_2492_4924_9249;
+        c = (c | c >> 2) & 0x10C3_0C30_C30C_30C3;
+        c = (c | c >> 4) & 0x100F_00F0_0F00_F00F;
+        c = (c | c >> 8) & 0x001F_0000_FF00_00FF;
+        c = (c | c >> 16) & 0x001F_0000_0000_FFFF;
+        (c | c >> 32) & 0x001F_FFFF
+    })
 }
 
 /// The mean number λ of points that fall to a cell, if those that got any got `found` on average: found = λ / (1 − e^−λ).
@@ -437,4 +540,105 @@ fn hash(cell: [u64; 3]) -> u64 {
     h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     h ^ h >> 31
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::input::{InputOptions, PointSlice};
+
+    /// The sampling distance as its description says, level by level, with all cells held.
+    fn naive(points: &[[f64; 3]], bounds: &Bounds) -> Option<f64> {
+        let diagonal = bounds.extent().into_iter().fold(0.0, libm::hypot);
+        if diagonal <= 0.0 {
+            return None;
+        }
+        let levels: Vec<[f64; 2]> = (0..20)
+            .map(|level| {
+                let mut counts: HashMap<u64, u64> = HashMap::new();
+                for p in points {
+                    let d: [f64; 3] = std::array::from_fn(|a| {
+                        (p[a] - bounds.min[a].midpoint(bounds.max[a])) * (2f64.powi(20) * (1.0 - 1e-12) / diagonal)
+                            / 3.0
+                    });
+                    let cell = [[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]].map(|axis: [f64; 3]| {
+                        (axis[0] * d[0] + axis[1] * d[1] + axis[2] * d[2] + 2f64.powi(19)) as u64 >> (19 - level)
+                    });
+                    *counts.entry(hash(cell)).or_default() += 1;
+                }
+                let mut kept: Vec<(u64, u64)> = counts.into_iter().collect();
+                kept.sort_unstable();
+                kept.truncate(KEPT);
+                let distinct = match kept.last() {
+                    Some((last, _)) if kept.len() == KEPT => (KEPT - 1) as f64 * (u64::MAX as f64 / *last as f64),
+                    _ => kept.len() as f64,
+                };
+                let mut sizes: Vec<u64> = kept.iter().map(|(_, count)| *count).collect();
+                sizes.sort_unstable();
+                let all: u64 = sizes.iter().sum();
+                let middle = (0..sizes.len()).find(|i| 2 * sizes[..=*i].iter().sum::<u64>() >= all).unwrap();
+                let least = sizes[middle].div_ceil(STRAY);
+                let left: Vec<u64> = sizes.iter().copied().filter(|size| *size >= least).collect();
+                let share = left.iter().sum::<u64>() as f64 / all as f64;
+                [share * points.len() as f64, left.len() as f64 / sizes.len() as f64 * distinct]
+            })
+            .collect();
+        let level = levels.iter().position(|[n, cells]| n / cells < POINTS_TO_A_CELL).unwrap_or(19);
+        let [n, cells] = levels[level];
+        let side = diagonal / 2f64.powi(level as i32 + 1);
+        Some(side / (CELLS_OF_SURFACE * points_to_a_cell(n / cells)).sqrt())
+    }
+
+    fn random(count: usize, seed: u64, shape: usize) -> Vec<[f64; 3]> {
+        let mut state = seed;
+        let mut unit = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..count)
+            .map(|i| match shape {
+                0 => [unit(), unit(), 0.0],
+                1 => [unit(), unit(), unit()],
+                // Nearly all on one place, and strays.
+                2 if i % 50 > 0 => [0.5; 3],
+                2 => [unit() * 1e3, unit(), unit()],
+                // A line with piles on it.
+                3 => [(unit() * 64.0).floor(), 0.0, 0.0],
+                _ => [unit().powi(8), unit().powi(8), unit() * 1e-3],
+            })
+            .collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+
+        #[test]
+        fn the_sampling_distance_is_that_of_its_description(
+            count in prop_oneof![1usize..200, 3000usize..6000, 150_000usize..151_000],
+            shape in 0usize..5,
+            seed in any::<u64>(),
+        ) {
+            let points = random(count, seed, shape);
+            let arrays = crate::input::Arrays::new(PointSlice::from(&points));
+            let cloud = Cloud::of_source(&arrays, &InputOptions::default()).unwrap();
+            let workers = Workers::new(2).unwrap();
+            let (found, _) = survey(&cloud, &workers, 4, |_| ()).unwrap();
+            let mut expected = 0;
+            let distance = sampling_distance(&cloud, &found, &workers, 4, |records| expected += records).unwrap();
+            prop_assert_eq!(distance.map(f64::to_bits), naive(&points, &found.bounds).map(f64::to_bits));
+            prop_assert!(expected % count as u64 == 0);
+        }
+    }
+
+    #[test]
+    fn codes_are_taken_apart_again() {
+        for cell in [[0, 0, 0], [1, 2, 3], [(1 << 20) - 1, 0, 1 << 20], [0x15_5555, 0x0A_AAAA, 0x1F_FFFF]] {
+            assert_eq!(apart(interleaved(cell)), cell);
+            assert_eq!(apart(interleaved(cell) >> 9), cell.map(|c| c >> 3));
+        }
+    }
 }
