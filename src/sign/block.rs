@@ -1,5 +1,9 @@
 //! A level's cells, held whole, with some cells more on every side.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::occupancy::Occupancy;
@@ -97,6 +101,22 @@ impl Block {
         x == 0 || z == 0 || y == 0 || x + 1 == self.width || z + 1 == self.rows || y + 1 == self.slices
     }
 
+    /// A flag for each cell, made row by row: `make` is given the indices of a row's cells that do not lie at the block's border, and their flags, which are false. The
+    /// others stay false. The work is dealt out to the pool that it is called in.
+    pub fn each_row(&self, make: impl Fn(Range<usize>, &mut [bool]) + Sync) -> Vec<bool> {
+        let mut flags = vec![false; self.size()];
+        let slice = self.rows * self.width;
+        flags.par_chunks_mut(slice).enumerate().filter(|(y, _)| *y > 0 && y + 1 < self.slices).for_each(
+            |(y, flags)| {
+                for z in 1..self.rows - 1 {
+                    let row = z * self.width + 1..(z + 1) * self.width - 1;
+                    make(y * slice + row.start..y * slice + row.end, &mut flags[row]);
+                }
+            },
+        );
+        flags
+    }
+
     /// The offsets of a ball of squared radius `squared`, its centre included.
     pub fn ball(squared: i32) -> Vec<[i32; 3]> {
         let r = squared.isqrt();
@@ -107,6 +127,15 @@ impl Block {
             }
         }
         out
+    }
+
+    /// Which of the five cells from two before a cell to two after it, in its row, have their flag set: bits 0 to 4, in this order. Neither end may lie beyond the block by more
+    /// than the padding is wide.
+    #[inline]
+    pub fn five(flags: &[bool], cell: usize) -> u8 {
+        let eight: [u8; 8] = bytemuck::cast_slice(&flags[cell - 2..cell + 6]).try_into().expect("eight flags");
+        // Each flag is a byte; the product's highest byte gathers them.
+        (u64::from_le_bytes(eight).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8 & 0x1F
     }
 
     /// The steps of the 26 cells round a cell.

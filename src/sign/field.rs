@@ -1,5 +1,7 @@
 //! The field u that makes E least.
 
+use rayon::prelude::*;
+
 use super::block::Block;
 use super::normal::Wall;
 use super::system::System;
@@ -8,6 +10,9 @@ use crate::resources::workers::Workers;
 
 /// What a face weighs if one of its cells lies between two occupied ones: a gap in a wall, as sparse sampling leaves.
 const GAP: f32 = 0.1;
+
+/// So many cells are looked at by one thread at a time.
+const ALONE: usize = 1 << 14;
 
 /// Fewer enclosed cells are no cavity.
 const CAVITY: usize = 27;
@@ -30,18 +35,29 @@ pub struct Field<'a> {
 
 impl<'a> Field<'a> {
     /// The field that is −1 on the cells `outside`.
-    pub fn new(block: &'a Block, occupied: &'a [bool], walls: &[u32], outside: Vec<bool>) -> Field<'a> {
-        let mut lined = vec![false; occupied.len()];
-        for step in block.around() {
-            walls.iter().for_each(|&wall| lined[(wall as usize).wrapping_add_signed(step)] = true);
-        }
+    pub fn new(block: &'a Block, occupied: &'a [bool], outside: Vec<bool>) -> Field<'a> {
+        let lined = {
+            let wide = block.each_row(|row, out| {
+                let [before, here, after] = [row.start - 1, row.start, row.start + 1].map(|first| &occupied[first..]);
+                out.iter_mut().enumerate().for_each(|(x, out)| *out = before[x] | here[x] | after[x]);
+            });
+            let [_, slice, row] = block.strides();
+            let round: Vec<isize> = [-slice, 0, slice].into_iter().flat_map(|s| [s - row, s, s + row]).collect();
+            block.each_row(|row, out| {
+                for step in &round {
+                    let other = &wide[row.start.wrapping_add_signed(*step)..][..out.len()];
+                    out.iter_mut().zip(other).for_each(|(out, other)| *out |= other);
+                }
+            })
+        };
         let opposite: Vec<isize> = block.around().into_iter().filter(|step| *step > 0).collect();
-        let mut gaps = vec![false; occupied.len()];
-        for cell in (0..occupied.len()).filter(|&cell| lined[cell] && !occupied[cell] && !block.at_border(cell)) {
-            gaps[cell] = opposite
-                .iter()
-                .any(|&step| occupied[cell.wrapping_add_signed(step)] && occupied[cell.wrapping_add_signed(-step)]);
-        }
+        let gaps = block.each_row(|row, out| {
+            for &step in &opposite {
+                let [one, other] = [step, -step].map(|s| &occupied[row.start.wrapping_add_signed(s)..][..out.len()]);
+                out.iter_mut().zip(one.iter().zip(other)).for_each(|(out, (one, other))| *out |= one & other);
+            }
+            out.iter_mut().zip(&occupied[row]).for_each(|(out, occupied)| *out &= !occupied);
+        });
         let (open, u) = (vec![0.0; occupied.len()], vec![0.0; occupied.len()]);
         let mut field = Field { block, occupied, lined, gaps, outside, open, u };
         field.look_where_free();
@@ -50,10 +66,10 @@ impl<'a> Field<'a> {
 
     /// Looks for u in all cells that are neither occupied nor outside.
     fn look_where_free(&mut self) {
-        for cell in 0..self.open.len() {
-            let asked = !self.occupied[cell] && !self.outside[cell];
-            self.open[cell] = if asked { weight(self.gaps[cell]) } else { 0.0 };
-        }
+        let of = self.occupied.par_iter().zip(&self.outside).zip(&self.gaps);
+        self.open.par_iter_mut().with_min_len(ALONE).zip(of).for_each(|(open, ((occupied, outside), gap))| {
+            *open = if occupied | outside { 0.0 } else { weight(*gap) };
+        });
     }
 
     /// Whether u is looked for in a cell.
@@ -91,12 +107,17 @@ impl<'a> Field<'a> {
         system.solve(&mut self.u, workers);
     }
 
-    /// Lets the outside into the components that are `bare`, as far as it is `reached`. Both are told of each cell of the block.
-    pub fn open(&mut self, bare: &[bool], reached: &[bool]) {
+    /// Lets the outside into the components that are `bare`, as far as it is `reached`. Both are told of each cell of the block. Whether it gains a cell.
+    pub fn open(&mut self, bare: &[bool], reached: &[bool]) -> bool {
+        let mut gains = false;
         for ((outside, bare), reached) in self.outside.iter_mut().zip(bare).zip(reached) {
+            gains |= bare & reached & !*outside;
             *outside |= bare & reached;
         }
-        self.look_where_free();
+        if gains {
+            self.look_where_free();
+        }
+        gains
     }
 
     /// Gives all cells that are `bare` to the outside.
@@ -107,9 +128,18 @@ impl<'a> Field<'a> {
     /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start. Else it is enclosed: a cavity if
     /// walls line it ([`support::is_lined`]), and else inside.
     pub fn sides(&self) -> Vec<Side> {
-        let mut sides: Vec<Side> =
-            self.occupied.iter().map(|occupied| if *occupied { Side::Wall } else { Side::Inside }).collect();
-        let starts = (0..sides.len()).filter(|&cell| self.outside[cell] && !self.occupied[cell]).collect();
+        let first = |(occupied, outside): (&bool, &bool)| match (occupied, outside) {
+            (true, _) => Side::Wall,
+            (false, true) => Side::Outside,
+            (false, false) => Side::Inside,
+        };
+        let mut sides: Vec<Side> = self.occupied.iter().zip(&self.outside).map(first).collect();
+        let is_start = |&cell: &usize| {
+            self.is_asked(cell)
+                && self.u[cell] <= 0.0
+                && self.block.beside(cell).iter().any(|&next| sides[next] == Side::Outside)
+        };
+        let starts = (0..sides.len()).into_par_iter().with_min_len(ALONE).filter(is_start).collect();
         self.spread(&mut sides, starts, |_| {});
         for cell in 0..sides.len() {
             if sides[cell] == Side::Inside && self.is_outside(cell) {

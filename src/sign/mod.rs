@@ -155,20 +155,27 @@ impl Signed {
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn find(seen: Seen, context: &Context) -> Result<Signed> {
+        // Here, and not step by step, so that no step waits for a thread of the pool to wake.
+        context.workers.pool().install(|| Signed::found(seen, context))
+    }
+
+    fn found(seen: Seen, context: &Context) -> Result<Signed> {
         let Seen { block, occupied, walls, outliers, finest } = seen;
-        let mut two_sided = context.workers.pool().install(|| normal::two_sided(&block, &occupied, &walls));
+        let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
-        let mut field = Field::new(&block, &occupied, &walls, rolling::reached(&block, &occupied, radius));
+        let mut field = Field::new(&block, &occupied, rolling::reached(&block, &occupied, radius));
         let mut tries = 0;
         loop {
             context.workers.check_cancelled()?;
             field.solve(&two_sided, &context.workers);
             if let Some(bare) = support::bare(&field, &two_sided) {
-                radius /= STEP;
-                if radius >= SMALLEST {
-                    let reached = rolling::reached(&block, &occupied, radius);
-                    field.open(&bare.cells, &reached);
+                let mut gains = false;
+                while !gains && radius / STEP >= SMALLEST {
+                    radius /= STEP;
+                    gains = field.open(&bare.cells, &rolling::reached(&block, &occupied, radius));
+                }
+                if gains {
                     continue;
                 }
                 field.give_up(&bare.whole);

@@ -34,14 +34,13 @@ pub struct Wall {
 
 /// Those of the occupied cells `walls` that have free cells on both sides, in their order. The work is dealt out to the pool that it is called in.
 pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
-    let near = |squared| -> Vec<([i64; 3], isize)> {
-        Block::ball(squared).into_iter().map(|d| (d.map(i64::from), block.step(d))).collect()
-    };
-    let (near, wide) = (near(NEAR.0), near(NEAR.1));
+    let near = Rows::of_ball(block, NEAR.0);
+    let wide: Vec<([i64; 3], isize)> =
+        Block::ball(NEAR.1).into_iter().map(|d| (d.map(i64::from), block.step(d))).collect();
     let strides = block.strides();
     let wall = |&cell: &u32| {
         let wall = cell as usize;
-        let mut moments = Moments::of(occupied, wall, &near);
+        let mut moments = Moments::of_rows(occupied, wall, &near);
         if moments.count < ENOUGH {
             moments = Moments::of(occupied, wall, &wide);
         }
@@ -59,6 +58,32 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
     walls.par_iter().with_min_len(TOGETHER).filter_map(wall).collect()
 }
 
+/// The rows of a ball whose radius is less than three cells.
+struct Rows {
+    /// Of each row, its slice and its row from the middle, the step to its own middle, and the bits of its cells as [`Block::five`] has them.
+    rows: Vec<([i64; 2], isize, u8)>,
+    /// Of each pattern of bits, how many there are, the sum of their offsets, and of their squares.
+    sums: Vec<[i64; 3]>,
+}
+
+impl Rows {
+    fn of_ball(block: &Block, squared: i32) -> Rows {
+        let mut rows: Vec<([i64; 2], isize, u8)> = Vec::new();
+        for [x, y, z] in Block::ball(squared) {
+            let bit = 1 << (x + 2);
+            match rows.last_mut() {
+                Some((last, _, bits)) if *last == [y, z].map(i64::from) => *bits |= bit,
+                _ => rows.push(([y, z].map(i64::from), block.step([0, y, z]), bit)),
+            }
+        }
+        let sums = (0..=u8::MAX).map(|pattern| {
+            let offsets = (-2i64..=2).filter(|x| pattern >> (x + 2) & 1 == 1);
+            offsets.fold([0; 3], |[count, sum, squares], x| [count + 1, sum + x, squares + x * x])
+        });
+        Rows { rows, sums: sums.collect() }
+    }
+}
+
 /// Sums over the offsets of occupied cells.
 struct Moments {
     count: i64,
@@ -68,6 +93,23 @@ struct Moments {
 }
 
 impl Moments {
+    fn of_rows(occupied: &[bool], wall: usize, near: &Rows) -> Moments {
+        let mut sums = Moments { count: 0, first: [0; 3], second: [0; 6] };
+        for &([y, z], step, bits) in &near.rows {
+            let pattern = Block::five(occupied, wall.wrapping_add_signed(step)) & bits;
+            let [count, x, xx] = near.sums[pattern as usize];
+            sums.count += count;
+            for (sum, d) in sums.first.iter_mut().zip([x, y * count, z * count]) {
+                *sum += d;
+            }
+            for (sum, d) in sums.second.iter_mut().zip([xx, y * y * count, z * z * count, x * y, y * z * count, z * x])
+            {
+                *sum += d;
+            }
+        }
+        sums
+    }
+
     fn of(occupied: &[bool], wall: usize, near: &[([i64; 3], isize)]) -> Moments {
         let mut sums = Moments { count: 0, first: [0; 3], second: [0; 6] };
         for &([x, y, z], step) in near {

@@ -29,12 +29,13 @@ pub fn take_out(block: &Block, occupied: &mut [bool]) -> Vec<u32> {
     let mut cells = before.clone();
     let near: Vec<isize> =
         Block::ball(12).into_iter().filter(|d| d.iter().all(|c| c.abs() <= 2)).map(|d| block.step(d)).collect();
+    let rows: Vec<isize> = (-2..=2).flat_map(|y| (-2..=2).map(move |z| block.step([0, y, z]))).collect();
     for _ in 0..2 {
-        let counts: Vec<u32> = cells
-            .par_iter()
-            .with_min_len(TOGETHER)
-            .map(|&cell| near.iter().filter(|&&s| occupied[cell.wrapping_add_signed(s as i32) as usize]).count() as u32)
-            .collect();
+        let around = |&cell: &u32| {
+            let row = |step: &isize| Block::five(occupied, (cell as usize).wrapping_add_signed(*step)).count_ones();
+            rows.iter().map(row).sum::<u32>()
+        };
+        let counts: Vec<u32> = cells.par_iter().with_min_len(TOGETHER).map(around).collect();
         let mut sorted = counts.clone();
         sorted.sort_unstable();
         let Some(median) = sorted.get(sorted.len() / 2) else { break };

@@ -3,6 +3,8 @@
 //! A large ball rolls on a coarser copy of the cells, so that it is never more than [`ROUND`] cells wide; a copy's cell is occupied if any of its cells is, so that the ball
 //! mostly reaches less there. Never does it come nearer to an occupied cell than by (f − 1) √3 cells more than a ball on the block itself, f being the copy's factor.
 
+use rayon::prelude::*;
+
 use super::block::{Block, PAD};
 use crate::grid::dilate::{Ball, Dilation};
 use crate::grid::slice::{Bits, clip};
@@ -24,9 +26,9 @@ pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {
     let empty = Bits::new(width as u32, rows as u32);
     let place = |c: usize| (c >> level) + margin;
     let mut coarse = vec![empty.clone(); slices];
-    for (index, _) in occupied.iter().enumerate().filter(|(_, occupied)| **occupied) {
-        let (x, rest) = (index % block.width, index / block.width);
-        coarse[place(rest / block.rows)].set(place(x) as u32, place(rest % block.rows) as u32);
+    for (row, cells) in occupied.chunks(block.width).enumerate().filter(|(_, cells)| cells.contains(&true)) {
+        let (slice, z) = (&mut coarse[place(row / block.rows)], place(row % block.rows) as u32);
+        (0..cells.len()).filter(|&x| cells[x]).for_each(|x| slice.set(place(x) as u32, z));
     }
     let mut free = dilated(&coarse, ball);
     drop(coarse);
@@ -41,18 +43,22 @@ pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {
     let centres = filled_from_corner(&free);
     drop(free);
     let covered = dilated(&centres, ball);
-    let mut out = Vec::with_capacity(block.size());
-    for y in 0..block.slices {
-        for z in 0..block.rows {
-            let border = |c: usize, n: usize| c < PAD || c + PAD >= n;
-            let padding = border(y, block.slices) || border(z, block.rows);
-            let (slice, z) = (&covered[place(y)], place(z) as i64);
-            out.extend((0..block.width).map(|x| padding || border(x, block.width) || slice.get(place(x) as i64, z)));
+    let border = |c: usize, n: usize| c < PAD || c + PAD >= n;
+    let columns: Vec<(usize, usize)> = (0..block.width).map(|x| (place(x) / 64, place(x) % 64)).collect();
+    let mut out = vec![false; block.size()];
+    let rows = out.par_chunks_mut(block.width).zip(occupied.par_chunks(block.width)).enumerate();
+    rows.with_min_len(block.rows).for_each(|(row, (out, occupied))| {
+        let (y, z) = (row / block.rows, row % block.rows);
+        if border(y, block.slices) || border(z, block.rows) {
+            out.fill(true);
+        } else {
+            let bits = covered[place(y)].row(place(z) as u32);
+            out.iter_mut().zip(&columns).for_each(|(out, (word, bit))| *out = bits[*word] >> bit & 1 == 1);
+            out[..PAD].fill(true);
+            out[block.width - PAD..].fill(true);
         }
-    }
-    for (out, occupied) in out.iter_mut().zip(occupied) {
-        *out &= !occupied;
-    }
+        out.iter_mut().zip(occupied).for_each(|(out, occupied)| *out &= !occupied);
+    });
     out
 }
 

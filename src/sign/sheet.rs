@@ -8,8 +8,10 @@
 //!      o o # # # o o
 //! ```
 
+use rayon::prelude::*;
+
 use super::Side;
-use super::block::Block;
+use super::block::{Block, PAD};
 use super::distance::squared;
 use super::normal::Wall;
 
@@ -68,6 +70,9 @@ const SMOOTH: f32 = 0.85;
 /// The part of the walls round a wall that part nothing, from which on it belongs to a sheet.
 const MOST: f64 = 0.5;
 
+/// So many walls are looked at by one thread at a time.
+const TOGETHER: usize = 256;
+
 /// What a sheet's wall weighs, as a part of what it weighed.
 const SHEET_WEIGHT: f32 = 0.05;
 
@@ -75,8 +80,15 @@ const SHEET_WEIGHT: f32 = 0.05;
 pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize {
     let mut at = vec![u32::MAX; block.size()];
     walls.iter().zip(0..).for_each(|(wall, i)| at[wall.cell as usize] = i);
-    let near: Vec<[i32; 3]> = Block::ball(ROUND * ROUND);
+    // Rows of the ball: steps to their middles, and how far they go either way.
+    let rows: Vec<([i64; 2], usize)> = (-ROUND..=ROUND)
+        .flat_map(|y| (-ROUND..=ROUND).map(move |z| (y, z, ROUND * ROUND - y * y - z * z)))
+        .filter(|(.., left)| *left >= 0)
+        .map(|(y, z, left)| ([y, z].map(i64::from), left.isqrt() as usize))
+        .collect();
     let sheets: Vec<usize> = (0..walls.len())
+        .into_par_iter()
+        .with_min_len(TOGETHER)
         .filter(|&i| {
             let wall = &walls[i];
             if wall.weight < super::normal::WEIGHT {
@@ -84,9 +96,13 @@ pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize
             }
             let [x, y, z] = block.cell(wall.cell as usize).map(|c| c as i64);
             let (mut nothing, mut all) = (0u32, 0u32);
-            for d in &near {
-                let cell = [x + i64::from(d[0]), y + i64::from(d[1]), z + i64::from(d[2])];
-                let Some(j) = block.at(cell).map(|cell| at[cell]).filter(|j| *j != u32::MAX) else { continue };
+            let found = rows.iter().filter_map(|&([dy, dz], far)| {
+                // Of rows that begin or end beyond the block, what lies in it.
+                let row = block.at([0, y + dy, z + dz])?;
+                let x = x as usize;
+                Some(at[row + x.saturating_sub(far)..=(row + x + far).min(row - PAD + block.width - 1)].iter())
+            });
+            for j in found.flatten().copied().filter(|j| *j != u32::MAX) {
                 let other = walls[j as usize].normal;
                 let along: f32 = (0..3).map(|a| other[a] * wall.normal[a]).sum();
                 if along.abs() >= SMOOTH {

@@ -10,6 +10,11 @@
 //! A wall lines what lies on one side of it only if the outside is on its other side. A pocket between a floor and the body over it, or a slot that was filled, has the
 //! inside of the body behind its walls; it is as bare as if they were not there.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::block::Block;
 use super::field::Field;
 use super::normal::Wall;
 
@@ -65,64 +70,143 @@ pub fn bare(field: &Field<'_>, walls: &[Wall]) -> Option<Bare> {
 /// Of each cell, whether it belongs to one of those whose border is as asked; none if there is no such one.
 fn marked(of: &[u32], borders: &[Border], is: impl Fn(&Border) -> bool) -> Option<Vec<bool>> {
     let is: Vec<bool> = borders.iter().map(is).collect();
-    is.contains(&true).then(|| of.iter().map(|&number| is[number as usize]).collect())
+    is.contains(&true).then(|| of.par_iter().with_min_len(ALONE).map(|&number| is[number as usize]).collect())
 }
 
 /// The borders of what has these numbers, from 1 on.
 fn borders(field: &Field<'_>, of: &[u32], count: u32) -> Vec<Border> {
-    let mut borders = vec![Border::default(); count as usize + 1];
-    for (cell, &number) in of.iter().enumerate().filter(|(_, number)| **number != 0) {
-        let border = &mut borders[number as usize];
-        for next in field.block.beside(cell).into_iter().filter(|&next| of[next] != number) {
-            match of[next] {
-                0 if field.is_open(cell, next) => border.open += 1,
-                0 => border.lined += 1,
-                _ => border.neck += 1,
+    let none = || vec![Border::default(); count as usize + 1];
+    let slice = field.block.rows * field.block.width;
+    let add = |mut borders: Vec<Border>, (y, cells): (usize, &[u32])| {
+        for (cell, &number) in cells.iter().enumerate().filter(|(_, number)| **number != 0) {
+            let cell = y * slice + cell;
+            for next in field.block.beside(cell).into_iter().filter(|&next| of[next] != number) {
+                let border = &mut borders[number as usize];
+                match of[next] {
+                    0 if field.is_open(cell, next) => border.open += 1,
+                    0 => border.lined += 1,
+                    _ => border.neck += 1,
+                }
             }
         }
-    }
-    borders
+        borders
+    };
+    let both = |mut one: Vec<Border>, other: Vec<Border>| {
+        one.iter_mut().zip(other).for_each(|(one, other)| one.add(other));
+        one
+    };
+    of.par_chunks(slice).enumerate().fold(none, add).reduce(none, both)
 }
 
 /// The components of the inside, joined by faces of cells, numbered from 1 on, and how many there are.
 fn components(field: &Field<'_>) -> (Vec<u32>, u32) {
-    let mut of = vec![0u32; field.u.len()];
-    let mut count = 0;
-    spread(field, &mut of, &mut count, |_| true);
-    (of, count)
+    numbered(field.block, |cell| field.is_inside(cell))
 }
 
 /// Parts of the components, numbered from 1 on, and how many there are. They hang together by faces of cells that lie beside no wall, so that what leads through a
-/// hole between samples parts them; cells beside walls belong to the part next to them, and what has no other cells is a part of its own.
+/// hole between samples parts them; cells beside walls belong to the first part next to them, and what has no other cells is a part of its own.
 fn parts(field: &Field<'_>) -> (Vec<u32>, u32) {
-    let mut of = vec![0u32; field.u.len()];
-    let mut count = 0;
-    spread(field, &mut of, &mut count, |cell| !field.lined[cell]);
-    spread(field, &mut of, &mut count, |cell| field.lined[cell]);
+    let (mut of, count) = numbered(field.block, |cell| !field.lined[cell] && field.is_inside(cell));
+    let nearest = |cell: usize| {
+        if !field.lined[cell] || !field.is_inside(cell) {
+            return None;
+        }
+        let beside = field.block.beside(cell).into_iter().map(|next| of[next]).filter(|number| *number != 0);
+        Some((cell, beside.min().unwrap_or(0)))
+    };
+    let lined: Vec<(usize, u32)> = (0..of.len()).into_par_iter().with_min_len(ALONE).filter_map(nearest).collect();
+    let alone = |number: &u32| *number == 0;
+    if lined.iter().any(|(_, number)| alone(number)) {
+        let mut left = vec![false; of.len()];
+        lined.iter().filter(|(_, number)| alone(number)).for_each(|(cell, _)| left[*cell] = true);
+        let (others, more) = numbered(field.block, |cell| left[cell]);
+        let all =
+            lined.iter().map(|&(cell, number)| (cell, if alone(&number) { count + others[cell] } else { number }));
+        all.for_each(|(cell, number)| of[cell] = number);
+        return (of, count + more);
+    }
+    lined.into_iter().for_each(|(cell, number)| of[cell] = number);
     (of, count)
 }
 
-/// Numbers the cells of the inside that have no number yet, from those on that numbers spread through: each such cell gives its number to all cells beside it.
-fn spread(field: &Field<'_>, of: &mut [u32], count: &mut u32, through: impl Fn(usize) -> bool) {
-    let mut stack = Vec::new();
-    for first in 0..of.len() {
-        if of[first] != 0 || !field.is_inside(first) || !through(first) {
-            continue;
+/// So many cells are looked at by one thread at a time.
+const ALONE: usize = 1 << 14;
+
+/// Numbers the components of some cells, none of which lies at the block's border, from 1 on, in the order of their first cells; and tells how many there are. Cells that share a face belong together. Runs of
+/// cells in a row are joined where they overlap with those of the rows before.
+fn numbered(block: &Block, is: impl Fn(usize) -> bool + Sync) -> (Vec<u32>, u32) {
+    let slice = block.rows * block.width;
+    let runs_of = |y: usize| {
+        let (mut runs, mut ends): (Vec<Range<usize>>, Vec<usize>) = (Vec::new(), Vec::with_capacity(block.rows));
+        for row in (y * slice..(y + 1) * slice).step_by(block.width) {
+            let before = runs.len();
+            for cell in (row..row + block.width).filter(|&cell| is(cell)) {
+                match runs[before..].last_mut() {
+                    Some(run) if run.end == cell => run.end += 1,
+                    _ => runs.push(cell..cell + 1),
+                }
+            }
+            ends.push(runs.len());
         }
-        *count += 1;
-        of[first] = *count;
-        stack.push(first as u32);
-        while let Some(cell) = stack.pop() {
-            for next in field.block.beside(cell as usize) {
-                if of[next] == 0 && field.is_inside(next) {
-                    of[next] = *count;
-                    if through(next) {
-                        stack.push(next as u32);
-                    }
+        (runs, ends)
+    };
+    let slices: Vec<_> = (0..block.slices).into_par_iter().map(runs_of).collect();
+    let mut runs: Vec<Range<usize>> = Vec::with_capacity(slices.iter().map(|(runs, _)| runs.len()).sum());
+    let mut firsts: Vec<usize> = vec![0];
+    for (of_slice, ends) in slices {
+        let before = runs.len();
+        runs.extend(of_slice);
+        firsts.extend(ends.into_iter().map(|end| before + end));
+    }
+    let mut roots: Vec<u32> = (0..runs.len() as u32).collect();
+    for row in 0..firsts.len() - 1 {
+        for (rows, cells) in [(1, block.width), (block.rows, slice)] {
+            if row < rows {
+                continue;
+            }
+            let mut others = firsts[row - rows]..firsts[row - rows + 1];
+            let mut own = firsts[row]..firsts[row + 1];
+            while !own.is_empty() && !others.is_empty() {
+                let (run, other) = (&runs[own.start], &runs[others.start]);
+                let other = other.start + cells..other.end + cells;
+                if run.start < other.end && other.start < run.end {
+                    join(&mut roots, own.start as u32, others.start as u32);
+                }
+                if run.end < other.end {
+                    own.start += 1;
+                } else {
+                    others.start += 1;
                 }
             }
         }
     }
+    let (mut of, mut count) = (vec![0u32; block.size()], 0);
+    let mut numbers = vec![0u32; runs.len()];
+    for (i, run) in runs.into_iter().enumerate() {
+        // The root is the first run.
+        let first = root(&mut roots, i as u32) as usize;
+        if first == i {
+            count += 1;
+            numbers[i] = count;
+        }
+        of[run].fill(numbers[first]);
+    }
+    (of, count)
+}
+
+/// Joins the components of two runs, whose root is the first run of both.
+fn join(roots: &mut [u32], a: u32, b: u32) {
+    let (a, b) = (root(roots, a), root(roots, b));
+    roots[a.max(b) as usize] = a.min(b);
+}
+
+/// The first run of a component.
+fn root(roots: &mut [u32], mut run: u32) -> u32 {
+    while roots[run as usize] != run {
+        roots[run as usize] = roots[roots[run as usize] as usize];
+        run = roots[run as usize];
+    }
+    run
 }
 
 /// A border, in faces of cells.
@@ -137,6 +221,13 @@ struct Border {
 }
 
 impl Border {
+    fn add(&mut self, other: Border) {
+        self.lined += other.lined;
+        self.open += other.open;
+        self.neck += other.neck;
+        self.shared += other.shared;
+    }
+
     fn all(&self) -> f64 {
         (self.open + self.lined + self.neck) as f64
     }

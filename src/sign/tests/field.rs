@@ -124,8 +124,8 @@ proptest! {
         let numbers_of_walls = numbers_of(&occupied);
         let walls = two_sided(&block, &occupied, &numbers_of_walls);
         let energy = Energy::new(&block, &occupied, &outside, &walls);
-        let mut field = Field::new(&block, &occupied, &numbers_of_walls, outside.clone());
-        let mut alone = Field::new(&block, &occupied, &numbers_of_walls, outside.clone());
+        let mut field = Field::new(&block, &occupied, outside.clone());
+        let mut alone = Field::new(&block, &occupied, outside.clone());
         field.solve(&walls, &workers());
         alone.solve(&walls, &Workers::new(1).unwrap());
         prop_assert_eq!(&field.u, &alone.u, "the number of threads decides bits");
@@ -160,7 +160,7 @@ proptest! {
         let occupied = marked(&block, |_| numbers.part() < share);
         let level = marked(&block, |_| true);
         let mut field =
-            Field::new(&block, &occupied, &numbers_of(&occupied), level.iter().map(|level| !level).collect());
+            Field::new(&block, &occupied, level.iter().map(|level| !level).collect());
         let before: Vec<f32> = occupied.iter().map(|_| numbers.part() as f32).collect();
         field.u.clone_from(&before);
         let asked: Vec<bool> = (0..occupied.len()).map(|cell| field.is_asked(cell)).collect();

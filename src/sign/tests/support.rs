@@ -11,7 +11,7 @@ use super::{Numbers, components, marked, numbers_of, places, square_between};
 /// The field that is `inside` there and outside elsewhere, with only the padding outside from the start.
 fn field<'a>(block: &'a Block, occupied: &'a [bool], inside: &[bool]) -> Field<'a> {
     let level = marked(block, |_| true);
-    let mut field = Field::new(block, occupied, &numbers_of(occupied), level.iter().map(|level| !level).collect());
+    let mut field = Field::new(block, occupied, level.iter().map(|level| !level).collect());
     field.u.iter_mut().zip(inside).for_each(|(u, inside)| *u = if *inside { 1.0 } else { -1.0 });
     field
 }
