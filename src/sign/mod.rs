@@ -121,6 +121,8 @@ pub struct Signed {
     pub walls: u64,
     /// How many of them have the same side on both sides.
     pub part_nothing: u64,
+    /// How many of these have the outside there.
+    pub part_outside: u64,
     /// Patches of walls with the outside on both sides, the largest first: sheets.
     pub open: Vec<Patch>,
     /// Patches of walls with the inside on both sides: of slots and folds that were filled.
@@ -196,6 +198,7 @@ impl Signed {
         membrane::stretch(&block, &two_sided, &field.lined, &mut sides, &context.workers);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
         let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
+        let part_outside = two_sided.iter().map(of).filter(|both| *both == [Side::Outside; 2]).count() as u64;
         let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
         // On finer levels samples of sheets lie closer than these cells are wide.
         if finest {
@@ -203,7 +206,7 @@ impl Signed {
         }
         let [open, filled] =
             [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
-        Ok(Signed { walls: two_sided.len() as u64, part_nothing, open, filled, block, sides, outliers })
+        Ok(Signed { walls: two_sided.len() as u64, part_nothing, part_outside, open, filled, block, sides, outliers })
     }
 
     /// The side of a cell of the level; beyond it, all is outside.
