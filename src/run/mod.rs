@@ -17,9 +17,7 @@ use std::time::Instant;
 
 use self::estimate::WORTH_IT;
 use self::forecast::Known;
-use self::pipeline::{
-    Fineness, Sampling, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with,
-};
+use self::pipeline::{Sampling, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with};
 use self::preview::{DrawnPreview, PlannedPreview, Preview};
 use self::progress::{Phase, Progress, thousands};
 use self::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
@@ -27,7 +25,6 @@ use crate::error::defect;
 use crate::error::{Error, Result};
 use crate::format::write;
 use crate::format::write::{Filled, Positions, Target, Tiles};
-use crate::grid::Resolution;
 use crate::input::tally::Tally;
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, find};
 use crate::mesh::spool::MeshSpool;
@@ -38,8 +35,11 @@ use crate::render;
 use crate::resources::machine;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::solid::close::{How, Sealing};
-use crate::solid::open::{Hole, Kind};
+use crate::settings::Resolution;
+use crate::settings::closing::Sealing;
+use crate::settings::open::{Hole, Kind};
+use crate::settings::{Fineness, Settings};
+use crate::solid::close::How;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 
