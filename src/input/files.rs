@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 
 use super::detect;
 use crate::error::{Error, Result};
+use crate::format::options::Depth;
 use crate::format::unpack::{Packing, STANDARD_INPUT};
-use crate::format::write::TILE_INDEX;
+use crate::format::write::tiles::INDEX;
 use crate::format::{e57, las, npy, pcd, ply};
 
 /// Extensions that are taken for point files when a whole folder is given; also with that of a compressed file behind them. Files that are
@@ -35,16 +36,6 @@ pub struct Found {
     pub files: Vec<PathBuf>,
     /// A line for each folder or pattern of which files were left out.
     pub left_out: Vec<String>,
-}
-
-/// How folders are looked into.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Depth {
-    /// The files in them.
-    #[default]
-    Flat,
-    /// Those in the folders in them, too, and so on. Hidden folders, links to folders and folders of tiles are left out.
-    Recursive,
 }
 
 /// The files the arguments stand for (files, patterns, folders, `-` for standard input), in the arguments' order, each once.
@@ -123,7 +114,7 @@ fn point_files_in(folder: &Path, depth: Depth, strays: &mut Strays) -> Result<Ve
             }
             // A link to a folder might lead back up.
             if entry.file_type().map_err(Error::io(&path, "look at"))?.is_dir() {
-                let tiles = has_extension(&path, &["tiles"]) && path.join(TILE_INDEX).is_file();
+                let tiles = has_extension(&path, &["tiles"]) && path.join(INDEX).is_file();
                 match depth {
                     Depth::Recursive if tiles => strays.meshes.push(path),
                     Depth::Recursive => waiting.push(path),

@@ -1,10 +1,12 @@
 //! Points as they come from files: coordinates in the file's own precision, batch by batch.
 
 pub mod attribute;
+pub mod bounds;
 pub mod crs;
 pub(crate) mod filter;
 pub mod scalar;
 pub mod unit;
+pub mod vector;
 
 use bytemuck::Pod;
 

@@ -3,6 +3,7 @@
 pub mod estimate;
 pub mod forecast;
 pub mod looks;
+pub mod phase;
 pub mod pipeline;
 pub mod planner;
 pub mod preview;
@@ -18,18 +19,17 @@ use std::time::Instant;
 
 use self::estimate::WORTH_IT;
 use self::forecast::Known;
-use self::pipeline::{
-    Fineness, Reconstructed, Sampling, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with,
-};
-use self::planner::MemoryPlan;
+use self::pipeline::{Reconstructed, Sampling, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with};
 use self::preview::{DrawnPreview, PlannedPreview, Preview};
-use self::progress::{Phase, Progress, thousands};
+use self::progress::Progress;
 use self::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
 use crate::error::defect;
+use crate::error::words::thousands;
 use crate::error::{Error, Result};
 use crate::format::write;
-use crate::format::write::{Filled, Positions, Target, Tiles};
-use crate::grid::Resolution;
+use crate::format::write::tiles::{self, Tiles};
+use crate::format::write::{Filled, Positions, Target};
+use crate::grid::context::Context;
 use crate::input::tally::Tally;
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, find};
 use crate::mesh::check::{CheckReport, check};
@@ -38,11 +38,15 @@ use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::attribute::Wanted;
 use crate::points::unit::Unit;
 use crate::render;
-use crate::resources::context::Context;
 use crate::resources::machine;
+use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::solid::close::{How, Sealing};
-use crate::solid::open::{Hole, Kind};
+use crate::run::phase::Phase;
+use crate::settings::Resolution;
+use crate::settings::closing::Sealing;
+use crate::settings::open::{Hole, Kind};
+use crate::settings::{Fineness, Settings};
+use crate::solid::close::How;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 
@@ -284,9 +288,8 @@ pub struct Looked {
 fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
     let Some(side) = job.tile else { return Ok(None) };
     // Each has a triangle at least.
-    let tiles =
-        write::expected_tiles(&surveyed.sketch, &surveyed.survey.bounds, side).min(surveyed.load.triangles().max(1));
-    write::check_number_of_tiles(side, tiles).map(|()| Some(tiles))
+    let tiles = surveyed.sketch.squares(&surveyed.survey.bounds, side).min(surveyed.load.triangles().max(1));
+    tiles::check_number(side, tiles).map(|()| Some(tiles))
 }
 
 /// Looks at the input and surveys it; asks for no memory beyond that, and for no temporary disk unless something must be unpacked.

@@ -16,69 +16,10 @@ use console::style;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
+use crate::error::words::{duration, rough, thousands};
 use crate::input::Unpacked;
 use crate::run::forecast::Known;
-
-/// The phases of a run, in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Phase {
-    /// Unpacking compressed files, reading standard input.
-    Unpack,
-    /// Counting points and finding their box.
-    Survey,
-    /// Counting points by class and return.
-    Count,
-    /// Closing coarse cells, to know how large the mesh is going to be.
-    Rehearse,
-    /// Sorting points into buckets.
-    Bucket,
-    /// Finding the occupied cells.
-    Raster,
-    /// Finding the closing radius, and the solid.
-    Seal,
-    /// Extraction, smoothing, fitting, stitching.
-    Surface,
-    /// Checking the mesh; and, where there is room for both, writing the mesh file.
-    Check,
-    /// Looking for triangles of the mesh that intersect.
-    Intersect,
-    /// Measuring distances between a mesh and its reference.
-    Compare,
-    /// Writing the mesh file, if that is still to do, and giving it its name.
-    Write,
-    /// Drawing a picture of the mesh.
-    Render,
-    /// Making a test cloud.
-    Generate,
-}
-
-impl Phase {
-    /// The phase's name and the unit it counts in.
-    fn words(self) -> (&'static str, &'static str) {
-        match self {
-            Phase::Unpack => ("unpack", "bytes"),
-            Phase::Survey => ("survey", "points"),
-            Phase::Count => ("count", "points"),
-            Phase::Rehearse => ("rehearse", "slices"),
-            Phase::Bucket => ("bucket", "points"),
-            Phase::Raster => ("raster", "points"),
-            Phase::Seal => ("seal", "slices"),
-            Phase::Surface => ("surface", "faces"),
-            Phase::Check => ("check", "triangles"),
-            Phase::Intersect => ("intersect", "triangles"),
-            Phase::Compare => ("compare", "distances"),
-            Phase::Write => ("write", "elements"),
-            Phase::Render => ("render", "triangles"),
-            Phase::Generate => ("generate", "points"),
-        }
-    }
-
-    /// The phase's name.
-    pub fn name(self) -> &'static str {
-        self.words().0
-    }
-}
+use crate::run::phase::{Forecast, Phase};
 
 /// How progress is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -162,29 +103,6 @@ impl Show {
     pub fn fitting() -> Show {
         let plain = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
         if std::io::stderr().is_terminal() && !plain { Show::Bars } else { Show::Lines }
-    }
-}
-
-/// The work that is expected of each phase of a run, in a unit of its own: only the shares count.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Forecast(Vec<(Phase, f64)>);
-
-impl Forecast {
-    /// Phases, each with its work. Work that is no positive number counts as none.
-    pub fn new(phases: impl IntoIterator<Item = (Phase, f64)>) -> Forecast {
-        Forecast(phases.into_iter().map(|(phase, work)| (phase, if work > 0.0 { work } else { 0.0 })).collect())
-    }
-
-    /// The part of all work that is done, if the `finished` phases are and `part` of `current` is; `None` if nothing is expected.
-    fn fraction(&self, finished: &[Phase], current: Option<(Phase, f64)>) -> Option<f64> {
-        let all: f64 = self.0.iter().map(|(_, work)| work).sum();
-        let done = |phase: Phase| match current {
-            Some((under_way, part)) if under_way == phase => part.clamp(0.0, 1.0),
-            _ if finished.contains(&phase) => 1.0,
-            _ => 0.0,
-        };
-        // A phase that nobody foretold does not count.
-        (all > 0.0).then(|| (self.0.iter().map(|(phase, work)| done(*phase) * work).sum::<f64>() / all).clamp(0.0, 1.0))
     }
 }
 
@@ -613,32 +531,6 @@ fn counted(number: u64, unit: &str) -> String {
     }
 }
 
-/// A time: "0.45 s", "12.3 s", "3 min 20 s", "2 h 5 min".
-pub fn duration(seconds: f64) -> String {
-    let seconds = seconds.max(0.0);
-    match seconds.round() as u64 {
-        _ if seconds < 9.995 => format!("{seconds:.2} s"),
-        _ if seconds < 99.95 => format!("{seconds:.1} s"),
-        whole @ ..3600 => format!("{} min {} s", whole / 60, whole % 60),
-        whole => format!("{} h {} min", whole / 3600, whole % 3600 / 60),
-    }
-}
-
-/// A time that is a guess, in whole seconds, or minutes if there are many.
-fn rough(seconds: f64) -> String {
-    match seconds.ceil().max(1.0) as u64 {
-        whole @ ..100 => format!("{whole} s"),
-        whole @ ..600 => format!("{} min {} s", whole / 60, whole % 60 / 10 * 10),
-        whole @ ..3600 => format!("{} min", whole / 60),
-        whole => format!("{} h {} min", whole / 3600, whole % 3600 / 60),
-    }
-}
-
-/// A number with its digits in groups of three: 1,234,567.
-pub fn thousands(number: u64) -> String {
-    indicatif::HumanCount(number).to_string()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -678,20 +570,5 @@ mod tests {
         progress.end();
         assert_eq!(progress.fraction(), Some(1.0));
         assert_eq!(progress.times().len(), 2);
-    }
-
-    #[test]
-    fn times_have_the_digits_that_count() {
-        for (seconds, words) in [
-            (0.0, "0.00 s"),
-            (9.994, "9.99 s"),
-            (9.999, "10.0 s"),
-            (99.96, "1 min 40 s"),
-            (281.4, "4 min 41 s"),
-            (3599.9, "1 h 0 min"),
-            (7500.0, "2 h 5 min"),
-        ] {
-            assert_eq!(duration(seconds), words);
-        }
     }
 }

@@ -5,21 +5,28 @@ use std::path::PathBuf;
 
 use bytesize::ByteSize;
 
+use crate::error::words::short;
+use crate::error::words::{duration, thousands};
 use crate::format::write::{Format, Positions};
+use crate::grid::Grid;
 use crate::grid::partition::REACH;
-use crate::grid::{Bounds, Grid};
 use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
 use crate::points::Precision;
-use crate::run::pipeline::{Fineness, Reconstructed, Settings, Surveyed};
-use crate::run::planner::MemoryPlan;
-use crate::run::progress::{Phase, Warning, duration, thousands};
-use crate::solid::close::{How, PartingNothing, Sealing};
-use crate::solid::component::{Components, Least};
+use crate::points::bounds::Bounds;
+use crate::resources::memory::MemoryPlan;
+use crate::run::phase::Phase;
+use crate::run::pipeline::{Reconstructed, Surveyed};
+use crate::run::progress::Warning;
+use crate::settings::closing::Least;
+use crate::settings::closing::Sealing;
+use crate::settings::open::{Kind, Open};
+use crate::settings::surface::{Fit, SurfaceOptions};
+use crate::settings::{Fineness, Settings};
+use crate::solid::close::{How, PartingNothing};
+use crate::solid::component::Components;
 use crate::solid::heightfield::Found as Columns;
-use crate::solid::open::{Kind, Open};
 use crate::stitch::Counts;
-use crate::stitch::slab::{Fit, SurfaceOptions};
 
 /// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
 /// hundred; of a cloud with one point a thousand times as far away as the others, nearly all points share a cell.
@@ -221,7 +228,7 @@ pub struct MemoryReport {
 impl Parameters {
     /// What `settings` asked for.
     pub fn of(settings: &Settings) -> Parameters {
-        use crate::grid::Resolution;
+        use crate::settings::Resolution;
         let (mut k, mut slices, mut cell_size) = (None, None, None);
         match settings.fineness {
             Fineness::Given(Resolution::K(value)) => k = Some(value),
@@ -543,39 +550,5 @@ impl fmt::Display for Report {
     /// The summary without details.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.summary(false))
-    }
-}
-
-/// A length, area or volume with six digits, without trailing zeros.
-pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let magnitude = libm::log10(value.abs()).floor() as i32;
-    if (-4..9).contains(&magnitude) {
-        let text = format!("{value:.*}", (5 - magnitude).max(0) as usize);
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-    } else {
-        format!("{value:.5e}")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::short;
-
-    #[test]
-    fn numbers_are_short() {
-        for (value, text) in [
-            (0.0, "0"),
-            (1.0, "1"),
-            (0.00026342, "0.00026342"),
-            (0.0000123456789, "1.23457e-5"),
-            (123456.789, "123457"),
-            (-2.5, "-2.5"),
-            (1e12, "1.00000e12"),
-        ] {
-            assert_eq!(short(value), text);
-        }
     }
 }

@@ -4,27 +4,27 @@
 //! radius ρ rolls outside, holes narrower than 2ρ are bridged, and the surface lies against the points again. Where the ball has fallen
 //! ([`self::watershed`]), what is outside is grown back by one cell instead, and what is inside stays.
 
+mod change;
 pub mod close;
 pub mod component;
 pub mod dents;
 pub mod exterior;
 pub mod heightfield;
 pub mod isolated;
-pub mod open;
 pub mod seal;
 pub mod side_votes;
 pub mod unresolved;
 pub mod watershed;
 
 use self::exterior::{Exterior, Padded, Scratch};
-use self::heightfield::Ground;
+use self::heightfield::columns::Ground;
 use self::watershed::Sides;
 use crate::error::Result;
 use crate::grid::Cell;
+use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, clip, words_for};
-use crate::resources::context::{Context, chunks};
 
 /// The solid cells of a cloud, slice by slice, in the box.
 #[derive(Debug)]
@@ -103,7 +103,7 @@ impl Solid {
         };
         let mut jobs = chunks(cells[1]);
         context.workers.in_order(
-            context.memory.chunks_for(&context.load, ball.radius()),
+            context.jobs(ball.radius(), cells),
             || Ok(jobs.next()),
             |chunk| solid_slices(occupancy, grown, ball, chunk),
             |chunk| {

@@ -11,7 +11,7 @@ use crossbeam_channel::RecvTimeoutError;
 
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
-use crate::grid::{AxisChoice, Resolution};
+
 use crate::input::{Arrays, Cloud, Filter, PointSlice, PointSource, Values};
 use crate::mesh::MeshSource;
 use crate::mesh::check::check;
@@ -20,14 +20,16 @@ use crate::points::crs::Crs;
 use crate::resources::workers::Workers;
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
-use crate::run::pipeline::{Fineness, reconstruct};
-use crate::run::progress::{Observer, Phase, Progress};
+use crate::run::phase::Phase;
+use crate::run::pipeline::reconstruct;
+use crate::run::progress::{Observer, Progress};
 use crate::run::report::OutputReport;
 use crate::run::{self, Check, Job};
-use crate::solid::close::Sealing;
-use crate::solid::component::Least;
-use crate::solid::open::Open;
-use crate::stitch::slab::Fit;
+use crate::settings::closing::{Least, Sealing};
+use crate::settings::{AxisChoice, Fineness, Resolution};
+
+use crate::settings::open::Open;
+use crate::settings::surface::Fit;
 use crate::storage::spool::Workspace;
 
 pub use mesh::{Mesh, MeshSink};
