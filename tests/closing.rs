@@ -1,13 +1,13 @@
 //! Inside and outside are told apart: a plane has no inside; a shell has one, with a hole or without, for every window. Hollows that no points line are filled.
 
 use asra_stream::grid::Cell;
+use asra_stream::grid::context::Context;
 use asra_stream::grid::dilate::Ball;
 use asra_stream::grid::occupancy::Occupancy;
 use asra_stream::grid::slice::{Run, Runs, SliceStore, Slices};
 use asra_stream::points::Precision;
-use asra_stream::resources::context::Context;
+use asra_stream::resources::memory::MemoryPlan;
 use asra_stream::resources::workers::Workers;
-use asra_stream::run::planner::MemoryPlan;
 use asra_stream::run::workload::Load;
 use asra_stream::solid::Solid;
 use asra_stream::solid::close::{Asked, How, Parted, Sealing, close};
@@ -19,7 +19,7 @@ fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
     let load = Load::in_cells(1000, Precision::Single, cells, 1);
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
     let workers = Workers::new(2).unwrap();
-    work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory, load })
+    work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory })
 }
 
 /// The cells of a sphere's surface, without those nearer than `hole` to its top.

@@ -12,9 +12,9 @@ use asra_stream::grid::slice::Runs;
 use asra_stream::grid::{Axis, AxisChoice, Bounds, Grid, Resolution};
 use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
+use asra_stream::resources::memory::MemoryPlan;
 use asra_stream::resources::workers::Workers;
 use asra_stream::run::pipeline::{Fineness, Reconstructed, Settings, Surveyed, context, reconstruct, survey_cloud};
-use asra_stream::run::planner::MemoryPlan;
 use asra_stream::run::progress::{Progress, Show};
 use asra_stream::solid::Solid;
 use asra_stream::solid::close::{How, Sealing};
@@ -643,15 +643,14 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
 }
 
 /// A context for passes over the slices of small grids.
-fn small_context(dir: &Path) -> asra_stream::resources::context::Context {
+fn small_context(dir: &Path) -> asra_stream::grid::context::Context {
     use asra_stream::points::Precision;
     use asra_stream::run::workload::Load;
     let load = Load::in_cells(1000, Precision::Single, [64; 3], 1);
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
-    asra_stream::resources::context::Context {
+    asra_stream::grid::context::Context {
         workers: Workers::new(2).unwrap(),
         workspace: Workspace::new(dir).unwrap(),
         memory,
-        load,
     }
 }

@@ -4,7 +4,7 @@
 
 use asra_stream::grid::partition::{slab_count, slices_of};
 use asra_stream::points::Precision;
-use asra_stream::run::planner::MemoryPlan;
+use asra_stream::resources::memory::MemoryPlan;
 use asra_stream::run::workload::Load;
 use asra_stream::stitch::VERTEX_LIMIT;
 use bytesize::ByteSize;

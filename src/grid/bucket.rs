@@ -17,10 +17,10 @@ use std::sync::{Mutex, MutexGuard};
 
 use crate::error::Result;
 use crate::grid::Grid;
+use crate::grid::context::Context;
 use crate::grid::partition::BUCKET_SLICES;
 use crate::input::{Carried, Cloud};
 use crate::points::{Batch, Coordinate};
-use crate::resources::context::Context;
 use crate::resources::workers::Spares;
 use crate::storage::spool::Slots;
 

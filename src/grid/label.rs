@@ -19,8 +19,8 @@ use std::marker::PhantomData;
 use bytemuck::Pod;
 
 use crate::error::Result;
+use crate::grid::context::Context;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices, set_range};
-use crate::resources::context::Context;
 use crate::storage::spool::{Spool, Workspace};
 
 /// What is measured of a run, and so of a component.

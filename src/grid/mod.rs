@@ -5,6 +5,7 @@
 
 pub mod bucket;
 pub mod coarse;
+pub mod context;
 pub mod dilate;
 mod gaps;
 pub mod label;

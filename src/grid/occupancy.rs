@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 
 use crate::error::Result;
 use crate::grid::bucket::Buckets;
+use crate::grid::context::{Context, chunks};
 use crate::grid::partition::BUCKET_SLICES;
 use crate::grid::rank_bitmap::Ranked;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, set_range};
 use crate::grid::{Cell, Grid};
 use crate::points::Coordinate;
-use crate::resources::context::{Context, chunks};
 
 /// The occupied cells of a cloud at one resolution.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! What a run may use: worker threads, memory, the machine they are on.
 
 pub mod allocator;
-pub mod context;
 pub mod machine;
+pub mod memory;
 pub mod workers;

@@ -20,13 +20,13 @@
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::coarse::Sketch;
+use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::partition::{slab_count, slices_of};
 use crate::points::Precision;
-use crate::resources::context::Context;
+use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
 use crate::run::pipeline::Settings;
-use crate::run::planner::MemoryPlan;
 use crate::run::workload::Load;
 use crate::solid::close::{Asked, Sealing, close};
 use crate::storage::spool::Workspace;
@@ -62,7 +62,7 @@ pub fn rehearse(
     let small = Load::in_cells(1, Precision::Single, cells, 1);
     let own = budget.max(MemoryPlan::least(&small, workers.threads()));
     let memory = MemoryPlan::for_budget(own, &small, workers.threads())?;
-    let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory, load: small };
+    let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory };
     let mut coarse = Occupancy::of_cells(sketch.cells().map(|cell| axes.map(|a| cell[a])), cells, &context)?;
     let (mut side, w) = (sketch.side(), grid.cell_size());
     // Cells of a grid that is as coarse as the sketch may be finer than the sampling already.

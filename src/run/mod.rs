@@ -21,7 +21,6 @@ use self::forecast::Known;
 use self::pipeline::{
     Fineness, Reconstructed, Sampling, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with,
 };
-use self::planner::MemoryPlan;
 use self::preview::{DrawnPreview, PlannedPreview, Preview};
 use self::progress::{Phase, Progress, thousands};
 use self::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
@@ -40,6 +39,7 @@ use crate::points::unit::Unit;
 use crate::render;
 use crate::resources::context::Context;
 use crate::resources::machine;
+use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
 use crate::solid::close::{How, Sealing};
 use crate::solid::open::{Hole, Kind};

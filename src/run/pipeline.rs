@@ -7,6 +7,7 @@ use bytesize::ByteSize;
 use crate::error::{Error, Result};
 use crate::grid::bucket::Buckets;
 use crate::grid::coarse::Sketch;
+use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{buckets_of, halo, slab_count, slices_of};
 use crate::grid::survey::{Survey, planes_with_points, sampling_distance, seen_from, survey, turned_bounds};
@@ -14,11 +15,10 @@ use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::points::{Coordinate, Precision};
-use crate::resources::context::Context;
+use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
 use crate::run::estimate::rehearse;
 use crate::run::forecast;
-use crate::run::planner::MemoryPlan;
 use crate::run::progress::{Phase, Progress};
 use crate::run::workload::{ColumnLoad, Load};
 use crate::solid::close;
@@ -570,5 +570,5 @@ pub fn context(surveyed: &Surveyed, workers: &Workers, workspace: &Workspace, bu
             capacity: ByteSize(workspace.capacity()?),
         });
     }
-    Ok(Context { workers: workers.clone(), workspace: workspace.clone(), memory, load: surveyed.load.clone() })
+    Ok(Context { workers: workers.clone(), workspace: workspace.clone(), memory })
 }

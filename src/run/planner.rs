@@ -14,11 +14,10 @@
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
-use crate::grid::dilate::Dilation;
+use crate::grid::context::job_bytes;
 use crate::grid::partition::{buckets_round, halo, slab_slices, smooth_halo};
-use crate::grid::slice::Bits;
 use crate::input::BLOCK_RECORDS;
-use crate::resources::context::CHUNK_SLICES;
+use crate::resources::memory::{MemoryPlan, SlabJobs};
 use crate::run::workload::{Load, PointLoad};
 use crate::sign;
 use crate::solid::heightfield;
@@ -75,35 +74,6 @@ const SMOOTHED: u64 = 69;
 
 /// Bytes for each face of a slab while it is written: numbers of its vertices, the next one's and those of the one before.
 const WRITING: u64 = 14;
-
-/// How a memory budget is shared out.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct MemoryPlan {
-    /// The budget, in bytes.
-    pub budget: u64,
-    /// Worker threads.
-    pub threads: usize,
-    /// Blocks of input in flight while bucketing and surveying.
-    pub blocks_in_flight: usize,
-    /// Chunks of slices in flight.
-    pub chunks_in_flight: usize,
-    /// A whole chunk of a bucket, in bytes.
-    pub bucket_buffer: u64,
-    /// Buckets stay in memory up to this many bytes in all: all or nothing.
-    pub buckets_quota: u64,
-    /// Each store of slices stays in memory up to this many bytes.
-    pub store_quota: u64,
-    /// The mesh stays in memory up to this many bytes.
-    pub mesh_quota: u64,
-    /// Points that a slab's fitting holds at once, at most.
-    pub piece_points: usize,
-    /// What one pass may use at a time, in bytes.
-    pub working: u64,
-    /// The most memory that the plan expects to be used, in bytes.
-    pub predicted: u64,
-    /// The most temporary disk that the plan expects to be used, in bytes.
-    pub predicted_disk: u64,
-}
 
 /// Of a budget, what is kept in memory from pass to pass.
 #[derive(Debug, Clone, Copy)]
@@ -171,7 +141,7 @@ impl MemoryPlan {
         // A job that sorts a block holds a chunk, too. Of what is kept in memory, larger chunks would leave more of each bucket's last one empty.
         let doublings = (for_buffers / 16 * 15 / (load.buckets() + blocks_in_flight as u64) / CHUNK).max(1).ilog2();
         let bucket_buffer = CHUNK << doublings.min(if kept.buckets > 0 { 1 } else { CHUNK_DOUBLINGS });
-        let chunks_in_flight = jobs(Self::chunk_job(load, 1), working, 2 * threads);
+        let chunks_in_flight = jobs(Self::chunk_job(load), working, 2 * threads);
         let for_points = (working / 2 / threads as u64).saturating_sub(load.fitting_raster());
         let mut plan = MemoryPlan {
             budget,
@@ -203,7 +173,7 @@ impl MemoryPlan {
         let sealing = load.slice_bytes().min(self.slices_quota());
         let standing = load.standing_slice_bytes().min(self.slices_quota());
         let mesh = self.mesh_quota.min(load.mesh_bytes());
-        let slices = self.chunks_in_flight as u64 * Self::chunk_job(load, 1);
+        let slices = self.chunks_in_flight as u64 * Self::chunk_job(load);
         let jobs = self.slab_jobs(load, means)?;
         let slabs = jobs.bytes(load) + jobs.running as u64 * means;
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
@@ -228,25 +198,15 @@ impl MemoryPlan {
     pub fn least(load: &Load, threads: usize) -> u64 {
         let chunks = load.buckets() + 1;
         let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
-        let slices = Self::chunk_job(load, 1);
+        let slices = Self::chunk_job(load);
         let slab = SlabJobs::one(PIECE.1).bytes(load);
         process(threads) + (2 << 20) + bucketing.max(slices).max(deciding(load)).max(slab).max(checking(load, threads))
     }
 
-    /// Bytes of a job over a chunk of slices with a ball of radius `radius`: its dilation, some slices more, and the runs it gives, three a row, as
-    /// they are, labelled (16 bytes each) and as they are stored.
-    fn chunk_job(load: &Load, radius: u32) -> u64 {
-        let [x, _, z] = load.cells;
-        let pad = 2 * (radius + 1);
-        Dilation::bytes(radius, x + pad, z + pad)
-            + 4 * Bits::bytes(x + pad, z + pad)
-            + u64::from(CHUNK_SLICES + 2) * u64::from(z + pad) * (2 * (4 + 3 * 8) + 3 * 16)
+    /// Bytes of a job over a chunk of slices with the smallest ball, and with columns, if there are any.
+    fn chunk_job(load: &Load) -> u64 {
+        job_bytes(1, load.cells)
             + load.columns.map_or(0, |columns| heightfield::bytes(columns.of_slice, columns.bridge, load.smooth))
-    }
-
-    /// Chunks in flight for a ball of radius `radius`, at least one.
-    pub fn chunks_for(&self, load: &Load, radius: u32) -> usize {
-        ((self.working / Self::chunk_job(load, radius)) as usize).clamp(1, 2 * self.threads)
     }
 
     /// Slabs that may be in the making and waiting at a time, when each needs `means` bytes for means of cells.
@@ -330,26 +290,10 @@ fn piece_in(load: &Load, room: u64) -> u64 {
     room / sorted_bytes(load) * buckets / (buckets + 1)
 }
 
-/// How many slabs exist at a time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SlabJobs {
-    /// In the making.
-    pub running: usize,
-    /// Finished, and waiting for their turn.
-    pub ahead: usize,
-    /// Points of a slab that are held at once.
-    pub piece_points: usize,
-}
-
 impl SlabJobs {
     /// One slab at a time.
     fn one(piece_points: u64) -> SlabJobs {
         SlabJobs { running: 1, ahead: 0, piece_points: piece_points as usize }
-    }
-
-    /// Between source and sink of the pass.
-    pub fn in_flight(&self) -> usize {
-        self.running + self.ahead
     }
 
     /// Bytes of all slabs of a load at a time, with the points round a plane, as far as they are held at once.

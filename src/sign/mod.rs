@@ -39,8 +39,8 @@ mod tests;
 
 use crate::error::Result;
 use crate::grid::Cell;
+use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
-use crate::resources::context::Context;
 
 pub use self::block::Block;
 use self::field::Field;

@@ -7,10 +7,10 @@
 //! of slices, however few, holds what finer levels need: on these the balls are a few cells wide.
 
 use crate::error::{Error, Result};
+use crate::grid::context::Context;
 use crate::grid::dilate::{Ball, squared};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::{CELLS_LIMIT, Grid};
-use crate::resources::context::Context;
 use crate::sign;
 use crate::sign::{Patch, Seen, Signed};
 use crate::solid::Solid;

@@ -7,10 +7,10 @@ use std::str::FromStr;
 use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
+use crate::grid::context::{Context, chunks};
 use crate::grid::label::{Labeller, Measure, Parts, Scratch, overlaps};
 use crate::grid::occupancy::{Occupancy, Raster};
 use crate::grid::slice::{Run, Runs, SliceStore, Slices};
-use crate::resources::context::{Context, chunks};
 use crate::solid::Solid;
 
 /// Which components are kept.

@@ -14,12 +14,12 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
+use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::label::{Labeller, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Run, Runs, clip, words_of};
 use crate::grid::window::Window;
-use crate::resources::context::{Context, chunks};
 use crate::solid::exterior::{Padded, invert};
 use crate::solid::unresolved::Change;
 use crate::solid::{Solid, move_back};
@@ -42,7 +42,7 @@ impl Solid {
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.cells[1]);
         context.workers.in_order(
-            context.memory.chunks_for(&context.load, 2 * ball.radius() + 5),
+            context.jobs(2 * ball.radius() + 5, self.cells),
             || Ok(jobs.next()),
             |slices| self.hollows(occupancy, ball, slices),
             |parts: Parts<Lining>| labeller.add(parts),

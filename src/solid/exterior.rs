@@ -7,12 +7,12 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
 use crate::grid::Cell;
+use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::{Ball, Dilation};
 pub use crate::grid::label::Scratch;
 use crate::grid::label::{Labeller, Labels, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Runs, clip};
-use crate::resources::context::{Context, chunks};
 
 /// The verdicts on components of free cells.
 const ENCLOSED: u8 = 0;
@@ -90,7 +90,7 @@ impl Exterior {
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(padded.cells[1]);
         context.workers.in_order(
-            context.memory.chunks_for(&context.load, ball.radius()),
+            context.jobs(ball.radius(), occupancy.cells),
             || Ok(jobs.next()),
             |chunk| free_parts(occupancy, ball, padded, chunk),
             |parts: Parts<AtBorder>| labeller.add(parts),

@@ -9,8 +9,8 @@
 //! The point of a dropped cell stays a point that vertices are fitted to.
 
 use crate::error::Result;
+use crate::grid::context::{Context, chunks};
 use crate::grid::slice::{Run, Runs, SliceStore, Slices};
-use crate::resources::context::{Context, chunks};
 use crate::solid::Solid;
 
 impl Solid {

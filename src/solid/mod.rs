@@ -21,10 +21,10 @@ use self::heightfield::Ground;
 use self::watershed::Sides;
 use crate::error::Result;
 use crate::grid::Cell;
+use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, clip, words_for};
-use crate::resources::context::{Context, chunks};
 
 /// The solid cells of a cloud, slice by slice, in the box.
 #[derive(Debug)]
@@ -103,7 +103,7 @@ impl Solid {
         };
         let mut jobs = chunks(cells[1]);
         context.workers.in_order(
-            context.memory.chunks_for(&context.load, ball.radius()),
+            context.jobs(ball.radius(), cells),
             || Ok(jobs.next()),
             |chunk| solid_slices(occupancy, grown, ball, chunk),
             |chunk| {

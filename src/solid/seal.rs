@@ -7,9 +7,9 @@
 //! Without a radius, [`crate::sign`] tells the sides apart.
 
 use crate::error::Result;
+use crate::grid::context::Context;
 use crate::grid::dilate::{Ball, squared};
 use crate::grid::occupancy::Occupancy;
-use crate::resources::context::Context;
 use crate::solid::Solid;
 use crate::solid::exterior::Exterior;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};

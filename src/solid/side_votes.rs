@@ -10,12 +10,12 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
+use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::{Ball, Dilation};
 use crate::grid::label::{Labeller, Labels, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, words_of};
 use crate::grid::window::Window;
-use crate::resources::context::{Context, chunks};
 use crate::solid::exterior::Padded;
 
 /// The verdicts on components.
@@ -53,7 +53,7 @@ impl Open<'_> {
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.padded.cells[1]);
         context.workers.in_order(
-            context.memory.chunks_for(&context.load, 2 * ball.radius() + 5),
+            context.jobs(2 * ball.radius() + 5, self.padded.cells),
             || Ok(jobs.next()),
             |slices| self.parts(ball, slices),
             |parts: Parts<Evidence>| labeller.add(parts),

@@ -20,10 +20,10 @@
 //! ([`Sides::refined`]), so that no ball on any level is much larger than ten cells.
 
 use crate::error::Result;
+use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, behind, set_range};
-use crate::resources::context::{Context, chunks};
 use crate::sign::{Side, Signed};
 use crate::solid::exterior::{Exterior, Padded, Scratch};
 use crate::solid::side_votes::{INSIDE, OUTSIDE, Open};
@@ -292,7 +292,7 @@ fn stores<const N: usize>(
     let mut stores = [(); N].map(|()| SliceStore::new(&context.workspace, context.memory.store_quota));
     let mut jobs = chunks(padded.cells[1]);
     context.workers.in_order(
-        context.memory.chunks_for(&context.load, radius),
+        context.jobs(radius, padded.cells),
         || Ok(jobs.next()),
         work,
         |slices: [Slices; N]| stores.iter_mut().zip(&slices).try_for_each(|(store, slices)| store.extend(slices)),

@@ -14,10 +14,10 @@ use std::path::Path;
 
 use super::block::{Block, PAD};
 use crate::grid::Cell;
+use crate::grid::context::Context;
 use crate::points::Precision;
-use crate::resources::context::Context;
+use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::planner::MemoryPlan;
 use crate::run::workload::Load;
 use crate::storage::spool::Workspace;
 
@@ -75,7 +75,7 @@ pub fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
 fn context(dir: &Path, cells: Cell) -> Context {
     let load = Load::in_cells(1000, Precision::Single, cells, 1);
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
-    Context { workers: Workers::new(1).unwrap(), workspace: Workspace::new(dir).unwrap(), memory, load }
+    Context { workers: Workers::new(1).unwrap(), workspace: Workspace::new(dir).unwrap(), memory }
 }
 
 /// The cells of a level for which something holds, in the level's block.

@@ -27,10 +27,10 @@ use self::ball::filled;
 pub use self::columns::Columns;
 use self::heights::Patch;
 use crate::error::Result;
+use crate::grid::context::{CHUNK_SLICES, Context};
 use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Runs, SliceStore};
-use crate::resources::context::{CHUNK_SLICES, Context};
 use crate::solid::Solid;
 use crate::storage::spool::Spool;
 
@@ -241,7 +241,7 @@ fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<[u3
     let cells = occupancy.cells;
     let (columns, cells_up) = (cells[up.across()], cells[up.axis]);
     let mut out = Lines::new(columns, context);
-    let mut jobs = crate::resources::context::chunks(cells[1]);
+    let mut jobs = crate::grid::context::chunks(cells[1]);
     context.workers.in_order(
         context.memory.chunks_in_flight,
         || Ok(jobs.next()),

@@ -22,12 +22,12 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
+use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::{Ball, Dilation};
 use crate::grid::label::{Labeller, Labels, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices, clip};
 use crate::grid::window::Window;
-use crate::resources::context::{Context, chunks};
 use crate::solid::dents::Lining;
 use crate::solid::exterior::{Padded, Scratch, invert};
 use crate::solid::{Solid, faces, move_back};
@@ -137,7 +137,7 @@ impl Solid {
             let mut jobs = chunks(solid.cells[1]);
             let mut any = false;
             context.workers.in_order(
-                context.memory.chunks_for(&context.load, 6),
+                context.jobs(6, solid.cells),
                 || Ok(jobs.next()),
                 |slices| Seen::new(&solid, occupancy, change, slices.end).groups(slices),
                 |(found, parts)| {
@@ -170,7 +170,7 @@ impl Solid {
             Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize), ground: None };
         let mut jobs = chunks(slices);
         context.workers.in_order(
-            context.memory.chunks_for(&context.load, 1),
+            context.jobs(1, self.cells),
             || Ok(jobs.next()),
             |chunk| {
                 let (mut runs, mut scratch) = (Runs::default(), Scratch::default());

@@ -5,8 +5,8 @@ use proptest::prelude::*;
 use super::*;
 use crate::grid::Cell;
 use crate::points::Precision;
+use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::planner::MemoryPlan;
 use crate::run::workload::Load;
 use crate::storage::spool::Workspace;
 
@@ -15,7 +15,7 @@ fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
     let load = Load::in_cells(1000, Precision::Single, cells, 1);
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
     let workers = Workers::new(1).unwrap();
-    work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory, load })
+    work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory })
 }
 
 /// Marks on the cells of a box, nothing beyond it.

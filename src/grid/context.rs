@@ -1,8 +1,10 @@
 //! What every pass over the slices is given, and how a pass is cut into jobs.
 
+use super::Cell;
+use super::dilate::Dilation;
+use super::slice::Bits;
+use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::planner::MemoryPlan;
-use crate::run::workload::Load;
 use crate::storage::spool::Workspace;
 
 /// What every pass over the slices is given: who works, where temporary data goes, how much memory there is.
@@ -14,8 +16,23 @@ pub struct Context {
     pub workspace: Workspace,
     /// The shares of the memory budget.
     pub memory: MemoryPlan,
-    /// What the plan was made from.
-    pub load: Load,
+}
+
+impl Context {
+    /// Jobs in flight of a pass over the chunks of `cells`, with a ball of radius `radius`: at least one.
+    pub fn jobs(&self, radius: u32, cells: Cell) -> usize {
+        self.memory.jobs_of(job_bytes(radius, cells))
+    }
+}
+
+/// Bytes of a job over a chunk of slices of `cells` with a ball of radius `radius`: its dilation, some slices more, and the runs it gives, three a row, as
+/// they are, labelled (16 bytes each) and as they are stored.
+pub fn job_bytes(radius: u32, cells: Cell) -> u64 {
+    let [x, _, z] = cells;
+    let pad = 2 * (radius + 1);
+    Dilation::bytes(radius, x + pad, z + pad)
+        + 4 * Bits::bytes(x + pad, z + pad)
+        + u64::from(CHUNK_SLICES + 2) * u64::from(z + pad) * (2 * (4 + 3 * 8) + 3 * 16)
 }
 
 /// Slices that one job of a pass over the slices computes; its window's halo comes on top.

@@ -1,0 +1,55 @@
+//! Memory: how a budget is shared out among what a run holds. [`crate::run::planner`] makes the plan.
+
+/// How a memory budget is shared out.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct MemoryPlan {
+    /// The budget, in bytes.
+    pub budget: u64,
+    /// Worker threads.
+    pub threads: usize,
+    /// Blocks of input in flight while bucketing and surveying.
+    pub blocks_in_flight: usize,
+    /// Chunks of slices in flight.
+    pub chunks_in_flight: usize,
+    /// A whole chunk of a bucket, in bytes.
+    pub bucket_buffer: u64,
+    /// Buckets stay in memory up to this many bytes in all: all or nothing.
+    pub buckets_quota: u64,
+    /// Each store of slices stays in memory up to this many bytes.
+    pub store_quota: u64,
+    /// The mesh stays in memory up to this many bytes.
+    pub mesh_quota: u64,
+    /// Points that a slab's fitting holds at once, at most.
+    pub piece_points: usize,
+    /// What one pass may use at a time, in bytes.
+    pub working: u64,
+    /// The most memory that the plan expects to be used, in bytes.
+    pub predicted: u64,
+    /// The most temporary disk that the plan expects to be used, in bytes.
+    pub predicted_disk: u64,
+}
+
+impl MemoryPlan {
+    /// Jobs of `bytes` each that the working share lets be in flight at a time: at least one, and no more than keep the threads busy.
+    pub fn jobs_of(&self, bytes: u64) -> usize {
+        ((self.working / bytes.max(1)) as usize).clamp(1, 2 * self.threads)
+    }
+}
+
+/// How many slabs exist at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SlabJobs {
+    /// In the making.
+    pub running: usize,
+    /// Finished, and waiting for their turn.
+    pub ahead: usize,
+    /// Points of a slab that are held at once.
+    pub piece_points: usize,
+}
+
+impl SlabJobs {
+    /// Between source and sink of the pass.
+    pub fn in_flight(&self) -> usize {
+        self.running + self.ahead
+    }
+}
