@@ -12,6 +12,7 @@ pub mod points;
 pub mod render;
 pub mod resources;
 pub mod run;
+pub mod settings;
 pub mod sign;
 pub mod solid;
 pub mod stitch;

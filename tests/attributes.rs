@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use asra_stream::input::{Filter, InputOptions};
 use asra_stream::points::attribute::Wanted;
 use asra_stream::resources::workers::Workers;
-use asra_stream::run::pipeline::{Fineness, Settings};
 use asra_stream::run::progress::{Progress, Show};
 use asra_stream::run::report::Report;
 use asra_stream::run::{Job, Means, run};
-use asra_stream::solid::close::Sealing;
-use asra_stream::stitch::slab::{Fit, SurfaceOptions};
+use asra_stream::settings::closing::Sealing;
+use asra_stream::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::settings::{Fineness, Settings};
 use proptest::prelude::*;
 
 /// A point, its intensity and its class.
@@ -102,7 +102,7 @@ proptest! {
             ["whole.bin", "1.bin", "2.bin", "here.ply", "there.ply"].map(|name| dir.path().join(name));
         write_raw(&whole, &samples);
         let settings = Settings {
-            fineness: Fineness::Given(asra_stream::grid::Resolution::K(k)),
+            fineness: Fineness::Given(asra_stream::settings::Resolution::K(k)),
             // Every point counts, and no slab lies across a hole, without any.
             seal: Sealing::Off,
             keep_outliers: true,
@@ -169,7 +169,7 @@ fn filters_choose_points_and_are_told_of() {
         Filter { drop_class: vec![7], ..Filter::default() },
         Filter { keep_class: vec![2, 9], ..Filter::default() },
         Filter {
-            bounds: Some(asra_stream::grid::Bounds { min: [-2.0, -2.0, 0.0], max: [2.0; 3] }),
+            bounds: Some(asra_stream::points::bounds::Bounds { min: [-2.0, -2.0, 0.0], max: [2.0; 3] }),
             ..Filter::default()
         },
     ];

@@ -9,9 +9,11 @@ use asra_stream::points::Precision;
 use asra_stream::resources::memory::MemoryPlan;
 use asra_stream::resources::workers::Workers;
 use asra_stream::run::workload::Load;
+use asra_stream::settings::closing::Least;
+use asra_stream::settings::closing::Sealing;
 use asra_stream::solid::Solid;
-use asra_stream::solid::close::{Asked, How, Parted, Sealing, close};
-use asra_stream::solid::component::{Least, keep};
+use asra_stream::solid::close::{Asked, How, Parted, close};
+use asra_stream::solid::component::keep;
 use asra_stream::storage::spool::Workspace;
 
 fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {

@@ -2,13 +2,13 @@
 
 use asra_stream::format::read;
 use asra_stream::generate::{Options, Shape, generate};
-use asra_stream::grid::Resolution;
 use asra_stream::mesh::MeshSource;
 use asra_stream::resources::workers::Workers;
-use asra_stream::run::pipeline::{Fineness, Settings};
 use asra_stream::run::progress::{Progress, Show};
 use asra_stream::run::{Job, Means, run};
-use asra_stream::stitch::slab::{Fit, SurfaceOptions};
+use asra_stream::settings::Resolution;
+use asra_stream::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::settings::{Fineness, Settings};
 use asra_stream::storage::spool::Workspace;
 
 /// Volume, and the root mean square of the angle between triangles with a common side, in degrees.

@@ -5,24 +5,28 @@ mod twin;
 use std::path::Path;
 
 use asra_stream::error::Error;
+use asra_stream::grid::Grid;
 use asra_stream::grid::dilate::Ball;
 use asra_stream::grid::occupancy::Occupancy;
 use asra_stream::grid::partition::slab_slices;
 use asra_stream::grid::slice::Runs;
-use asra_stream::grid::{Axis, AxisChoice, Bounds, Grid, Resolution};
 use asra_stream::input::{Cloud, InputOptions, Layout};
 use asra_stream::mesh::MeshSource;
+use asra_stream::points::bounds::{Axis, Bounds};
 use asra_stream::resources::memory::MemoryPlan;
 use asra_stream::resources::workers::Workers;
-use asra_stream::run::pipeline::{Fineness, Reconstructed, Settings, Surveyed, context, reconstruct, survey_cloud};
+use asra_stream::run::pipeline::{Reconstructed, Surveyed, context, reconstruct, survey_cloud};
 use asra_stream::run::progress::{Progress, Show};
+use asra_stream::settings::closing::Least;
+use asra_stream::settings::closing::Sealing;
+use asra_stream::settings::open::{Facing, Hole, Kind, Open};
+use asra_stream::settings::surface::Diagonals;
+use asra_stream::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::settings::{AxisChoice, Resolution};
+use asra_stream::settings::{Fineness, Settings};
 use asra_stream::solid::Solid;
-use asra_stream::solid::close::{How, Sealing};
-use asra_stream::solid::component::Least;
-use asra_stream::solid::open::{Facing, Hole, Kind, Open};
-use asra_stream::stitch::slab::{Fit, SurfaceOptions};
+use asra_stream::solid::close::How;
 use asra_stream::storage::spool::Workspace;
-use asra_stream::surface::extract::Diagonals;
 use proptest::prelude::*;
 
 /// A mesh as bits.

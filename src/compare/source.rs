@@ -5,10 +5,10 @@ use super::far;
 use super::room::Room;
 use super::shape::{FARTHEST, Point, Triangle};
 use crate::error::Result;
-use crate::grid::Bounds;
 use crate::input::{Carried, Cloud};
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, span};
+use crate::points::bounds::Bounds;
 use crate::points::{Batch, Coordinate, Points};
 use crate::resources::workers::Spares;
 

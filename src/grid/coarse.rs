@@ -14,8 +14,8 @@
 use std::sync::RwLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::grid::Bounds;
 use crate::points::Coordinate;
+use crate::points::bounds::Bounds;
 
 /// The most cells along an axis, a power of two: a bit each, 2 MiB in all.
 pub const SIDE: u32 = 256;

@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
 use crate::grid::coarse::{Sketch, Sketching};
-use crate::grid::{Bounds, Cell, Grid, Turn};
+use crate::grid::{Cell, Grid, Turn};
 use crate::input::{Carried, Cloud};
+use crate::points::bounds::Bounds;
 use crate::points::{Batch, Coordinate, Points};
 use crate::resources::workers::Workers;
 

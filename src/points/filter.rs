@@ -2,8 +2,8 @@
 //!
 //! Formats decode whatever a block holds; here, in one place for all of them, points and their attributes are sifted.
 
-use crate::grid::Bounds;
 use crate::points::attribute::{Attribute, Schema};
+use crate::points::bounds::Bounds;
 use crate::points::scalar::{Endian, Reader, reader};
 use crate::points::{Batch, Coordinate, Points};
 

@@ -1,6 +1,7 @@
 //! Points as they come from files: coordinates in the file's own precision, batch by batch.
 
 pub mod attribute;
+pub mod bounds;
 pub mod crs;
 pub(crate) mod filter;
 pub mod scalar;

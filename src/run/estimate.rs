@@ -26,9 +26,10 @@ use crate::grid::partition::{slab_count, slices_of};
 use crate::points::Precision;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::pipeline::Settings;
 use crate::run::workload::Load;
-use crate::solid::close::{Asked, Sealing, close};
+use crate::settings::Settings;
+use crate::settings::closing::Sealing;
+use crate::solid::close::{Asked, close};
 use crate::storage::spool::Workspace;
 
 /// Points from which a run is worth a rehearsal, which takes about as long as a cloud of 100,000.

@@ -8,9 +8,9 @@ use std::path::PathBuf;
 use bytesize::ByteSize;
 
 use crate::error::Result;
-use crate::grid::Bounds;
 use crate::input::Cloud;
 use crate::input::tally::{Counts, Tally, class_name};
+use crate::points::bounds::Bounds;
 use crate::points::crs::Crs;
 use crate::points::unit::Measure;
 use crate::resources::memory::MemoryPlan;

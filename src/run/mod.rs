@@ -18,9 +18,7 @@ use std::time::Instant;
 
 use self::estimate::WORTH_IT;
 use self::forecast::Known;
-use self::pipeline::{
-    Fineness, Reconstructed, Sampling, Settings, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with,
-};
+use self::pipeline::{Reconstructed, Sampling, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with};
 use self::preview::{DrawnPreview, PlannedPreview, Preview};
 use self::progress::{Phase, Progress, thousands};
 use self::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
@@ -28,7 +26,7 @@ use crate::error::defect;
 use crate::error::{Error, Result};
 use crate::format::write;
 use crate::format::write::{Filled, Positions, Target, Tiles};
-use crate::grid::Resolution;
+use crate::grid::context::Context;
 use crate::input::tally::Tally;
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, find};
 use crate::mesh::check::{CheckReport, check};
@@ -37,12 +35,14 @@ use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::attribute::Wanted;
 use crate::points::unit::Unit;
 use crate::render;
-use crate::resources::context::Context;
 use crate::resources::machine;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::solid::close::{How, Sealing};
-use crate::solid::open::{Hole, Kind};
+use crate::settings::Resolution;
+use crate::settings::closing::Sealing;
+use crate::settings::open::{Hole, Kind};
+use crate::settings::{Fineness, Settings};
+use crate::solid::close::How;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 

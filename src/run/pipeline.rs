@@ -5,15 +5,16 @@
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
+use crate::grid::Grid;
 use crate::grid::bucket::Buckets;
 use crate::grid::coarse::Sketch;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{buckets_of, halo, slab_count, slices_of};
 use crate::grid::survey::{Survey, planes_with_points, sampling_distance, seen_from, survey, turned_bounds};
-use crate::grid::{AxisChoice, Bounds, Grid, Resolution};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
+use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
@@ -21,12 +22,15 @@ use crate::run::estimate::rehearse;
 use crate::run::forecast;
 use crate::run::progress::{Phase, Progress};
 use crate::run::workload::{ColumnLoad, Load};
+use crate::settings::Resolution;
+use crate::settings::open::{Facing, Open};
+use crate::settings::surface::Fit;
+use crate::settings::{Fineness, Settings};
 use crate::solid::close;
-use crate::solid::close::{Asked, Closed, How, Sealing};
-use crate::solid::component::{Components, Least};
+use crate::solid::close::{Asked, Closed, How};
+use crate::solid::component::Components;
 use crate::solid::heightfield;
-use crate::solid::open::{Facing, Open};
-use crate::stitch::slab::{Fit, SlabMesh, SurfaceOptions};
+use crate::stitch::slab::SlabMesh;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
 use crate::storage::spool::Workspace;
 use crate::surface::plane;
@@ -55,82 +59,6 @@ const AUTO_CELL: f64 = 1.25;
 /// Of clouds of more points the cells by k = 4 are not smaller than [`AUTO_CELL`] sampling distances, unless the area A of the surface is more than
 /// 6.4 L², L being the longest side: the cells' side is L / (4 n^(1/3)), the sampling distance (A / n)^(1/2).
 const COARSE_ENOUGH: u64 = 1 << 22;
-
-/// How fine the grid is to be.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Fineness {
-    /// The paper's k = 4, but cells no smaller than `--cell-size auto` would make them: of smaller ones too many are empty by chance.
-    #[default]
-    Default,
-    /// As told.
-    Given(Resolution),
-    /// Cells tied to the sampling distance.
-    Sampling,
-}
-
-/// What is asked of the reconstruction, apart from files and means.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
-    /// How fine the grid is.
-    pub fineness: Fineness,
-    /// Which axis is sliced.
-    pub axis: AxisChoice,
-    /// How holes are closed.
-    pub seal: Sealing,
-    /// The window's slices, which bound a closing radius that is given: ρ ≤ (W − 1) / 2. `None` leaves it free.
-    pub window: Option<u32>,
-    /// Whether outliers stay.
-    pub keep_outliers: bool,
-    /// The least number of points that make a cell occupied.
-    pub min_points: u32,
-    /// The components that are kept; `None` keeps all.
-    pub min_component: Option<Least>,
-    /// What is done to the surface.
-    pub surface: SurfaceOptions,
-    /// What is asked of a surface that is not closed; `None` for one that is.
-    pub open: Option<Open>,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Settings {
-            fineness: Fineness::Default,
-            axis: AxisChoice::Longest,
-            seal: Sealing::Auto,
-            window: None,
-            keep_outliers: false,
-            min_points: 1,
-            min_component: Some(Least::Auto),
-            surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
-            open: None,
-        }
-    }
-}
-
-impl Settings {
-    /// Checks what can be checked without the input.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
-    pub fn validate(&self) -> Result<()> {
-        if let Some(window) = self.window
-            && (window < 3 || window % 2 == 0)
-        {
-            return Err(Error::Usage(format!("--window {window}: the window is an odd number of slices, at least 3")));
-        }
-        if self.min_points == 0 {
-            return Err(Error::Usage("--min-points 0: a cell without points is never occupied; at least 1".into()));
-        }
-        if self.surface.smooth > 100 {
-            return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
-        }
-        if self.open.is_some() && self.min_component.is_some_and(|least| least != Least::Auto) {
-            let message = "--min-component: a surface that is seen from one side has no components; --min-points thins out strays";
-            return Err(Error::Usage(message.into()));
-        }
-        Ok(())
-    }
-}
 
 /// A surveyed cloud on its grid: all that is known before the first point is sorted.
 #[derive(Debug)]

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
-use crate::grid::Bounds;
 use crate::mesh::MeshSource;
 use crate::points::attribute::Schema;
+use crate::points::bounds::Bounds;
 use crate::points::unit::Measure;
 use crate::render::{self, ColourBy, Legend, View};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::pipeline::Settings;
-use crate::solid::open::{Kind, Open};
+use crate::settings::Settings;
+use crate::settings::open::{Kind, Open};
 use crate::storage::atomic_file::WholeFile;
 use crate::storage::spool::Workspace;
 

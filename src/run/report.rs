@@ -6,20 +6,24 @@ use std::path::PathBuf;
 use bytesize::ByteSize;
 
 use crate::format::write::{Format, Positions};
+use crate::grid::Grid;
 use crate::grid::partition::REACH;
-use crate::grid::{Bounds, Grid};
 use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
 use crate::points::Precision;
+use crate::points::bounds::Bounds;
 use crate::resources::memory::MemoryPlan;
-use crate::run::pipeline::{Fineness, Reconstructed, Settings, Surveyed};
+use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::{Phase, Warning, duration, thousands};
-use crate::solid::close::{How, PartingNothing, Sealing};
-use crate::solid::component::{Components, Least};
+use crate::settings::closing::Least;
+use crate::settings::closing::Sealing;
+use crate::settings::open::{Kind, Open};
+use crate::settings::surface::{Fit, SurfaceOptions};
+use crate::settings::{Fineness, Settings};
+use crate::solid::close::{How, PartingNothing};
+use crate::solid::component::Components;
 use crate::solid::heightfield::Found as Columns;
-use crate::solid::open::{Kind, Open};
 use crate::stitch::Counts;
-use crate::stitch::slab::{Fit, SurfaceOptions};
 
 /// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
 /// hundred; of a cloud with one point a thousand times as far away as the others, nearly all points share a cell.
@@ -221,7 +225,7 @@ pub struct MemoryReport {
 impl Parameters {
     /// What `settings` asked for.
     pub fn of(settings: &Settings) -> Parameters {
-        use crate::grid::Resolution;
+        use crate::settings::Resolution;
         let (mut k, mut slices, mut cell_size) = (None, None, None);
         match settings.fineness {
             Fineness::Given(Resolution::K(value)) => k = Some(value),

@@ -11,34 +11,21 @@ use crate::grid::context::Context;
 use crate::grid::dilate::{Ball, squared};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::{CELLS_LIMIT, Grid};
+use crate::settings::closing::Least;
+use crate::settings::closing::Sealing;
+use crate::settings::open::Open;
 use crate::sign;
 use crate::sign::{Patch, Seen, Signed};
 use crate::solid::Solid;
 use crate::solid::component;
-use crate::solid::component::{Components, Least};
+use crate::solid::component::Components;
 use crate::solid::heightfield;
-use crate::solid::open::Open;
 use crate::solid::seal;
 use crate::solid::seal::Pyramid;
 use crate::solid::watershed;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
 
 pub use crate::solid::seal::Closing;
-
-/// How holes are closed.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Sealing {
-    /// As wide as they are, where samples on their rims say so ([`crate::sign`]).
-    #[default]
-    Auto,
-    /// By a ball of this radius, in cells.
-    Cells(u32),
-    /// By a ball of this radius, in the input's units.
-    Length(f64),
-    /// Only those that a ball of one cell closes.
-    Off,
-}
 
 impl Sealing {
     /// The radius asked for, in cells of `cell_size`, at least 1; none if it is to be found.

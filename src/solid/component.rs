@@ -2,8 +2,6 @@
 //!
 //! The solid's runs are labelled slice by slice ([`crate::grid::label`]), with their cells counted along the way.
 
-use std::str::FromStr;
-
 use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
@@ -11,23 +9,8 @@ use crate::grid::context::{Context, chunks};
 use crate::grid::label::{Labeller, Measure, Parts, Scratch, overlaps};
 use crate::grid::occupancy::{Occupancy, Raster};
 use crate::grid::slice::{Run, Runs, SliceStore, Slices};
+use crate::settings::closing::Least;
 use crate::solid::Solid;
-
-/// Which components are kept.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Least {
-    /// All but specks: components of fewer than [`SPECK`] cells and less than a thousandth of the largest, if all of them together have less than a
-    /// fiftieth of the cells. More are no accident: then all are kept.
-    #[default]
-    Auto,
-    /// Those of at least so many cells.
-    Cells(u64),
-    /// Those of at least this share of the largest's cells, from 0 to 1.
-    Share(f64),
-    /// The largest; several if they have equally many cells.
-    Largest,
-}
 
 impl Least {
     /// The least number of cells, where the largest component has `largest`.
@@ -37,31 +20,6 @@ impl Least {
             Least::Cells(cells) => cells,
             Least::Share(share) => (share * largest as f64).ceil() as u64,
             Least::Largest => largest,
-        }
-    }
-}
-
-impl FromStr for Least {
-    type Err = String;
-
-    /// `auto`, `largest`, a share such as `1%`, or a number of cells.
-    fn from_str(text: &str) -> std::result::Result<Least, String> {
-        let wrong = || {
-            format!(
-                "expected a number of cells, a share of the largest such as 1%, `largest` or `auto`, found {text:?}"
-            )
-        };
-        match text {
-            "auto" => return Ok(Least::Auto),
-            "largest" => return Ok(Least::Largest),
-            _ => {}
-        }
-        match text.strip_suffix('%') {
-            Some(percent) => {
-                let percent: f64 = percent.trim().parse().map_err(|_| wrong())?;
-                if (0.0..=100.0).contains(&percent) { Ok(Least::Share(percent / 100.0)) } else { Err(wrong()) }
-            }
-            None => text.parse().map(Least::Cells).map_err(|_| wrong()),
         }
     }
 }

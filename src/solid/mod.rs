@@ -10,7 +10,6 @@ pub mod dents;
 pub mod exterior;
 pub mod heightfield;
 pub mod isolated;
-pub mod open;
 pub mod seal;
 pub mod side_votes;
 pub mod unresolved;

@@ -10,10 +10,11 @@ use crate::points::Coordinate;
 use crate::resources::allocator;
 use crate::resources::memory::SlabJobs;
 use crate::resources::workers::refill;
+use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::Solid;
 use crate::surface::attributes::attributes;
 use crate::surface::contract::{Fans, Groups, NONE, contract, is_gone};
-use crate::surface::extract::{Diagonals, Kind, Surface, Triangles};
+use crate::surface::extract::{Kind, Surface, Triangles};
 use crate::surface::fit::{Fitted, Task, fit};
 use crate::surface::plane::project;
 use crate::surface::smooth::smooth;
@@ -21,30 +22,6 @@ use crate::surface::untangle::broad_phase::{BLOCK, Near, Places};
 use crate::surface::untangle::quantized::{Extent, Scale, Spot};
 use crate::surface::untangle::{Piece, retreat};
 use crate::surface::vertex_state::{Fate, SHARES};
-
-/// What is done to the surface of every slab.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
-pub struct SurfaceOptions {
-    /// Steps of smoothing: the first is Eq. 4, each further one smooths without shrinking.
-    pub smooth: u32,
-    /// Which diagonal cuts a rectangle.
-    pub diagonals: Diagonals,
-    /// What vertices are moved onto.
-    pub fit: Fit,
-}
-
-/// What vertices are moved onto.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Fit {
-    /// Their nearest input points.
-    #[default]
-    Nearest,
-    /// The planes of the points round them: for noisy points.
-    Plane,
-    /// Nothing: the smoothed surface stays.
-    None,
-}
 
 /// The mesh of one slab, of points of precision `T`.
 ///

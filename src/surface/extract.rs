@@ -18,22 +18,10 @@
 use crate::error::Result;
 use crate::grid::slice::{Bits, Runs, words_for};
 use crate::grid::window::Window;
+use crate::settings::surface::Diagonals;
 use crate::solid::Solid;
 use crate::solid::heightfield::{Columns, KEPT, LIVE_COLUMN};
 use crate::surface::corner::{CORNERS, NO_SHEET, neighbours, quadrant};
-
-/// Which of a rectangle's diagonals makes its two triangles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Diagonals {
-    /// The one that maximises the smallest angle.
-    #[default]
-    Delaunay,
-    /// Either, by a hash of the face's place (the paper's control).
-    Random,
-    /// The one from the face's lowest corner.
-    First,
-}
 
 /// A vertex before smoothing: a sheet of a corner, or the middle of a doubled edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -12,22 +12,24 @@ use crate::compare::Reach;
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
 use crate::generate::Shape;
-use crate::grid::{Axis, AxisChoice, Bounds, CELLS_LIMIT, Resolution};
+use crate::grid::CELLS_LIMIT;
 use crate::input::{Depth, Filter, InputOptions, Layout, Returns, Withheld, tells_stations};
 use crate::points::attribute::Wanted;
+use crate::points::bounds::{Axis, Bounds};
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::points::unit::Unit;
-use crate::run::pipeline::{Fineness, Settings};
 use crate::run::preview::Preview;
 use crate::run::progress::Show;
 use crate::run::{Check, Job, Means, Units};
-use crate::solid::close::Sealing;
-use crate::solid::component::Least;
-use crate::solid::open::{Facing, Hole, Kind, Open};
-use crate::stitch::slab::{Fit, SurfaceOptions};
+use crate::settings::closing::Least;
+use crate::settings::closing::Sealing;
+use crate::settings::open::{Facing, Hole, Kind, Open};
+use crate::settings::surface::Diagonals;
+use crate::settings::surface::{Fit, SurfaceOptions};
+use crate::settings::{AxisChoice, Resolution};
+use crate::settings::{Fineness, Settings};
 use crate::storage::atomic_file::Overwrite;
-use crate::surface::extract::Diagonals;
 
 /// Turns point clouds too large for memory into watertight triangle meshes, without normals.
 ///

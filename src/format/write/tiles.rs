@@ -19,11 +19,11 @@ use serde_json::json;
 
 use super::{Format, Overwrite, Positions, Target, Written, attributes};
 use crate::error::{Error, Result};
-use crate::grid::Bounds;
 use crate::grid::coarse::Sketch;
 use crate::mesh::measure::Corners;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::mesh::{MeshHeader, MeshSource};
+use crate::points::bounds::Bounds;
 use crate::resources::workers::Workers;
 use crate::run::progress::thousands;
 use crate::run::report::short;

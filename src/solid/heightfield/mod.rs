@@ -17,6 +17,7 @@
 
 mod ball;
 mod columns;
+mod grid;
 mod heights;
 
 use std::ops::Range;

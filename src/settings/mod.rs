@@ -1,0 +1,115 @@
+//! What is asked of a reconstruction: plain values, that every stage may look at. None of them says where, or with how much memory and how many threads.
+
+pub mod closing;
+pub mod open;
+pub mod surface;
+
+use self::closing::{Least, Sealing};
+use self::open::Open;
+use self::surface::SurfaceOptions;
+use crate::error::{Error, Result};
+use crate::points::bounds::Axis;
+
+/// Which axis to slice along.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AxisChoice {
+    /// The box's longest side; the first of equals.
+    #[default]
+    Longest,
+    /// A given one.
+    Fixed(Axis),
+}
+
+/// How fine the grid is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Resolution {
+    /// The paper's k: s = ⌊k·∛n⌋ (Eq. 2).
+    K(f64),
+    /// A number of slices.
+    Slices(u32),
+    /// A cell's side, in the file's units.
+    Cell(f64),
+}
+
+impl Default for Resolution {
+    /// k = 4, the paper's choice.
+    fn default() -> Self {
+        Resolution::K(4.0)
+    }
+}
+
+/// How fine the grid is to be.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Fineness {
+    /// The paper's k = 4, but cells no smaller than `--cell-size auto` would make them: of smaller ones too many are empty by chance.
+    #[default]
+    Default,
+    /// As told.
+    Given(Resolution),
+    /// Cells tied to the sampling distance.
+    Sampling,
+}
+
+/// What is asked of the reconstruction, apart from files and means.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// How fine the grid is.
+    pub fineness: Fineness,
+    /// Which axis is sliced.
+    pub axis: AxisChoice,
+    /// How holes are closed.
+    pub seal: Sealing,
+    /// The window's slices, which bound a closing radius that is given: ρ ≤ (W − 1) / 2. `None` leaves it free.
+    pub window: Option<u32>,
+    /// Whether outliers stay.
+    pub keep_outliers: bool,
+    /// The least number of points that make a cell occupied.
+    pub min_points: u32,
+    /// The components that are kept; `None` keeps all.
+    pub min_component: Option<Least>,
+    /// What is done to the surface.
+    pub surface: SurfaceOptions,
+    /// What is asked of a surface that is not closed; `None` for one that is.
+    pub open: Option<Open>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            fineness: Fineness::Default,
+            axis: AxisChoice::Longest,
+            seal: Sealing::Auto,
+            window: None,
+            keep_outliers: false,
+            min_points: 1,
+            min_component: Some(Least::Auto),
+            surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
+            open: None,
+        }
+    }
+}
+
+impl Settings {
+    /// Checks what can be checked without the input.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn validate(&self) -> Result<()> {
+        if let Some(window) = self.window
+            && (window < 3 || window % 2 == 0)
+        {
+            return Err(Error::Usage(format!("--window {window}: the window is an odd number of slices, at least 3")));
+        }
+        if self.min_points == 0 {
+            return Err(Error::Usage("--min-points 0: a cell without points is never occupied; at least 1".into()));
+        }
+        if self.surface.smooth > 100 {
+            return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
+        }
+        if self.open.is_some() && self.min_component.is_some_and(|least| least != Least::Auto) {
+            let message = "--min-component: a surface that is seen from one side has no components; --min-points thins out strays";
+            return Err(Error::Usage(message.into()));
+        }
+        Ok(())
+    }
+}

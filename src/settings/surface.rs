@@ -1,0 +1,38 @@
+//! What is asked of the surface of every slab.
+
+/// What is done to the surface of every slab.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct SurfaceOptions {
+    /// Steps of smoothing: the first is Eq. 4, each further one smooths without shrinking.
+    pub smooth: u32,
+    /// Which diagonal cuts a rectangle.
+    pub diagonals: Diagonals,
+    /// What vertices are moved onto.
+    pub fit: Fit,
+}
+
+/// What vertices are moved onto.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Fit {
+    /// Their nearest input points.
+    #[default]
+    Nearest,
+    /// The planes of the points round them: for noisy points.
+    Plane,
+    /// Nothing: the smoothed surface stays.
+    None,
+}
+
+/// Which of a rectangle's diagonals makes its two triangles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Diagonals {
+    /// The one that maximises the smallest angle.
+    #[default]
+    Delaunay,
+    /// Either, by a hash of the face's place (the paper's control).
+    Random,
+    /// The one from the face's lowest corner.
+    First,
+}
