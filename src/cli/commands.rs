@@ -12,13 +12,14 @@ use super::args::{
 use super::{exit_code, outputs, signals};
 use crate::compare::compare;
 use crate::error::defect;
+use crate::error::words::thousands;
 use crate::error::{Error, Kind, Result};
 use crate::generate;
 use crate::generate::densify::densify;
 use crate::mesh::check::CheckReport;
 use crate::render;
 use crate::run::looks::{InfoReport, PlanReport};
-use crate::run::progress::{Forecast, Phase, Progress, Show, Warning, thousands};
+use crate::run::progress::{Forecast, Phase, Progress, Show, Warning};
 use crate::run::{Means, look, plan, run};
 use crate::storage::atomic_file::WholeFile;
 use crate::storage::steady::Steady;

@@ -40,6 +40,7 @@ use self::room::Room;
 use self::search::{Facing, Nearest, search};
 use self::shape::{Point, Spot, Target, Triangle};
 use self::source::{LeftOut, Source, Survey, is_usable, triangles};
+use crate::error::words::short;
 use crate::error::{Error, Result};
 use crate::format;
 use crate::input::{Cloud, InputOptions, Opening, STANDARD_INPUT, Unpacked, expand};
@@ -48,7 +49,6 @@ use crate::mesh::check::{CheckReport, check};
 use crate::resources::workers::Workers;
 use crate::run::Means;
 use crate::run::progress::{Phase, Progress};
-use crate::run::report::short;
 use crate::storage::steady::Steady;
 
 pub use self::heatmap::{HeatMap, Reach};

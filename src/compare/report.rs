@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use super::figures::Figures;
 use super::{Found, Job, Kind};
+use crate::error::words::short;
+use crate::error::words::thousands;
 use crate::mesh::check::CheckReport;
-use crate::run::progress::thousands;
-use crate::run::report::short;
 
 /// The findings of [`super::compare`]. All per cents are of the reference's box.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]

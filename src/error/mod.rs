@@ -5,6 +5,7 @@
 pub mod defect;
 #[cfg(test)]
 mod panics;
+pub mod words;
 
 use std::fmt;
 use std::io;

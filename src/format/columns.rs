@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use super::records::same_length;
 use crate::error::Result;
-use crate::input::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Carrying, Schema};
 use crate::points::scalar::{Endian, Scalar, reader};
 use crate::points::{Batch, Coordinate, Points, Precision};

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
-use crate::input::BLOCK_BYTES;
+use crate::format::point_format::BLOCK_BYTES;
 use crate::storage::mapped::{Bytes, Mapped};
 
 /// The longest line accepted, in bytes. Wider tables exist nowhere; a binary file taken for text stops here.

@@ -8,7 +8,8 @@ use super::records::{FixedRecords, RecordShape};
 use super::sidecar::Sidecar;
 use crate::error::{Error, Result};
 use crate::format::detect_layout;
-use crate::input::{InputOptions, PointFormat, Source};
+use crate::format::options::InputOptions;
+use crate::format::point_format::{PointFormat, Source};
 use crate::storage::mapped::Mapped;
 
 /// Where a raw file's layout comes from.

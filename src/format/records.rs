@@ -9,7 +9,7 @@ use bytemuck::Zeroable;
 
 use super::layout::Layout;
 use crate::error::{Error, Result};
-use crate::input::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Carrying, Schema};
 use crate::points::scalar::{Column, Endian, Scalar, reader};
 use crate::points::{Batch, Coordinate, Points, Precision};

@@ -6,7 +6,7 @@ use super::lines::{LineBlock, LineCutter, lines, number, quoted};
 use super::records::same_length;
 use super::text::blanks;
 use crate::error::{Error, Result};
-use crate::input::{BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::scalar::Scalar;
 use crate::points::{Batch, Coordinate, Points, Precision};

@@ -6,7 +6,7 @@ use super::lines::{LineBlock, LineCutter, lines, number, quoted};
 use super::records::same_length;
 use super::text::blanks;
 use crate::error::{Error, Result};
-use crate::input::{BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::{Batch, Coordinate, Points, Precision};
 use crate::storage::mapped::{Content, Mapped};

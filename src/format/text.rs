@@ -21,7 +21,7 @@ use std::sync::Arc;
 use super::lines::{LineBlock, LineCutter, lines, number, quoted};
 use super::records::same_length;
 use crate::error::{Error, Result};
-use crate::input::{BlockCutter, Decode, PointFormat, Source};
+use crate::format::point_format::{BlockCutter, Decode, PointFormat, Source};
 use crate::points::attribute::{Attribute, Placing, Schema, canonical};
 use crate::points::scalar::Scalar;
 use crate::points::{Batch, Coordinate, Points, Precision};

@@ -11,6 +11,7 @@
 //!
 //! Points come in any order and from several threads; the cells are the same. What the plan makes of them is [`crate::run::estimate`]'s.
 
+use std::collections::BTreeSet;
 use std::sync::RwLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -152,6 +153,33 @@ impl Sketch {
         columns.iter().map(share).sum::<f64>() * side * side
     }
 
+    /// About how many squares of side `side`, lying at whole numbers of sides along x and y, a surface through points in `bounds` touches: those that the columns
+    /// touch within the bounds, or their share of the columns' area where squares are smaller than half a column.
+    pub fn squares(&self, bounds: &Bounds, side: f64) -> u64 {
+        let (low, _) = self.extent();
+        // A column along an axis, in sides.
+        let ratio = self.side() / side;
+        let within = |a: usize, place: u32| {
+            let from = (low[a] as f64 + f64::from(place)) * ratio;
+            [from.max(bounds.min[a] / side), (from + ratio).next_down().min(bounds.max[a] / side)]
+        };
+        let columns = self.columns();
+        if ratio > 2.0 {
+            let length = |a: usize, place: u32| {
+                let [from, to] = within(a, place);
+                (to - from).max(0.0)
+            };
+            return columns.iter().map(|&[x, y]| length(0, x) * length(1, y)).sum::<f64>().min(1e18) as u64;
+        }
+        let range = |a: usize, place: u32| {
+            let [from, to] = within(a, place).map(|c| c.floor() as i64);
+            from..=to
+        };
+        let squares =
+            columns.iter().flat_map(|&[x, y]| range(0, x).flat_map(move |x| range(1, y).map(move |y| [x, y])));
+        squares.collect::<BTreeSet<[i64; 2]>>().len() as u64
+    }
+
     fn inverse(&self) -> f64 {
         2f64.powi(-self.exponent)
     }
@@ -277,5 +305,31 @@ mod tests {
             prop_assert!(cells.symmetric_difference(&expected).count() <= points.len() / 50);
             prop_assert!(cells.iter().all(|c| (0..3).all(|a| c[a] < cells_along[a] && cells_along[a] <= SIDE)));
         }
+    }
+
+    /// Points on a square lattice of 200 by 200, a unit apart, from `low` on, and the squares expected of them.
+    fn of_lattice(low: [f64; 2], side: f64) -> u64 {
+        let place = |i: i32| [low[0] + f64::from(i % 200) + 0.5, low[1] + f64::from(i / 200) + 0.5, 0.0];
+        let points: Vec<[f64; 3]> = (0..40_000).map(place).collect();
+        let bounds = points.iter().fold(Bounds::EMPTY, |bounds, p| bounds.union(Bounds { min: *p, max: *p }));
+        let sketching = Sketching::default();
+        sketching.add(&points, bounds);
+        sketching.finish().squares(&bounds, side)
+    }
+
+    #[test]
+    fn squares_are_counted_on_either_side_of_zero() {
+        for low in [[0.0, 0.0], [-200.0, -400.0], [-600.0, 800.0]] {
+            for (side, squares) in [(1000.0, 1), (50.0, 16), (10.0, 400)] {
+                assert_eq!(of_lattice(low, side), squares, "{low:?} {side}");
+            }
+            // Smaller ones by their area.
+            for side in [1.0, 0.01] {
+                let share = of_lattice(low, side) as f64 / (200.0 / side).powi(2);
+                assert!((share - 1.0).abs() < 0.02, "{low:?} {side}: {share}");
+            }
+        }
+        assert_eq!(of_lattice([-100.0, -100.0], 1e9), 4, "round zero");
+        assert!(of_lattice([0.0, 0.0], 1e-300) >= 1_000_000_000_000, "no overflow");
     }
 }

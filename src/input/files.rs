@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 use super::detect;
 use crate::error::{Error, Result};
+use crate::format::options::Depth;
 use crate::format::unpack::{Packing, STANDARD_INPUT};
 use crate::format::write::TILE_INDEX;
 use crate::format::{e57, las, npy, pcd, ply};
@@ -35,16 +36,6 @@ pub struct Found {
     pub files: Vec<PathBuf>,
     /// A line for each folder or pattern of which files were left out.
     pub left_out: Vec<String>,
-}
-
-/// How folders are looked into.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Depth {
-    /// The files in them.
-    #[default]
-    Flat,
-    /// Those in the folders in them, too, and so on. Hidden folders, links to folders and folders of tiles are left out.
-    Recursive,
 }
 
 /// The files the arguments stand for (files, patterns, folders, `-` for standard input), in the arguments' order, each once.

@@ -17,17 +17,16 @@ mod files;
 mod memory;
 pub mod tally;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::format::e57;
+use crate::format::point_format::{BlockCutter, Decode, PointFormat};
 use crate::format::unpack::Unpacking;
-use crate::points::attribute::{Attribute, Schema, Wanted};
+use crate::points::attribute::{Schema, Wanted};
 use crate::points::crs::Crs;
 use crate::points::filter::Sieve;
-use crate::points::scalar::Endian;
 use crate::points::unit::{Measure, Unit};
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::{Spares, Workers};
@@ -36,42 +35,18 @@ use crate::storage::spool::Workspace;
 use crate::storage::steady::{Stamp, settle};
 
 pub use crate::format::layout::{Field, Layout, MAX_STRIDE};
+pub use crate::format::options::{Depth, InputOptions};
+pub use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, Source};
 pub(crate) use crate::format::sidecar::Sidecar;
 pub use crate::format::unpack::{Opening, Unpacked};
 pub(crate) use crate::format::unpack::{Packing, STANDARD_INPUT};
 pub use crate::points::filter::{Filter, Returns, Withheld};
-pub use files::{Depth, Found, expand, find};
+pub use files::{Found, expand, find};
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
 
-/// The length a block of records aims at: large against the cost of handing it to another thread, small enough for a
-/// core's cache and for dozens in flight.
-pub const BLOCK_BYTES: usize = 1 << 20;
-
-/// The most records in a block, so that a decoded block is bounded as well: 1.5 MiB of `f64` coordinates.
-pub const BLOCK_RECORDS: usize = 1 << 16;
-
 /// Memory for opening where nobody names a budget.
 const OPENING_MEMORY: u64 = 64 << 20;
-
-/// What the command line says about the input.
-#[derive(Debug, Clone, Default)]
-pub struct InputOptions {
-    /// The record layout of raw files; other formats describe themselves. It takes the place of a side-car and of detection.
-    pub layout: Option<Layout>,
-    /// Bytes before the first record of raw files.
-    pub skip_bytes: Option<u64>,
-    /// Byte order of the numbers in raw files.
-    pub endian: Option<Endian>,
-    /// The attributes that are carried to the mesh.
-    pub attributes: Wanted,
-    /// Which points count.
-    pub filter: Filter,
-    /// The coordinate reference system, whatever files say: `Some(None)` if there is none.
-    pub crs: Option<Option<Crs>>,
-    /// How folders are looked into.
-    pub depth: Depth,
-}
 
 /// Several files as one cloud, or points that lie in memory.
 #[derive(Debug)]
@@ -86,60 +61,6 @@ pub struct Cloud<'a> {
     crs: Option<Crs>,
     unpacked: u64,
     unpacked_later: u64,
-}
-
-/// One file of a cloud, as it was understood.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Source {
-    /// The file; "standard input" if it is that.
-    pub path: PathBuf,
-    /// The format's name: "raw", "PLY", "LAZ", "text".
-    pub format: &'static str,
-    /// What was understood, as a line to print.
-    pub description: String,
-    /// Number of records, where the format tells.
-    pub records: Option<u64>,
-    /// Length of the file, as it lies there.
-    pub bytes: u64,
-    /// The coordinate reference system, where the file tells.
-    pub crs: Option<Crs>,
-}
-
-/// A file whose structure is known.
-///
-/// It holds no open file: thousands of tiles may be waiting. [`PointFormat::cut`] opens it for one pass.
-pub(crate) trait PointFormat: fmt::Debug + Send + Sync {
-    /// The narrowest precision that keeps the coordinates.
-    fn precision(&self) -> Precision;
-
-    /// The attributes of its points.
-    fn attributes(&self) -> &[Attribute];
-
-    /// Where its scans were taken from, as far as it tells.
-    fn stations(&self) -> Vec<[f64; 3]> {
-        Vec::new()
-    }
-
-    /// Opens the file and starts cutting at its first record; blocks are to be decoded with attributes of `schema`.
-    fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>>;
-}
-
-/// One pass over a file.
-pub(crate) trait BlockCutter<'a>: Send {
-    /// The next block of whole records; `None` at the end. Sequential, and much cheaper than decoding.
-    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>>;
-}
-
-/// The records of a block.
-pub(crate) trait Decode: Send + Sync {
-    /// Appends all points to `batch`, which comes empty and in the cloud's precision, with a record of the schema for each. Those that are
-    /// not finite are left out later, and not by the format.
-    fn decode(&self, batch: &mut Batch) -> Result<()>;
-
-    /// Where all of them were scanned from, if the file tells.
-    fn station(&self) -> Option<[f64; 3]> {
-        None
-    }
 }
 
 impl<'a> Cloud<'a> {

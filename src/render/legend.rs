@@ -11,8 +11,8 @@
 use super::colour::{Tint, scale};
 use super::label::{self, ROWS};
 use super::sheet::{Cell, Picture};
+use crate::error::words::short;
 use crate::points::unit::{Measure, Unit};
-use crate::run::report::short;
 
 /// The least width and height of a cell that has a legend, in pixels.
 const LEAST: usize = 240;

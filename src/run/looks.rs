@@ -8,6 +8,8 @@ use std::path::PathBuf;
 use bytesize::ByteSize;
 
 use crate::error::Result;
+use crate::error::words::short;
+use crate::error::words::thousands;
 use crate::input::Cloud;
 use crate::input::tally::{Counts, Tally, class_name};
 use crate::points::bounds::Bounds;
@@ -15,8 +17,7 @@ use crate::points::crs::Crs;
 use crate::points::unit::Measure;
 use crate::resources::memory::MemoryPlan;
 use crate::run::pipeline::Surveyed;
-use crate::run::progress::thousands;
-use crate::run::report::{GridReport, InputReport, short};
+use crate::run::report::{GridReport, InputReport};
 use crate::run::{Looked, Planned, contradiction, input_reports};
 
 /// The reference system of a cloud.

@@ -20,9 +20,10 @@ use self::estimate::WORTH_IT;
 use self::forecast::Known;
 use self::pipeline::{Reconstructed, Sampling, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with};
 use self::preview::{DrawnPreview, PlannedPreview, Preview};
-use self::progress::{Phase, Progress, thousands};
+use self::progress::{Phase, Progress};
 use self::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
 use crate::error::defect;
+use crate::error::words::thousands;
 use crate::error::{Error, Result};
 use crate::format::write;
 use crate::format::write::{Filled, Positions, Target, Tiles};
@@ -284,8 +285,7 @@ pub struct Looked {
 fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
     let Some(side) = job.tile else { return Ok(None) };
     // Each has a triangle at least.
-    let tiles =
-        write::expected_tiles(&surveyed.sketch, &surveyed.survey.bounds, side).min(surveyed.load.triangles().max(1));
+    let tiles = surveyed.sketch.squares(&surveyed.survey.bounds, side).min(surveyed.load.triangles().max(1));
     write::check_number_of_tiles(side, tiles).map(|()| Some(tiles))
 }
 

@@ -16,6 +16,7 @@ use console::style;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
+use crate::error::words::{duration, rough, thousands};
 use crate::input::Unpacked;
 use crate::run::forecast::Known;
 
@@ -613,32 +614,6 @@ fn counted(number: u64, unit: &str) -> String {
     }
 }
 
-/// A time: "0.45 s", "12.3 s", "3 min 20 s", "2 h 5 min".
-pub fn duration(seconds: f64) -> String {
-    let seconds = seconds.max(0.0);
-    match seconds.round() as u64 {
-        _ if seconds < 9.995 => format!("{seconds:.2} s"),
-        _ if seconds < 99.95 => format!("{seconds:.1} s"),
-        whole @ ..3600 => format!("{} min {} s", whole / 60, whole % 60),
-        whole => format!("{} h {} min", whole / 3600, whole % 3600 / 60),
-    }
-}
-
-/// A time that is a guess, in whole seconds, or minutes if there are many.
-fn rough(seconds: f64) -> String {
-    match seconds.ceil().max(1.0) as u64 {
-        whole @ ..100 => format!("{whole} s"),
-        whole @ ..600 => format!("{} min {} s", whole / 60, whole % 60 / 10 * 10),
-        whole @ ..3600 => format!("{} min", whole / 60),
-        whole => format!("{} h {} min", whole / 3600, whole % 3600 / 60),
-    }
-}
-
-/// A number with its digits in groups of three: 1,234,567.
-pub fn thousands(number: u64) -> String {
-    indicatif::HumanCount(number).to_string()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -678,20 +653,5 @@ mod tests {
         progress.end();
         assert_eq!(progress.fraction(), Some(1.0));
         assert_eq!(progress.times().len(), 2);
-    }
-
-    #[test]
-    fn times_have_the_digits_that_count() {
-        for (seconds, words) in [
-            (0.0, "0.00 s"),
-            (9.994, "9.99 s"),
-            (9.999, "10.0 s"),
-            (99.96, "1 min 40 s"),
-            (281.4, "4 min 41 s"),
-            (3599.9, "1 h 0 min"),
-            (7500.0, "2 h 5 min"),
-        ] {
-            assert_eq!(duration(seconds), words);
-        }
     }
 }

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use bytesize::ByteSize;
 
+use crate::error::words::short;
+use crate::error::words::{duration, thousands};
 use crate::format::write::{Format, Positions};
 use crate::grid::Grid;
 use crate::grid::partition::REACH;
@@ -14,7 +16,7 @@ use crate::points::Precision;
 use crate::points::bounds::Bounds;
 use crate::resources::memory::MemoryPlan;
 use crate::run::pipeline::{Reconstructed, Surveyed};
-use crate::run::progress::{Phase, Warning, duration, thousands};
+use crate::run::progress::{Phase, Warning};
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Kind, Open};
@@ -547,39 +549,5 @@ impl fmt::Display for Report {
     /// The summary without details.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.summary(false))
-    }
-}
-
-/// A length, area or volume with six digits, without trailing zeros.
-pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let magnitude = libm::log10(value.abs()).floor() as i32;
-    if (-4..9).contains(&magnitude) {
-        let text = format!("{value:.*}", (5 - magnitude).max(0) as usize);
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-    } else {
-        format!("{value:.5e}")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::short;
-
-    #[test]
-    fn numbers_are_short() {
-        for (value, text) in [
-            (0.0, "0"),
-            (1.0, "1"),
-            (0.00026342, "0.00026342"),
-            (0.0000123456789, "1.23457e-5"),
-            (123456.789, "123457"),
-            (-2.5, "-2.5"),
-            (1e12, "1.00000e12"),
-        ] {
-            assert_eq!(short(value), text);
-        }
     }
 }

@@ -31,7 +31,7 @@ use self::scan::{Place, Reading, Scan};
 use self::xml::Tree;
 use super::records::same_length;
 use crate::error::{Error, Result};
-use crate::input::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat, Source};
+use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat, Source};
 use crate::points::attribute::{Attribute, Schema, Wanted};
 use crate::points::crs::Crs;
 use crate::points::scalar::Scalar;

@@ -15,7 +15,7 @@ use super::columns::{Columns, Stretched};
 use super::lines::quoted;
 use super::records::{FixedRecords, RecordShape};
 use crate::error::{Error, Result};
-use crate::input::{PointFormat, Source};
+use crate::format::point_format::{PointFormat, Source};
 use crate::points::attribute::Attribute;
 use crate::points::scalar::{Column, Endian, Scalar};
 use crate::storage::mapped::{Content, Mapped};

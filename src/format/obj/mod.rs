@@ -9,7 +9,7 @@ use super::lines::{lines, number};
 use super::statements::Statements;
 use super::text::blanks;
 use crate::error::Result;
-use crate::input::{PointFormat, Source};
+use crate::format::point_format::{PointFormat, Source};
 use crate::points::attribute::Attribute;
 use crate::points::scalar::Scalar;
 use crate::storage::mapped::Content;

@@ -29,7 +29,7 @@ use super::records::{FixedRecords, RecordShape};
 use super::rows::{Item, RowShape, Rows};
 use super::unpack::Unpacking;
 use crate::error::{Error, Result};
-use crate::input::{BLOCK_BYTES, PointFormat, Source};
+use crate::format::point_format::{BLOCK_BYTES, PointFormat, Source};
 use crate::points::Precision;
 use crate::points::attribute::Attribute;
 use crate::points::scalar::{Column, Endian, Scalar};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::super::records::same_length;
 use super::header::{Element, PropertyKind};
 use crate::error::{Error, Result};
-use crate::input::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::scalar::{Endian, Reader, reader};
 use crate::points::{Batch, Coordinate, Points, Precision};

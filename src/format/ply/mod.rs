@@ -21,7 +21,7 @@ use self::lists::{ListRecords, ListShape};
 use super::records::{FixedRecords, RecordShape};
 use super::rows::{Item, RowShape, Rows};
 use crate::error::{Error, Result};
-use crate::input::{PointFormat, Source};
+use crate::format::point_format::{PointFormat, Source};
 use crate::points::Precision;
 use crate::points::attribute::Attribute;
 use crate::points::scalar::{Column, Endian, Scalar};

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use super::records::same_length;
 use super::statements::{Statements, first_word};
 use crate::error::{Error, Result};
-use crate::input::{BLOCK_BYTES, BlockCutter, Decode, PointFormat, Source};
+use crate::format::point_format::{BLOCK_BYTES, BlockCutter, Decode, PointFormat, Source};
 use crate::points::attribute::{Attribute, Schema};
 use crate::points::scalar::{Endian, Scalar, reader};
 use crate::points::{Batch, Coordinate, Points, Precision};

@@ -74,9 +74,7 @@ pub fn beside(mesh: &Path) -> Vec<PathBuf> {
 
 pub use attributes::constant;
 pub use points::{CloudTarget, Description, FileKind};
-pub use tiles::{
-    INDEX as TILE_INDEX, MOST_TILES, Tiles, check_number as check_number_of_tiles, expected as expected_tiles,
-};
+pub use tiles::{INDEX as TILE_INDEX, MOST_TILES, Tiles, check_number as check_number_of_tiles};
 
 /// Which coordinates vertices are written with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
-use crate::input::Sidecar;
+use crate::format::sidecar::Sidecar;
 use crate::points::Precision;
 use crate::points::scalar::Scalar;
 use crate::storage::atomic_file::{Overwrite, WholeFile};

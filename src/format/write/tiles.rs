@@ -11,22 +11,20 @@
 //! Triangles are sorted by tile, a block at a time, into temporary storage; then each tile is put together in memory. The folder appears under its name
 //! when it is whole.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
 use super::{Format, Overwrite, Positions, Target, Written, attributes};
+use crate::error::words::short;
+use crate::error::words::thousands;
 use crate::error::{Error, Result};
-use crate::grid::coarse::Sketch;
 use crate::mesh::measure::Corners;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::mesh::{MeshHeader, MeshSource};
-use crate::points::bounds::Bounds;
 use crate::resources::workers::Workers;
-use crate::run::progress::thousands;
-use crate::run::report::short;
 use crate::storage::atomic_file::WholeFolder;
 use crate::storage::spool::{Spool, Workspace};
 
@@ -50,32 +48,6 @@ type Square = [i64; 2];
 
 /// Where triangles of a tile lie in the spool: the first's byte, and how many.
 type Stretch = (u64, u32);
-
-/// About how many tiles of side `side` a surface through points in `bounds` makes: the squares that the sketch's columns touch within them, or their share of
-/// those columns' area where squares are smaller than half a column.
-pub fn expected(sketch: &Sketch, bounds: &Bounds, side: f64) -> u64 {
-    let (low, _) = sketch.extent();
-    // A column along an axis, in sides.
-    let ratio = sketch.side() / side;
-    let within = |a: usize, place: u32| {
-        let from = (low[a] as f64 + f64::from(place)) * ratio;
-        [from.max(bounds.min[a] / side), (from + ratio).next_down().min(bounds.max[a] / side)]
-    };
-    let columns = sketch.columns();
-    if ratio > 2.0 {
-        let length = |a: usize, place: u32| {
-            let [from, to] = within(a, place);
-            (to - from).max(0.0)
-        };
-        return columns.iter().map(|&[x, y]| length(0, x) * length(1, y)).sum::<f64>().min(1e18) as u64;
-    }
-    let range = |a: usize, place: u32| {
-        let [from, to] = within(a, place).map(|c| c.floor() as i64);
-        from..=to
-    };
-    let squares = columns.iter().flat_map(|&[x, y]| range(0, x).flat_map(move |x| range(1, y).map(move |y| [x, y])));
-    squares.collect::<BTreeSet<Square>>().len() as u64
-}
 
 /// Refuses tiles that are too many by far.
 ///
@@ -299,33 +271,6 @@ struct Tile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::coarse::Sketching;
-
-    /// Points on a square lattice of 200 by 200, a unit apart, from `low` on, and the tiles expected of them.
-    fn of_lattice(low: [f64; 2], side: f64) -> u64 {
-        let place = |i: i32| [low[0] + f64::from(i % 200) + 0.5, low[1] + f64::from(i / 200) + 0.5, 0.0];
-        let points: Vec<[f64; 3]> = (0..40_000).map(place).collect();
-        let bounds = points.iter().fold(Bounds::EMPTY, |bounds, p| bounds.union(Bounds { min: *p, max: *p }));
-        let sketching = Sketching::default();
-        sketching.add(&points, bounds);
-        expected(&sketching.finish(), &bounds, side)
-    }
-
-    #[test]
-    fn tiles_are_counted_from_the_sketch_on_either_side_of_zero() {
-        for low in [[0.0, 0.0], [-200.0, -400.0], [-600.0, 800.0]] {
-            for (side, tiles) in [(1000.0, 1), (50.0, 16), (10.0, 400)] {
-                assert_eq!(of_lattice(low, side), tiles, "{low:?} {side}");
-            }
-            // Smaller ones by their area.
-            for side in [1.0, 0.01] {
-                let share = of_lattice(low, side) as f64 / (200.0 / side).powi(2);
-                assert!((share - 1.0).abs() < 0.02, "{low:?} {side}: {share}");
-            }
-        }
-        assert_eq!(of_lattice([-100.0, -100.0], 1e9), 4, "round zero");
-        assert!(of_lattice([0.0, 0.0], 1e-300) >= 1_000_000_000_000, "no overflow");
-    }
 
     #[test]
     fn the_side_that_is_advised_would_do() {
