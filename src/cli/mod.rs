@@ -60,14 +60,3 @@ fn exit_code(error: &Error) -> u8 {
         kind => kind.row().codes[0],
     }
 }
-
-/// The text below `--help`: the table of exit codes, in short.
-fn exit_codes() -> String {
-    let words = |kind: &Kind| {
-        let row = kind.row();
-        let codes: Vec<String> = row.codes.iter().map(u8::to_string).collect();
-        let name = if *kind == Kind::Done { "done" } else { row.name };
-        format!("{} {name}", codes.join(", "))
-    };
-    format!("Exit codes: {}.", Kind::ALL.iter().map(words).collect::<Vec<_>>().join("; "))
-}

@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use super::args::{Arguments, Command};
 use crate::error::{Error, Result};
 use crate::format::write;
-use crate::format::write::{Format, Tiles};
+use crate::format::write::Format;
+use crate::format::write::tiles::{self, Tiles};
 use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
 use crate::run;
 use crate::run::preview::Preview;
@@ -109,8 +110,8 @@ impl Output {
                     return Err(Error::OutputExists(self.path.clone()));
                 }
                 let empty = || fs::read_dir(&self.path).is_ok_and(|mut entries| entries.next().is_none());
-                if there && !self.path.join(write::TILE_INDEX).is_file() && !empty() {
-                    let index = write::TILE_INDEX;
+                if there && !self.path.join(tiles::INDEX).is_file() && !empty() {
+                    let index = tiles::INDEX;
                     return Err(Error::Usage(format!(
                         "{path}: is no folder of tiles (it has no {index}), which alone --overwrite replaces; choose another --output"
                     )));

@@ -17,6 +17,7 @@ mod blocks;
 mod far;
 mod figures;
 mod heatmap;
+mod job;
 mod report;
 mod room;
 mod search;
@@ -28,13 +29,14 @@ mod testing;
 mod tests;
 mod tree;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use bytemuck::Pod;
 
 use self::blocks::Blocks;
 use self::figures::{Figures, Spread};
 use self::heatmap::Heat;
+use self::job::{AlongNormals, Found};
 use self::report::is_inside_out;
 use self::room::Room;
 use self::search::{Facing, Nearest, search};
@@ -43,45 +45,19 @@ use self::source::{LeftOut, Source, Survey, is_usable, triangles};
 use crate::error::words::short;
 use crate::error::{Error, Result};
 use crate::format;
-use crate::input::{Cloud, InputOptions, Opening, STANDARD_INPUT, Unpacked, expand};
+use crate::input::{Cloud, Opening, STANDARD_INPUT, Unpacked, expand};
 use crate::mesh::MeshSource;
 use crate::mesh::check::{CheckReport, check};
 use crate::resources::workers::Workers;
-use crate::run::Means;
-use crate::run::progress::{Phase, Progress};
+use crate::run::phase::Phase;
+use crate::run::progress::Progress;
 use crate::storage::steady::Steady;
 
 pub use self::heatmap::{HeatMap, Reach};
+pub use self::job::{Job, Kind};
 pub use self::report::{
     Angles, Comparison, Distances, Length, MeshSide, MeshToReference, Mse, ReferenceSide, ReferenceToMesh,
 };
-
-/// What is compared.
-#[derive(Debug, Clone)]
-pub struct Job {
-    /// The mesh.
-    pub mesh: PathBuf,
-    /// What it is compared with.
-    pub reference: PathBuf,
-    /// What the reference is taken for; by default a mesh if it has triangles, else a cloud.
-    pub kind: Option<Kind>,
-    /// How a raw reference is laid out.
-    pub input: InputOptions,
-    /// Where the mesh is written, coloured by its distance, if it is to be.
-    pub heatmap: Option<HeatMap>,
-    /// What the work may use. Nothing of it shows in what is found.
-    pub means: Means,
-}
-
-/// What a reference is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// A surface: its vertices and triangles count.
-    Mesh,
-    /// Points only.
-    Cloud,
-}
 
 /// Compares. Memory: about the budget, but no less than some 8 MB for each worker, and 2 KB for every million triangles.
 ///
@@ -170,19 +146,6 @@ struct Comparing<'a> {
     /// Whether one of the two is inside out.
     over: bool,
     room: Room<'a>,
-}
-
-/// What was measured, in units.
-struct Found {
-    reference: Survey,
-    /// From the mesh's centroids to the reference's nearest points.
-    nearest_point: Figures,
-    mesh_centroids: Figures,
-    mesh_vertices: Figures,
-    reference_points: Figures,
-    reference_centroids: Option<Figures>,
-    /// If the reference has triangles.
-    facing: Option<AlongNormals>,
 }
 
 impl Comparing<'_> {
@@ -286,16 +249,6 @@ impl Told<'_, '_> {
             self.waiting = 0;
         }
     }
-}
-
-/// What centroids tell of a surface.
-struct AlongNormals {
-    distances: Figures,
-    /// `None` if no normal meets anything.
-    along: Option<Figures>,
-    missed: u64,
-    /// `None` if no triangle has a normal, or none nearest to one has.
-    turned: Option<Figures>,
 }
 
 impl Pass<'_, '_> {

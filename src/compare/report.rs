@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use super::figures::Figures;
-use super::{Found, Job, Kind};
+use super::job::{Found, Job, Kind};
 use crate::error::words::short;
 use crate::error::words::thousands;
 use crate::mesh::check::CheckReport;

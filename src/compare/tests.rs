@@ -6,6 +6,8 @@ use proptest::prelude::*;
 
 use super::shape::{Line, angle};
 use super::*;
+use crate::input::InputOptions;
+use crate::run::Means;
 use crate::run::progress::Show;
 
 /// Vertices and triangles; without triangles it is a cloud.

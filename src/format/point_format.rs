@@ -15,6 +15,11 @@ pub const BLOCK_BYTES: usize = 1 << 20;
 /// The most records in a block, so that a decoded block is bounded as well: 1.5 MiB of `f64` coordinates.
 pub const BLOCK_RECORDS: usize = 1 << 16;
 
+/// The most records of so many bytes in a block.
+pub(crate) fn records_of_a_block(record: usize) -> u64 {
+    (BLOCK_BYTES / record).clamp(1, BLOCK_RECORDS) as u64
+}
+
 /// One file of a cloud, as it was understood.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Source {

@@ -11,7 +11,8 @@ use crate::mesh::measure::Corners;
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::Workers;
 use crate::run::Means;
-use crate::run::progress::{Phase, Progress};
+use crate::run::phase::Phase;
+use crate::run::progress::Progress;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::steady::Steady;
 

@@ -7,6 +7,7 @@ use std::str::FromStr;
 use rand::{Rng, RngExt};
 
 use crate::error::{Error, Result};
+use crate::points::vector::{cross, dot};
 
 /// Radius of the torus' tube round its centre line of radius [`TORUS_RADIUS`].
 const TORUS_TUBE: f64 = 0.15;
@@ -240,14 +241,6 @@ impl Frame {
     fn stretch(&self, cos: f64) -> f64 {
         self.speed * (1.0 - KNOT_TUBE * self.curvature * cos)
     }
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Value noise: smooth interpolation of random heights on ever finer lattices, each half as high as the one before. One

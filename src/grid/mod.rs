@@ -21,6 +21,7 @@ use self::gaps::{GAP, SHOWS};
 use crate::error::{Error, Result};
 use crate::points::Coordinate;
 use crate::points::bounds::{Axis, Bounds};
+use crate::points::vector::{cross, dot};
 use crate::settings::{AxisChoice, Resolution};
 
 /// The most cells along an axis.
@@ -33,10 +34,6 @@ pub struct Turn([[f64; 3]; 3]);
 impl Turn {
     /// The rotation that makes `direction` the third axis; none if it has no length, or too large a one.
     pub fn up(direction: [f64; 3]) -> Option<Turn> {
-        let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-        let cross = |p: [f64; 3], q: [f64; 3]| {
-            [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
-        };
         let unit = |p: [f64; 3]| {
             let length = dot(p, p).sqrt();
             (length.is_normal()).then(|| p.map(|c| c / length))

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{InputOptions, PointFormat, Source};
 use crate::error::{Error, Result};
+use crate::format::options::InputOptions;
+use crate::format::point_format::{PointFormat, Source};
 use crate::format::raw;
 use crate::format::raw::Description;
 use crate::format::unpack::{Packing, STANDARD_INPUT, Unpacking};

@@ -15,7 +15,7 @@ use super::detect;
 use crate::error::{Error, Result};
 use crate::format::options::Depth;
 use crate::format::unpack::{Packing, STANDARD_INPUT};
-use crate::format::write::TILE_INDEX;
+use crate::format::write::tiles::INDEX;
 use crate::format::{e57, las, npy, pcd, ply};
 
 /// Extensions that are taken for point files when a whole folder is given; also with that of a compressed file behind them. Files that are
@@ -114,7 +114,7 @@ fn point_files_in(folder: &Path, depth: Depth, strays: &mut Strays) -> Result<Ve
             }
             // A link to a folder might lead back up.
             if entry.file_type().map_err(Error::io(&path, "look at"))?.is_dir() {
-                let tiles = has_extension(&path, &["tiles"]) && path.join(TILE_INDEX).is_file();
+                let tiles = has_extension(&path, &["tiles"]) && path.join(INDEX).is_file();
                 match depth {
                     Depth::Recursive if tiles => strays.meshes.push(path),
                     Depth::Recursive => waiting.push(path),

@@ -6,6 +6,7 @@ pub mod crs;
 pub(crate) mod filter;
 pub mod scalar;
 pub mod unit;
+pub mod vector;
 
 use bytemuck::Pod;
 

@@ -14,6 +14,16 @@ use glam::Vec3;
 
 use super::raster::{Paint, SAMPLES, Sample};
 
+/// Which normals light falls on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Shading {
+    /// Those of vertices, so that triangles do not show; but edges do.
+    #[default]
+    Smooth,
+    /// Those of triangles.
+    Flat,
+}
+
 /// A pixel of a view: the light of its samples, and where the nearest of them is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pixel {

@@ -36,6 +36,7 @@ use self::blocks::{BLOCK, Blocks, Bounds, Piece, Sizes, is_finite};
 pub use self::colour::ColourBy;
 use self::colour::Tint;
 pub use self::legend::Legend;
+pub use self::light::Shading;
 use self::light::{Pixel, Side, encode, linear, pack_normal};
 use self::openness::Openness;
 use self::raster::{
@@ -50,16 +51,6 @@ use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::spool::Workspace;
-
-/// Which normals light falls on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
-pub enum Shading {
-    /// Those of vertices, so that triangles do not show; but edges do.
-    #[default]
-    Smooth,
-    /// Those of triangles.
-    Flat,
-}
 
 /// What a picture is to show.
 #[derive(Debug, Clone, PartialEq)]

@@ -8,10 +8,9 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3, Vec4};
 
-use super::blocks::{Blocks, Piece, Sizes, is_finite, read_faces};
+use super::blocks::{BLOCK, Blocks, Piece, Sizes, is_finite, read_faces};
 use super::colour::Tint;
-use super::light::{NO_NORMAL, pack_normal, unpack_normal};
-use super::{BLOCK, Shading};
+use super::light::{NO_NORMAL, Shading, pack_normal, unpack_normal};
 use crate::error::Result;
 use crate::mesh::measure::Corners;
 use crate::resources::workers::{Spares, Workers, refill};

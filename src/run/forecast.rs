@@ -4,7 +4,7 @@
 //! that differ by a factor of two and more, so that an estimate early in a run is a rough one.
 
 use crate::input::Cloud;
-use crate::run::progress::{Forecast, Phase};
+use crate::run::phase::{Forecast, Phase};
 
 /// A byte of a packed file.
 const UNPACK: f64 = 60.0;

@@ -3,6 +3,7 @@
 pub mod estimate;
 pub mod forecast;
 pub mod looks;
+pub mod phase;
 pub mod pipeline;
 pub mod planner;
 pub mod preview;
@@ -20,13 +21,14 @@ use self::estimate::WORTH_IT;
 use self::forecast::Known;
 use self::pipeline::{Reconstructed, Sampling, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with};
 use self::preview::{DrawnPreview, PlannedPreview, Preview};
-use self::progress::{Phase, Progress};
+use self::progress::Progress;
 use self::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
 use crate::error::defect;
 use crate::error::words::thousands;
 use crate::error::{Error, Result};
 use crate::format::write;
-use crate::format::write::{Filled, Positions, Target, Tiles};
+use crate::format::write::tiles::{self, Tiles};
+use crate::format::write::{Filled, Positions, Target};
 use crate::grid::context::Context;
 use crate::input::tally::Tally;
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, find};
@@ -39,6 +41,7 @@ use crate::render;
 use crate::resources::machine;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
+use crate::run::phase::Phase;
 use crate::settings::Resolution;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Hole, Kind};
@@ -286,7 +289,7 @@ fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
     let Some(side) = job.tile else { return Ok(None) };
     // Each has a triangle at least.
     let tiles = surveyed.sketch.squares(&surveyed.survey.bounds, side).min(surveyed.load.triangles().max(1));
-    write::check_number_of_tiles(side, tiles).map(|()| Some(tiles))
+    tiles::check_number(side, tiles).map(|()| Some(tiles))
 }
 
 /// Looks at the input and surveys it; asks for no memory beyond that, and for no temporary disk unless something must be unpacked.

@@ -20,8 +20,8 @@ use crate::grid::label::{Labeller, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Run, Runs, clip, words_of};
 use crate::grid::window::Window;
+use crate::solid::change::Change;
 use crate::solid::exterior::{Padded, invert};
-use crate::solid::unresolved::Change;
 use crate::solid::{Solid, move_back};
 
 /// Squared radius of the ball that does not reach a hollow. With 4 to 9, dents stay between points of a half thinned to a tenth; with 25, the bunny's mean

@@ -4,6 +4,7 @@
 //! radius ρ rolls outside, holes narrower than 2ρ are bridged, and the surface lies against the points again. Where the ball has fallen
 //! ([`self::watershed`]), what is outside is grown back by one cell instead, and what is inside stays.
 
+mod change;
 pub mod close;
 pub mod component;
 pub mod dents;
@@ -16,7 +17,7 @@ pub mod unresolved;
 pub mod watershed;
 
 use self::exterior::{Exterior, Padded, Scratch};
-use self::heightfield::Ground;
+use self::heightfield::columns::Ground;
 use self::watershed::Sides;
 use crate::error::Result;
 use crate::grid::Cell;

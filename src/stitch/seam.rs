@@ -14,8 +14,9 @@ use crate::stitch::slab::{BEFORE, SlabMesh};
 use crate::storage::seeds::SeededMap;
 use crate::surface::contract::{Fans, Groups, NONE, contract, is_gone};
 use crate::surface::untangle::broad_phase::{BLOCK, Places};
+use crate::surface::untangle::cluster;
 use crate::surface::untangle::quantized::{Extent, Scale, Spot};
-use crate::surface::untangle::{Piece, cluster};
+use crate::surface::untangle::submesh::Piece;
 use crate::surface::vertex_state::Fate;
 
 /// The two slabs at a seam, seen as one mesh.

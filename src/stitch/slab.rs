@@ -20,7 +20,8 @@ use crate::surface::plane::project;
 use crate::surface::smooth::smooth;
 use crate::surface::untangle::broad_phase::{BLOCK, Near, Places};
 use crate::surface::untangle::quantized::{Extent, Scale, Spot};
-use crate::surface::untangle::{Piece, retreat};
+use crate::surface::untangle::retreat;
+use crate::surface::untangle::submesh::Piece;
 use crate::surface::vertex_state::{Fate, SHARES};
 
 /// The mesh of one slab, of points of precision `T`.

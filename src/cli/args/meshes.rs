@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{InUnit, MeansArguments, TalkArguments, coordinates_only, in_unit, overwrite};
+use super::shared::{InUnit, MeansArguments, TalkArguments, coordinates_only, in_unit, overwrite};
 use crate::compare;
 use crate::generate::densify;
 use crate::input::Layout;

@@ -1,14 +1,16 @@
 //! The flags: name, type, help and default, each in one place; README's table is tested against this.
 
 mod meshes;
+mod shared;
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments};
+use self::shared::in_unit;
+pub use self::shared::{InUnit, MeansArguments, ProgressWord, TalkArguments, overwrite};
 use super::sizes;
-use crate::compare::Reach;
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
 use crate::generate::Shape;
@@ -18,7 +20,6 @@ use crate::points::attribute::Wanted;
 use crate::points::bounds::{Axis, Bounds};
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
-use crate::points::unit::Unit;
 use crate::run::preview::Preview;
 use crate::run::progress::Show;
 use crate::run::{Check, Job, Means, Units};
@@ -29,7 +30,6 @@ use crate::settings::surface::Diagonals;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{AxisChoice, Resolution};
 use crate::settings::{Fineness, Settings};
-use crate::storage::atomic_file::Overwrite;
 
 /// Turns point clouds too large for memory into watertight triangle meshes, without normals.
 ///
@@ -37,7 +37,7 @@ use crate::storage::atomic_file::Overwrite;
 /// and fitting. The mesh is always closed, oriented and 2-manifold, and the same bytes for any memory and threads.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, arg_required_else_help = true)]
-#[command(after_help = super::exit_codes())]
+#[command(after_help = shared::exit_codes())]
 pub struct Arguments {
     /// What to do instead of reconstructing.
     #[command(subcommand)]
@@ -129,47 +129,6 @@ pub struct ReconstructArguments {
     /// Memory, disk, threads.
     #[command(flatten)]
     pub means: MeansArguments,
-}
-
-/// How much is said on standard error.
-#[derive(Debug, Args)]
-pub struct TalkArguments {
-    /// Say nothing but errors
-    #[arg(short, long)]
-    pub quiet: bool,
-    /// How progress is told: auto is a bar on a terminal, else lines with the time of day; json is an object a line, see docs/progress.md
-    #[arg(long, value_name = "HOW", value_enum, default_value_t, hide_possible_values = true)]
-    pub progress: ProgressWord,
-}
-
-/// How progress is told, as typed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-pub enum ProgressWord {
-    /// As fits standard error.
-    #[default]
-    Auto,
-    /// Lines.
-    Lines,
-    /// JSON.
-    Json,
-}
-
-impl ProgressWord {
-    /// The way to show it.
-    pub fn show(self) -> Show {
-        match self {
-            ProgressWord::Auto => Show::fitting(),
-            ProgressWord::Lines => Show::Lines,
-            ProgressWord::Json => Show::Json,
-        }
-    }
-}
-
-impl TalkArguments {
-    /// The way to show progress.
-    pub fn show(&self) -> Show {
-        if self.quiet { Show::Nothing } else { self.progress.show() }
-    }
 }
 
 /// The cloud and how it is meshed.
@@ -275,20 +234,6 @@ pub struct CloudArguments {
     pub fit: Fit,
 }
 
-/// Memory, disk, threads: nothing of it shows in the mesh.
-#[derive(Debug, Args)]
-pub struct MeansArguments {
-    /// Memory to work in, such as 512M or 2G [default: a quarter of the machine's]
-    #[arg(long, value_name = "SIZE", value_parser = sizes::size, help_heading = "Means")]
-    pub max_memory: Option<u64>,
-    /// Worker threads [default: one for each processor]
-    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Means")]
-    pub threads: Option<u16>,
-    /// Folder for temporary files [default: TMPDIR, else the mesh's folder]
-    #[arg(long, value_name = "DIR", help_heading = "Means")]
-    pub temp_dir: Option<PathBuf>,
-}
-
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArguments {
@@ -362,59 +307,6 @@ pub struct GenerateArguments {
     /// Worker threads [default: one for each processor]
     #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub threads: Option<u16>,
-}
-
-/// What was typed, and the unit of the length in it, if it has one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct InUnit<T> {
-    /// Without the unit.
-    pub value: T,
-    /// The unit.
-    pub unit: Option<Unit>,
-}
-
-impl<T> InUnit<T> {
-    /// What `parse` makes of the text without its unit; `is_length` tells whether that is something that can have one.
-    fn parse(
-        text: &str,
-        parse: impl Fn(&str) -> std::result::Result<T, String>,
-        is_length: impl Fn(&T) -> bool,
-    ) -> std::result::Result<InUnit<T>, String> {
-        let (number, unit) = Unit::split(text);
-        // Messages quote what was typed.
-        let value =
-            parse(number).map_err(|wrong| wrong.replace(&format!("found {number:?}"), &format!("found {text:?}")))?;
-        match unit {
-            Some(unit) if !is_length(&value) => Err(format!("expected a length before {unit}, found {text:?}")),
-            _ => Ok(InUnit { value, unit }),
-        }
-    }
-}
-
-/// A text with a length in it, which may have a unit.
-fn in_unit<T>(text: &str) -> std::result::Result<InUnit<T>, String>
-where
-    T: std::str::FromStr<Err = String> + Measured,
-{
-    InUnit::parse(text, str::parse, T::is_length)
-}
-
-/// What may be a length.
-trait Measured {
-    /// Whether it is one.
-    fn is_length(&self) -> bool;
-}
-
-impl Measured for Hole {
-    fn is_length(&self) -> bool {
-        matches!(self, Hole::Length(_))
-    }
-}
-
-impl Measured for Reach {
-    fn is_length(&self) -> bool {
-        matches!(self, Reach::Length(_))
-    }
 }
 
 fn side(text: &str) -> std::result::Result<InUnit<f64>, String> {
@@ -626,13 +518,6 @@ impl CloudArguments {
     }
 }
 
-impl MeansArguments {
-    /// The means of a run.
-    pub fn means(&self) -> Means {
-        Means { max_memory: self.max_memory, threads: self.threads.map(usize::from), temp_dir: self.temp_dir.clone() }
-    }
-}
-
 impl ReconstructArguments {
     /// The job they describe.
     ///
@@ -690,16 +575,6 @@ impl InfoArguments {
 fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
     let (input, settings, units) = (cloud.input()?, cloud.settings()?, cloud.units());
     Ok(Job { input, settings, units, means, ..Job::new(&cloud.inputs) })
-}
-
-/// How a cloud is read of which only the places count.
-fn coordinates_only(layout: &Option<Layout>) -> InputOptions {
-    InputOptions { layout: layout.clone(), attributes: Wanted::None, ..InputOptions::default() }
-}
-
-/// What the flag `--overwrite` means.
-pub fn overwrite(flag: bool) -> Overwrite {
-    if flag { Overwrite::Replace } else { Overwrite::Refuse }
 }
 
 #[cfg(test)]

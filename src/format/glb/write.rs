@@ -20,8 +20,8 @@
 use serde_json::{Value, json};
 
 use crate::error::{Error, Result};
-use crate::format::write::Job;
 use crate::format::write::attributes::{COLOURS, Property, properties, records};
+use crate::format::write::job::Job;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::scalar::Scalar;
 

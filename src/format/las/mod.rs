@@ -24,9 +24,10 @@ use self::header::Header;
 use super::records::{Transform, same_length};
 use super::unpack::Unpacking;
 use crate::error::{Error, Result};
-use crate::format::laz;
+use crate::format::laz::{self, pieces};
 use crate::format::options::InputOptions;
-use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat, Source};
+use crate::format::point_format::records_of_a_block;
+use crate::format::point_format::{BlockCutter, Decode, PointFormat, Source};
 use crate::points::attribute::{Attribute, Schema, Wanted};
 use crate::points::filter::Sieve;
 use crate::points::{Batch, Precision};
@@ -124,14 +125,14 @@ impl LasFile {
         };
         let decoded = Sieve::new(&options.filter, kept, [&*self.attributes].into_iter()).decoded;
         let cutter = self.pieces(packed, &decoded)?;
-        let content = laz::unpack(cutter, workers, unpacking)?;
+        let content = pieces::unpack(cutter, workers, unpacking)?;
         let len = content.unmapped()?.len();
         Ok(LasFile { content, len, start: 0, packing: Packing::Plain, ..self })
     }
 
     /// One pass over what is compressed, for the attributes of `schema`.
-    fn pieces(&self, packed: &Arc<laz::Packed>, schema: &Schema) -> Result<laz::Cutter> {
-        laz::Cutter::new(self.opened()?, Arc::clone(packed), self.count, laz::selection(&self.fields, schema))
+    fn pieces(&self, packed: &Arc<laz::Packed>, schema: &Schema) -> Result<pieces::Cutter> {
+        pieces::Cutter::new(self.opened()?, Arc::clone(packed), self.count, laz::selection(&self.fields, schema))
     }
 
     fn opened(&self) -> Result<Arc<Mapped>> {
@@ -154,14 +155,9 @@ impl PointFormat for LasFile {
         let decoding = Arc::new(Decoding::new(self.record, self.transform, &self.fields, schema));
         Ok(match &self.packing {
             Packing::Plain => Box::new(Cutter { file: self.opened()?, at: self.start, left: self.count, decoding }),
-            Packing::Laz(packed) => Box::new(laz::Blocks { cutter: self.pieces(packed, schema)?, decoding }),
+            Packing::Laz(packed) => Box::new(pieces::Blocks { cutter: self.pieces(packed, schema)?, decoding }),
         })
     }
-}
-
-/// The most records of so many bytes in a block.
-pub(crate) fn records_of_a_block(record: usize) -> u64 {
-    (BLOCK_BYTES / record).clamp(1, BLOCK_RECORDS) as u64
 }
 
 struct Cutter {

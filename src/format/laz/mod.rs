@@ -18,7 +18,7 @@
 pub(crate) mod gps;
 mod guard;
 mod overflow;
-mod pieces;
+pub mod pieces;
 mod table;
 
 use std::fmt;
@@ -33,9 +33,7 @@ use laz::{DecompressionSelection, LazItem, LazItemRecordBuilder, LazItemType, La
 
 use self::gps::GpsTimes;
 use self::guard::guarded;
-use self::pieces::Chunk;
-pub use self::pieces::{Blocks, Cutter, unpack};
-use self::table::{Entries, Entry};
+use self::table::{Chunk, Entries, Entry};
 use crate::error::{Error, Result};
 use crate::format::las::fields::{Field, length};
 use crate::format::las::header::Header;

@@ -6,13 +6,12 @@ use byteorder::{ByteOrder, LE};
 use laz::DecompressionSelection;
 use laz::record::RecordDecompressor;
 
-use super::table::{Entries, Entry};
+use super::table::{Chunk, Entries, Entry};
 use super::{Chunks, Packed, stopped};
 use crate::error::{Error, Result};
 use crate::format::las::fields::Decoding;
-use crate::format::las::records_of_a_block;
 use crate::format::las::window::Window;
-use crate::format::point_format::{BLOCK_RECORDS, BlockCutter, Decode};
+use crate::format::point_format::{BLOCK_RECORDS, BlockCutter, Decode, records_of_a_block};
 use crate::format::unpack::Unpacking;
 use crate::points::Batch;
 use crate::resources::workers::{Spares, Workers};
@@ -23,14 +22,6 @@ const MAX_CHUNK: u64 = 8 << 20;
 
 /// The most jobs for a chunk: half of what they decode they pass over.
 const MAX_PARTS: u64 = 4;
-
-/// A chunk that is decoded, for messages: its number, where it begins, and the number of its points.
-#[derive(Debug, Clone, Copy)]
-pub struct Chunk {
-    pub number: u64,
-    pub at: u64,
-    pub points: u64,
-}
 
 /// One pass over the records of a LAZ file.
 pub struct Cutter {

@@ -11,6 +11,14 @@ use super::guard::guarded;
 use crate::format::las::window::Window;
 use crate::storage::mapped::Mapped;
 
+/// A chunk that is decoded, for messages: its number, where it begins, and the number of its points.
+#[derive(Debug, Clone, Copy)]
+pub struct Chunk {
+    pub number: u64,
+    pub at: u64,
+    pub points: u64,
+}
+
 /// A chunk as the table has it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Entry {

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::error::{Error, Result};
 use crate::format::write::attributes::{BLOCK, Property, properties, records};
-use crate::format::write::{Job, Positions};
+use crate::format::write::{Positions, job::Job};
 use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;

@@ -10,7 +10,7 @@
 use glam::DVec3;
 
 use crate::error::{Error, Result};
-use crate::format::write::Job;
+use crate::format::write::job::Job;
 use crate::mesh::MeshSource;
 use crate::mesh::measure::Corners;
 

@@ -3,7 +3,7 @@
 //! Colours of 16 bits are looked at first, all of them: LAS files store colours of 8 bits in 16, as they are or times 256 or 257. Where that is so, the
 //! 8 bits are written, from which the stored values follow; where it is not, all 16.
 
-use super::Job;
+use super::job::Job;
 use crate::error::Result;
 use crate::mesh::MeshSource;
 use crate::mesh::spool::MeshSpool;

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::{Format, Positions};
+use super::job::{Format, Positions};
 use crate::error::{Error, Result};
 use crate::mesh::MeshHeader;
 use crate::points::crs::Crs;

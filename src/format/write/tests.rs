@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::tiles::Tiles;
 use super::*;
 use crate::format::read::open;
 use crate::mesh::MeshSource;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::Intersections;
+use crate::mesh::intersections::Intersections;
 
 /// The findings of [`super::check`].
 ///

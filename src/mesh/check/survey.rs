@@ -1,7 +1,7 @@
 //! The first look at every triangle: where its vertices lie, what it measures.
 
 use super::blocks::Blocks;
-use super::{Check, Scratch};
+use super::job::{Check, Scratch};
 use crate::error::Result;
 use crate::mesh::measure::{GROUP, Sums, is_degenerate, span};
 use crate::resources::workers::Spares;

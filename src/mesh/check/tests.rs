@@ -6,6 +6,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::error::Error;
+use crate::mesh::measure::GROUP;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;
 

@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use super::blocks::{Blocks, Stars};
 use super::components::{Components, root};
+use super::job::{Check, Scratch};
 use super::link::{Tally, is_simple_cycle};
-use super::{Check, Scratch};
 use crate::error::Result;
 use crate::resources::workers::Spares;
 use crate::storage::queue::Queue;

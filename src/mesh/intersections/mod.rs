@@ -12,6 +12,7 @@
 //! of triangles either, but for their numbers.
 
 mod cells;
+mod found;
 mod pairs;
 #[cfg(test)]
 mod tests;
@@ -20,9 +21,11 @@ use std::cell::RefCell;
 use std::sync::Mutex;
 
 use self::cells::{Cell, Cuboid, Tree};
+pub use self::found::Intersection;
+use self::found::{Found, Limits, Record};
 use self::pairs::Pairs;
 use crate::error::Result;
-use crate::mesh::check::{Check, Plan};
+use crate::mesh::check::job::{Check, Plan};
 use crate::mesh::intersect::FARTHEST;
 use crate::mesh::measure::{Corners, is_degenerate, span};
 use crate::mesh::{MeshSource, check_vertex_count};
@@ -30,21 +33,8 @@ use crate::resources::workers::Workers;
 use crate::storage::partitions::Piles;
 use crate::storage::spool::Workspace;
 
-/// Triangles of a cell that are searched in memory.
-const HELD: usize = 1 << 15;
-/// Triangles that a cell is meant to have: fewer than are held, as a sample shows only about how many there will be.
-const MEANT: u64 = HELD as u64 / 4;
-/// Cells of one distribution at most.
-const CELLS: usize = 1 << 12;
-/// Boxes of a sample.
-const SAMPLE: u64 = 1 << 14;
 /// Distributions within each other at most: each makes cells smaller by up to [`CELLS`] times, so that more would not help.
 const DEEPEST: u32 = 4;
-/// Pairs after which counting ends: who has so many has no use for the rest.
-const MOST_PAIRS: u64 = 1_000_000;
-/// Work after which the search ends, in comparisons of boxes: so much, and so much for each triangle. A usual mesh takes
-/// a tenth of the latter; the former is some seconds.
-const MOST_WORK: (u64, u64) = (1 << 32, 1 << 12);
 /// Bytes for a triangle of a far batch: see [`Corners::fill`], the triangle, and its record on its way to the piles.
 const FAR_BYTES: u64 = 122 + 12 + 100;
 
@@ -62,29 +52,10 @@ pub struct Intersections {
     pub first: Option<Intersection>,
 }
 
-/// Two triangles that intersect.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Intersection {
-    /// The triangles' numbers, from 0, in ascending order.
-    pub triangles: [u64; 2],
-    /// The middle of what their boxes have in common, in the mesh's coordinates.
-    pub at: [f64; 3],
-}
-
 impl Intersections {
     /// Whether the mesh is known to be free of self-intersections.
     pub fn none(&self) -> bool {
         self.pairs == 0 && self.complete
-    }
-}
-
-impl Intersection {
-    /// Leaves the one with the lower numbers in `first`.
-    fn keep_first(first: &mut Option<Intersection>, other: Option<Intersection>) {
-        let numbers = |found: &Option<Intersection>| found.as_ref().map(|found| found.triangles);
-        if first.is_none() || other.is_some() && numbers(&other) < numbers(first) {
-            *first = other;
-        }
     }
 }
 
@@ -112,56 +83,6 @@ pub fn intersections(
     let plan = Plan::for_budget(budget, workers.threads());
     let check = Check { mesh, plan, workers, workspace };
     Search { check: &check, budget, limits: Limits::of(mesh.face_count()) }.run(progress)
-}
-
-/// When a cell is distributed and when the search ends. Fixed by the mesh, as they may show in the findings.
-#[derive(Debug, Clone)]
-struct Limits {
-    held: u64,
-    cells: usize,
-    sample: u64,
-    pairs: u64,
-    work: u64,
-}
-
-impl Limits {
-    fn of(triangles: u64) -> Limits {
-        let (base, each) = MOST_WORK;
-        let work = base.saturating_add(triangles.saturating_mul(each));
-        Limits { held: HELD as u64, cells: CELLS, sample: SAMPLE, pairs: MOST_PAIRS, work }
-    }
-
-    /// Cells for so many triangles.
-    fn cells_for(&self, triangles: u64) -> usize {
-        let meant = MEANT.min(self.held.div_ceil(4));
-        triangles.div_ceil(meant).clamp(2, self.cells as u64) as usize
-    }
-}
-
-/// What the cells so far have shown.
-#[derive(Debug, Default)]
-struct Found {
-    pairs: u64,
-    /// The numbers of triangles that intersect another, some of them several times.
-    involved: Vec<u64>,
-    first: Option<Intersection>,
-    work: u64,
-    complete: bool,
-}
-
-impl Found {
-    fn add(&mut self, other: Found) {
-        self.pairs += other.pairs;
-        self.involved.extend(other.involved);
-        Intersection::keep_first(&mut self.first, other.first);
-        self.work = self.work.saturating_add(other.work);
-        self.complete &= other.complete;
-    }
-
-    /// Whether the search is to end before its time.
-    fn enough(&self, limits: &Limits) -> bool {
-        self.pairs > limits.pairs || self.work >= limits.work
-    }
 }
 
 struct Search<'a> {
@@ -373,15 +294,6 @@ impl Search<'_> {
         }
         Ok(())
     }
-}
-
-/// A triangle with all that the search needs: 92 bytes.
-#[derive(Debug, Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
-#[repr(C, packed)]
-struct Record {
-    corners: [[f64; 3]; 3],
-    vertices: [u32; 3],
-    number: u64,
 }
 
 /// Puts a record on the piles of all cells that its triangle's box touches.

@@ -1,7 +1,7 @@
 //! The triangles of one cell, in memory: cut on until few are together, then each with each.
 
 use super::cells::{Cell, Cuboid, Cut};
-use super::{Found, Intersection, Limits, Record};
+use super::found::{Found, Intersection, Limits, Record};
 use crate::mesh::intersect::intersect;
 
 /// So few triangles are not cut on.

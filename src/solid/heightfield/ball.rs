@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use super::columns::{Asked, DATA, Ground, KEPT, LIVE_COLUMN, Lines};
 use super::heights::without_pinches;
-use super::{Asked, DATA, Ground, KEPT, LIVE_COLUMN, Lines};
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::dilate::Ball;

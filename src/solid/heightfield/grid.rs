@@ -1,6 +1,6 @@
 //! The grid that a surface which is not closed needs: turned to where it was seen from, with a margin round the points.
 
-use super::{Up, margin};
+use super::columns::{Up, margin};
 use crate::error::{Error, Result};
 use crate::grid::dilate::Ball;
 use crate::grid::{Cell, Grid, Turn};

@@ -1,6 +1,6 @@
 //! Heights of columns: which are kept, and those interpolated where there are no points, on a lattice of ever coarser cells.
 
-use super::{Asked, DATA, Found, KEPT, LIVE_COLUMN, NOTHING, live_reach};
+use super::columns::{Asked, DATA, Found, KEPT, LIVE_COLUMN, NOTHING, live_reach};
 
 /// The columns of a job's slices, and of a coarsest cell's more on either side.
 pub struct Patch {

@@ -16,147 +16,19 @@
 //! column, in temporary storage.
 
 mod ball;
-mod columns;
+pub mod columns;
 mod grid;
 mod heights;
 
-use std::ops::Range;
-
-use bytemuck::Pod;
-
 use self::ball::filled;
-pub use self::columns::Columns;
+pub use self::columns::{Asked, Columns, DATA, Found, Ground, KEPT, LIVE_COLUMN, Up, live_reach, margin};
+use self::columns::{Lines, NOTHING};
 use self::heights::Patch;
 use crate::error::Result;
 use crate::grid::context::{CHUNK_SLICES, Context};
-use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Runs, SliceStore};
 use crate::solid::Solid;
-use crate::storage::spool::Spool;
-
-/// Columns round those that are kept whose faces are made, so that what is kept is as it would be on a closed surface: vertices with a point lie
-/// within five of a column with points, and the triangles round their neighbours within seven. For one step of smoothing.
-const LIVE: u32 = 7;
-
-/// Columns that are made round those that are kept, after `smooth` steps of smoothing: each further one sees two more.
-pub fn live_reach(smooth: u32) -> u32 {
-    LIVE + 2 * (smooth.max(1) - 1)
-}
-
-/// Cells of margin that the grid needs on all sides but above.
-pub fn margin(smooth: u32) -> u32 {
-    live_reach(smooth) + 2
-}
-
-/// The direction that the surface is seen from, along a grid axis that is not the slices'.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Up {
-    /// Grid axis 0 (along rows) or 2 (across rows).
-    pub axis: usize,
-    /// Whether up is the way of growing coordinates.
-    pub positive: bool,
-}
-
-impl Up {
-    /// The grid axis along which a slice's columns are numbered.
-    pub fn across(self) -> usize {
-        2 - self.axis
-    }
-
-    /// The height above the bottom of a place along the up axis, where `cells` lie along it, or the reverse.
-    fn turn(self, at: f64, cells: u32) -> f64 {
-        if self.positive { at } else { f64::from(cells) - at }
-    }
-}
-
-/// What is asked of the ground.
-#[derive(Debug, Clone, Copy)]
-pub struct Asked {
-    /// From where it is seen.
-    pub up: Up,
-    /// Radius of the disc that bridges holes, in cells.
-    pub bridge: u32,
-    /// The ball that rolls over it.
-    pub ball: Ball,
-    /// Whether the kept columns alone are solid, down to the bottom of the grid, and the mesh is closed.
-    pub base: bool,
-    /// The highest step, in cells, whose wall is kept; all are if there is none.
-    pub jump: Option<u32>,
-    /// Steps of smoothing.
-    pub smooth: u32,
-}
-
-/// The column holds points.
-pub const DATA: u8 = 1;
-/// It holds points, or is bridged.
-pub const KEPT: u8 = 2;
-/// It is kept, or near a column that is.
-pub const LIVE_COLUMN: u8 = 4;
-
-/// The columns of a cloud, slice by slice.
-#[derive(Debug)]
-pub struct Ground {
-    /// From where it is seen.
-    pub up: Up,
-    /// Whether faces are left out: those of columns that are not kept. Else the mesh is closed.
-    pub trimmed: bool,
-    /// Cells along the up axis.
-    cells_up: u32,
-    /// Height above the bottom, in cells; NaN where there is nothing near to interpolate.
-    heights: Lines<f32>,
-    flags: Lines<u8>,
-    /// What was found.
-    pub found: Found,
-}
-
-/// Numbers of columns.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Found {
-    /// Columns with points.
-    pub data: u64,
-    /// Columns without points that are bridged.
-    pub bridged: u64,
-}
-
-/// Lines of equal length, one for each slice, written in order.
-#[derive(Debug)]
-struct Lines<T> {
-    spool: Spool,
-    width: usize,
-    kind: std::marker::PhantomData<T>,
-}
-
-impl<T: Pod> Lines<T> {
-    fn new(width: u32, context: &Context) -> Lines<T> {
-        let spool = context.workspace.spool(context.memory.store_quota);
-        Lines { spool, width: width as usize, kind: std::marker::PhantomData }
-    }
-
-    fn append(&mut self, lines: &[T]) -> Result<()> {
-        self.spool.append(bytemuck::cast_slice(lines)).map(|_| ())
-    }
-
-    fn slices(&self) -> i64 {
-        (self.spool.len() as usize / size_of::<T>() / self.width) as i64
-    }
-
-    /// The lines of some slices, one behind the other; those that do not exist hold `none`.
-    fn read(&self, slices: Range<i64>, none: T) -> Result<Vec<T>> {
-        let mut out = vec![none; (slices.end - slices.start) as usize * self.width];
-        let there = slices.start.clamp(0, self.slices())..slices.end.clamp(0, self.slices());
-        if !there.is_empty() {
-            let first = (there.start - slices.start) as usize * self.width;
-            let len = (there.end - there.start) as usize * self.width;
-            let at = there.start as u64 * (self.width * size_of::<T>()) as u64;
-            self.spool.read_at(at, bytemuck::cast_slice_mut(&mut out[first..first + len]))?;
-        }
-        Ok(out)
-    }
-}
-
-/// No cell of the column is occupied.
-const NOTHING: u32 = u32::MAX;
 
 /// Finds the columns and makes the solid of them. The solid's ground is set.
 ///

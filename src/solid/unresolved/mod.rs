@@ -24,13 +24,14 @@ use bytemuck::{Pod, Zeroable};
 use crate::error::Result;
 use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::{Ball, Dilation};
-use crate::grid::label::{Labeller, Labels, Measure, Parts};
+use crate::grid::label::{Labeller, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
-use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices, clip};
+use crate::grid::slice::{Bits, Run, Runs, clip};
 use crate::grid::window::Window;
+use crate::solid::change::Change;
 use crate::solid::dents::Lining;
-use crate::solid::exterior::{Padded, Scratch, invert};
-use crate::solid::{Solid, faces, move_back};
+use crate::solid::exterior::{Padded, invert};
+use crate::solid::{Solid, move_back};
 
 /// Groups of as many cells are seen well enough to be believed.
 const BELIEVED: u64 = 64;
@@ -44,15 +45,6 @@ const CUBE: u32 = 3;
 /// The verdicts on groups.
 const STAYS: u8 = 0;
 const CHANGES: u8 = 1;
-
-/// What is looked for, and how the solid is changed where it is found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Change {
-    /// Spikes are taken away.
-    Removed,
-    /// Pits are filled.
-    Filled,
-}
 
 /// Eight times what the corner between 2 x 2 x 2 cells adds to χ of solid cells joined by faces: cells − pairs that share a face + squares of four −
 /// cubes of eight. Bit x + 2 z + 4 y of the pattern is the cell's. A cell is shared by 8 corners, a pair by 4, a square by 2.
@@ -160,49 +152,6 @@ impl Solid {
             }
         }
         Ok(solid)
-    }
-
-    /// The solid with the groups changed that have a verdict.
-    pub(super) fn changed(&self, labels: &Labels, verdict: u8, change: Change, context: &Context) -> Result<Solid> {
-        let [width, slices, rows] = self.cells;
-        let store = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut out =
-            Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize), ground: None };
-        let mut jobs = chunks(slices);
-        context.workers.in_order(
-            context.jobs(1, self.cells),
-            || Ok(jobs.next()),
-            |chunk| {
-                let (mut runs, mut scratch) = (Runs::default(), Scratch::default());
-                let mut bits = [(); 3].map(|()| Bits::new(width, rows));
-                let [slice, below, group] = &mut bits;
-                let (mut volume, mut faces_of, mut out) = (0, Vec::with_capacity(chunk.len()), Slices::default());
-                for y in chunk.start.saturating_sub(1)..chunk.end {
-                    self.store.paint(y.into(), slice, &mut runs)?;
-                    match change {
-                        Change::Filled => labels.paint(y, verdict, slice, &mut scratch)?,
-                        Change::Removed => {
-                            group.clear();
-                            labels.paint(y, verdict, group, &mut scratch)?;
-                            slice.and_not(group);
-                        }
-                    }
-                    if y >= chunk.start {
-                        volume += slice.cell_count();
-                        faces_of.push(faces(slice, below));
-                        out.push(slice);
-                    }
-                    std::mem::swap(slice, below);
-                }
-                Ok((volume, faces_of, out))
-            },
-            |(volume, faces_of, slices)| {
-                out.volume += volume;
-                out.faces.extend(faces_of);
-                out.store.extend(&slices)
-            },
-        )?;
-        Ok(out)
     }
 }
 

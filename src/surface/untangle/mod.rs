@@ -16,36 +16,17 @@
 pub mod broad_phase;
 pub mod quantized;
 pub mod star;
+pub mod submesh;
 
 use std::cell::Cell;
 
-use self::broad_phase::{Near, Places, Suspects};
-use self::star::{Fan, all_fans, cross, fan_is_free, minus};
+use self::broad_phase::{Near, Suspects};
+use self::star::{Fan, all_fans, fan_is_free};
+use self::submesh::Piece;
 use crate::mesh::intersect::intersect;
+use crate::points::vector::{cross, minus};
 use crate::surface::contract::{NONE, is_gone};
 use crate::surface::vertex_state::Fate;
-
-/// A part of the mesh in which vertices may retreat.
-pub trait Piece: Places {
-    /// One more than the highest vertex of a known triangle.
-    fn vertices(&self) -> u32;
-    /// The place of a vertex, as it is going to be written.
-    fn place(&self, v: u32) -> [f64; 3];
-    /// The corners (3 × triangle + position) that were `v`'s before any contraction.
-    fn corners(&self, v: u32) -> impl Iterator<Item = u32>;
-    /// The next vertex of `v`'s cluster, or [`NONE`].
-    fn also(&self, v: u32) -> u32;
-    /// Whether all triangles at `v` are in the piece.
-    fn is_whole(&self, v: u32) -> bool;
-    /// Whether `v` must stay as it is.
-    fn is_settled(&self, v: u32) -> bool;
-    /// Whether triangle `t` is written in the end.
-    fn is_kept(&self, t: u32) -> bool;
-    /// What became of `v`.
-    fn fate(&self, v: u32) -> Fate;
-    /// Gives the corners that were `v`'s to `survivor`, and sets the rest of its state.
-    fn put(&mut self, v: u32, survivor: u32, also: u32, fate: Fate);
-}
 
 /// Lets vertices retreat until no two known triangles intersect, given that only pairs with a suspect can. The number of pairs that still do:
 /// not zero only if cells are too small for the precision of coordinates, or if a settled vertex would have to move.

@@ -13,9 +13,10 @@ use std::cell::Cell;
 
 use robust::{Coord, orient2d};
 
+use crate::points::vector::{cross, minus};
 use crate::surface::contract::{NONE, is_gone};
-use crate::surface::untangle::Piece;
 use crate::surface::untangle::broad_phase::corners;
+use crate::surface::untangle::submesh::Piece;
 
 /// What is known of the triangles at a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -169,19 +170,4 @@ fn goes_round_once(centre: [f64; 3], link: &[([f64; 3], [f64; 3])], axis: usize)
         if first > 0.0 { crosses(a, b) } else { crosses(b, a) }
     });
     crossings.count() == 1
-}
-
-/// The difference of two places.
-#[inline]
-pub fn minus(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|a| p[a] - q[a])
-}
-
-/// The cross product.
-#[inline]
-pub fn cross(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|a| {
-        let (b, c) = ((a + 1) % 3, (a + 2) % 3);
-        p[b] * q[c] - p[c] * q[b]
-    })
 }

@@ -1,0 +1,61 @@
+//! Change: groups of cells that have a verdict are filled, or taken away.
+
+use crate::error::Result;
+use crate::grid::context::{Context, chunks};
+use crate::grid::label::{Labels, Scratch};
+use crate::grid::slice::{Bits, Runs, SliceStore, Slices};
+use crate::solid::{Solid, faces};
+
+/// How cells that have a verdict change the solid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Change {
+    /// They are taken away.
+    Removed,
+    /// They are filled.
+    Filled,
+}
+
+impl Solid {
+    /// The solid with the groups changed that have a verdict.
+    pub(super) fn changed(&self, labels: &Labels, verdict: u8, change: Change, context: &Context) -> Result<Solid> {
+        let [width, slices, rows] = self.cells;
+        let store = SliceStore::new(&context.workspace, context.memory.store_quota);
+        let mut out =
+            Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize), ground: None };
+        let mut jobs = chunks(slices);
+        context.workers.in_order(
+            context.jobs(1, self.cells),
+            || Ok(jobs.next()),
+            |chunk| {
+                let (mut runs, mut scratch) = (Runs::default(), Scratch::default());
+                let mut bits = [(); 3].map(|()| Bits::new(width, rows));
+                let [slice, below, group] = &mut bits;
+                let (mut volume, mut faces_of, mut out) = (0, Vec::with_capacity(chunk.len()), Slices::default());
+                for y in chunk.start.saturating_sub(1)..chunk.end {
+                    self.store.paint(y.into(), slice, &mut runs)?;
+                    match change {
+                        Change::Filled => labels.paint(y, verdict, slice, &mut scratch)?,
+                        Change::Removed => {
+                            group.clear();
+                            labels.paint(y, verdict, group, &mut scratch)?;
+                            slice.and_not(group);
+                        }
+                    }
+                    if y >= chunk.start {
+                        volume += slice.cell_count();
+                        faces_of.push(faces(slice, below));
+                        out.push(slice);
+                    }
+                    std::mem::swap(slice, below);
+                }
+                Ok((volume, faces_of, out))
+            },
+            |(volume, faces_of, slices)| {
+                out.volume += volume;
+                out.faces.extend(faces_of);
+                out.store.extend(&slices)
+            },
+        )?;
+        Ok(out)
+    }
+}
