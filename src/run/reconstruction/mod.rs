@@ -11,7 +11,6 @@ use crossbeam_channel::RecvTimeoutError;
 
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
-
 use crate::input::{Arrays, Cloud, Filter, PointSlice, PointSource, Values};
 use crate::mesh::MeshSource;
 use crate::mesh::check::check;
@@ -25,11 +24,12 @@ use crate::run::pipeline::reconstruct;
 use crate::run::progress::{Observer, Progress};
 use crate::run::report::OutputReport;
 use crate::run::{self, Check, Job};
-use crate::settings::closing::{Least, Sealing};
-use crate::settings::{AxisChoice, Fineness, Resolution};
-
+use crate::settings::Fineness;
+use crate::settings::closing::Least;
+use crate::settings::closing::Sealing;
 use crate::settings::open::Open;
 use crate::settings::surface::Fit;
+use crate::settings::{AxisChoice, Resolution};
 use crate::storage::spool::Workspace;
 
 pub use mesh::{Mesh, MeshSink};
