@@ -1,14 +1,20 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
+// What only some of the features need stands beside what all do.
+#![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
 
+#[cfg(feature = "cli")]
 pub mod cli;
+#[cfg(feature = "compare")]
 pub mod compare;
 pub mod error;
 pub mod format;
+#[cfg(feature = "generate")]
 pub mod generate;
 pub mod grid;
 pub mod input;
 pub mod mesh;
 pub mod points;
+#[cfg(feature = "render")]
 pub mod render;
 pub mod resources;
 pub mod run;
@@ -20,7 +26,7 @@ pub mod storage;
 pub mod surface;
 
 pub use error::{Error, Result};
-pub use input::{PointBuffer, PointSlice, PointSource, Values};
+pub use input::{PointBuffer, PointSlice, PointSource, PointSpool, Values};
 pub use points::Precision;
 pub use run::progress::{Observer, Update};
 pub use run::reconstruction::{Mesh, MeshSink, Reconstruction};

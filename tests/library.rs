@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use asra_stream::points::attribute::Attribute;
 use asra_stream::points::scalar::Scalar;
 use asra_stream::{
-    Error, Mesh, MeshSink, Observer, PointBuffer, PointSource, Precision, Reconstruction, Result, Update,
+    Error, Mesh, MeshSink, Observer, PointBuffer, PointSource, PointSpool, Precision, Reconstruction, Result, Update,
 };
 
 /// Points on a sphere round a centre.
@@ -289,4 +289,35 @@ fn a_sink_gets_the_whole_mesh() {
     assert_eq!(report.output.triangles, taken.triangles.len() as u64);
     let mut full = Taken { full: true, ..Taken::default() };
     assert!(matches!(cloud().run_into(&mut full), Err(Error::Source(_))));
+}
+
+#[test]
+fn points_that_come_in_pieces_are_those_of_one_piece() {
+    let source = counting(u64::MAX, false);
+    let mut spool = PointSpool::new(Precision::Double, source.attributes(), 1 << 20, None).unwrap();
+    struct Part<'a>(&'a Counting, Range<u64>);
+    impl PointSource for Part<'_> {
+        fn len(&self) -> u64 {
+            self.1.end - self.1.start
+        }
+        fn precision(&self) -> Precision {
+            Precision::Double
+        }
+        fn attributes(&self) -> Vec<Attribute> {
+            self.0.attributes()
+        }
+        fn read(&self, range: Range<u64>, out: &mut PointBuffer) -> Result<()> {
+            self.0.read(range.start + self.1.start..range.end + self.1.start, out)
+        }
+    }
+    for range in [0..1, 1..1, 1..100_000, 100_000..200_000] {
+        spool.append(&Part(&source, range)).unwrap();
+    }
+    let whole = Reconstruction::from_source(&source).run().unwrap();
+    let mesh = Reconstruction::from_source(&spool).run().unwrap();
+    assert!(same(&mesh, &whole) && mesh.attribute("half").unwrap() == whole.attribute("half").unwrap());
+    let mut single = PointSpool::new(Precision::Single, source.attributes(), 0, None).unwrap();
+    assert!(single.append(&source).unwrap_err().to_string().contains("double precision"));
+    let mut bare = PointSpool::new(Precision::Double, Vec::new(), 0, None).unwrap();
+    assert!(bare.append(&source).unwrap_err().to_string().contains("other attributes"));
 }

@@ -6,6 +6,7 @@ mod outputs;
 mod signals;
 mod sizes;
 
+use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -13,7 +14,7 @@ use clap::Parser;
 use serde_json::json;
 
 use crate::error::defect;
-use crate::error::{Error, Kind};
+use crate::error::{Error, Kind, Result};
 use crate::run::progress::{Progress, Show};
 use crate::storage::bus;
 
@@ -21,18 +22,23 @@ pub use args::{Arguments, Command};
 
 /// Parses the command line, does what it says, and gives the exit code.
 pub fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    ExitCode::from(run(std::env::args_os()))
+}
+
+/// [`main`] for arguments of which the first is the program's name.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments = match Arguments::try_parse_from(arguments) {
         Ok(arguments) => arguments,
         Err(words) => {
             // Help and version come this way, too, and are no failure. A closed pipe is none either.
             let _ = words.print();
-            return ExitCode::from(words.exit_code() as u8);
+            return words.exit_code() as u8;
         }
     };
     defect::keep_for_the_error();
     bus::survive();
     let mut progress = Progress::new(arguments.show());
-    let code = match defect::caught(|| commands::execute(arguments, &mut progress)) {
+    match defect::caught(|| commands::execute(arguments, &mut progress)) {
         Ok(kind) => {
             let code = kind.row().codes[0];
             progress.finished(json!({ "exit_code": code, "kind": kind }));
@@ -49,8 +55,15 @@ pub fn main() -> ExitCode {
             }
             code
         }
-    };
-    ExitCode::from(code)
+    }
+}
+
+/// What a command line asks for, in whose arguments the first is the program's name: for programs that offer the command's options under their own names.
+///
+/// # Errors
+/// [`Error::Usage`], with the words that the command would print.
+pub fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments> {
+    Arguments::try_parse_from(arguments).map_err(|words| Error::Usage(words.render().to_string().trim_end().to_owned()))
 }
 
 /// The exit code of a command that failed.

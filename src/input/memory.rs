@@ -66,8 +66,8 @@ pub trait PointSource: Sync {
 /// Where a [`PointSource`] puts its points.
 #[derive(Debug)]
 pub struct PointBuffer<'a> {
-    points: &'a mut Points,
-    records: &'a mut Vec<u8>,
+    pub(super) points: &'a mut Points,
+    pub(super) records: &'a mut Vec<u8>,
 }
 
 impl PointBuffer<'_> {

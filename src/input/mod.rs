@@ -15,6 +15,7 @@
 mod detect;
 mod files;
 mod memory;
+mod spooled;
 pub mod tally;
 
 use std::path::{Path, PathBuf};
@@ -44,6 +45,7 @@ pub use crate::points::filter::{Filter, Returns, Withheld};
 pub use files::{Found, expand, find};
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
+pub use spooled::PointSpool;
 
 /// Memory for opening where nobody names a budget.
 const OPENING_MEMORY: u64 = 64 << 20;

@@ -3,6 +3,7 @@
 #![allow(unsafe_code)]
 
 /// Memory that is given back waits so many milliseconds, for whoever takes some next, unless the allocator's variable in the environment says otherwise.
+#[cfg(feature = "allocator")]
 pub fn give_back_after(milliseconds: i64) {
     /// `mi_option_purge_delay` of version 2, which the bindings do not name.
     const PURGE_DELAY: libmimalloc_sys::mi_option_t = 15;
@@ -15,5 +16,8 @@ pub fn give_back_after(milliseconds: i64) {
 /// Gives back what this thread has freed, now: however long ago it was, the allocator looks at its clock only when it is called.
 pub fn give_back() {
     // SAFETY: it touches freed memory only, and may be called at any time.
-    unsafe { libmimalloc_sys::mi_collect(true) };
+    #[cfg(feature = "allocator")]
+    unsafe {
+        libmimalloc_sys::mi_collect(true)
+    };
 }

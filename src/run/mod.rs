@@ -6,6 +6,7 @@ pub mod looks;
 pub mod phase;
 pub mod pipeline;
 pub mod planner;
+#[cfg(feature = "render")]
 pub mod preview;
 pub mod progress;
 pub mod reconstruction;
@@ -20,6 +21,7 @@ use std::time::Instant;
 use self::estimate::WORTH_IT;
 use self::forecast::Known;
 use self::pipeline::{Reconstructed, Sampling, Surveyed, context, reconstruct, rehearsed, survey_cloud, survey_with};
+#[cfg(feature = "render")]
 use self::preview::{DrawnPreview, PlannedPreview, Preview};
 use self::progress::Progress;
 use self::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
@@ -37,6 +39,7 @@ use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::attribute::Wanted;
 use crate::points::unit::Unit;
+#[cfg(feature = "render")]
 use crate::render;
 use crate::resources::machine;
 use crate::resources::memory::MemoryPlan;
@@ -66,6 +69,7 @@ pub struct Job {
     /// The units of lengths in [`Job::settings`] and [`Job::tile`], where these are not the input's.
     pub units: Units,
     /// Whether a picture of the mesh is drawn, too.
+    #[cfg(feature = "render")]
     pub preview: Preview,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
@@ -78,6 +82,14 @@ pub struct Job {
 }
 
 impl Job {
+    /// Whether a picture of the mesh is drawn, too.
+    fn is_drawn(&self) -> bool {
+        #[cfg(feature = "render")]
+        return self.preview != Preview::None;
+        #[cfg(not(feature = "render"))]
+        false
+    }
+
     /// A job with the command's defaults.
     pub fn new(inputs: impl IntoIterator<Item = impl Into<PathBuf>>) -> Job {
         Job {
@@ -87,6 +99,7 @@ impl Job {
             output: None,
             tile: None,
             units: Units::default(),
+            #[cfg(feature = "render")]
             preview: Preview::None,
             overwrite: Overwrite::Refuse,
             positions: None,
@@ -116,7 +129,7 @@ impl Job {
     ///
     /// # Errors
     /// [`Error::Usage`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
-    fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
+    pub(crate) fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
         let Units { cell_size, seal, max_hole, base, tile } = self.units;
         let length = |option: &str, length: f64, unit: Option<Unit>| {
             unit.map_or(Ok(length), |unit| cloud.length(option, length, unit))
@@ -394,7 +407,7 @@ fn known(job: &Job, files: &[PathBuf], passes: Passes) -> Known {
             triangles: forecast::triangles(points),
             open: job.settings.open.is_some(),
             checked: job.check == Check::Always,
-            drawn: job.preview != Preview::None,
+            drawn: job.is_drawn(),
             write: match (job.tile, job.check) {
                 (Some(_), _) => forecast::Write::Tiles,
                 (None, Check::Always) => forecast::Write::Meanwhile,
@@ -518,6 +531,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         None => Place::File(Target::prepare(&output, job.overwrite, positions)?),
         Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, positions)?),
     };
+    #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
     let workspace = job.means.workspace(&output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
@@ -532,8 +546,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
     }
     let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, job.means.budget(), progress)?;
+    #[cfg(feature = "render")]
     let picture = picture
         .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));
+    #[cfg(feature = "render")]
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
@@ -562,12 +578,15 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         refuse_unsound(&report, &settings)?;
         checked = Some(report);
     }
-    let mut drawn = None;
-    if let Some(picture) = picture {
-        progress.begin(Phase::Render, Some(made.mesh.face_count()));
-        drawn =
-            Some(picture.draw(&made.mesh, made.memory.working, workers, &workspace, &mut |done| progress.set(done))?);
-    }
+    #[cfg(feature = "render")]
+    let drawn = match picture {
+        None => None,
+        Some(picture) => {
+            progress.begin(Phase::Render, Some(made.mesh.face_count()));
+            let memory = made.memory.working;
+            Some(picture.draw(&made.mesh, memory, workers, &workspace, &mut |done| progress.set(done))?)
+        }
+    };
     let elements = match &target {
         Place::Tiles(_) => 2 * made.mesh.face_count(),
         Place::File(_) => made.mesh.vertex_count() + made.mesh.face_count(),
@@ -587,7 +606,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             (Tiles::path(&output), written)
         }
     };
+    #[cfg(feature = "render")]
     let preview = drawn.map(DrawnPreview::write).transpose()?;
+    #[cfg(not(feature = "render"))]
+    let preview = None;
     progress.end();
 
     let output = OutputReport {

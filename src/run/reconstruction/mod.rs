@@ -112,6 +112,13 @@ impl<'a> Reconstruction<'a> {
         Reconstruction { points, job: Job::new(inputs), observer: None, refused: None }
     }
 
+    /// All settings of a job at once, in the place of those before, and its means: not its inputs, nor its output.
+    pub fn job(mut self, job: Job) -> Self {
+        let inputs = std::mem::take(&mut self.job.inputs);
+        self.job = Job { inputs, ..job };
+        self
+    }
+
     /// An attribute of points in memory, a value for each: the mesh's vertices get it. Beside files or a source of one's own, which have their own attributes, it
     /// is an error of [`Reconstruction::run`].
     pub fn attribute(mut self, name: &str, values: impl Into<Values<'a>>) -> Self {
@@ -324,6 +331,7 @@ fn made(
     progress: &mut Progress,
     start: Instant,
 ) -> Result<Mesh> {
+    let job = &job.measured_as(cloud)?;
     let (surveyed, settings) = run::surveyed(cloud, &job.settings, workers, progress)?;
     let (surveyed, context) = run::planned(surveyed, &settings, workers, workspace, job.means.budget(), progress)?;
     let made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
