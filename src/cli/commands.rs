@@ -1,9 +1,10 @@
 //! What each subcommand does. Results go to standard output or a file, words to standard error.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use bytesize::ByteSize;
+use serde_json::{Value, json};
 
 use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
@@ -18,10 +19,12 @@ use crate::generate;
 use crate::generate::densify::densify;
 use crate::mesh::check::CheckReport;
 use crate::render;
+use crate::resources::workers::Workers;
 use crate::run::looks::{InfoReport, PlanReport};
 use crate::run::phase::{Forecast, Phase};
-use crate::run::progress::{Progress, Show, Warning};
-use crate::run::{Means, look, plan, run};
+use crate::run::progress::{Observer, Progress, Show, Warning};
+use crate::run::reconstruction::watched;
+use crate::run::{look, plan, run};
 use crate::storage::atomic_file::WholeFile;
 use crate::storage::steady::Steady;
 use crate::{format, mesh};
@@ -48,6 +51,55 @@ pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
         Some(Command::Render(arguments)) => draw(arguments, progress),
         Some(Command::Generate(arguments)) => generate_cloud(arguments, progress),
     }
+}
+
+/// Does what the arguments say, and gives what there is to tell as JSON; an observer hears how far it is. Nothing is printed, and no signal is looked for.
+///
+/// # Errors
+/// Those of the work.
+pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result<Value> {
+    outputs::check(arguments)?;
+    let threads = match &arguments.command {
+        None => arguments.reconstruct.means.means(),
+        Some(Command::Plan(plan)) => plan.means.means(),
+        Some(Command::Info(info)) => info.job()?.means,
+        Some(Command::Check(check)) => check.means.means(),
+        Some(Command::Compare(compare)) => compare.job().means,
+        Some(Command::Densify(densify)) => densify.job().means,
+        Some(Command::Render(render)) => render.means.means(),
+        Some(Command::Generate(generate)) => generate.means(),
+    };
+    let workers = threads.workers()?;
+    watched(observer, &workers, || {
+        let progress = &mut Progress::told(observer);
+        match &arguments.command {
+            None => value(&run(&arguments.reconstruct.job()?, &workers, progress)?),
+            Some(Command::Plan(arguments)) => {
+                value(&PlanReport::of(&plan(&arguments.job()?, &workers, progress)?, workers.threads())?)
+            }
+            Some(Command::Info(arguments)) => value(&InfoReport::of(&look(&arguments.job()?, &workers, progress)?)),
+            Some(Command::Check(arguments)) => {
+                value(&Steady::of([&arguments.mesh]).settle(checked(arguments, &workers, progress))?.0)
+            }
+            Some(Command::Compare(arguments)) => value(&compare(&arguments.job(), &workers, progress)?),
+            Some(Command::Densify(arguments)) => {
+                let made = densify(&arguments.job(), &workers, progress)?;
+                Ok(json!({ "points": made.points, "centroids": made.centroids, "bytes": made.bytes }))
+            }
+            Some(Command::Render(arguments)) => {
+                let (path, triangles) = drawn(arguments, &workers, progress)?;
+                Ok(json!({ "path": path, "triangles": triangles }))
+            }
+            Some(Command::Generate(arguments)) => {
+                let made = generated(arguments, &workers, progress)?;
+                Ok(json!({ "points": made.points, "bytes": made.bytes }))
+            }
+        }
+    })
+}
+
+fn value(report: &impl serde::Serialize) -> Result<Value> {
+    serde_json::to_value(report).map_err(|words| Error::Internal(words.to_string()))
 }
 
 fn reconstruct(arguments: &ReconstructArguments, progress: &mut Progress) -> Result<Kind> {
@@ -90,33 +142,36 @@ fn show_info(arguments: &InfoArguments, progress: &mut Progress) -> Result<Kind>
 
 fn check(arguments: &CheckArguments, progress: &mut Progress) -> Result<Kind> {
     let steady = Steady::of([&arguments.mesh]);
-    reported(json_file(arguments.report.as_deref())?, progress, |progress| steady.settle(checked(arguments, progress)))
+    reported(json_file(arguments.report.as_deref())?, progress, |progress| {
+        let workers = arguments.means.means().workers()?;
+        signals::stop(&workers)?;
+        let (report, kind) = steady.settle(checked(arguments, &workers, progress))?;
+        if !arguments.talk.quiet {
+            print_text(&report.to_string())?;
+        }
+        Ok((report, kind))
+    })
 }
 
 /// How much longer it takes to look for pairs of a triangle that intersect than to check the rest of it.
 const INTERSECT: f64 = 8.0;
 
-fn checked(arguments: &CheckArguments, progress: &mut Progress) -> Result<(CheckReport, Kind)> {
+fn checked(arguments: &CheckArguments, workers: &Workers, progress: &mut Progress) -> Result<(CheckReport, Kind)> {
     let means = arguments.means.means();
-    let workers = means.workers()?;
-    signals::stop(&workers)?;
     let budget = means.budget();
-    let workspace = means.workspace(&arguments.mesh)?.stopped_with(&workers);
+    let workspace = means.workspace(&arguments.mesh)?.stopped_with(workers);
     let mesh = format::read::open(&arguments.mesh, &workspace, budget / 2)?;
     let triangles = mesh.face_count() as f64;
     let pairs = if arguments.no_intersections { 0.0 } else { INTERSECT * triangles };
     progress.expect(Forecast::new([(Phase::Check, triangles), (Phase::Intersect, pairs)]));
     progress.begin(Phase::Check, Some(mesh.face_count()));
-    let mut report = mesh::check::check(&*mesh, budget / 2, &workers, &workspace, &mut |done| progress.set(done))?;
+    let mut report = mesh::check::check(&*mesh, budget / 2, workers, &workspace, &mut |done| progress.set(done))?;
     if !arguments.no_intersections {
         progress.begin(Phase::Intersect, Some(mesh.face_count()));
         let mut told = |done| progress.set(done);
-        report.intersections = Some(mesh::check::intersections(&*mesh, budget / 2, &workers, &workspace, &mut told)?);
+        report.intersections = Some(mesh::check::intersections(&*mesh, budget / 2, workers, &workspace, &mut told)?);
     }
     progress.end();
-    if !arguments.talk.quiet {
-        print_text(&report.to_string())?;
-    }
     let kind = if report.is_sound(arguments.open) { Kind::Done } else { Kind::Found };
     Ok((report, kind))
 }
@@ -150,9 +205,19 @@ fn densify_cloud(arguments: &DensifyArguments, progress: &mut Progress) -> Resul
 }
 
 fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {
-    let means = arguments.means.means();
-    let workers = means.workers()?;
+    let workers = arguments.means.means().workers()?;
     signals::stop(&workers)?;
+    let (output, triangles) = drawn(arguments, &workers, progress)?;
+    if triangles == 0 {
+        progress.warn(&Warning::bare("the picture is empty: the mesh has no triangle with finite corners"));
+    }
+    progress.note(&format!("{}: {} triangles", output.display(), thousands(triangles)));
+    Ok(Kind::Done)
+}
+
+/// Draws; gives the picture's path and the number of triangles in it.
+fn drawn(arguments: &RenderArguments, workers: &Workers, progress: &mut Progress) -> Result<(PathBuf, u64)> {
+    let means = arguments.means.means();
     let options = arguments.options(format::read::told_crs(&arguments.mesh).and_then(|crs| crs.measure()));
     let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
     // Of the budget: an eighth for a mesh that has to be converted, another for the process.
@@ -162,29 +227,35 @@ fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {
         return Err(Error::Budget { given, needed, what: "a picture of this size" });
     }
     let file = render::picture_file(&output, overwrite(arguments.overwrite))?;
-    let workspace = means.workspace(&output)?.stopped_with(&workers);
+    let workspace = means.workspace(&output)?.stopped_with(workers);
     let steady = Steady::of([&arguments.mesh]);
     let mut drawn = || {
         let mesh = format::read::open_with(&arguments.mesh, &workspace, budget / 8, &options.colour_by.wanted())?;
         progress.expect(Forecast::new([(Phase::Render, 1.0)]));
         progress.begin(Phase::Render, Some(mesh.face_count()));
         let told = &mut |done| progress.set(done);
-        render::render(&*mesh, &options, budget / 4 * 3, &workers, &workspace, told)
+        render::render(&*mesh, &options, budget / 4 * 3, workers, &workspace, told)
     };
     let picture = steady.settle(drawn())?;
     picture.write(file)?;
     progress.end();
-    if picture.triangles == 0 {
-        progress.warn(&Warning::bare("the picture is empty: the mesh has no triangle with finite corners"));
-    }
-    progress.note(&format!("{}: {} triangles", output.display(), thousands(picture.triangles)));
-    Ok(Kind::Done)
+    Ok((output, picture.triangles))
 }
 
 fn generate_cloud(arguments: &GenerateArguments, progress: &mut Progress) -> Result<Kind> {
-    let means = Means { threads: arguments.threads.map(usize::from), ..Means::default() };
-    let workers = means.workers()?;
+    let workers = arguments.means().workers()?;
     signals::stop(&workers)?;
+    let made = generated(arguments, &workers, progress)?;
+    progress.note(&format!(
+        "{}: {} points, {}",
+        arguments.output.display(),
+        thousands(made.points),
+        ByteSize(made.bytes)
+    ));
+    Ok(Kind::Done)
+}
+
+fn generated(arguments: &GenerateArguments, workers: &Workers, progress: &mut Progress) -> Result<generate::Summary> {
     let options = generate::Options {
         seed: arguments.seed,
         noise: arguments.noise,
@@ -195,15 +266,9 @@ fn generate_cloud(arguments: &GenerateArguments, progress: &mut Progress) -> Res
     };
     progress.expect(Forecast::new([(Phase::Generate, 1.0)]));
     progress.begin(Phase::Generate, Some(arguments.points));
-    let made = generate::generate(&options, &workers, &mut |done| progress.set(done))?;
+    let made = generate::generate(&options, workers, &mut |done| progress.set(done))?;
     progress.end();
-    progress.note(&format!(
-        "{}: {} points, {}",
-        arguments.output.display(),
-        thousands(made.points),
-        ByteSize(made.bytes)
-    ));
-    Ok(Kind::Done)
+    Ok(made)
 }
 
 /// The report's file, created before the work.

@@ -19,6 +19,7 @@ use crate::run::progress::{Progress, Show};
 use crate::storage::bus;
 
 pub use args::{Arguments, Command};
+pub use commands::outcome;
 
 /// Parses the command line, does what it says, and gives the exit code.
 pub fn main() -> ExitCode {
@@ -67,7 +68,7 @@ pub fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments
 }
 
 /// The exit code of a command that failed.
-fn exit_code(error: &Error) -> u8 {
+pub fn exit_code(error: &Error) -> u8 {
     match error.kind() {
         Kind::Signal => signals::exit_code(),
         kind => kind.row().codes[0],

@@ -572,6 +572,13 @@ impl InfoArguments {
     }
 }
 
+impl GenerateArguments {
+    /// What may be used.
+    pub fn means(&self) -> Means {
+        Means { threads: self.threads.map(usize::from), ..Means::default() }
+    }
+}
+
 fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
     let (input, settings, units) = (cloud.input()?, cloud.settings()?, cloud.units());
     Ok(Job { input, settings, units, means, ..Job::new(&cloud.inputs) })

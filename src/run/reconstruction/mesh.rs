@@ -11,6 +11,7 @@ use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::Precision;
 use crate::points::attribute::Schema;
 use crate::points::crs::Crs;
+use crate::points::scalar::Scalar;
 use crate::resources::workers::Workers;
 use crate::run::report::Report;
 use crate::storage::atomic_file::Overwrite;
@@ -129,6 +130,26 @@ impl Mesh {
         let mut out = vec![0.0; self.vertex_count()];
         self.spool.read_attribute(number, 0, &mut out)?;
         Ok(out)
+    }
+
+    /// The values of an attribute at the vertices in their own type, one after the other in the machine's byte order.
+    ///
+    /// # Errors
+    /// As [`Mesh::attribute`].
+    pub fn attribute_bytes(&self, name: &str) -> Result<(Scalar, Vec<u8>)> {
+        let schema = self.spool.schema();
+        let column = schema.column(name);
+        let column = column.ok_or_else(|| Error::Usage(format!("attribute {name:?}: {}", schema.lacks(name))))?;
+        let (stride, bytes) = (schema.stride(), column.scalar.bytes());
+        let mut out = Vec::with_capacity(self.vertex_count() * bytes);
+        let mut records = vec![0; PIECE * stride];
+        for first in (0..self.vertex_count()).step_by(PIECE) {
+            let records = &mut records[..PIECE.min(self.vertex_count() - first) * stride];
+            self.spool.attribute_bytes().read_at((first * stride) as u64, records)?;
+            let values = records.chunks_exact(stride).map(|record| &record[column.offset..column.offset + bytes]);
+            values.for_each(|value| out.extend_from_slice(value));
+        }
+        Ok((column.scalar, out))
     }
 
     /// The attributes of its vertices, which they have from their points.

@@ -365,7 +365,11 @@ fn made(
 }
 
 /// Does some work, while an observer is asked from time to time whether the workers are to stop.
-fn watched<R>(observer: Option<&dyn Observer>, workers: &Workers, work: impl FnOnce() -> Result<R>) -> Result<R> {
+pub(crate) fn watched<R>(
+    observer: Option<&dyn Observer>,
+    workers: &Workers,
+    work: impl FnOnce() -> Result<R>,
+) -> Result<R> {
     let Some(observer) = observer else { return work() };
     let flag = workers.cancel_flag();
     if observer.is_cancelled() {
