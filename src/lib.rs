@@ -27,9 +27,13 @@ pub mod surface;
 
 pub use error::{Error, Result};
 pub use input::{PointBuffer, PointSlice, PointSource, PointSpool, Values};
+pub use format::write::Positions;
 pub use points::Precision;
+pub use points::attribute::Attribute;
+pub use points::scalar::Scalar;
 pub use run::progress::{Observer, Update};
 pub use run::reconstruction::{Mesh, MeshSink, Reconstruction};
+pub use storage::atomic_file::Overwrite;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,0 +1,159 @@
+"""A finished mesh."""
+
+import functools
+import json
+import os
+import tempfile
+
+import numpy as np
+
+
+class Mesh:
+    """A triangle mesh: closed, oriented and manifold, unless an open surface was asked for. It holds nothing of its cloud.
+
+    Arrays are made when they are first asked for, and kept.
+    """
+
+    def __init__(self, core):
+        self._core = core
+
+    @functools.cached_property
+    def vertices(self):
+        """Vertices, an array (n, 3) in the points' coordinates: ``float32`` if the points were, else ``float64``."""
+        return self._core.vertices()
+
+    @functools.cached_property
+    def local_vertices(self):
+        """Vertices less :attr:`origin`, an array (n, 3) of ``float32``: for graphics."""
+        return self._core.local_vertices()
+
+    @functools.cached_property
+    def triangles(self):
+        """Triangles, an array (m, 3) of ``uint32``: numbers of vertices, counter-clockwise seen from outside."""
+        return self._core.triangles()
+
+    @property
+    def faces(self):
+        """The same array as :attr:`triangles`."""
+        return self.triangles
+
+    @functools.cached_property
+    def attributes(self):
+        """What vertices have from their points: names to arrays of n numbers, in the points' types."""
+        out = {}
+        for name in self._core.attribute_names():
+            dtype, values = self._core.attribute(name)
+            out[name] = values.view(dtype)
+        return out
+
+    @property
+    def colors(self):
+        """Colours of the vertices, an array (n, 3), or None."""
+        if all(name in self.attributes for name in ("red", "green", "blue")):
+            return np.stack([self.attributes[name] for name in ("red", "green", "blue")], axis=1)
+        return None
+
+    @property
+    def origin(self):
+        """What is taken off :attr:`local_vertices`, and off vertices in formats of 32 bits: three numbers, zero but for points in double precision far from zero."""
+        return tuple(self._core.origin)
+
+    @property
+    def crs(self):
+        """The reference system of the points: a dict, or None."""
+        text = self._core.crs()
+        return None if text is None else json.loads(text)
+
+    @functools.cached_property
+    def report(self):
+        """What is to be told of its making, as ``--report`` writes it: a dict."""
+        return json.loads(self._core.report())
+
+    @property
+    def is_sealed(self):
+        """Whether it encloses the inside: the samples part inside and outside everywhere."""
+        return self.report["closing"]["sealed"]
+
+    @property
+    def is_closed(self):
+        """Whether every edge has two triangles."""
+        return self.report["check"]["closed"]
+
+    def save(self, path, *, overwrite=False, coordinates=None):
+        """Writes a .ply, .stl, .obj or .glb file, which appears when it is whole. ``coordinates`` is "input" or "local"; what is usual for the format if None."""
+        self._core.save(os.fspath(path), overwrite, coordinates)
+
+    def check(self):
+        """What a strict check finds: a dict."""
+        return json.loads(self._core.check())
+
+    def compare(self, reference, *, progress=None, **options):
+        """How far it lies from a reference, a path or another mesh, and that from it: a dict. Both go through temporary files."""
+        from ._run import compare
+
+        with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
+            own = self._written(folder, "mesh.ply")
+            if isinstance(reference, Mesh):
+                reference = reference._written(folder, "reference.ply")
+            return compare(own, reference, progress=progress, **options)
+
+    def render(self, output=None, *, progress=None, **options):
+        """Draws a picture (PNG) to ``output``; without, gives its bytes."""
+        from ._run import render
+
+        with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
+            own = self._written(folder, "mesh.ply")
+            if output is not None:
+                return render(own, output, progress=progress, **options)
+            picture = os.path.join(folder, "mesh.png")
+            render(own, picture, progress=progress, **options)
+            with open(picture, "rb") as file:
+                return file.read()
+
+    def _written(self, folder, name):
+        path = os.path.join(folder, name)
+        self.save(path)
+        return path
+
+    def to_trimesh(self):
+        """A ``trimesh.Trimesh`` with the same vertices in the same order."""
+        import trimesh
+
+        return trimesh.Trimesh(self.vertices, self.triangles, vertex_colors=_eight_bits(self.colors), process=False)
+
+    def to_open3d(self):
+        """An ``open3d.geometry.TriangleMesh``."""
+        import open3d
+
+        mesh = open3d.geometry.TriangleMesh(
+            open3d.utility.Vector3dVector(self.vertices.astype(np.float64)),
+            open3d.utility.Vector3iVector(self.triangles.astype(np.int32)),
+        )
+        if self.colors is not None:
+            mesh.vertex_colors = open3d.utility.Vector3dVector(_eight_bits(self.colors) / 255.0)
+        return mesh
+
+    def to_pyvista(self):
+        """A ``pyvista.PolyData`` with the attributes as point data."""
+        import pyvista
+
+        mesh = pyvista.PolyData.from_regular_faces(self.vertices, self.triangles)
+        for name, values in self.attributes.items():
+            mesh.point_data[name] = values
+        return mesh
+
+    def __len__(self):
+        """The number of triangles."""
+        return self._core.triangle_count
+
+    def __repr__(self):
+        return f"<asra_stream.Mesh: {self._core.vertex_count:,} vertices, {self._core.triangle_count:,} triangles>"
+
+    def _repr_png_(self):
+        return self.render(size="800x600")
+
+
+def _eight_bits(colors):
+    if colors is None or colors.dtype == np.uint8:
+        return colors
+    return (colors >> 8 if colors.max(initial=0) > 255 else colors).astype(np.uint8)

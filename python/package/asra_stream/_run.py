@@ -1,0 +1,168 @@
+"""Reconstructions, and what else the command does."""
+
+import collections.abc
+import contextlib
+import json
+import os
+
+import numpy as np
+
+from . import _clouds, _core
+from ._mesh import Mesh
+from ._options import words
+
+# Of points in pieces, what stays in memory, if nobody says how much memory there is.
+_PIECES_IN_MEMORY = 64 << 20
+
+
+@contextlib.contextmanager
+def _progress(progress):
+    """What is called with every update: a callable as it is; of True, a bar of tqdm where that is installed, else lines."""
+    if progress is None or progress is False:
+        yield None
+        return
+    if progress is not True:
+        yield progress
+        return
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+
+        def tell(update):
+            if update["ended"]:
+                share = "" if update["fraction"] is None else f"{100 * update['fraction']:4.0f} %  "
+                print(f"{share}{update['stage']}: {update['done']:,} {update['unit']}", flush=True)
+
+        yield tell
+        return
+    with tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
+
+        def show(update):
+            bar.set_description(update["stage"], refresh=False)
+            if update["fraction"] is not None:
+                bar.update(100 * update["fraction"] - bar.n)
+
+        yield show
+
+
+def reconstruct(points, *, attributes=None, progress=None, **options):
+    """Makes a closed mesh, or with ``surface="terrain"`` or ``"sheet"`` an open one, of points without normals.
+
+    Parameters
+    ----------
+    points
+        One of: an array of shape (n, 3), of ``float32`` or ``float64``, read where it lies, whatever its strides (other numbers are converted);
+        an array of records with fields x, y, z, whose other fields are attributes; ``laspy.LasData``; a cloud of Open3D, trimesh or PyVista;
+        a path, a pattern such as ``"tiles/*.laz"``, a folder, or a list of these; or an iterable of arrays as above, which together may be
+        larger than memory: they are kept in temporary storage.
+    attributes : dict, optional
+        Names to arrays of n numbers; ``"rgb"`` to an array (n, 3). The mesh's vertices get them from their points. Not with paths and iterables.
+    progress : callable or bool, optional
+        Called about ten times a second with a dict: stage, unit, done, total, fraction (of the whole run), seconds_left, ended. True shows a bar.
+        What it raises ends the run, and is raised.
+    **options
+        The command's options, with ``_`` for ``-``: ``cell_size="auto"``, ``surface="terrain"``, ``max_memory="2G"``, ``threads=4`` ...
+        Lengths are in the points' unit.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    AsraError
+        A class of its own for each kind of failure, UsageError (a ValueError) for options; TypeError and ValueError for what is no cloud;
+        KeyboardInterrupt within half a second of Ctrl-C.
+
+    The points are not copied as a whole, and must not change meanwhile. Other threads of Python go on.
+    """
+    line = words(options)
+    with _progress(progress) as tell:
+        if _clouds.is_path(points):
+            _no_attributes(attributes, "files")
+            paths = [points] if isinstance(points, (str, os.PathLike)) else list(points)
+            return Mesh(_core.reconstruct_files([os.fspath(path) for path in paths], line, tell))
+        cloud = _clouds.of(points)
+        if cloud is None:
+            if not isinstance(points, collections.abc.Iterable):
+                raise TypeError(f"points: expected an array, a cloud, a path or an iterable of arrays, found {type(points).__name__}")
+            _no_attributes(attributes, "an iterable")
+            return Mesh(_core.reconstruct_spool(_spooled(points, options), line, tell))
+        coordinates, own = cloud
+        named = {**own, **(attributes or {})}
+        columns = [column for name, values in named.items() for column in _clouds.columns(name, values)]
+        if isinstance(coordinates, tuple):
+            return Mesh(_core.reconstruct_columns(list(coordinates), columns, line, tell))
+        if coordinates.flags.c_contiguous and coordinates.dtype in (np.float32, np.float64):
+            return Mesh(_core.reconstruct_rows(coordinates, columns, line, tell))
+        return Mesh(_core.reconstruct_columns([coordinates[:, axis] for axis in range(3)], columns, line, tell))
+
+
+def _no_attributes(attributes, what):
+    if attributes:
+        raise ValueError(f"attributes: {what} have their own; pass them with the points")
+
+
+def _spooled(pieces, options):
+    spool = _core.PointSpool(_PIECES_IN_MEMORY, options.get("temp_dir"))
+    for number, piece in enumerate(pieces):
+        cloud = _clouds.of(piece)
+        if cloud is None:
+            raise TypeError(f"points: piece {number}: expected an array or a cloud, found {type(piece).__name__}")
+        coordinates, own = cloud
+        if not isinstance(coordinates, tuple):
+            coordinates = [coordinates[:, axis] for axis in range(3)]
+        columns = [column for name, values in own.items() for column in _clouds.columns(name, values)]
+        spool.append(list(coordinates), columns)
+    return spool
+
+
+def _executed(command, positional, options, progress=None):
+    with _progress(progress) as tell:
+        line = ["asra-stream", *command, *words(options), *positional]
+        return json.loads(_core.execute(line, tell))
+
+
+def _paths(inputs):
+    inputs = [inputs] if isinstance(inputs, (str, os.PathLike)) else inputs
+    return [os.fspath(path) for path in inputs]
+
+
+def run(inputs, output=None, *, progress=None, **options):
+    """From files to a mesh file, as the command does: the mesh is never held in memory. Gives the report, a dict.
+
+    ``inputs`` is a path, a pattern, a folder or a list of these; ``output`` ends in .ply, .stl, .obj or .glb. Keywords as of :func:`reconstruct`, and
+    ``overwrite``, ``tile``, ``preview`` ...
+    """
+    return _executed([], _paths(inputs), {"output": output, **options}, progress)
+
+
+def info(inputs, *, progress=None, **options):
+    """What is in files: layout, points, box, density, reference system, classes and returns, grid. A dict, see docs/info-and-plan.md."""
+    return _executed(["info"], _paths(inputs), options, progress)
+
+
+def plan(inputs, *, progress=None, **options):
+    """What a run would take: memory, disk, slices, triangles, tiles. A dict, see docs/info-and-plan.md."""
+    return _executed(["plan"], _paths(inputs), options, progress)
+
+
+def check(mesh, *, progress=None, **options):
+    """What a strict check of a mesh file, or a :class:`Mesh`, finds: closed, oriented, manifold, free of self-intersections, genus, area, volume. A dict."""
+    if isinstance(mesh, Mesh):
+        return mesh.check()
+    return _executed(["check"], _paths(mesh), options, progress)
+
+
+def compare(mesh, reference, *, progress=None, **options):
+    """How far a mesh lies from a reference, a mesh or a cloud, and the reference from it. A dict of distances in per cent of the reference's longest side."""
+    if isinstance(mesh, Mesh):
+        return mesh.compare(reference, progress=progress, **options)
+    return _executed(["compare"], _paths([mesh, reference]), options, progress)
+
+
+def render(mesh, output, *, progress=None, **options):
+    """Draws a picture (PNG) of a mesh file, or a :class:`Mesh`: ``views="iso,top"``, ``size="1600x1200"``, ``color_by="height"`` ... Gives its path and triangles."""
+    if isinstance(mesh, Mesh):
+        return mesh.render(output, progress=progress, **options)
+    return _executed(["render"], _paths(mesh), {"output": output, **options}, progress)
