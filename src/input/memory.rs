@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::{BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::error::{Error, Result};
+use crate::format::point_format::{BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Carrying, Schema};
 use crate::points::scalar::Scalar;
 use crate::points::{Batch, Points, Precision};

@@ -9,6 +9,20 @@ use crate::grid::Cell;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::Runs;
 
+/// What a cell of a block is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Side {
+    /// Occupied: a wall.
+    Wall,
+    /// Free, and outside.
+    Outside,
+    /// Free, and inside.
+    Inside,
+    /// Free, on the outer side of walls, but reached from nowhere: not among what is found.
+    Enclosed,
+}
+
 /// Cells added on every side, so that what looks about a cell need not look where the block ends.
 pub const PAD: usize = 4;
 

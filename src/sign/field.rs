@@ -2,11 +2,13 @@
 
 use rayon::prelude::*;
 
-use super::block::Block;
+use super::block::{Block, Side};
 use super::normal::Wall;
 use super::system::System;
-use super::{Side, support};
 use crate::resources::workers::Workers;
+
+/// A component is bare if this part of its border is, and a cavity lined if no more of its border is open.
+pub const BARE: f64 = 0.25;
 
 /// What a face weighs if one of its cells lies between two occupied ones: a gap in a wall, as sparse sampling leaves.
 const GAP: f32 = 0.1;
@@ -126,7 +128,7 @@ impl<'a> Field<'a> {
     }
 
     /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start. Else it is enclosed: a cavity if
-    /// walls line it ([`support::is_lined`]), and else inside.
+    /// walls line it ([`Field::is_lined`]), and else inside.
     pub fn sides(&self) -> Vec<Side> {
         let first = |(occupied, outside): (&bool, &bool)| match (occupied, outside) {
             (true, _) => Side::Wall,
@@ -145,7 +147,7 @@ impl<'a> Field<'a> {
             if sides[cell] == Side::Inside && self.is_outside(cell) {
                 let mut enclosed = Vec::new();
                 self.spread(&mut sides, vec![cell], |cell| enclosed.push(cell));
-                if enclosed.len() < CAVITY || !support::is_lined(self, &enclosed) {
+                if enclosed.len() < CAVITY || !self.is_lined(&enclosed) {
                     // Not outside, and not to be found again.
                     enclosed.into_iter().for_each(|cell| sides[cell] = Side::Enclosed);
                 }
@@ -172,6 +174,19 @@ impl<'a> Field<'a> {
                 }
             }
         }
+    }
+
+    /// Whether what is enclosed is lined by walls, so that it is a cavity that was sampled.
+    pub fn is_lined(&self, enclosed: &[usize]) -> bool {
+        let (mut lined, mut open) = (0u64, 0u64);
+        for &cell in enclosed {
+            for next in self.block.beside(cell) {
+                if !self.is_asked(next) || self.u[next] > 0.0 {
+                    if self.is_open(cell, next) { open += 1 } else { lined += 1 }
+                }
+            }
+        }
+        open as f64 <= BARE * (open + lined) as f64
     }
 }
 

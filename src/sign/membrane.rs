@@ -11,8 +11,7 @@
 //! So the cells round a membrane are asked anew, with those beside walls that part inside and outside held at ±1, and those farther off too. The
 //! field that is harmonic in between is as far from the walls on either side, and its membrane is as flat as the rim lets it be.
 
-use super::Side;
-use super::block::Block;
+use super::block::{Block, Side};
 use super::distance::squared;
 use super::normal::Wall;
 use super::system::System;

@@ -42,7 +42,7 @@ use crate::grid::Cell;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
 
-pub use self::block::Block;
+pub use self::block::{Block, Side};
 use self::field::Field;
 use self::normal::Wall;
 use self::sheet::Sheet;
@@ -58,20 +58,6 @@ const FIRST: f64 = 0.35;
 
 /// Each ball is so many times as large as the next.
 const STEP: f64 = std::f64::consts::SQRT_2;
-
-/// What a cell of the block is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Side {
-    /// Occupied: a wall.
-    Wall,
-    /// Free, and outside.
-    Outside,
-    /// Free, and inside.
-    Inside,
-    /// Free, on the outer side of walls, but reached from nowhere: not among what is found.
-    Enclosed,
-}
 
 /// A level of the pyramid, held whole, and which of its cells are walls.
 #[derive(Debug)]

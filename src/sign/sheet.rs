@@ -10,7 +10,7 @@
 
 use rayon::prelude::*;
 
-use super::Side;
+use super::block::Side;
 use super::block::{Block, PAD};
 use super::distance::squared;
 use super::normal::Wall;

@@ -15,11 +15,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::block::Block;
-use super::field::Field;
+use super::field::{BARE, Field};
 use super::normal::Wall;
-
-/// A component is bare if this part of its border is.
-const BARE: f64 = 0.25;
 
 /// A part of a component is judged by itself if no more than this part of its border leads to other parts,
 const NECK: f64 = 0.6;
@@ -231,17 +228,4 @@ impl Border {
     fn all(&self) -> f64 {
         (self.open + self.lined + self.neck) as f64
     }
-}
-
-/// Whether what is enclosed is lined by walls, so that it is a cavity that was sampled.
-pub fn is_lined(field: &Field<'_>, enclosed: &[usize]) -> bool {
-    let (mut lined, mut open) = (0u64, 0u64);
-    for &cell in enclosed {
-        for next in field.block.beside(cell) {
-            if !field.is_asked(next) || field.u[next] > 0.0 {
-                if field.is_open(cell, next) { open += 1 } else { lined += 1 }
-            }
-        }
-    }
-    open as f64 <= BARE * (open + lined) as f64
 }

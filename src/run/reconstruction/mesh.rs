@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use super::PIECE;
 use crate::error::{Error, Result};
 use crate::format::write::{Positions, Target};
 use crate::mesh::check::{CheckReport, check, intersections};
@@ -16,6 +15,9 @@ use crate::resources::workers::Workers;
 use crate::run::report::Report;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
+
+/// Vertices, or triangles, that are handed on at a time.
+pub(super) const PIECE: usize = 1 << 14;
 
 /// A finished mesh. What does not fit into the memory that the run was granted lies in temporary files without names, for as long as the mesh is held.
 ///

@@ -37,9 +37,6 @@ pub use mesh::{Mesh, MeshSink};
 /// How often an observer is asked whether the run is to end.
 const ASKED_EVERY: Duration = Duration::from_millis(50);
 
-/// Vertices, or triangles, that are handed on at a time.
-const PIECE: usize = 1 << 14;
-
 /// A surface to be made from points.
 ///
 /// Every setting has the default that the command has, and the same name. Lengths are in the unit of the coordinates.

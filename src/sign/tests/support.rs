@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::super::block::Block;
 use super::super::field::Field;
 use super::super::normal::two_sided;
-use super::super::support::{Bare, bare, is_lined};
+use super::super::support::{Bare, bare};
 use super::{Numbers, components, marked, numbers_of, places, square_between};
 
 /// The field that is `inside` there and outside elsewhere, with only the padding outside from the start.
@@ -150,11 +150,11 @@ proptest! {
                 }
             }
         }
-        prop_assert_eq!(is_lined(&field, &enclosed), 4 * open <= open + lined);
+        prop_assert_eq!(field.is_lined(&enclosed), 4 * open <= open + lined);
         if sampled == 6 {
-            prop_assert!(is_lined(&field, &enclosed));
+            prop_assert!(field.is_lined(&enclosed));
         } else if sampled == 0 {
-            prop_assert!(!is_lined(&field, &enclosed));
+            prop_assert!(!field.is_lined(&enclosed));
         }
     }
 }
