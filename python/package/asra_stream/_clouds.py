@@ -27,6 +27,9 @@ def numeric(array, name):
         return array.astype(np.float32 if array.dtype.itemsize < 4 else np.float64)
     if not array.dtype.isnative:
         return array.astype(array.dtype.newbyteorder("="))
+    if not array.flags.aligned or any(stride % array.dtype.itemsize for stride in array.strides):
+        # A field of packed records, whose numbers do not lie where numbers of their type do.
+        return array.copy()
     return array
 
 

@@ -1,0 +1,194 @@
+"""Runs from start to end: mistakes, progress, Ctrl-C, threads, memory."""
+
+import gc
+import os
+import resource
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+import weakref
+
+import numpy as np
+import pytest
+
+import asra_stream
+
+
+def test_what_is_no_cloud_is_told(sphere):
+    points = sphere(1_000)
+    for wrong, kind in [
+        (points[:, :2], ValueError),
+        (points.ravel(), ValueError),
+        (points.astype(complex), TypeError),
+        (np.array([["a", "b", "c"]]), TypeError),
+        (np.zeros(5, dtype=[("a", "f4"), ("y", "f4"), ("z", "f4")]), ValueError),
+        (7, TypeError),
+        (None, TypeError),
+        (iter([7]), TypeError),
+        (iter([]), asra_stream.DataError),
+        (np.zeros((0, 3)), asra_stream.DataError),
+        (np.full((9, 3), np.nan), asra_stream.DataError),
+        ("no/such/file.ply", asra_stream.NoInputError),
+    ]:
+        with pytest.raises(kind):
+            asra_stream.reconstruct(wrong)
+    with pytest.raises(ValueError, match="99 values for 1000 points"):
+        asra_stream.reconstruct(points, attributes={"a": np.zeros(99)})
+    with pytest.raises(ValueError, match="shape"):
+        asra_stream.reconstruct(points, attributes={"a": np.zeros((1_000, 2))})
+    with pytest.raises(ValueError, match="have their own"):
+        asra_stream.reconstruct("a.ply", attributes={"a": np.zeros(1_000)})
+    with pytest.raises(asra_stream.DataError, match="precision"):
+        asra_stream.reconstruct(iter([points.astype(np.float32), points]))
+
+
+def test_some_points_that_are_no_numbers_are_left_out(sphere):
+    points = np.concatenate([sphere(5_000), np.full((3, 3), np.inf)])
+    mesh = asra_stream.reconstruct(points)
+    assert mesh.report["points"]["dropped"] == 3 and mesh.is_closed
+
+
+def test_options_are_the_command_s(sphere):
+    points = sphere(5_000)
+    for wrong in [{"cell_size": "x"}, {"no_such_option": 1}, {"window": 4}, {"threads": 0}, {"fit": "round"}]:
+        with pytest.raises(asra_stream.UsageError) as told:
+            asra_stream.reconstruct(points, **wrong)
+        assert told.value.exit_code == 2 and isinstance(told.value, ValueError)
+    with pytest.raises(asra_stream.CannotFitError) as told:
+        asra_stream.reconstruct(points, max_memory=1000)
+    assert told.value.needed > 1000 and isinstance(told.value, MemoryError)
+    coarse = asra_stream.reconstruct(points, cell_size=0.2, fit="none", keep_outliers=True, min_component=None)
+    assert len(coarse) < len(asra_stream.reconstruct(points))
+    terrain = asra_stream.reconstruct(points, surface="terrain", max_hole="8c")
+    assert not terrain.is_closed
+
+
+def test_files(sphere, tmp_path):
+    mesh = asra_stream.reconstruct(sphere(5_000))
+    path = tmp_path / "a.ply"
+    mesh.save(path)
+    with pytest.raises(asra_stream.UsageError, match="exists"):
+        mesh.save(path)
+    mesh.save(path, overwrite=True)
+    with pytest.raises(asra_stream.UsageError):
+        mesh.save(tmp_path / "a.xyz")
+    assert asra_stream.check(path)["genus"] == mesh.check()["genus"] == 0
+    assert asra_stream.info(path, layout=None)["points"] == len(mesh.vertices)
+    assert asra_stream.plan(path)["points"] == len(mesh.vertices)
+    distances = mesh.compare(mesh)
+    assert distances["mesh_to_reference"] and asra_stream.compare(path, path).keys() == distances.keys()
+    assert asra_stream.render(path, tmp_path / "a.png", size="200x100")["triangles"] > 0
+    assert mesh.render(size="64x64").startswith(b"\x89PNG")
+    assert mesh._repr_png_().startswith(b"\x89PNG")
+    report = asra_stream.run(path, tmp_path / "b.glb", overwrite=True)
+    assert report["output"]["path"].endswith("b.glb") and report["output"]["triangles"] > 0
+
+
+def test_a_mesh_outlives_its_cloud(sphere):
+    points = sphere(20_000)
+    watched = weakref.ref(points)
+    mesh = asra_stream.reconstruct(points)
+    del points
+    gc.collect()
+    assert watched() is None
+    vertices = mesh.vertices
+    del mesh
+    gc.collect()
+    assert np.abs(np.linalg.norm(vertices, axis=1) - 1).max() < 0.05
+
+
+def test_progress_is_told_and_its_exceptions_are_raised(sphere):
+    told = []
+    asra_stream.reconstruct(sphere(50_000), progress=told.append)
+    assert [update["stage"] for update in told if update["ended"]] == ["survey", "bucket", "raster", "seal", "surface", "check"]
+    fractions = [update["fraction"] for update in told]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+
+    def stop(update):
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        asra_stream.reconstruct(sphere(50_000), progress=stop)
+
+
+def run_python(program, **options):
+    return subprocess.Popen([sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, text=True, **options)
+
+
+def test_ctrl_c_ends_a_run_within_half_a_second():
+    process = run_python("""
+        import numpy, time, asra_stream
+        points = numpy.random.default_rng(0).random((6_000_000, 3), dtype=numpy.float32)
+        points[:, 2] *= 0.001
+        print("begun", flush=True)
+        try:
+            asra_stream.reconstruct(points)
+        except KeyboardInterrupt:
+            print(time.monotonic(), flush=True)
+    """)
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(1.0)
+    sent = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 0 and float(out) - sent < 0.5, (out, sent)
+
+
+def test_another_thread_counts_on(sphere):
+    counted, over = [0], threading.Event()
+
+    def count():
+        while not over.is_set():
+            counted[0] += 1
+            time.sleep(0.001)
+
+    counting = threading.Thread(target=count)
+    counting.start()
+    start = time.monotonic()
+    asra_stream.reconstruct(sphere(1_000_000, dtype=np.float32))
+    seconds, found = time.monotonic() - start, counted[0]
+    over.set()
+    counting.join()
+    # It sleeps a thousandth of a second each time; a lock that is held would leave it at next to nothing.
+    assert found > 100 * seconds, (found, seconds)
+
+
+def test_two_runs_at_once_share_nothing(sphere):
+    clouds = [sphere(100_000), sphere(80_000, centre=(5, 5, 5))]
+    alone = [asra_stream.reconstruct(cloud) for cloud in clouds]
+    made = [None, None]
+
+    def make(i):
+        made[i] = asra_stream.reconstruct(clouds[i])
+
+    threads = [threading.Thread(target=make, args=(i,)) for i in range(2)]
+    [thread.start() for thread in threads]
+    [thread.join() for thread in threads]
+    for a, b in zip(alone, made):
+        assert np.array_equal(a.vertices, b.vertices) and np.array_equal(a.triangles, b.triangles)
+
+
+def test_runs_leave_nothing_behind(sphere):
+    points = sphere(2_000)
+
+    def resident():
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * resource.getpagesize()
+
+    def runs(count):
+        for i in range(count):
+            mesh = asra_stream.reconstruct(points, threads=2)
+            assert len(mesh.vertices) > 0
+            if i % 10 == 0:
+                with pytest.raises(ValueError):
+                    asra_stream.reconstruct(points, cell_size=-1)
+        gc.collect()
+
+    runs(int(os.environ.get("ASRA_STREAM_WARM_UP", "30")))
+    before, files = resident(), len(os.listdir("/proc/self/fd"))
+    runs(int(os.environ.get("ASRA_STREAM_RUNS", "100")))
+    assert len(os.listdir("/proc/self/fd")) == files
+    assert resident() - before < 16 << 20, (before, resident())
