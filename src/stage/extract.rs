@@ -18,7 +18,7 @@
 use crate::error::Result;
 use crate::slice::{Bits, Runs, words_for};
 use crate::stage::corner::{CORNERS, NO_SHEET, neighbours, quadrant};
-use crate::stage::ground::{Columns, KEPT, LIVE_COLUMN};
+use crate::stage::ground::{Columns, KEPT, LIVE_COLUMN, is_touched};
 use crate::stage::solid::Solid;
 use crate::window::Window;
 
@@ -315,8 +315,8 @@ impl Plane {
         let words = out.corners.row(0).len();
         for k in 0..rows {
             let cells = [low.lit_row(k), high.lit_row(k), low.lit_row(k + 1), high.lit_row(k + 1)];
-            let live = live.as_ref().map(|live| live.row(k));
-            if cells.iter().all(Option::is_none) || live.is_some_and(|live| live.is_none()) {
+            let live_row = live.as_ref().map(|live| live.row(k));
+            if cells.iter().all(Option::is_none) || live_row.is_some_and(|live| live.is_none()) {
                 out.before.extend(std::iter::repeat_n(out.masks.len() as u32, words));
                 out.rows.push(out.masks.len() as u32);
                 continue;
@@ -333,16 +333,20 @@ impl Plane {
                 let c: [u64; 8] = std::array::from_fn(|i| word(i & 1, cells[i >> 1]));
                 let any = c.iter().fold(0, |a, b| a | b);
                 let all = c.iter().fold(u64::MAX, |a, b| a & b);
-                let live = live.flatten().map_or(u64::MAX, |live| live[w]);
-                let mut surface = any & !all & live;
+                let made = live_row.flatten().map_or(u64::MAX, |live| live[w]);
+                let mut surface = any & !all & made;
                 if surface == 0 {
                     continue;
                 }
-                out.corners.row_mut(k)[w] = surface;
+                let mut corners = surface;
                 while surface != 0 {
                     let bit = surface.trailing_zeros();
                     surface &= surface - 1;
                     let mask = (0..8).fold(0, |mask, i| mask | ((c[i] >> bit & 1) as u8) << i);
+                    if live.as_ref().is_some_and(|live| !live.touches(w as u32 * 64 + bit, k, mask)) {
+                        corners &= !(1 << bit);
+                        continue;
+                    }
                     out.masks.push(mask);
                     out.first.push(vertices.len() as u32);
                     let corner = [w as u32 * 64 + bit, j, k];
@@ -350,6 +354,7 @@ impl Plane {
                         vertices.push(Vertex { corner, mask, kind: Kind::Sheet(sheet) });
                     }
                 }
+                out.corners.row_mut(k)[w] = corners;
             }
             out.rows.push(out.masks.len() as u32);
         }
@@ -371,7 +376,7 @@ impl Plane {
                         & CORNERS[usize::from(upper_mask)].doubled >> (2 * m);
                     let mut upper = vertex.corner;
                     upper[m] += 1;
-                    if both & 1 == 1 && trimmed.is_none_or(|columns| columns.holds(upper)) {
+                    if both & 1 == 1 && trimmed.is_none_or(|columns| columns.holds(upper, upper_mask)) {
                         let [i, _, k] = vertex.corner;
                         self.middles.push(((k, i, axis), vertices.len() as u32));
                         vertices.push(Vertex { kind: Kind::Middle(axis), ..vertex });
@@ -392,16 +397,22 @@ impl Plane {
     }
 }
 
-/// The corners of a plane that belong to live columns, and do not lie on the bottom of the grid: those that are made.
+/// The corners of a plane at live columns, and not on the bottom of the grid: those that may be made.
 struct Live {
     rows: Vec<bool>,
     words: Vec<u64>,
+    /// By place across columns, which of the four there are live, as [`is_touched`] asks for it.
+    round: Vec<u8>,
+    up: usize,
 }
 
 impl Live {
     fn of(columns: &Columns, j: u32, width: u32, rows: u32) -> Live {
+        let up = columns.up().axis;
+        let across = if columns.up().across() == 0 { width } else { rows };
+        let round: Vec<u8> = (0..across).map(|column| columns.live_round(j.into(), column.into())).collect();
         // Columns lie side by side along x or along z: whether a corner's are live depends on one of the two, whether it lies at the bottom on the other.
-        let made = |corner: [u32; 3]| columns.is_live(j.into(), corner[columns.up().across()].into());
+        let made = |corner: [u32; 3]| round[corner[columns.up().across()] as usize] != 0;
         let above = |corner: [u32; 3]| !columns.at_bottom(corner);
         type Test<'a> = &'a dyn Fn([u32; 3]) -> bool;
         let (along_x, along_z): (Test<'_>, Test<'_>) =
@@ -410,10 +421,17 @@ impl Live {
         for i in (0..width).filter(|i| along_x([*i, j, 0])) {
             words[i as usize / 64] |= 1u64 << (i % 64);
         }
-        Live { rows: (0..rows).map(|k| along_z([0, j, k])).collect(), words }
+        let rows = (0..rows).map(|k| along_z([0, j, k])).collect();
+        Live { rows, words, round, up }
     }
 
-    /// The words of row `k`, if any of its corners is made.
+    /// Whether a face that is made touches the corner (i, k) of the surface, which has this mask.
+    fn touches(&self, i: u32, k: u32, mask: u8) -> bool {
+        let column = if self.up == 0 { k } else { i };
+        is_touched(mask, self.round[column as usize], self.up)
+    }
+
+    /// The words of row `k`, if any of its corners may be made.
     fn row(&self, k: u32) -> Option<&[u64]> {
         self.rows[k as usize].then_some(&self.words)
     }

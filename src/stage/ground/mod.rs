@@ -24,7 +24,7 @@ use std::ops::Range;
 use bytemuck::Pod;
 
 use self::ball::filled;
-pub use self::columns::Columns;
+pub use self::columns::{Columns, is_touched};
 use self::heights::Patch;
 use crate::context::{CHUNK_SLICES, Context};
 use crate::error::Result;
