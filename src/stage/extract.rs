@@ -16,6 +16,7 @@
 //! bit 7 − 2^a.
 
 use crate::error::Result;
+use crate::grid::Cell;
 use crate::slice::{Bits, Runs, words_for};
 use crate::stage::corner::{CORNERS, NO_SHEET, neighbours, quadrant};
 use crate::stage::ground::{Columns, KEPT, LIVE_COLUMN, is_touched};
@@ -97,7 +98,7 @@ pub struct Triangles {
 impl Surface {
     /// Finds the vertices on planes `planes` (clamped to those that exist).
     ///
-    /// Memory: 1.5 bits for each place of a plane, 21 bytes for each corner of the surface, three slices of bits.
+    /// Memory: [`Surface::bytes`], and three slices of bits.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -123,6 +124,21 @@ impl Surface {
             out.starts.push(out.vertices.len() as u32);
         }
         Ok(out)
+    }
+
+    /// Bytes of a surface of so many vertices on `planes` planes of a grid of `cells`, with its look-ups; each is the only one at its corner.
+    pub fn bytes(vertices: u64, planes: u64, [width, _, rows]: Cell) -> u64 {
+        let words = words_for(width + 1) as u64 * u64::from(rows + 1);
+        let lines = u64::from(rows + 2) * size_of::<u32>() as u64;
+        let plane = Bits::bytes(width + 1, rows + 1) + words * size_of::<u32>() as u64 + lines;
+        // What is known of corners is in vectors that grow.
+        let corners = vertices * 2 * (size_of::<u8>() + size_of::<u32>()) as u64;
+        vertices * size_of::<Vertex>() as u64 + corners + planes * plane
+    }
+
+    /// Bytes of the same without the look-ups.
+    pub fn bytes_of_vertices(vertices: u64) -> u64 {
+        vertices * size_of::<Vertex>() as u64
     }
 
     /// The numbers of the vertices on plane `j`.
@@ -188,10 +204,16 @@ impl Surface {
     ) -> Triangles {
         let planes = slices.clone().map(|y| &self.planes[(y - self.lowest) as usize]);
         let faces: usize = planes.flat_map(|plane| &plane.masks).map(|mask| faces_at(*mask)).sum();
-        let mut out = Triangles { corners: room, kept: Vec::new() };
-        out.corners.clear();
-        out.corners.reserve_exact(2 * faces);
+        // Each middle cuts two triangles in two; those on the plane above lie on edges of these faces, too.
+        let above = (slices.end.min(*self.planes().end()) - self.lowest) as usize;
+        let below = (slices.start - self.lowest) as usize;
+        let middles: usize = self.planes[below..=above].iter().map(|plane| plane.middles.len()).sum();
+        let triangles = 2 * (faces + middles);
         let trimmed = self.columns.as_ref().filter(|columns| columns.trimmed());
+        let kept = if trimmed.is_some() { Vec::with_capacity(triangles) } else { Vec::new() };
+        let mut out = Triangles { corners: room, kept };
+        out.corners.clear();
+        out.corners.reserve_exact(triangles);
         for y in slices {
             let plane = &self.planes[(y - self.lowest) as usize];
             for row in plane.rows.windows(2) {
