@@ -94,6 +94,18 @@ impl Load {
         Load { slabs, falls, ..self.clone() }
     }
 
+    /// The same load for a body that stands on a flat bottom: it is expected to have upright walls at either end of the slices.
+    pub fn with_walls_at_ends(self) -> Load {
+        let mut slabs = self.slabs.clone();
+        let wall = u64::from(self.cells[0]) * u64::from(self.cells[2]);
+        let last = slabs.len() - 1;
+        for number in if last == 0 { vec![0, 0] } else { vec![0, last] } {
+            let slab = &mut slabs[number];
+            (slab.faces, slab.round, slab.layer) = (slab.faces + wall, slab.round + wall, slab.layer + wall);
+        }
+        Load { slabs, ..self }
+    }
+
     /// The same load when the faces of all slices are known; `falls` as in [`Load::with_faces`].
     ///
     /// # Panics

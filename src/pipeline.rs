@@ -24,6 +24,7 @@ use crate::sketch::Sketch;
 use crate::slab::{Fit, SlabMesh, SurfaceOptions};
 use crate::spool::Workspace;
 use crate::stage::component::{Components, Least};
+use crate::stage::extract;
 use crate::stage::ground;
 use crate::stage::plane;
 use crate::stage::raster::{Counted, Occupancy, Sampled};
@@ -260,6 +261,9 @@ pub fn survey_with(
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
         load = load.with_columns(ColumnLoad { of_slice, bridge: open.bridge(&grid) });
+        if open.base.is_some() {
+            load = load.with_walls_at_ends();
+        }
     }
     Ok(Surveyed { survey, grid, open, sampling, sketch, load })
 }
@@ -469,7 +473,7 @@ fn reconstruct_as<T: Coordinate>(
         Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
         Fit::Nearest | Fit::None => 0,
     };
-    let load = load.with_faces_of_slices(&solid.faces, closed.falls);
+    let load = load.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls);
     let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
     let load = load.with_buckets(&points);
     let points_of_slab = |number: u32| {

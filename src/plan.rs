@@ -25,9 +25,12 @@ use crate::stage::dilate::Dilation;
 use crate::stage::ground;
 use crate::stage::sign;
 
-/// The process itself: code (seven), small things, what the allocator keeps; and for each thread its stack and its part of that.
-const PROCESS: u64 = 16 << 20;
-const THREAD: u64 = 3 << 19;
+/// What the program takes from the heap whatever it does: the sketch, files, words.
+const HEAP: u64 = 3 << 20;
+
+/// What it has beside that: data, and what the allocator keeps to itself; and for each thread its stack and its part of that.
+const PROCESS: u64 = 5 << 20;
+const THREAD: u64 = 1 << 20;
 
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
 const CHUNK: u64 = 12 << 10;
@@ -256,9 +259,8 @@ impl MemoryPlan {
             let jobs = SlabJobs { running, ahead, piece_points: 0 };
             let room = self.working.saturating_sub(jobs.bytes(load, means)) / running as u64;
             // What other stages need more than fitting is room for points, too.
-            let fits = |piece: &u64| {
-                SlabJobs { piece_points: *piece as usize, ..jobs }.bytes(load, means) <= self.working
-            };
+            let fits =
+                |piece: &u64| SlabJobs { piece_points: *piece as usize, ..jobs }.bytes(load, means) <= self.working;
             let doubled = std::iter::successors(Some(PIECE.1), |piece| Some(2 * piece));
             let beside = doubled.take_while(|piece| *piece <= PIECE.0 && fits(piece)).last().unwrap_or(0);
             let piece_points = piece_in(load, room).max(beside).min(self.piece_points as u64);
@@ -282,6 +284,11 @@ const STORES: u64 = 3;
 
 /// Bytes of the process with its threads.
 fn process(threads: usize) -> u64 {
+    HEAP + beside_the_heap(threads)
+}
+
+/// Bytes of a plan that are not counted where the heap is: what the process, its threads and the allocator have to themselves.
+pub fn beside_the_heap(threads: usize) -> u64 {
     PROCESS + THREAD * threads.max(1) as u64
 }
 

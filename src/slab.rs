@@ -82,7 +82,7 @@ pub struct SlabMesh<T> {
     pub tangled: u64,
 }
 
-/// What a slab's memory depends on, in faces.
+/// What a slab's memory depends on, in faces; where they are counted, in [`crate::stage::extract::weights`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Size {
     /// Its own.
@@ -148,9 +148,9 @@ impl Size {
         }
     }
 
-    /// Vertices of so many faces, with a thirty-second for handles that are none, and for what stands alone.
+    /// Vertices of so many faces: no more than where they are counted, and as many on the surface of anything large.
     fn vertices(faces: u64) -> u64 {
-        faces + faces / 32 + 8
+        faces + 8
     }
 
     /// Triangles likewise, with those that middles add.

@@ -15,6 +15,7 @@
 //! All that is needed of a face is in the mask of its lowest corner: the face's cell is bit 7, its predecessor along axis a
 //! bit 7 − 2^a.
 
+use crate::context::{Context, chunks};
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::slice::{Bits, Runs, words_for};
@@ -301,6 +302,58 @@ impl Surface {
     }
 }
 
+/// Of each slice, as many rectangles as count for its memory: no fewer than its own faces with those that middles add, and than the vertices on its
+/// lower plane; on the last one, on both planes. Memory for each job: three slices of bits.
+///
+/// # Errors
+/// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+pub fn weights(solid: &Solid, context: &Context) -> Result<Vec<u32>> {
+    let [_, slices, _] = solid.cells;
+    // Of each plane: its vertices, and how many of them are middles.
+    let mut planes: Vec<[u32; 2]> = Vec::with_capacity(slices as usize + 1);
+    let mut jobs = chunks(slices);
+    context.workers.in_order(
+        context.memory.chunks_in_flight,
+        || Ok(jobs.next()),
+        |chunk| counts(solid, chunk.start..chunk.end + u32::from(chunk.end == slices)),
+        |counted: Vec<[u32; 2]>| {
+            planes.extend(counted);
+            Ok(())
+        },
+    )?;
+    let own = |y: usize| {
+        let vertices = planes[y][0] + if y + 1 == slices as usize { planes[y + 1][0] } else { 0 };
+        (solid.faces[y] + planes[y][1] + planes[y + 1][1]).max(vertices)
+    };
+    Ok((0..slices as usize).map(own).collect())
+}
+
+/// Of each plane: its vertices, and how many of them are middles.
+fn counts(solid: &Solid, planes: std::ops::Range<u32>) -> Result<Vec<[u32; 2]>> {
+    let [width, _, rows] = solid.cells;
+    let (lowest, end) = (i64::from(planes.start), i64::from(planes.end));
+    let columns = solid.ground.as_ref().map(|ground| ground.columns(lowest - 1..end + 1)).transpose()?;
+    let trimmed = columns.as_ref().filter(|columns| columns.trimmed());
+    let mut window = Window::new(3, || Bits::new(width + 2, rows + 2));
+    let mut runs = Runs::default();
+    let mut out = Vec::with_capacity(planes.len());
+    for j in planes {
+        let y = i64::from(j);
+        window.slide_to(y - 1, |y, bits| solid.paint(y, bits, &mut runs))?;
+        let around = [window.get(y - 1), window.get(y), window.get(y + 1)];
+        let (mut sheets, mut middles) = (0, 0);
+        each_corner(around, j, trimmed, |corner, mask| {
+            let kind = &CORNERS[usize::from(mask)];
+            sheets += u32::from(kind.sheets);
+            if kind.doubled & DOUBLED_UPWARDS != 0 {
+                middles += (0..3).filter(|m| has_middle(around, corner, mask, *m, trimmed)).count() as u32;
+            }
+        });
+        out.push([sheets + middles, middles]);
+    }
+    Ok(out)
+}
+
 /// The number of faces whose lowest corner has this mask.
 fn faces_at(mask: u8) -> usize {
     (0..3).filter(|axis| (mask >> 7 ^ mask >> (7 - (1 << axis))) & 1 == 1).count()
@@ -345,14 +398,7 @@ impl Plane {
             }
             for w in 0..words {
                 out.before.push(out.masks.len() as u32);
-                // Word of cells dx, of slice dy, of row dz: bit i is cell (i − 1 + dx) of the grid, so corner i's.
-                let word = |dx: usize, row: Option<&[u64]>| {
-                    row.map_or(0, |row| {
-                        let next = row.get(w + 1).map_or(0, |next| next << 63);
-                        if dx == 0 { row[w] } else { row[w] >> 1 | next }
-                    })
-                };
-                let c: [u64; 8] = std::array::from_fn(|i| word(i & 1, cells[i >> 1]));
+                let c = words_round(cells, w);
                 let any = c.iter().fold(0, |a, b| a | b);
                 let all = c.iter().fold(u64::MAX, |a, b| a & b);
                 let made = live_row.flatten().map_or(u64::MAX, |live| live[w]);
@@ -364,7 +410,7 @@ impl Plane {
                 while surface != 0 {
                     let bit = surface.trailing_zeros();
                     surface &= surface - 1;
-                    let mask = (0..8).fold(0, |mask, i| mask | ((c[i] >> bit & 1) as u8) << i);
+                    let mask = mask_of(c, bit);
                     if live.as_ref().is_some_and(|live| !live.touches(w as u32 * 64 + bit, k, mask)) {
                         corners &= !(1 << bit);
                         continue;
@@ -386,19 +432,14 @@ impl Plane {
 
     /// Appends the middles of doubled edges whose lower end lies in the plane: along x and z first, then along y.
     fn add_middles(&mut self, around: [&Bits; 3], trimmed: Option<&Columns>, vertices: &mut Vec<Vertex>) {
-        let doubled: Vec<usize> =
-            (0..self.masks.len()).filter(|&o| CORNERS[usize::from(self.masks[o])].doubled & 0b10_1010 != 0).collect();
+        let doubled: Vec<usize> = (0..self.masks.len())
+            .filter(|&o| CORNERS[usize::from(self.masks[o])].doubled & DOUBLED_UPWARDS != 0)
+            .collect();
         for axes in [&[0u8, 2][..], &[1]] {
             for &ordinal in &doubled {
                 let vertex = vertices[self.first[ordinal] as usize];
                 for &axis in axes {
-                    let m = usize::from(axis);
-                    let upper_mask = mask_at(around, vertex.corner, m);
-                    let both = CORNERS[usize::from(vertex.mask)].doubled >> (2 * m + 1)
-                        & CORNERS[usize::from(upper_mask)].doubled >> (2 * m);
-                    let mut upper = vertex.corner;
-                    upper[m] += 1;
-                    if both & 1 == 1 && trimmed.is_none_or(|columns| columns.holds(upper, upper_mask)) {
+                    if has_middle(around, vertex.corner, vertex.mask, usize::from(axis), trimmed) {
                         let [i, _, k] = vertex.corner;
                         self.middles.push(((k, i, axis), vertices.len() as u32));
                         vertices.push(Vertex { kind: Kind::Middle(axis), ..vertex });
@@ -457,6 +498,66 @@ impl Live {
     fn row(&self, k: u32) -> Option<&[u64]> {
         self.rows[k as usize].then_some(&self.words)
     }
+}
+
+/// A corner's doubled edges that lead upwards, along any axis.
+const DOUBLED_UPWARDS: u8 = 0b10_1010;
+
+/// Whether the edge from a corner with this mask upwards along axis `m` is doubled, and both of its ends are made.
+fn has_middle(around: [&Bits; 3], corner: [u32; 3], mask: u8, m: usize, trimmed: Option<&Columns>) -> bool {
+    let upper_mask = mask_at(around, corner, m);
+    let both = CORNERS[usize::from(mask)].doubled >> (2 * m + 1) & CORNERS[usize::from(upper_mask)].doubled >> (2 * m);
+    let mut upper = corner;
+    upper[m] += 1;
+    both & 1 == 1 && trimmed.is_none_or(|columns| columns.holds(upper, upper_mask))
+}
+
+/// Tells `found` of every corner of the surface on plane `j` that is made, with its mask, in order. `around` as for [`Plane::find`].
+fn each_corner(around: [&Bits; 3], j: u32, trimmed: Option<&Columns>, mut found: impl FnMut([u32; 3], u8)) {
+    let [low, high, _] = around;
+    let (width, rows) = (low.width() - 1, low.row_count() - 1);
+    let live = trimmed.map(|columns| Live::of(columns, j, width, rows));
+    for k in 0..rows {
+        let cells = [low.lit_row(k), high.lit_row(k), low.lit_row(k + 1), high.lit_row(k + 1)];
+        if cells.iter().all(Option::is_none) {
+            continue;
+        }
+        for w in 0..words_for(width) {
+            let c = words_round(cells, w);
+            let mut surface = c.iter().fold(0, |a, b| a | b) & !c.iter().fold(u64::MAX, |a, b| a & b);
+            if let Some(live) = &live {
+                surface &= live.row(k).map_or(0, |live| live[w]);
+            }
+            while surface != 0 {
+                let bit = surface.trailing_zeros();
+                surface &= surface - 1;
+                let mask = mask_of(c, bit);
+                let i = w as u32 * 64 + bit;
+                if live.as_ref().is_none_or(|live| live.touches(i, k, mask)) {
+                    found([i, j, k], mask);
+                }
+            }
+        }
+    }
+}
+
+/// Of the rows of cells round a row of corners (of slice dy, of row dz), word `w` of each of the eight cells: bit i is cell (i − 1 + dx) of the grid, so
+/// corner i's.
+#[inline]
+fn words_round(cells: [Option<&[u64]>; 4], w: usize) -> [u64; 8] {
+    let word = |dx: usize, row: Option<&[u64]>| {
+        row.map_or(0, |row| {
+            let next = row.get(w + 1).map_or(0, |next| next << 63);
+            if dx == 0 { row[w] } else { row[w] >> 1 | next }
+        })
+    };
+    std::array::from_fn(|i| word(i & 1, cells[i >> 1]))
+}
+
+/// The mask of the corner at a bit of these words.
+#[inline]
+fn mask_of(words: [u64; 8], bit: u32) -> u8 {
+    (0..8).fold(0, |mask, i| mask | ((words[i] >> bit & 1) as u8) << i)
 }
 
 /// The mask of the corner one step along axis `m` from `corner`, from the slices round `corner`'s plane.
