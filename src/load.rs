@@ -2,10 +2,11 @@
 
 use crate::grid::{Cell, Grid};
 use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
-use crate::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices};
+use crate::partition::{BUCKET_SLICES, buckets_round, halo, plane_halo, slab_count, slab_slices};
 use crate::points::Precision;
 use crate::slab::{Fit, Made, Size};
 use crate::slice::Bits;
+use crate::stage::plane;
 
 /// Bytes for each column while heights are found (extents, heights, tops, flags), and while slabs are made.
 const COLUMN: (u64, u64) = (17, 5);
@@ -242,6 +243,17 @@ impl Load {
             let points = |buckets: u32| ((self.points as f64 * share * slices(buckets)) as u64 + 1).min(self.points);
             PointLoad { bucket: points(1), window: points(buckets_round(halo(self.smooth))) }
         })
+    }
+
+    /// Bytes for means of cells that fitting to planes needs, to expect: as if the widest slab's slices had an occupied cell for every face.
+    pub(crate) fn means_to_expect(&self) -> u64 {
+        if self.fit != Fit::Plane {
+            return 0;
+        }
+        let window = 2 * u64::from(plane_halo(self.smooth));
+        let in_slice = (self.faces_of_widest() / u64::from(slab_slices(self.smooth))).min(self.points / window) + 1;
+        let in_slice = vec![u32::try_from(in_slice).unwrap_or(u32::MAX); window as usize];
+        plane::bytes(&in_slice, self.cells, self.smooth)
     }
 
     /// The points that must be held at once for all of a plane's to be there: as many for each bucket as the fullest has.

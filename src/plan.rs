@@ -227,7 +227,7 @@ impl MemoryPlan {
         let chunks = load.buckets() + 1;
         let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
         let slices = Self::chunk_job(load, 1);
-        let slab = SlabJobs::one(PIECE.1).bytes(load, 0);
+        let slab = SlabJobs::one(PIECE.1).bytes(load, load.means_to_expect());
         process(threads) + (2 << 20) + bucketing.max(slices).max(deciding(load)).max(slab).max(checking(load, threads))
     }
 
