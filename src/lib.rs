@@ -26,8 +26,8 @@ pub mod storage;
 pub mod surface;
 
 pub use error::{Error, Result};
-pub use input::{PointBuffer, PointSlice, PointSource, PointSpool, Values};
 pub use format::write::Positions;
+pub use input::{PointBuffer, PointSlice, PointSource, PointSpool, Values};
 pub use points::Precision;
 pub use points::attribute::Attribute;
 pub use points::scalar::Scalar;

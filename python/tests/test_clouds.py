@@ -133,6 +133,6 @@ def test_converters_keep_every_vertex(sphere):
 def test_far_points_have_an_origin(sphere):
     centre = (500_000.0, 5_400_000.0, 300.0)
     mesh = asra_stream.reconstruct(sphere(10_000, centre), crs="EPSG:25832")
-    assert mesh.origin[1] > 5_390_000 and mesh.crs["name"]
+    assert mesh.origin[1] > 5_390_000 and mesh.crs["epsg"] == 25832
     assert np.abs(mesh.vertices - centre).max() < 1.1
     assert np.allclose(mesh.local_vertices + np.array(mesh.origin), mesh.vertices, atol=1e-4)

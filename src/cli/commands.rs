@@ -81,9 +81,15 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
             Some(Command::Check(arguments)) => {
                 value(&Steady::of([&arguments.mesh]).settle(checked(arguments, &workers, progress))?.0)
             }
-            Some(Command::Compare(arguments)) => value(&compare(&arguments.job(), &workers, progress)?),
+            Some(Command::Compare(arguments)) => {
+                let job = arguments.job();
+                refuse_below(COMPARE, job.means.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
+                value(&compare(&job, &workers, progress)?)
+            }
             Some(Command::Densify(arguments)) => {
-                let made = densify(&arguments.job(), &workers, progress)?;
+                let job = arguments.job();
+                refuse_below(DENSIFY, job.means.budget(), workers.threads(), &[&job.mesh, &job.cloud])?;
+                let made = densify(&job, &workers, progress)?;
                 Ok(json!({ "points": made.points, "centroids": made.centroids, "bytes": made.bytes }))
             }
             Some(Command::Render(arguments)) => {
@@ -153,12 +159,43 @@ fn check(arguments: &CheckArguments, progress: &mut Progress) -> Result<Kind> {
     })
 }
 
+/// The memory that a command cannot do with less of, in bytes.
+#[derive(Debug, Clone, Copy)]
+struct Floor {
+    /// Beside its workers.
+    common: u64,
+    /// For each worker.
+    worker: u64,
+    /// Of small files it takes no more than this, and so many times their length.
+    small: (u64, u64),
+    what: &'static str,
+}
+
+/// As measured on meshes of 1.0 and 4.4 million triangles with 1 to 8 workers and next to nothing granted, and a tenth.
+const CHECK: Floor = Floor { common: 34 << 20, worker: 29 << 19, small: (10 << 20, 8), what: "checking a mesh" };
+const COMPARE: Floor = Floor { common: 24 << 20, worker: 8 << 20, small: (10 << 20, 8), what: "comparing" };
+const DENSIFY: Floor =
+    Floor { common: 39 << 20, worker: 9 << 19, small: (12 << 20, 8), what: "adding points to a cloud" };
+
+/// Refuses a budget with which a command would take more than it is granted.
+fn refuse_below(floor: Floor, budget: u64, threads: usize, files: &[&PathBuf]) -> Result<()> {
+    let threads = threads as u64;
+    let bytes: u64 = files.iter().filter_map(|file| std::fs::metadata(file).ok()).map(|there| there.len()).sum();
+    let small = floor.small.0 + threads * (1 << 20) + bytes.saturating_mul(floor.small.1);
+    let least = (floor.common + threads * floor.worker).min(small).next_multiple_of(1 << 20);
+    if budget < least {
+        return Err(Error::Budget { given: ByteSize(budget), needed: ByteSize(least), what: floor.what });
+    }
+    Ok(())
+}
+
 /// How much longer it takes to look for pairs of a triangle that intersect than to check the rest of it.
 const INTERSECT: f64 = 8.0;
 
 fn checked(arguments: &CheckArguments, workers: &Workers, progress: &mut Progress) -> Result<(CheckReport, Kind)> {
     let means = arguments.means.means();
     let budget = means.budget();
+    refuse_below(CHECK, budget, workers.threads(), &[&arguments.mesh])?;
     let workspace = means.workspace(&arguments.mesh)?.stopped_with(workers);
     let mesh = format::read::open(&arguments.mesh, &workspace, budget / 2)?;
     let triangles = mesh.face_count() as f64;
@@ -181,6 +218,7 @@ fn compare_mesh(arguments: &CompareArguments, progress: &mut Progress) -> Result
         let job = arguments.job();
         let workers = job.means.workers()?;
         signals::stop(&workers)?;
+        refuse_below(COMPARE, job.means.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
         let found = compare(&job, &workers, progress)?;
         if !arguments.talk.quiet {
             print_text(&found.to_string())?;
@@ -193,6 +231,7 @@ fn densify_cloud(arguments: &DensifyArguments, progress: &mut Progress) -> Resul
     let job = arguments.job();
     let workers = job.means.workers()?;
     signals::stop(&workers)?;
+    refuse_below(DENSIFY, job.means.budget(), workers.threads(), &[&job.mesh, &job.cloud])?;
     let made = densify(&job, &workers, progress)?;
     progress.note(&format!(
         "{}: {} points and {} centroids, {}",

@@ -17,6 +17,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError};
 
 use crate::error::defect;
 use crate::error::{Error, Result};
+use crate::resources::allocator;
 
 /// How long a result is waited for before the wish to stop is looked at again.
 const LOOK: Duration = Duration::from_millis(50);
@@ -68,6 +69,14 @@ impl Workers {
     /// The pool itself, for passes that need no order.
     pub fn pool(&self) -> &rayon::ThreadPool {
         &self.pool
+    }
+
+    /// Has every thread give back the memory that it has freed: a worker that waits for its next job does not come to it by itself.
+    pub fn give_back(&self) {
+        if !self.alone {
+            self.pool.broadcast(|_| allocator::give_back());
+        }
+        allocator::give_back();
     }
 
     /// The flag that stops every pass at its next job when set, with [`Error::Interrupted`].

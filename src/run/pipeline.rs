@@ -34,6 +34,7 @@ use crate::solid::heightfield;
 use crate::stitch::slab::SlabMesh;
 use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
 use crate::storage::spool::Workspace;
+use crate::surface::extract;
 use crate::surface::plane;
 
 /// The cell size that `--cell-size auto` takes, in sampling distances: the finest that keeps handles and holes as they are.
@@ -186,10 +187,13 @@ pub fn survey_with(
     };
     progress.end();
     let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
-    let mut load = load.with_attributes(cloud.schema().stride());
+    let mut load = load.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
         load = load.with_columns(ColumnLoad { of_slice, bridge: open.bridge(&grid) });
+        if open.base.is_some() {
+            load = load.with_walls_at_ends();
+        }
     }
     Ok(Surveyed { survey, grid, open, sampling, sketch, load })
 }
@@ -361,6 +365,7 @@ fn reconstruct_as<T: Coordinate>(
         ));
     }
 
+    context.memory.between_phases(&context.workers);
     progress.begin(Phase::Raster, Some(survey.points));
     let least = settings.min_points;
     let occupancy = Occupancy::of_buckets(&buckets, grid, least, context, |points| progress.add(points))?;
@@ -368,6 +373,7 @@ fn reconstruct_as<T: Coordinate>(
         let cells = occupancy.sparse;
         return Err(Error::Usage(format!("--min-points {least}: none of the {cells} cells holds so many points")));
     }
+    context.memory.between_phases(&context.workers);
     progress.begin(Phase::Seal, None);
     let (occupied, sparse) = (occupancy.occupied, occupancy.sparse);
     let asked = Asked {
@@ -397,7 +403,7 @@ fn reconstruct_as<T: Coordinate>(
         Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
         Fit::Nearest | Fit::None => 0,
     };
-    let load = load.with_faces((0..slabs).map(faces_of_slab).collect(), closed.falls);
+    let load = load.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls);
     let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
     let load = load.with_buckets(&points);
     let points_of_slab = |number: u32| {
@@ -408,6 +414,7 @@ fn reconstruct_as<T: Coordinate>(
     let faces: u64 = (0..slabs).map(faces_of_slab).sum();
     let (all, mut done) = (work(faces, survey.points).max(1.0), 0.0);
     progress.learn(|known| known.triangles = 2 * faces);
+    context.memory.between_phases(&context.workers);
     progress.begin(Phase::Surface, Some(faces));
     let memory = context.memory.with_surface(&load, means)?;
     let jobs = memory.slab_jobs(&load, means)?;
@@ -427,13 +434,16 @@ fn reconstruct_as<T: Coordinate>(
         mesh,
         closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
     );
-    let (written, most) = (Spares::default(), load.faces_of_widest() as usize);
+    let written: Spares<SlabMesh<T>> = Spares::default();
     let mut number = 0;
     context.workers.in_order_range(
         jobs.in_flight(),
         slabs as usize,
         |number| {
-            let room = written.take().unwrap_or_else(|| SlabMesh::with_room(most));
+            // Slabs differ: a narrow one that kept a wide one's room would hold it while the next wide one is made.
+            let size = load.slabs()[number];
+            let room = written.take().filter(|room| room.suits(size));
+            let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
             SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs, room)
         },
         |slab| {
@@ -446,6 +456,8 @@ fn reconstruct_as<T: Coordinate>(
         },
     )?;
     let (mesh, counts) = stitcher.finish()?;
+    drop(written);
+    memory.between_phases(&context.workers);
     progress.end();
     Ok(Reconstructed {
         mesh,

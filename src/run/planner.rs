@@ -15,16 +15,21 @@ use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 use crate::grid::context::job_bytes;
-use crate::grid::partition::{buckets_round, halo, slab_slices, smooth_halo};
+use crate::grid::partition::{buckets_round, halo};
 use crate::input::BLOCK_RECORDS;
 use crate::resources::memory::{MemoryPlan, SlabJobs};
+use crate::resources::workers::Workers;
 use crate::run::workload::{Load, PointLoad};
 use crate::sign;
 use crate::solid::heightfield;
+use crate::stitch::slab::Size;
 
-/// The process itself: code (seven), small things, what the allocator keeps; and for each thread its stack and its part of that.
-const PROCESS: u64 = 16 << 20;
-const THREAD: u64 = 3 << 19;
+/// What the program takes from the heap whatever it does: the sketch, files, words.
+const HEAP: u64 = 3 << 20;
+
+/// What it has beside that: data, and what the allocator keeps to itself; and for each thread its stack and its part of that.
+const PROCESS: u64 = 5 << 20;
+const THREAD: u64 = 1 << 20;
 
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
 const CHUNK: u64 = 12 << 10;
@@ -37,22 +42,6 @@ const PIECE: (u64, u64) = (4 << 20, 16 << 10);
 
 /// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
 const GOOD_PIECE: u64 = 128 << 10;
-
-/// Bytes of a slab's mesh for each face while it waits for its seam, less its target's coordinates: smoothed (24), the point's number (4), triangles (24), fans and
-/// fates (34), spots (8). The rest, here as below, is what vectors and the allocator leave unused.
-const WAITING: u64 = 102;
-
-/// While it is made, in the memory of an earlier one, which is as large as that waits. While it is extracted, a vertex as found (21) beside that.
-const EXTRACTING: u64 = 26;
-
-/// While it is fitted, beside that: the vertex without its look-ups (16).
-const FITTING: u64 = 20;
-
-/// While its points' attributes are found: where each point's coordinates stand in a table (36, and as many free), what is known.
-const CARRYING: u64 = 80;
-
-/// While its vertices retreat, where it is largest, less the coordinates of its targets and places: all that, what is seen of fans (1), triangles by layer (20).
-const RETREATING: u64 = 128;
 
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds, so that two slabs seldom have
 /// given back at the same time; one slab at a time asks it not to wait (`stitch/slab.rs`).
@@ -69,11 +58,8 @@ const CHECKING: (u64, u64) = (13 << 20, 2);
 /// What a job that writes a mesh file takes: of STL, 65,536 triangles, and its part of the vertices that are read together.
 const FILLING: u64 = 5 << 20;
 
-/// Bytes for each face beside a slab, of the planes that are smoothed with it: a vertex as found (21), before and after a step (48).
-const SMOOTHED: u64 = 69;
-
-/// Bytes for each face of a slab while it is written: numbers of its vertices, the next one's and those of the one before.
-const WRITING: u64 = 14;
+/// Vertices and triangles on their way from a slab to the mesh, and what the mesh's stores hold of them.
+const STITCHING: u64 = 5 << 19;
 
 /// Of a budget, what is kept in memory from pass to pass.
 #[derive(Debug, Clone, Copy)]
@@ -161,6 +147,18 @@ impl MemoryPlan {
         Ok(plan)
     }
 
+    /// Whether the budget is many times what is used.
+    fn is_roomy(&self, used: u64) -> bool {
+        used < self.budget / ROOMY
+    }
+
+    /// Between two phases: has every thread give back what it has freed, unless there is plenty of room, and the next phase had better find it.
+    pub fn between_phases(&self, workers: &Workers) {
+        if !self.is_roomy(self.predicted) {
+            workers.give_back();
+        }
+    }
+
     /// The most memory and the most temporary disk that are going to be used.
     fn predict(&self, load: &Load, means: u64) -> Result<(u64, u64)> {
         let blocks = (self.blocks_in_flight as u64).min(load.points.div_ceil(BLOCK_RECORDS as u64));
@@ -175,7 +173,7 @@ impl MemoryPlan {
         let mesh = self.mesh_quota.min(load.mesh_bytes());
         let slices = self.chunks_in_flight as u64 * Self::chunk_job(load);
         let jobs = self.slab_jobs(load, means)?;
-        let slabs = jobs.bytes(load) + jobs.running as u64 * means;
+        let slabs = jobs.bytes(load, means);
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
         // A mesh that lies in memory is written meanwhile.
         let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
@@ -183,7 +181,7 @@ impl MemoryPlan {
         let passes =
             [buckets + bucketing, held + sealing + slices.max(deciding(load)), held + standing + mesh + slabs, check];
         let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
-        if memory < self.budget / ROOMY {
+        if self.is_roomy(memory) {
             memory += memory / KEPT_BACK;
         }
 
@@ -199,7 +197,7 @@ impl MemoryPlan {
         let chunks = load.buckets() + 1;
         let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
         let slices = Self::chunk_job(load);
-        let slab = SlabJobs::one(PIECE.1).bytes(load);
+        let slab = SlabJobs::one(PIECE.1).bytes(load, load.means_to_expect());
         process(threads) + (2 << 20) + bucketing.max(slices).max(deciding(load)).max(slab).max(checking(load, threads))
     }
 
@@ -219,13 +217,10 @@ impl MemoryPlan {
         let fewer = (1..self.threads).rev().map(|running| (running, 0));
         for (running, ahead) in beside.into_iter().chain(fewer) {
             let jobs = SlabJobs { running, ahead, piece_points: 0 };
-            let making = jobs.running as u64;
-            let room = self.working.saturating_sub(jobs.bytes(load) + making * means) / making;
-            // What retreat needs more than fitting is room for points, too.
-            let fits = |piece: &u64| {
-                let jobs = SlabJobs { piece_points: *piece as usize, ..jobs };
-                jobs.bytes(load) + making * means <= self.working
-            };
+            let room = self.working.saturating_sub(jobs.bytes(load, means)) / running as u64;
+            // What other stages need more than fitting is room for points, too.
+            let fits =
+                |piece: &u64| SlabJobs { piece_points: *piece as usize, ..jobs }.bytes(load, means) <= self.working;
             let doubled = std::iter::successors(Some(PIECE.1), |piece| Some(2 * piece));
             let beside = doubled.take_while(|piece| *piece <= PIECE.0 && fits(piece)).last().unwrap_or(0);
             let piece_points = piece_in(load, room).max(beside).min(self.piece_points as u64);
@@ -235,7 +230,7 @@ impl MemoryPlan {
                 return Ok(SlabJobs { piece_points: piece_points as usize, ..jobs });
             }
         }
-        let least = SlabJobs::one(PIECE.1).bytes(load) + means;
+        let least = SlabJobs::one(PIECE.1).bytes(load, means);
         Err(Error::Budget {
             given: ByteSize(self.budget),
             needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
@@ -249,6 +244,11 @@ const STORES: u64 = 3;
 
 /// Bytes of the process with its threads.
 fn process(threads: usize) -> u64 {
+    HEAP + beside_the_heap(threads)
+}
+
+/// Bytes of a plan that are not counted where the heap is: what the process, its threads and the allocator have to themselves.
+pub fn beside_the_heap(threads: usize) -> u64 {
     PROCESS + THREAD * threads.max(1) as u64
 }
 
@@ -296,31 +296,53 @@ impl SlabJobs {
         SlabJobs { running: 1, ahead: 0, piece_points: piece_points as usize }
     }
 
-    /// Bytes of all slabs of a load at a time, with the points round a plane, as far as they are held at once.
-    fn bytes(&self, load: &Load) -> u64 {
-        let points = piece_bytes(load, self.piece_points as u64);
-        let waits = WAITING + load.coordinates();
-        let making = |faces: u64| {
-            // Of the planes that only smoothing needs, in proportion: and there, before and after a step are held at once.
-            let beside = u64::from(2 * smooth_halo(load.smooth)) * SMOOTHED / u64::from(slab_slices(load.smooth));
-            let extraction = load.extraction_raster() + faces * (waits + EXTRACTING + beside);
-            let fitting = load.fitting_raster() + points + faces * (waits + FITTING);
-            let carrying =
-                if load.attributes > 0 { faces * (waits + FITTING + CARRYING + 2 * load.attributes) } else { 0 };
-            let retreating = RETREATING + 2 * load.coordinates() + load.more();
-            extraction.max(fitting).max(carrying).max(faces * retreating)
+    /// The most bytes of all slabs of a load at a time, with the points round a plane, as far as they are held at once, and `means`.
+    fn bytes(&self, load: &Load, means: u64) -> u64 {
+        let of = load.made();
+        let points = load.fitting_raster() + piece_bytes(load, self.piece_points as u64);
+        let size = |slab: &Size| {
+            let mesh = slab.bytes(&of);
+            (mesh, slab.bytes_making(&of, points, means) - mesh)
         };
-        let one = load.widest(1);
-        let given_back = if self.running > 1 { (one * GIVEN_BACK.0).min(GIVEN_BACK.1) } else { 0 };
-        // While the calling thread waits for a slab, the one before waits for its seam. While it is at a seam, the slab it came with is still in flight.
-        let waiting = waits + load.more();
-        let idle = self.running as u64 * making(one) + load.widest(1 + self.ahead) * waiting;
-        let others = self.in_flight() - 1;
-        let (made, finished) = (others.min(self.running), others.saturating_sub(self.running));
-        let busy = made as u64 * making(one) + load.widest(2 + finished) * waiting + one * (WRITING + load.attributes);
-        idle.max(busy) + given_back
+        let slabs = load.slabs();
+        let in_flight = self.in_flight().min(slabs.len());
+        // For hundreds of threads, as if the widest slabs were side by side.
+        let widest = (slabs.len() * in_flight > MOST_LOOKED_AT).then(|| {
+            let widest = slabs.iter().max_by_key(|slab| slab.faces).copied().unwrap_or_default();
+            vec![widest; in_flight + 2]
+        });
+        let slabs = widest.as_deref().unwrap_or(slabs);
+        let sizes: Vec<(u64, u64)> = slabs.iter().map(size).collect();
+        let mesh = |number: usize| sizes.get(number).map_or(0, |(mesh, _)| *mesh);
+        let seams = slabs.windows(2).map(|pair| pair[0].bytes_at_seam(pair[1], &of));
+        let seams: Vec<u64> = seams.collect();
+        // Of slabs side by side, those that take the most are in the making.
+        let mut making = Vec::new();
+        let mut beside = |numbers: std::ops::Range<usize>| {
+            let some = &sizes[numbers.start.min(sizes.len())..numbers.end.min(sizes.len())];
+            making.clear();
+            making.extend(some.iter().map(|(_, making)| *making));
+            making.sort_unstable_by(|a, b| b.cmp(a));
+            let meshes: u64 = some.iter().map(|(mesh, _)| *mesh).sum();
+            meshes + making.iter().take(self.running).sum::<u64>()
+        };
+        let mut most = 0;
+        for first in 0..sizes.len() {
+            // The slab before waits for its seam with this one: while this one is made, and while the calling thread is at that seam.
+            let before = if first > 0 { mesh(first - 1) } else { 0 };
+            let idle = before + beside(first..first + in_flight);
+            let at_seam = first.checked_sub(1).map_or(0, |lower| seams[lower]);
+            let busy = before + mesh(first) + at_seam + beside(first + 1..first + in_flight);
+            most = most.max(idle).max(busy);
+        }
+        let widest = slabs.iter().map(|slab| slab.faces).max().unwrap_or(0);
+        let given_back = if self.running > 1 { (widest * GIVEN_BACK.0).min(GIVEN_BACK.1) } else { 0 };
+        most + given_back + STITCHING
     }
 }
+
+/// Slabs times slabs in flight, beyond which not every slab is looked at with those beside it.
+const MOST_LOOKED_AT: usize = 1 << 18;
 
 #[cfg(test)]
 mod tests {

@@ -1,13 +1,14 @@
 //! The load: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
 
-use crate::grid::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices, smooth_halo};
+use crate::grid::partition::plane_halo;
+use crate::grid::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices};
 use crate::grid::slice::Bits;
 use crate::grid::{Cell, Grid};
 use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
 use crate::points::Precision;
-
-/// Bytes for each face of a surface that is trimmed: of triangles, whether they are kept, of vertices, whether they are written, now and of the slab after.
-const TRIMMED: u64 = 6;
+use crate::settings::surface::Fit;
+use crate::stitch::slab::{Made, Size};
+use crate::surface::plane;
 
 /// Bytes for each column while heights are found (extents, heights, tops, flags), and while slabs are made.
 const COLUMN: (u64, u64) = (17, 5);
@@ -25,8 +26,10 @@ pub struct Load {
     pub cells: Cell,
     /// Steps of smoothing.
     pub smooth: u32,
-    /// Faces of each slab, as far as is known.
-    slabs: Vec<u64>,
+    /// What vertices are moved onto.
+    pub fit: Fit,
+    /// The size of each slab, as far as is known.
+    slabs: Vec<Size>,
     /// Whether a ball falls, which takes more stores of slices.
     falls: bool,
     /// The most points of a bucket, and of those round a plane, if they have been counted.
@@ -71,7 +74,8 @@ impl Load {
             attributes: 0,
             cells,
             smooth,
-            slabs: vec![share; slabs as usize],
+            fit: Fit::Nearest,
+            slabs: vec![Size::even(share, smooth); slabs as usize],
             falls: false,
             counted: None,
             columns: None,
@@ -89,7 +93,35 @@ impl Load {
     /// If there are not as many numbers as slabs.
     pub fn with_faces(&self, slabs: Vec<u64>, falls: bool) -> Load {
         assert_eq!(slabs.len(), self.slabs.len(), "a number of faces for each slab");
+        let slabs = slabs.into_iter().map(|faces| Size::even(faces, self.smooth)).collect();
         Load { slabs, falls, ..self.clone() }
+    }
+
+    /// The same load for a body that stands on a flat bottom: it is expected to have upright walls at either end of the slices.
+    pub fn with_walls_at_ends(self) -> Load {
+        let mut slabs = self.slabs.clone();
+        let wall = u64::from(self.cells[0]) * u64::from(self.cells[2]);
+        let last = slabs.len() - 1;
+        for number in if last == 0 { vec![0, 0] } else { vec![0, last] } {
+            let slab = &mut slabs[number];
+            (slab.faces, slab.round, slab.layer) = (slab.faces + wall, slab.round + wall, slab.layer + wall);
+        }
+        Load { slabs, ..self }
+    }
+
+    /// The same load when the faces of all slices are known; `falls` as in [`Load::with_faces`].
+    ///
+    /// # Panics
+    /// If there are not as many numbers as slices.
+    pub fn with_faces_of_slices(&self, faces: &[u32], falls: bool) -> Load {
+        assert_eq!(faces.len(), self.cells[1] as usize, "a number of faces for each slice");
+        let slabs = (0..slab_count(self.smooth, self.cells[1])).map(|number| Size::counted(faces, number, self.smooth));
+        Load { slabs: slabs.collect(), falls, ..self.clone() }
+    }
+
+    /// The same load with vertices that are moved onto something else than their nearest points.
+    pub fn with_fit(self, fit: Fit) -> Load {
+        Load { fit, ..self }
     }
 
     /// The same load when the points of each bucket are known.
@@ -118,7 +150,7 @@ impl Load {
 
     /// Faces to expect.
     pub fn faces(&self) -> u64 {
-        self.slabs.iter().sum()
+        self.slabs.iter().map(|slab| slab.faces).sum()
     }
 
     /// Triangles to expect: two a face, less what contraction takes.
@@ -165,9 +197,22 @@ impl Load {
         self.columns.map_or(0, |columns| u64::from(columns.of_slice))
     }
 
-    /// Bytes for each face beside those of a closed surface.
-    pub(crate) fn more(&self) -> u64 {
-        self.attributes + if self.columns.is_some() { TRIMMED } else { 0 }
+    /// The sizes of slabs, in order.
+    pub(crate) fn slabs(&self) -> &[Size] {
+        &self.slabs
+    }
+
+    /// What the memory of slabs depends on beside their sizes.
+    pub(crate) fn made(&self) -> Made {
+        Made {
+            smooth: self.smooth,
+            fit: self.fit,
+            coordinates: self.coordinates(),
+            attributes: self.attributes,
+            trimmed: self.columns.is_some(),
+            columns: self.columns_of_slice() * COLUMN.1,
+            cells: self.cells,
+        }
     }
 
     /// Temporary disk to expect when nothing is kept in memory.
@@ -181,14 +226,6 @@ impl Load {
         BLOCK_BYTES as u64 + points * (2 * self.record() + 4) + 4 * self.buckets()
     }
 
-    /// Bytes of bits that one slab's job holds while it is extracted: its planes of corners, and the slices round one.
-    pub(crate) fn extraction_raster(&self) -> u64 {
-        let [x, _, z] = self.cells;
-        let bits = Bits::bytes(x + 2, z + 2);
-        let planes = u64::from(slab_slices(self.smooth) + 2 * smooth_halo(self.smooth) + 1);
-        planes * (bits * 3 / 2 + 4 * u64::from(z)) + 3 * bits + (planes + 2) * self.columns_of_slice() * COLUMN.1
-    }
-
     /// Bytes of bits that one slab's job holds while it is fitted: the index of points.
     pub(crate) fn fitting_raster(&self) -> u64 {
         let [x, _, z] = self.cells;
@@ -197,22 +234,28 @@ impl Load {
 
     /// The most faces of a slab.
     pub fn faces_of_widest(&self) -> u64 {
-        self.widest(1)
-    }
-
-    /// The most faces that so many consecutive slabs have together.
-    pub(crate) fn widest(&self, slabs: usize) -> u64 {
-        self.slabs.windows(slabs.clamp(1, self.slabs.len())).map(|slabs| slabs.iter().sum()).max().unwrap_or(0)
+        self.slabs.iter().map(|slab| slab.faces).max().unwrap_or(0)
     }
 
     /// Points of buckets: as counted, or to expect if points lie where faces do.
     pub(crate) fn points_near(&self) -> PointLoad {
         self.counted.unwrap_or_else(|| {
-            let share = self.widest(1) as f64 / self.faces().max(1) as f64;
+            let share = self.faces_of_widest() as f64 / self.faces().max(1) as f64;
             let slices = |buckets: u32| f64::from(buckets * BUCKET_SLICES) / f64::from(slab_slices(self.smooth));
             let points = |buckets: u32| ((self.points as f64 * share * slices(buckets)) as u64 + 1).min(self.points);
             PointLoad { bucket: points(1), window: points(buckets_round(halo(self.smooth))) }
         })
+    }
+
+    /// Bytes for means of cells that fitting to planes needs, to expect: as if the widest slab's slices had an occupied cell for every face.
+    pub(crate) fn means_to_expect(&self) -> u64 {
+        if self.fit != Fit::Plane {
+            return 0;
+        }
+        let window = 2 * u64::from(plane_halo(self.smooth));
+        let in_slice = (self.faces_of_widest() / u64::from(slab_slices(self.smooth))).min(self.points / window) + 1;
+        let in_slice = vec![u32::try_from(in_slice).unwrap_or(u32::MAX); window as usize];
+        plane::bytes(&in_slice, self.cells, self.smooth)
     }
 
     /// The points that must be held at once for all of a plane's to be there: as many for each bucket as the fullest has.

@@ -3,8 +3,11 @@
 use std::ops::Range;
 
 use crate::error::Result;
+use crate::grid::Cell;
 use crate::grid::occupancy::Sampled;
+use crate::grid::partition::slab_slices;
 use crate::grid::partition::{halo, slices_of, smooth_halo};
+use crate::grid::slice::Bits;
 use crate::mesh::spool::Frame;
 use crate::points::Coordinate;
 use crate::resources::allocator;
@@ -12,16 +15,16 @@ use crate::resources::memory::SlabJobs;
 use crate::resources::workers::refill;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::Solid;
-use crate::surface::attributes::attributes;
-use crate::surface::contract::{Fans, Groups, NONE, contract, is_gone};
+use crate::surface::attributes::{self, attributes};
+use crate::surface::contract::{self, Fans, Groups, NONE, contract, is_gone};
 use crate::surface::extract::{Kind, Surface, Triangles};
 use crate::surface::fit::{Fitted, Task, fit};
-use crate::surface::plane::project;
-use crate::surface::smooth::smooth;
+use crate::surface::plane::{self, project};
+use crate::surface::smooth::{self, smooth};
 use crate::surface::untangle::broad_phase::{BLOCK, Near, Places};
 use crate::surface::untangle::quantized::{Extent, Scale, Spot};
-use crate::surface::untangle::retreat;
 use crate::surface::untangle::submesh::Piece;
+use crate::surface::untangle::{self, retreat};
 use crate::surface::vertex_state::{Fate, SHARES};
 
 /// The mesh of one slab, of points of precision `T`.
@@ -58,6 +61,140 @@ pub struct SlabMesh<T> {
     pub tangled: u64,
 }
 
+/// What a slab's memory depends on, in faces; where they are counted, in [`crate::stage::extract::weights`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Size {
+    /// Its own.
+    pub faces: u64,
+    /// Those of all planes that are smoothed with it, its own included.
+    pub round: u64,
+    /// The most in a layer as thick as those that are searched for pairs of triangles.
+    pub layer: u64,
+    /// Those of the lowest and of the highest such layer.
+    pub ends: [u64; 2],
+}
+
+/// What it depends on beside that.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Made {
+    /// Steps of smoothing.
+    pub smooth: u32,
+    /// What vertices are moved onto.
+    pub fit: Fit,
+    /// Bytes of a point's coordinates.
+    pub coordinates: u64,
+    /// Bytes of a point's attributes.
+    pub attributes: u64,
+    /// Whether triangles are left out.
+    pub trimmed: bool,
+    /// Bytes of a slice's columns, if there are any.
+    pub columns: u64,
+    /// The grid's cells.
+    pub cells: Cell,
+}
+
+/// Triangles that do not matter when a slab is given another's room.
+const SMALL: usize = 1 << 12;
+
+/// Slices that a layer of triangles may lie in, which is two cells thick.
+const LAYER: usize = 3;
+
+impl Size {
+    /// Of a slab of so many faces, if they lie evenly in its slices.
+    pub fn even(faces: u64, smooth: u32) -> Size {
+        let slices = u64::from(slab_slices(smooth));
+        let layer = (faces * LAYER as u64).div_ceil(slices);
+        let beside = 2 * u64::from(smooth_halo(smooth)) + 1;
+        Size { faces, round: faces + (faces * beside).div_ceil(slices), layer, ends: [layer; 2] }
+    }
+
+    /// Of slab `number`, where the faces of all slices are known.
+    pub fn counted(faces: &[u32], number: u32, smooth: u32) -> Size {
+        let sum = |slices: &[u32]| slices.iter().map(|faces| u64::from(*faces)).sum::<u64>();
+        let slices = slices_of(number, smooth, faces.len() as u32);
+        let [start, end] = [slices.start, slices.end].map(|slice| slice as usize);
+        let beside = smooth_halo(smooth) as usize;
+        let own = &faces[start..end];
+        // A fitted vertex may have come from a slice beyond.
+        let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
+        let layers = faces[start.saturating_sub(1)..(end + 1).min(faces.len())].windows(LAYER.min(own.len()));
+        let (below, above) = (start..end.min(start + LAYER), start.max(end.saturating_sub(LAYER))..end);
+        Size {
+            faces: sum(own),
+            round: sum(&faces[round]),
+            layer: layers.map(sum).max().unwrap_or(0),
+            ends: [below, above].map(|slices| sum(&faces[slices])),
+        }
+    }
+
+    /// Vertices of so many faces: no more than where they are counted, and as many on the surface of anything large.
+    fn vertices(faces: u64) -> u64 {
+        faces + 8
+    }
+
+    /// Triangles likewise, with those that middles add.
+    fn triangles(self) -> u64 {
+        2 * Size::vertices(self.faces)
+    }
+
+    /// Bytes of the slab's mesh.
+    pub fn bytes(self, of: &Made) -> u64 {
+        let (own, triangles) = (Size::vertices(self.faces), self.triangles());
+        let place = size_of::<[f64; 3]>() as u64;
+        // After one step of smoothing, the places of the plane above are in it still.
+        let (smoothed, rest) = if of.smooth > 1 { (own, own) } else { (Size::vertices(self.round), 0) };
+        let rest = if of.smooth == 0 { smoothed } else { rest };
+        let of_vertex = of.attributes + (size_of::<Fate>() + size_of::<Spot>()) as u64;
+        let of_triangle = (size_of::<[u32; 3]>() + usize::from(of.trimmed)) as u64;
+        (smoothed + rest) * place
+            + Fitted::<f64>::bytes(own, of.coordinates)
+            + own * of_vertex
+            + triangles * of_triangle
+            + Fans::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
+            + triangles / BLOCK as u64 * size_of::<Extent>() as u64
+    }
+
+    /// The most bytes while it is made, with the `points` that are held for fitting and, for fitting to planes, `means`.
+    pub fn bytes_making(self, of: &Made, points: u64, means: u64) -> u64 {
+        let mesh = self.bytes(of);
+        let (own, round) = (Size::vertices(self.faces), Size::vertices(self.round));
+        let places = own * size_of::<[f64; 3]>() as u64;
+        let planes = u64::from(slab_slices(of.smooth) + 2 * smooth_halo(of.smooth) + 1);
+        let [width, _, rows] = of.cells;
+        let slices = 3 * Bits::bytes(width + 2, rows + 2) + (planes + 2) * of.columns;
+        // Places of planes beside the slab, which are dropped with the surface.
+        let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
+        let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
+        let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping.max(2 * beside);
+        let moved = match of.fit {
+            Fit::Plane => (means + plane::bytes_of_places(own)).max(if of.attributes > 0 { points } else { 0 }),
+            Fit::Nearest => points,
+            Fit::None if of.attributes > 0 => points,
+            Fit::None => 0,
+        };
+        let second =
+            if of.fit != Fit::Nearest && of.attributes > 0 { Fitted::<f64>::bytes(own, of.coordinates) } else { 0 };
+        let fitting = Surface::bytes_of_vertices(round) + beside + moved + second;
+        let carrying = if of.attributes > 0 { attributes::bytes(own, of.attributes) + second } else { 0 };
+        let contracting = contract::bytes(own);
+        let near = Near::bytes(self.faces, self.layer);
+        let retreating = own * of.coordinates + untangle::bytes(own, near);
+        mesh + extracting.max(fitting).max(carrying).max(contracting).max(retreating)
+    }
+
+    /// The most bytes at the seam with the slab above, beside the two slabs' meshes.
+    pub fn bytes_at_seam(self, above: Size, of: &Made) -> u64 {
+        let both = Size::vertices(self.faces) + Size::vertices(above.faces);
+        let meeting = self.ends[1] + above.ends[0];
+        let near = Near::bytes(meeting, meeting);
+        let common = attributes::bytes_of_table::<([u64; 3], u32)>(Size::vertices(self.ends[1].min(above.ends[0])));
+        let retreating = untangle::bytes(both, near).max(common);
+        // Numbers of the vertices, those of the slab before, and which are written.
+        let writing = Size::vertices(self.faces) * (2 * size_of::<u32>() + 3 * usize::from(of.trimmed)) as u64;
+        retreating.max(writing)
+    }
+}
+
 /// Where [`SlabMesh`]'s numbers of the slab before begin.
 pub const BEFORE: u32 = 1 << 31;
 
@@ -82,12 +219,13 @@ impl<T: Coordinate> SlabMesh<T> {
         self.planes[self.planes.len().saturating_sub(planes as usize + 1)]..self.own()
     }
 
-    /// Room for a slab of so many faces: what it does not fill is not touched.
-    pub fn with_room(faces: usize) -> SlabMesh<T> {
-        // A surface has about as many vertices as faces; those of the plane above are there for a while.
-        let (vertices, triangles) = (faces + faces / 8, 2 * faces + faces / 16);
+    /// Room for a slab of this size: what it does not fill is not touched.
+    pub fn with_room(size: Size, smooth: u32) -> SlabMesh<T> {
+        let vertices = Size::vertices(size.faces) as usize;
+        let triangles = size.triangles() as usize;
         SlabMesh {
-            smoothed: Vec::with_capacity(vertices),
+            // Each further step of smoothing takes new memory.
+            smoothed: Vec::with_capacity(if smooth > 1 { 0 } else { Size::vertices(size.round) as usize }),
             fitted: Fitted { point: Vec::with_capacity(vertices), target: Vec::with_capacity(vertices) },
             fate: Vec::with_capacity(vertices),
             triangles: Vec::with_capacity(triangles),
@@ -95,6 +233,12 @@ impl<T: Coordinate> SlabMesh<T> {
             spots: Vec::with_capacity(vertices),
             ..SlabMesh::default()
         }
+    }
+
+    /// Whether this is the right room for a slab of that size: large enough, and not much too large, since the slab holds it while it waits.
+    pub fn suits(&self, size: Size) -> bool {
+        let (room, needed) = (self.triangles.capacity(), size.triangles() as usize);
+        (needed..=needed + needed / 8 + SMALL).contains(&room)
     }
 
     /// Makes the mesh of slab `number`, as one of so many `jobs`, in the memory of `room`: of a slab that is done with.
@@ -137,6 +281,9 @@ impl<T: Coordinate> SlabMesh<T> {
         let to_world = |mut q: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
             q.truncate(own.end as usize);
             q.drain(..own.start as usize);
+            if options.smooth > 1 {
+                q.shrink_to_fit();
+            }
             q.into_iter().map(|q| grid.position(q)).collect()
         };
         let rest = if options.smooth == 1 { Vec::new() } else { to_world(smooth(&surface, 1, room.rest)) };
@@ -236,7 +383,8 @@ impl<T: Coordinate> SlabMesh<T> {
         // By point, then by number.
         let lives = |v: &u32| self.fate[*v as usize] != Fate::Gone && self.fitted.point[*v as usize] != NONE;
         let key = |v: u32| u64::from(self.fitted.point[v as usize]) << 32 | u64::from(v);
-        let mut on_points: Vec<u64> = (0..self.own()).filter(lives).map(key).collect();
+        let mut on_points: Vec<u64> = Vec::with_capacity(self.own() as usize);
+        on_points.extend((0..self.own()).filter(lives).map(key));
         on_points.sort_unstable();
         for same in on_points.chunk_by(|a, b| a >> 32 == b >> 32) {
             let mut nearest = same[0] as u32;

@@ -26,7 +26,7 @@ use crate::surface::fit::{Fitted, precedes, squared_distance};
 /// The records of a slab's vertices, one after the other; `slices` are those whose points it was fitted to.
 ///
 /// A vertex without a point takes the record of the nearest point that any of its neighbours has, as soon as one has: from edge to edge, all at once. Where
-/// no vertex of the slab has a point, records are zero. Memory: 48 bytes and a record for each point, a record for each vertex, a chunk of a bucket.
+/// no vertex of the slab has a point, records are zero. Memory: [`bytes`], a record for each vertex, a chunk of a bucket.
 ///
 /// # Errors
 /// [`crate::Error::Io`].
@@ -66,6 +66,18 @@ pub fn attributes<T: Coordinate>(
     Ok(out)
 }
 
+/// Bytes that [`attributes`] needs for so many vertices and records of `stride` bytes, but for the records it gives.
+pub fn bytes(vertices: u64, stride: u64) -> u64 {
+    // As if all triangles had a vertex without a point.
+    let spread = vertices * (size_of::<u32>() + 2 * size_of::<[u32; 3]>()) as u64;
+    bytes_of_table::<([u64; 3], u32)>(vertices) + vertices * (2 + stride) + spread
+}
+
+/// Bytes of a hash table with room for so many entries: a power of two of places, of which an eighth stays free, and a byte for each.
+pub fn bytes_of_table<E>(entries: u64) -> u64 {
+    (entries * 8).div_ceil(7).max(4).next_power_of_two() * (size_of::<E>() as u64 + 1)
+}
+
 /// The records of the points that vertices were fitted to.
 struct Found {
     stride: usize,
@@ -80,7 +92,8 @@ struct Found {
 
 impl Found {
     fn for_points<T: Coordinate>(fitted: &Fitted<T>, stride: usize) -> Found {
-        let mut numbers: SeededMap<[u64; 3], u32> = SeededMap::default();
+        let fitted_ones = fitted.point.iter().filter(|point| **point != NONE).count();
+        let mut numbers: SeededMap<[u64; 3], u32> = SeededMap::with_capacity_and_hasher(fitted_ones, Seeds::new());
         for (target, _) in fitted.target.iter().zip(&fitted.point).filter(|(_, point)| **point != NONE) {
             let next = numbers.len() as u32;
             numbers.entry(bits(*target)).or_insert(next);
@@ -153,8 +166,12 @@ impl BloomFilter {
 fn spread<T: Coordinate>(of_vertices: &mut [u32], targets: &[[T; 3]], places: &[[f64; 3]], triangles: &[[u32; 3]]) {
     let own = of_vertices.len() as u32;
     let lacks = |of: &[u32], v: u32| v < own && of[v as usize] == NONE;
-    let mut open: Vec<[u32; 3]> =
-        triangles.iter().filter(|t| t.iter().any(|v| lacks(of_vertices, *v))).copied().collect();
+    let open = || triangles.iter().filter(|t| t.iter().any(|v| lacks(of_vertices, *v)));
+    let mut open: Vec<[u32; 3]> = {
+        let mut all = Vec::with_capacity(open().count());
+        all.extend(open());
+        all
+    };
     loop {
         let mut nearest: FxHashMap<u32, (f64, u32)> = FxHashMap::default();
         for triangle in &open {

@@ -52,6 +52,11 @@ impl Fans {
         fans
     }
 
+    /// Bytes of the fans of `vertices` vertices and `triangles` triangles.
+    pub fn bytes(vertices: u64, triangles: u64) -> u64 {
+        (2 * vertices + 3 * triangles) * size_of::<u32>() as u64
+    }
+
     /// The corners that were vertex `v`'s before any contraction; none for vertices beyond those that have a fan.
     pub fn corners(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
         let first = self.head.get(v as usize).copied();
@@ -96,6 +101,11 @@ pub struct Groups<'a, D> {
     pub kept: &'a [bool],
 }
 
+/// Bytes that [`contract`] needs for so many vertices, with the list of their groups: who is alive, and who can be contracted.
+pub fn bytes(vertices: u64) -> u64 {
+    vertices * (2 * size_of::<u32>() + size_of::<bool>()) as u64
+}
+
 /// Contracts edges inside groups until none can be contracted any more.
 ///
 /// Vertices are visited in order; at each, as long as it lives, its lowest neighbour of the same group that can be
@@ -112,16 +122,15 @@ pub fn contract<D: Fn(u32) -> f64>(
     let mut alive = vec![true; vertices as usize];
     let mut scratch = Neighbourhoods::default();
     // Only vertices with a neighbour of their own group can ever be contracted; later rounds look at what is left of them.
-    let mut candidates: Vec<u32> = (0..vertices)
-        .filter(|&v| {
-            let group = groups.group[v as usize];
-            group != NONE
-                && fans.at(v, triangles).any(|(t, p)| {
-                    let next = triangles[t][(p + 1) % 3];
-                    next < vertices && groups.group[next as usize] == group
-                })
-        })
-        .collect();
+    let mut candidates: Vec<u32> = Vec::with_capacity(vertices as usize);
+    candidates.extend((0..vertices).filter(|&v| {
+        let group = groups.group[v as usize];
+        group != NONE
+            && fans.at(v, triangles).any(|(t, p)| {
+                let next = triangles[t][(p + 1) % 3];
+                next < vertices && groups.group[next as usize] == group
+            })
+    }));
     loop {
         let mut changed = false;
         for &v in &candidates {

@@ -16,11 +16,13 @@
 //! bit 7 − 2^a.
 
 use crate::error::Result;
+use crate::grid::Cell;
+use crate::grid::context::{Context, chunks};
 use crate::grid::slice::{Bits, Runs, words_for};
 use crate::grid::window::Window;
 use crate::settings::surface::Diagonals;
 use crate::solid::Solid;
-use crate::solid::heightfield::{Columns, KEPT, LIVE_COLUMN};
+use crate::solid::heightfield::{Columns, KEPT, LIVE_COLUMN, is_touched};
 use crate::surface::corner::{CORNERS, NO_SHEET, neighbours, quadrant};
 
 /// A vertex before smoothing: a sheet of a corner, or the middle of a doubled edge.
@@ -85,7 +87,7 @@ pub struct Triangles {
 impl Surface {
     /// Finds the vertices on planes `planes` (clamped to those that exist).
     ///
-    /// Memory: 1.5 bits for each place of a plane, 21 bytes for each corner of the surface, three slices of bits.
+    /// Memory: [`Surface::bytes`], and three slices of bits.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -111,6 +113,21 @@ impl Surface {
             out.starts.push(out.vertices.len() as u32);
         }
         Ok(out)
+    }
+
+    /// Bytes of a surface of so many vertices on `planes` planes of a grid of `cells`, with its look-ups; each is the only one at its corner.
+    pub fn bytes(vertices: u64, planes: u64, [width, _, rows]: Cell) -> u64 {
+        let words = words_for(width + 1) as u64 * u64::from(rows + 1);
+        let lines = u64::from(rows + 2) * size_of::<u32>() as u64;
+        let plane = Bits::bytes(width + 1, rows + 1) + words * size_of::<u32>() as u64 + lines;
+        // What is known of corners is in vectors that grow.
+        let corners = vertices * 2 * (size_of::<u8>() + size_of::<u32>()) as u64;
+        vertices * size_of::<Vertex>() as u64 + corners + planes * plane
+    }
+
+    /// Bytes of the same without the look-ups.
+    pub fn bytes_of_vertices(vertices: u64) -> u64 {
+        vertices * size_of::<Vertex>() as u64
     }
 
     /// The numbers of the vertices on plane `j`.
@@ -176,10 +193,16 @@ impl Surface {
     ) -> Triangles {
         let planes = slices.clone().map(|y| &self.planes[(y - self.lowest) as usize]);
         let faces: usize = planes.flat_map(|plane| &plane.masks).map(|mask| faces_at(*mask)).sum();
-        let mut out = Triangles { corners: room, kept: Vec::new() };
-        out.corners.clear();
-        out.corners.reserve_exact(2 * faces);
+        // Each middle cuts two triangles in two; those on the plane above lie on edges of these faces, too.
+        let above = (slices.end.min(*self.planes().end()) - self.lowest) as usize;
+        let below = (slices.start - self.lowest) as usize;
+        let middles: usize = self.planes[below..=above].iter().map(|plane| plane.middles.len()).sum();
+        let triangles = 2 * (faces + middles);
         let trimmed = self.columns.as_ref().filter(|columns| columns.trimmed());
+        let kept = if trimmed.is_some() { Vec::with_capacity(triangles) } else { Vec::new() };
+        let mut out = Triangles { corners: room, kept };
+        out.corners.clear();
+        out.corners.reserve_exact(triangles);
         for y in slices {
             let plane = &self.planes[(y - self.lowest) as usize];
             for row in plane.rows.windows(2) {
@@ -267,6 +290,58 @@ impl Surface {
     }
 }
 
+/// Of each slice, as many rectangles as count for its memory: no fewer than its own faces with those that middles add, and than the vertices on its
+/// lower plane; on the last one, on both planes. Memory for each job: three slices of bits.
+///
+/// # Errors
+/// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+pub fn weights(solid: &Solid, context: &Context) -> Result<Vec<u32>> {
+    let [_, slices, _] = solid.cells;
+    // Of each plane: its vertices, and how many of them are middles.
+    let mut planes: Vec<[u32; 2]> = Vec::with_capacity(slices as usize + 1);
+    let mut jobs = chunks(slices);
+    context.workers.in_order(
+        context.memory.chunks_in_flight,
+        || Ok(jobs.next()),
+        |chunk| counts(solid, chunk.start..chunk.end + u32::from(chunk.end == slices)),
+        |counted: Vec<[u32; 2]>| {
+            planes.extend(counted);
+            Ok(())
+        },
+    )?;
+    let own = |y: usize| {
+        let vertices = planes[y][0] + if y + 1 == slices as usize { planes[y + 1][0] } else { 0 };
+        (solid.faces[y] + planes[y][1] + planes[y + 1][1]).max(vertices)
+    };
+    Ok((0..slices as usize).map(own).collect())
+}
+
+/// Of each plane: its vertices, and how many of them are middles.
+fn counts(solid: &Solid, planes: std::ops::Range<u32>) -> Result<Vec<[u32; 2]>> {
+    let [width, _, rows] = solid.cells;
+    let (lowest, end) = (i64::from(planes.start), i64::from(planes.end));
+    let columns = solid.ground.as_ref().map(|ground| ground.columns(lowest - 1..end + 1)).transpose()?;
+    let trimmed = columns.as_ref().filter(|columns| columns.trimmed());
+    let mut window = Window::new(3, || Bits::new(width + 2, rows + 2));
+    let mut runs = Runs::default();
+    let mut out = Vec::with_capacity(planes.len());
+    for j in planes {
+        let y = i64::from(j);
+        window.slide_to(y - 1, |y, bits| solid.paint(y, bits, &mut runs))?;
+        let around = [window.get(y - 1), window.get(y), window.get(y + 1)];
+        let (mut sheets, mut middles) = (0, 0);
+        each_corner(around, j, trimmed, |corner, mask| {
+            let kind = &CORNERS[usize::from(mask)];
+            sheets += u32::from(kind.sheets);
+            if kind.doubled & DOUBLED_UPWARDS != 0 {
+                middles += (0..3).filter(|m| has_middle(around, corner, mask, *m, trimmed)).count() as u32;
+            }
+        });
+        out.push([sheets + middles, middles]);
+    }
+    Ok(out)
+}
+
 /// The number of faces whose lowest corner has this mask.
 fn faces_at(mask: u8) -> usize {
     (0..3).filter(|axis| (mask >> 7 ^ mask >> (7 - (1 << axis))) & 1 == 1).count()
@@ -303,34 +378,31 @@ impl Plane {
         let words = out.corners.row(0).len();
         for k in 0..rows {
             let cells = [low.lit_row(k), high.lit_row(k), low.lit_row(k + 1), high.lit_row(k + 1)];
-            let live = live.as_ref().map(|live| live.row(k));
-            if cells.iter().all(Option::is_none) || live.is_some_and(|live| live.is_none()) {
+            let live_row = live.as_ref().map(|live| live.row(k));
+            if cells.iter().all(Option::is_none) || live_row.is_some_and(|live| live.is_none()) {
                 out.before.extend(std::iter::repeat_n(out.masks.len() as u32, words));
                 out.rows.push(out.masks.len() as u32);
                 continue;
             }
             for w in 0..words {
                 out.before.push(out.masks.len() as u32);
-                // Word of cells dx, of slice dy, of row dz: bit i is cell (i − 1 + dx) of the grid, so corner i's.
-                let word = |dx: usize, row: Option<&[u64]>| {
-                    row.map_or(0, |row| {
-                        let next = row.get(w + 1).map_or(0, |next| next << 63);
-                        if dx == 0 { row[w] } else { row[w] >> 1 | next }
-                    })
-                };
-                let c: [u64; 8] = std::array::from_fn(|i| word(i & 1, cells[i >> 1]));
+                let c = words_round(cells, w);
                 let any = c.iter().fold(0, |a, b| a | b);
                 let all = c.iter().fold(u64::MAX, |a, b| a & b);
-                let live = live.flatten().map_or(u64::MAX, |live| live[w]);
-                let mut surface = any & !all & live;
+                let made = live_row.flatten().map_or(u64::MAX, |live| live[w]);
+                let mut surface = any & !all & made;
                 if surface == 0 {
                     continue;
                 }
-                out.corners.row_mut(k)[w] = surface;
+                let mut corners = surface;
                 while surface != 0 {
                     let bit = surface.trailing_zeros();
                     surface &= surface - 1;
-                    let mask = (0..8).fold(0, |mask, i| mask | ((c[i] >> bit & 1) as u8) << i);
+                    let mask = mask_of(c, bit);
+                    if live.as_ref().is_some_and(|live| !live.touches(w as u32 * 64 + bit, k, mask)) {
+                        corners &= !(1 << bit);
+                        continue;
+                    }
                     out.masks.push(mask);
                     out.first.push(vertices.len() as u32);
                     let corner = [w as u32 * 64 + bit, j, k];
@@ -338,6 +410,7 @@ impl Plane {
                         vertices.push(Vertex { corner, mask, kind: Kind::Sheet(sheet) });
                     }
                 }
+                out.corners.row_mut(k)[w] = corners;
             }
             out.rows.push(out.masks.len() as u32);
         }
@@ -347,19 +420,14 @@ impl Plane {
 
     /// Appends the middles of doubled edges whose lower end lies in the plane: along x and z first, then along y.
     fn add_middles(&mut self, around: [&Bits; 3], trimmed: Option<&Columns>, vertices: &mut Vec<Vertex>) {
-        let doubled: Vec<usize> =
-            (0..self.masks.len()).filter(|&o| CORNERS[usize::from(self.masks[o])].doubled & 0b10_1010 != 0).collect();
+        let doubled: Vec<usize> = (0..self.masks.len())
+            .filter(|&o| CORNERS[usize::from(self.masks[o])].doubled & DOUBLED_UPWARDS != 0)
+            .collect();
         for axes in [&[0u8, 2][..], &[1]] {
             for &ordinal in &doubled {
                 let vertex = vertices[self.first[ordinal] as usize];
                 for &axis in axes {
-                    let m = usize::from(axis);
-                    let upper_mask = mask_at(around, vertex.corner, m);
-                    let both = CORNERS[usize::from(vertex.mask)].doubled >> (2 * m + 1)
-                        & CORNERS[usize::from(upper_mask)].doubled >> (2 * m);
-                    let mut upper = vertex.corner;
-                    upper[m] += 1;
-                    if both & 1 == 1 && trimmed.is_none_or(|columns| columns.holds(upper)) {
+                    if has_middle(around, vertex.corner, vertex.mask, usize::from(axis), trimmed) {
                         let [i, _, k] = vertex.corner;
                         self.middles.push(((k, i, axis), vertices.len() as u32));
                         vertices.push(Vertex { kind: Kind::Middle(axis), ..vertex });
@@ -380,16 +448,22 @@ impl Plane {
     }
 }
 
-/// The corners of a plane that belong to live columns, and do not lie on the bottom of the grid: those that are made.
+/// The corners of a plane at live columns, and not on the bottom of the grid: those that may be made.
 struct Live {
     rows: Vec<bool>,
     words: Vec<u64>,
+    /// By place across columns, which of the four there are live, as [`is_touched`] asks for it.
+    round: Vec<u8>,
+    up: usize,
 }
 
 impl Live {
     fn of(columns: &Columns, j: u32, width: u32, rows: u32) -> Live {
+        let up = columns.up().axis;
+        let across = if columns.up().across() == 0 { width } else { rows };
+        let round: Vec<u8> = (0..across).map(|column| columns.live_round(j.into(), column.into())).collect();
         // Columns lie side by side along x or along z: whether a corner's are live depends on one of the two, whether it lies at the bottom on the other.
-        let made = |corner: [u32; 3]| columns.is_live(j.into(), corner[columns.up().across()].into());
+        let made = |corner: [u32; 3]| round[corner[columns.up().across()] as usize] != 0;
         let above = |corner: [u32; 3]| !columns.at_bottom(corner);
         type Test<'a> = &'a dyn Fn([u32; 3]) -> bool;
         let (along_x, along_z): (Test<'_>, Test<'_>) =
@@ -398,13 +472,80 @@ impl Live {
         for i in (0..width).filter(|i| along_x([*i, j, 0])) {
             words[i as usize / 64] |= 1u64 << (i % 64);
         }
-        Live { rows: (0..rows).map(|k| along_z([0, j, k])).collect(), words }
+        let rows = (0..rows).map(|k| along_z([0, j, k])).collect();
+        Live { rows, words, round, up }
     }
 
-    /// The words of row `k`, if any of its corners is made.
+    /// Whether a face that is made touches the corner (i, k) of the surface, which has this mask.
+    fn touches(&self, i: u32, k: u32, mask: u8) -> bool {
+        let column = if self.up == 0 { k } else { i };
+        is_touched(mask, self.round[column as usize], self.up)
+    }
+
+    /// The words of row `k`, if any of its corners may be made.
     fn row(&self, k: u32) -> Option<&[u64]> {
         self.rows[k as usize].then_some(&self.words)
     }
+}
+
+/// A corner's doubled edges that lead upwards, along any axis.
+const DOUBLED_UPWARDS: u8 = 0b10_1010;
+
+/// Whether the edge from a corner with this mask upwards along axis `m` is doubled, and both of its ends are made.
+fn has_middle(around: [&Bits; 3], corner: [u32; 3], mask: u8, m: usize, trimmed: Option<&Columns>) -> bool {
+    let upper_mask = mask_at(around, corner, m);
+    let both = CORNERS[usize::from(mask)].doubled >> (2 * m + 1) & CORNERS[usize::from(upper_mask)].doubled >> (2 * m);
+    let mut upper = corner;
+    upper[m] += 1;
+    both & 1 == 1 && trimmed.is_none_or(|columns| columns.holds(upper, upper_mask))
+}
+
+/// Tells `found` of every corner of the surface on plane `j` that is made, with its mask, in order. `around` as for [`Plane::find`].
+fn each_corner(around: [&Bits; 3], j: u32, trimmed: Option<&Columns>, mut found: impl FnMut([u32; 3], u8)) {
+    let [low, high, _] = around;
+    let (width, rows) = (low.width() - 1, low.row_count() - 1);
+    let live = trimmed.map(|columns| Live::of(columns, j, width, rows));
+    for k in 0..rows {
+        let cells = [low.lit_row(k), high.lit_row(k), low.lit_row(k + 1), high.lit_row(k + 1)];
+        if cells.iter().all(Option::is_none) {
+            continue;
+        }
+        for w in 0..words_for(width) {
+            let c = words_round(cells, w);
+            let mut surface = c.iter().fold(0, |a, b| a | b) & !c.iter().fold(u64::MAX, |a, b| a & b);
+            if let Some(live) = &live {
+                surface &= live.row(k).map_or(0, |live| live[w]);
+            }
+            while surface != 0 {
+                let bit = surface.trailing_zeros();
+                surface &= surface - 1;
+                let mask = mask_of(c, bit);
+                let i = w as u32 * 64 + bit;
+                if live.as_ref().is_none_or(|live| live.touches(i, k, mask)) {
+                    found([i, j, k], mask);
+                }
+            }
+        }
+    }
+}
+
+/// Of the rows of cells round a row of corners (of slice dy, of row dz), word `w` of each of the eight cells: bit i is cell (i − 1 + dx) of the grid, so
+/// corner i's.
+#[inline]
+fn words_round(cells: [Option<&[u64]>; 4], w: usize) -> [u64; 8] {
+    let word = |dx: usize, row: Option<&[u64]>| {
+        row.map_or(0, |row| {
+            let next = row.get(w + 1).map_or(0, |next| next << 63);
+            if dx == 0 { row[w] } else { row[w] >> 1 | next }
+        })
+    };
+    std::array::from_fn(|i| word(i & 1, cells[i >> 1]))
+}
+
+/// The mask of the corner at a bit of these words.
+#[inline]
+fn mask_of(words: [u64; 8], bit: u32) -> u8 {
+    (0..8).fold(0, |mask, i| mask | ((words[i] >> bit & 1) as u8) << i)
 }
 
 /// The mask of the corner one step along axis `m` from `corner`, from the slices round `corner`'s plane.

@@ -92,7 +92,8 @@ pub fn project<T: Coordinate>(
     let mut window =
         Window::new(2 * halo as usize, || SliceMeans { cells: Ranked::new(width, rows), means: Vec::new() });
     let mut reader = MeansReader { sampled, bucket: None, sums: Vec::new(), runs: Runs::default() };
-    let mut out = Vec::new();
+    let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
+    let mut out = Vec::with_capacity(own.len());
     for plane in planes {
         window.slide_to(i64::from(plane) - halo, |y, slice| {
             if (0..i64::from(slices)).contains(&y) {
@@ -123,6 +124,11 @@ pub fn bytes(in_slice: &[u32], cells: Cell, smooth: u32) -> u64 {
     let means = most(window) * size_of::<Mean>() as u64 + most(BUCKET_SLICES as usize) * size_of::<Sum>() as u64;
     // Vectors of means grow by doubling.
     ranked + 2 * means
+}
+
+/// Bytes of what [`project`] gives for so many vertices.
+pub fn bytes_of_places(vertices: u64) -> u64 {
+    vertices * size_of::<Option<[f64; 3]>>() as u64
 }
 
 /// Reads slices of means, in order, from buckets.

@@ -62,6 +62,12 @@ pub fn smooth(surface: &Surface, steps: u32, room: Vec<[f64; 3]>) -> Vec<[f64; 3
     q
 }
 
+/// Bytes that [`smooth`] needs for so many vertices while it takes a step, with the places it gives.
+pub fn bytes(vertices: u64, steps: u32) -> u64 {
+    let held = if steps > 1 { 2 } else { 1 };
+    held * vertices * size_of::<[f64; 3]>() as u64
+}
+
 /// A quarter of a cell, from the doubled edge upwards along axis `m` of a corner, towards the solid cell with d_b = 0, whose copy the middle belongs to.
 fn into_solid(mask: u8, m: usize) -> [f64; 3] {
     let (b, c) = ((m + 1) % 3, (m + 2) % 3);

@@ -54,7 +54,7 @@ fn a_comparison_is_told_in_words_and_numbers() {
         names.sort_unstable();
         assert_eq!(names.join(" "), keys, "{part}");
     }
-    let quiet = f.ok("compare m.ply r.ply -q --report again.json --max-memory 1M -j 1");
+    let quiet = f.ok("compare m.ply r.ply -q --report again.json --max-memory 16M -j 1");
     assert_eq!((quiet.out.as_str(), quiet.err.as_str()), ("", ""));
     assert_eq!(json(&f, "again.json"), found);
 }

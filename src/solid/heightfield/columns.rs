@@ -197,15 +197,17 @@ impl Columns {
         }
     }
 
-    /// Whether a corner on plane `j` between columns `column` − 1 and `column` belongs to a column that is live.
-    pub fn is_live(&self, j: i64, column: i64) -> bool {
-        let four = [(j - 1, column - 1), (j - 1, column), (j, column - 1), (j, column)];
-        four.iter().any(|&(y, column)| self.flags(y, column) & LIVE_COLUMN != 0)
+    /// Which of the four columns at a corner on plane `j`, between columns `column` − 1 and `column`, are live: bit dy + 2 · dc is the one on slice
+    /// j − 1 + dy.
+    pub fn live_round(&self, j: i64, column: i64) -> u8 {
+        let live = |y, column| u8::from(self.flags(y, column) & LIVE_COLUMN != 0);
+        live(j - 1, column - 1) | live(j, column - 1) << 1 | live(j - 1, column) << 2 | live(j, column) << 3
     }
 
-    /// Whether a corner of the surface is made.
-    pub fn holds(&self, corner: [u32; 3]) -> bool {
-        self.is_live(i64::from(corner[1]), i64::from(corner[self.up.across()])) && !self.at_bottom(corner)
+    /// Whether a corner of the surface with this mask is made: one that a face touches that is made.
+    pub fn holds(&self, corner: [u32; 3], mask: u8) -> bool {
+        let live = self.live_round(i64::from(corner[1]), i64::from(corner[self.up.across()]));
+        !self.at_bottom(corner) && is_touched(mask, live, self.up.axis)
     }
 
     /// Whether a corner lies on the bottom of the grid.
@@ -225,5 +227,53 @@ impl Columns {
         let mean = ((a + b) + (c + d)) * 0.25;
         let corner = self.up.turn(f64::from(corner[self.up.axis]), self.cells_up);
         (mean.floor() + 1.0 == corner).then(|| self.up.turn(mean, self.cells_up))
+    }
+}
+
+/// Whether a face that is made touches a corner with this mask: the top of a live column, or a wall between two live columns side by side. Walls that
+/// part live columns from others are not made, however high they are.
+///
+/// `live` as [`Columns::live_round`] gives it; columns are upright along axis `up`, which is x or z.
+pub fn is_touched(mask: u8, live: u8, up: usize) -> bool {
+    if live == 0b1111 {
+        return true;
+    }
+    // The cell of a column on either side of the corner, along the up axis.
+    let cell = |column: usize, end: usize| {
+        let (dy, dc) = (column & 1, column >> 1);
+        let (dx, dz) = if up == 0 { (end, dc) } else { (dc, end) };
+        mask >> (dx + 2 * dy + 4 * dz) & 1
+    };
+    let is_live = |column: usize| live >> column & 1 == 1;
+    let ends_here = |column: usize| is_live(column) && cell(column, 0) != cell(column, 1);
+    let parts = |(a, b): (usize, usize)| is_live(a) && is_live(b) && cell(a, 0) != cell(b, 0);
+    (0..4).any(ends_here) || [(0, 1), (2, 3), (0, 2), (1, 3)].into_iter().any(parts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every arrangement of cells and of live columns, against the twelve faces at a corner.
+    #[test]
+    fn a_corner_is_touched_if_one_of_its_twelve_faces_is_made() {
+        for (up, live, mask) in [0, 2]
+            .into_iter()
+            .flat_map(|up| (0..16u8).flat_map(move |live| (0..=255u8).map(move |mask| (up, live, mask))))
+        {
+            let solid = |cell: [usize; 3]| mask >> (cell[0] + 2 * cell[1] + 4 * cell[2]) & 1 == 1;
+            let is_live = |cell: [usize; 3]| live >> (cell[1] + 2 * cell[2 - up]) & 1 == 1;
+            let cells = (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2]);
+            let made = cells
+                .flat_map(|cell| (0..3).filter(move |axis| cell[*axis] == 0).map(move |axis| (cell, axis)))
+                .any(|(cell, axis)| {
+                    let mut next = cell;
+                    next[axis] = 1;
+                    solid(cell) != solid(next) && is_live(cell) && is_live(next)
+                });
+            // Live or not, columns that all count make every corner of the surface one.
+            let expected = made || live == 0b1111;
+            assert_eq!(is_touched(mask, live, up), expected, "up {up} live {live:04b} mask {mask:08b}");
+        }
     }
 }

@@ -46,6 +46,11 @@ impl<T: Coordinate> Fitted<T> {
         Fitted { point, target }
     }
 
+    /// Bytes of the points of so many vertices, of `coordinates` bytes each.
+    pub fn bytes(vertices: u64, coordinates: u64) -> u64 {
+        vertices * (size_of::<u32>() as u64 + coordinates)
+    }
+
     /// Gives vertex `v` a place of its own to go to, instead of a point.
     pub fn put(&mut self, v: usize, target: [T; 3]) {
         (self.point[v], self.target[v]) = (NONE, target);

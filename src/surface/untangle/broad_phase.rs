@@ -21,8 +21,11 @@ use crate::surface::untangle::quantized::{Extent, Scale, Spot};
 /// Triangles with consecutive numbers that share a box of their own.
 pub const BLOCK: usize = 64;
 
-/// Entries of a layer that are looked at together, about: a layer with more is done in bands of rows.
-const BAND: usize = 1 << 17;
+/// The most entries of a layer that are looked at together: a layer with more is done in bands of rows. Only a single row may have more.
+const BAND: usize = 1 << 16;
+
+/// Rows that an entry is listed in, and layers, on average: a triangle is about a cell large, and rows and layers are two cells thick.
+const LISTED: u64 = 2;
 
 /// Triangles by number, and where their corners are.
 pub trait Places {
@@ -74,7 +77,7 @@ impl Entry {
 
 /// Finds pairs of triangles whose boxes meet. Keeps its buffers.
 ///
-/// Memory: some 3 bytes for each triangle, and some 70 for each of one layer's, of 300,000 at most.
+/// Memory: [`Near::bytes`].
 #[derive(Debug)]
 pub struct Near {
     scale: Scale,
@@ -92,6 +95,13 @@ impl Near {
     pub fn new(grid: &Grid, origin: [f64; 3]) -> Near {
         let (entries, ends, listed, order, row) = Default::default();
         Near { scale: Scale::new(grid, origin), entries, ends, listed, order, row }
+    }
+
+    /// Bytes for a mesh of `faces` rectangles, of which no layer has more than `layer`: the entries of a band and their lists, and the numbers of all
+    /// layers' triangles, in vectors that have grown by doubling.
+    pub fn bytes(faces: u64, layer: u64) -> u64 {
+        let listed = LISTED * size_of::<u32>() as u64;
+        layer.min(BAND as u64) * (size_of::<Entry>() as u64 + 2 * listed) + faces * 2 * listed
     }
 
     /// How places become spots.
@@ -112,11 +122,10 @@ impl Near {
             Suspects::All => self.layers_of_all(of),
             Suspects::Some(suspects) => self.layers_near(of, suspects),
         };
-        let all_rows = self.scale.rows();
         for (layer, triangles) in layers {
-            let rows = all_rows.div_ceil(triangles.len().div_ceil(BAND).max(1));
-            for band in (0..all_rows).step_by(rows).map(|row| row..(row + rows).min(all_rows)) {
+            for (band, entries) in self.bands(of, &triangles) {
                 self.entries.clear();
+                self.entries.reserve_exact(entries);
                 // Both are sorted.
                 let mut to_come = match suspects {
                     Suspects::All => [].as_slice(),
@@ -154,6 +163,32 @@ impl Near {
                 self.sweep(layer, &band, |a, b| found(of, of.triangle(a), of.triangle(b)));
             }
         }
+    }
+
+    /// The rows of a layer in bands that have no more than [`BAND`] entries each, if they have several rows, and how many entries each has at most.
+    fn bands<P: Places>(&self, of: &P, triangles: &[u32]) -> Vec<(Range<usize>, usize)> {
+        let rows = self.scale.rows();
+        if triangles.len() <= BAND {
+            return vec![(0..rows, triangles.len())];
+        }
+        // Of each row, the entries that begin there, and those that touch it.
+        let mut counts = vec![[0usize; 2]; rows];
+        for &first in triangles {
+            let [lowest, highest] = self.scale.rows_of(&extent_of_both(of, first));
+            counts[lowest][0] += 1;
+            counts[lowest..=highest].iter_mut().for_each(|[_, touch]| *touch += 1);
+        }
+        let mut bands = Vec::new();
+        let (mut start, mut entries) = (0, 0);
+        for (row, [begin, touch]) in counts.into_iter().enumerate() {
+            if row > start && entries + begin > BAND {
+                bands.push((start..row, entries));
+                (start, entries) = (row, 0);
+            }
+            entries += if row == start { touch } else { begin };
+        }
+        bands.push((start..rows, entries));
+        bands
     }
 
     /// All known triangles by layer; sets the boxes of blocks.

@@ -28,6 +28,15 @@ use crate::points::vector::{cross, minus};
 use crate::surface::contract::{NONE, is_gone};
 use crate::surface::vertex_state::Fate;
 
+/// Bytes of a list of vertices before it is worth while to look for those that are in it twice.
+const LIST: usize = 1 << 16;
+
+/// Bytes that [`retreat`] needs for a piece of so many vertices, but for what it lists of those that move, and for `near`, whose bytes those are.
+pub fn bytes(vertices: u64, near: u64) -> u64 {
+    let moving = (LIST * size_of::<u32>()) as u64 + vertices * size_of::<u32>() as u64;
+    star::bytes(vertices).max(vertices * size_of::<Fan>() as u64 + near + moving)
+}
+
 /// Lets vertices retreat until no two known triangles intersect, given that only pairs with a suspect can. The number of pairs that still do:
 /// not zero only if cells are too small for the precision of coordinates, or if a settled vertex would have to move.
 pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Vec<u32>>) -> u64 {
@@ -39,6 +48,7 @@ pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Ve
     let is_ring = |v: u32| fans[v as usize].get() == Fan::Ring;
     loop {
         let mut tangled: Vec<u32> = Vec::new();
+        let mut room = LIST;
         let mut pairs = 0;
         let looked_at = suspects.as_deref().map_or(Suspects::All, Suspects::Some);
         near.pairs(piece, looked_at, is_ring, |piece, a, b| {
@@ -48,6 +58,12 @@ pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Ve
                 let before = tangled.len();
                 tangled.extend(a.iter().chain(&b).copied().filter(moves));
                 left += u64::from(tangled.len() == before);
+                // A vertex that is in many pairs is listed once.
+                if tangled.len() >= room {
+                    tangled.sort_unstable();
+                    tangled.dedup();
+                    room = LIST.max(2 * tangled.len());
+                }
             }
         });
         tangled.sort_unstable();

@@ -31,6 +31,11 @@ pub enum Fan {
     Ring,
 }
 
+/// Bytes that [`all_fans`] needs for so many vertices.
+pub fn bytes(vertices: u64) -> u64 {
+    vertices * (size_of::<u64>() + size_of::<Fan>()) as u64
+}
+
 /// What is to be said of all vertices, in one pass over the triangles. May be in doubt, or say less, where a closer look would not.
 ///
 /// ```text

@@ -1,0 +1,251 @@
+//! The plan holds: what the program takes from the heap is never more than planned, over uneven clouds and all that a slab's memory depends on.
+//!
+//! A test binary of its own, since its allocator counts.
+
+#![expect(unsafe_code, reason = "an allocator that counts")]
+
+use std::alloc::{GlobalAlloc, Layout as Piece, System};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
+
+use asra_stream::input::{InputOptions, Layout};
+use asra_stream::resources::memory::MemoryPlan;
+use asra_stream::run::planner::beside_the_heap;
+use asra_stream::run::progress::{Progress, Show};
+use asra_stream::run::{Job, Means, plan, run};
+use asra_stream::settings::open::{Facing, Kind, Open};
+use asra_stream::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::settings::{Fineness, Resolution, Settings};
+use asra_stream::storage::atomic_file::Overwrite;
+use proptest::prelude::*;
+use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+
+/// Counts what is held, and the most that was.
+struct Counting;
+
+static HELD: AtomicUsize = AtomicUsize::new(0);
+static MOST: AtomicUsize = AtomicUsize::new(0);
+
+impl Counting {
+    fn taken(bytes: usize) {
+        let held = HELD.fetch_add(bytes, Relaxed) + bytes;
+        MOST.fetch_max(held, Relaxed);
+    }
+}
+
+// SAFETY: the system's allocator does the work.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, piece: Piece) -> *mut u8 {
+        Counting::taken(piece.size());
+        unsafe { System.alloc(piece) }
+    }
+
+    unsafe fn alloc_zeroed(&self, piece: Piece) -> *mut u8 {
+        Counting::taken(piece.size());
+        unsafe { System.alloc_zeroed(piece) }
+    }
+
+    unsafe fn dealloc(&self, at: *mut u8, piece: Piece) {
+        HELD.fetch_sub(piece.size(), Relaxed);
+        unsafe { System.dealloc(at, piece) }
+    }
+
+    unsafe fn realloc(&self, at: *mut u8, piece: Piece, size: usize) -> *mut u8 {
+        // As if the old were there until the new is.
+        Counting::taken(size);
+        HELD.fetch_sub(piece.size(), Relaxed);
+        unsafe { System.realloc(at, piece, size) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+/// One run at a time: all that is held is counted.
+static ALONE: Mutex<()> = Mutex::new(());
+
+#[derive(Debug, Clone, Copy)]
+enum Cloud {
+    /// Stairs: most of the faces of a slab lie in one layer, or in none.
+    Steps,
+    /// Lumps in the corners of a box.
+    Lumps,
+    /// The inside of a cube.
+    Volume,
+    /// Hills with upright walls on them.
+    Walls,
+    /// A ball with one half fifty times as densely sampled.
+    Uneven,
+}
+
+/// Numbers in [0, 1) that are the same on every machine.
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.roll()).sum::<f64>() - 6.0
+    }
+}
+
+impl Cloud {
+    fn points(self, count: usize, noise: f64) -> Vec<[f32; 3]> {
+        let mut dice = Dice(count as u64);
+        let mut point = || -> [f64; 3] {
+            let [u, v, w] = [dice.roll(), dice.roll(), dice.roll()];
+            match self {
+                Cloud::Steps if w < 0.5 => [u, v, (u * 5.0).floor() / 5.0],
+                Cloud::Steps => [(u * 5.0).floor() / 5.0, v, ((u * 5.0).floor() + w * 2.0 - 2.0) / 5.0],
+                Cloud::Lumps => {
+                    let corner = [u, v, w].map(|c| if c < 0.5 { 0.1 } else { 0.9 });
+                    corner.map(|c| c + 0.05 * dice.normal())
+                }
+                Cloud::Volume => [u, v, w],
+                Cloud::Walls if w < 0.7 => [u, v, 0.1 * (9.0 * u).sin() * (7.0 * v).cos()],
+                Cloud::Walls => [0.3 + 0.4 * (u * 2.0).floor() / 2.0, v, (w - 0.7) * 2.0],
+                Cloud::Uneven => {
+                    let normal = [dice.normal(), dice.normal(), dice.normal()];
+                    let length = normal.iter().map(|c| c * c).sum::<f64>().sqrt();
+                    let mut on = normal.map(|c| c / length);
+                    on[0] = if w < 0.98 { on[0].abs() } else { -on[0].abs() };
+                    on
+                }
+            }
+        };
+        let mut points: Vec<[f64; 3]> = (0..count).map(|_| point()).collect();
+        points.as_flattened_mut().iter_mut().for_each(|c| *c += noise * dice.normal());
+        points.into_iter().map(|p| p.map(|c| c as f32)).collect()
+    }
+}
+
+/// What is varied.
+#[derive(Debug, Clone)]
+struct Case {
+    cloud: Cloud,
+    points: usize,
+    noise: f64,
+    k: f64,
+    surface: Option<Kind>,
+    fit: Fit,
+    smooth: u32,
+    threads: usize,
+    /// Whether points have attributes.
+    carried: bool,
+    /// The budget: so many times the least.
+    factor: f64,
+}
+
+impl Case {
+    fn job(&self, folder: &Path) -> Job {
+        let path = folder.join("cloud.bin");
+        let mut bytes = Vec::new();
+        for point in self.cloud.points(self.points, self.noise) {
+            bytes.extend_from_slice(bytemuck::bytes_of(&point));
+            if self.carried {
+                bytes.extend(point[0].to_bits().to_le_bytes());
+            }
+        }
+        std::fs::write(&path, bytes).unwrap();
+        let layout: Layout = if self.carried { "xyz,i:u32" } else { "xyz" }.parse().unwrap();
+        let open = self.surface.map(|kind| match kind {
+            Kind::Terrain => Open::TERRAIN,
+            Kind::Sheet => Open { kind, facing: Facing::Direction([0.8, 0.0, 0.6]), ..Open::TERRAIN },
+        });
+        Job {
+            input: InputOptions { layout: Some(layout), ..InputOptions::default() },
+            settings: Settings {
+                fineness: Fineness::Given(Resolution::K(self.k)),
+                open,
+                surface: SurfaceOptions { smooth: self.smooth, fit: self.fit, ..Settings::default().surface },
+                ..Settings::default()
+            },
+            output: Some(folder.join("mesh.ply")),
+            overwrite: Overwrite::Replace,
+            means: Means { max_memory: Some(64 << 30), threads: Some(self.threads), temp_dir: Some(folder.into()) },
+            ..Job::new([path])
+        }
+    }
+
+    /// Runs with so many times the least budget that is named beforehand.
+    fn keeps_its_plan(&self) -> Result<(), TestCaseError> {
+        let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let folder = tempfile::tempdir().unwrap();
+        let mut job = self.job(folder.path());
+        let progress = || Progress::new(Show::Nothing);
+        let least = {
+            let workers = job.means.workers().unwrap();
+            let planned = plan(&job, &workers, &mut progress()).unwrap();
+            MemoryPlan::least(&planned.surveyed.load, self.threads)
+        };
+        job.means.max_memory = Some((least as f64 * self.factor) as u64);
+        let before = HELD.load(Relaxed);
+        MOST.store(before, Relaxed);
+        let report = {
+            let workers = job.means.workers().unwrap();
+            run(&job, &workers, &mut progress())
+        };
+        let counted = (MOST.load(Relaxed) - before) as u64;
+        let report = report.map_err(|error| TestCaseError::fail(format!("with {least} bytes: {error}")))?;
+        let planned = report.memory.plan.predicted - beside_the_heap(self.threads);
+        let mib = |bytes: u64| bytes as f64 / 1048576.0;
+        let figures = format!(
+            "{:.1} MiB counted, {:.1} planned, of {:.1}: {self:?}",
+            mib(counted),
+            mib(planned),
+            mib(report.memory.plan.budget)
+        );
+        if std::env::var_os("BUDGET_FIGURES").is_some() {
+            // All cases are wanted, whatever comes out.
+            eprintln!("{:.2} {figures}", counted as f64 / planned as f64);
+            return Ok(());
+        }
+        prop_assert!(report.memory.plan.predicted <= report.memory.plan.budget, "{}", figures);
+        prop_assert!(counted <= planned, "{}", figures);
+        Ok(())
+    }
+}
+
+fn cases() -> impl Strategy<Value = Case> {
+    let clouds = prop_oneof![
+        Just(Cloud::Steps),
+        Just(Cloud::Lumps),
+        Just(Cloud::Volume),
+        Just(Cloud::Walls),
+        Just(Cloud::Uneven)
+    ];
+    let surfaces = prop_oneof![2 => Just(None), 1 => Just(Some(Kind::Terrain)), 1 => Just(Some(Kind::Sheet))];
+    let fits = prop_oneof![Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
+    let smooth = prop_oneof![1 => Just(0), 3 => Just(1), 1 => Just(3)];
+    let noise = prop_oneof![Just(0.0), Just(0.002), Just(0.01)];
+    (clouds, 2_000..60_000usize, noise, 2.0..7.0, surfaces, fits, smooth, 1..5usize, any::<bool>(), 1.0..3.0).prop_map(
+        |(cloud, points, noise, k, surface, fit, smooth, threads, carried, factor)| {
+            // Half of the budgets are the least.
+            let factor = if factor < 2.0 { 1.0 } else { factor };
+            Case { cloud, points, noise, k, surface, fit, smooth, threads, carried, factor }
+        },
+    )
+}
+
+#[test]
+fn no_more_is_counted_than_planned() {
+    let count = std::env::var("BUDGET_CASES").ok().and_then(|count| count.parse().ok()).unwrap_or(24);
+    let config = Config { cases: count, failure_persistence: None, max_shrink_iters: 0, ..Config::default() };
+    let seed = std::env::var("BUDGET_SEED").ok().and_then(|seed| seed.parse().ok()).unwrap_or(1u8);
+    let mut runner = TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &[seed; 32]));
+    runner.run(&cases(), |case| case.keeps_its_plan()).unwrap_or_else(|error| panic!("{error}"));
+}
+
+/// Stairs stand upright in one layer of cells: the walls round a terrain that are not made, and layers with most of a slab's triangles, once took twice the plan.
+#[test]
+fn walls_cost_no_more_than_planned() {
+    for (surface, fit, smooth) in [(Some(Kind::Terrain), Fit::Plane, 0), (None, Fit::Nearest, 1)] {
+        let (cloud, points, noise, k) = (Cloud::Steps, 100_000, 0.001, 7.0);
+        let case = Case { cloud, points, noise, k, surface, fit, smooth, threads: 1, carried: false, factor: 1.0 };
+        case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
+    }
+}
