@@ -61,7 +61,7 @@ pub struct SlabMesh<T> {
     pub tangled: u64,
 }
 
-/// What a slab's memory depends on, in faces; where they are counted, in [`crate::stage::extract::weights`].
+/// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::extract::weights`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Size {
     /// Its own.

@@ -1,14 +1,15 @@
 """Exceptions, one for each kind of failure: the same kinds that the command's exit codes tell."""
 
 import json
+from typing import Any
 
 
 class AsraError(Exception):
     """A failure. ``kind`` and ``exit_code`` are those of the command; ``path``, ``place``, ``offset``, ``needed`` and ``given`` are None where they are not known."""
 
-    kind = "internal"
+    kind: str = "internal"
 
-    def __init__(self, message, **details):
+    def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
         self.exit_code = details.get("code")
         self.path = details.get("path")
@@ -72,7 +73,7 @@ _CLASSES = {
 }
 
 
-def of(failure):
+def of(failure: str) -> AsraError:
     """The exception for a failure as reports have it."""
     details = json.loads(failure)
     return _CLASSES.get(details["kind"], InternalError)(details.pop("message"), **details)

@@ -4,8 +4,12 @@ import functools
 import json
 import os
 import tempfile
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
 
 
 class Mesh:
@@ -14,31 +18,31 @@ class Mesh:
     Arrays are made when they are first asked for, and kept.
     """
 
-    def __init__(self, core):
+    def __init__(self, core: _core.Mesh) -> None:
         self._core = core
 
     @functools.cached_property
-    def vertices(self):
+    def vertices(self) -> NDArray[np.float32] | NDArray[np.float64]:
         """Vertices, an array (n, 3) in the points' coordinates: ``float32`` if the points were, else ``float64``."""
         return self._core.vertices()
 
     @functools.cached_property
-    def local_vertices(self):
+    def local_vertices(self) -> NDArray[np.float32]:
         """Vertices less :attr:`origin`, an array (n, 3) of ``float32``: for graphics."""
         return self._core.local_vertices()
 
     @functools.cached_property
-    def triangles(self):
+    def triangles(self) -> NDArray[np.uint32]:
         """Triangles, an array (m, 3) of ``uint32``: numbers of vertices, counter-clockwise seen from outside."""
         return self._core.triangles()
 
     @property
-    def faces(self):
+    def faces(self) -> NDArray[np.uint32]:
         """The same array as :attr:`triangles`."""
         return self.triangles
 
     @functools.cached_property
-    def attributes(self):
+    def attributes(self) -> dict[str, NDArray[Any]]:
         """What vertices have from their points: names to arrays of n numbers, in the points' types."""
         out = {}
         for name in self._core.attribute_names():
@@ -47,47 +51,47 @@ class Mesh:
         return out
 
     @property
-    def colors(self):
+    def colors(self) -> NDArray[Any] | None:
         """Colours of the vertices, an array (n, 3), or None."""
         if all(name in self.attributes for name in ("red", "green", "blue")):
             return np.stack([self.attributes[name] for name in ("red", "green", "blue")], axis=1)
         return None
 
     @property
-    def origin(self):
+    def origin(self) -> tuple[float, ...]:
         """What is taken off :attr:`local_vertices`, and off vertices in formats of 32 bits: three numbers, zero but for points in double precision far from zero."""
         return tuple(self._core.origin)
 
     @property
-    def crs(self):
+    def crs(self) -> dict[str, Any] | None:
         """The reference system of the points: a dict, or None."""
         text = self._core.crs()
         return None if text is None else json.loads(text)
 
     @functools.cached_property
-    def report(self):
+    def report(self) -> dict[str, Any]:
         """What is to be told of its making, as ``--report`` writes it: a dict."""
         return json.loads(self._core.report())
 
     @property
-    def is_sealed(self):
+    def is_sealed(self) -> bool:
         """Whether it encloses the inside: the samples part inside and outside everywhere."""
         return self.report["closing"]["sealed"]
 
     @property
-    def is_closed(self):
+    def is_closed(self) -> bool:
         """Whether every edge has two triangles."""
         return self.report["check"]["closed"]
 
-    def save(self, path, *, overwrite=False, coordinates=None):
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False, coordinates: str | None = None) -> None:
         """Writes a .ply, .stl, .obj or .glb file, which appears when it is whole. ``coordinates`` is "input" or "local"; what is usual for the format if None."""
         self._core.save(os.fspath(path), overwrite, coordinates)
 
-    def check(self):
+    def check(self) -> dict[str, Any]:
         """What a strict check finds: a dict."""
         return json.loads(self._core.check())
 
-    def compare(self, reference, *, progress=None, **options):
+    def compare(self, reference: "str | os.PathLike[str] | Mesh", *, progress: Any = None, **options: Any) -> dict[str, Any]:
         """How far it lies from a reference, a path or another mesh, and that from it: a dict. Both go through temporary files."""
         from ._run import compare
 
@@ -97,7 +101,7 @@ class Mesh:
                 reference = reference._written(folder, "reference.ply")
             return compare(own, reference, progress=progress, **options)
 
-    def render(self, output=None, *, progress=None, **options):
+    def render(self, output: str | os.PathLike[str] | None = None, *, progress: Any = None, **options: Any) -> dict[str, Any] | bytes:
         """Draws a picture (PNG) to ``output``; without, gives its bytes."""
         from ._run import render
 
@@ -110,18 +114,18 @@ class Mesh:
             with open(picture, "rb") as file:
                 return file.read()
 
-    def _written(self, folder, name):
+    def _written(self, folder: str, name: str) -> str:
         path = os.path.join(folder, name)
         self.save(path)
         return path
 
-    def to_trimesh(self):
+    def to_trimesh(self) -> Any:
         """A ``trimesh.Trimesh`` with the same vertices in the same order."""
         import trimesh
 
         return trimesh.Trimesh(self.vertices, self.triangles, vertex_colors=_eight_bits(self.colors), process=False)
 
-    def to_open3d(self):
+    def to_open3d(self) -> Any:
         """An ``open3d.geometry.TriangleMesh``."""
         import open3d
 
@@ -133,7 +137,7 @@ class Mesh:
             mesh.vertex_colors = open3d.utility.Vector3dVector(_eight_bits(self.colors) / 255.0)
         return mesh
 
-    def to_pyvista(self):
+    def to_pyvista(self) -> Any:
         """A ``pyvista.PolyData`` with the attributes as point data."""
         import pyvista
 
@@ -142,14 +146,14 @@ class Mesh:
             mesh.point_data[name] = values
         return mesh
 
-    def __len__(self):
+    def __len__(self) -> int:
         """The number of triangles."""
         return self._core.triangle_count
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<asra_stream.Mesh: {self._core.vertex_count:,} vertices, {self._core.triangle_count:,} triangles>"
 
-    def _repr_png_(self):
+    def _repr_png_(self) -> Any:
         return self.render(size="800x600")
 
 

@@ -5,11 +5,17 @@ import contextlib
 import json
 import os
 
+from typing import Any, cast
+
 import numpy as np
 
 from . import _clouds, _core
 from ._mesh import Mesh
 from ._options import words
+
+Path = str | os.PathLike[str]
+Paths = Path | collections.abc.Sequence[Path]
+Progress = collections.abc.Callable[[dict[str, Any]], object] | bool | None
 
 # Of points in pieces, what stays in memory, if nobody says how much memory there is.
 _PIECES_IN_MEMORY = 64 << 20
@@ -45,7 +51,9 @@ def _progress(progress):
         yield show
 
 
-def reconstruct(points, *, attributes=None, progress=None, **options):
+def reconstruct(
+    points: Any, *, attributes: collections.abc.Mapping[str, Any] | None = None, progress: Progress = None, **options: Any
+) -> Mesh:
     """Makes a closed mesh, or with ``surface="terrain"`` or ``"sheet"`` an open one, of points without normals.
 
     Parameters
@@ -128,7 +136,7 @@ def _paths(inputs):
     return [os.fspath(path) for path in inputs]
 
 
-def run(inputs, output=None, *, progress=None, **options):
+def run(inputs: Paths, output: Path | None = None, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """From files to a mesh file, as the command does: the mesh is never held in memory. Gives the report, a dict.
 
     ``inputs`` is a path, a pattern, a folder or a list of these; ``output`` ends in .ply, .stl, .obj or .glb. Keywords as of :func:`reconstruct`, and
@@ -137,32 +145,32 @@ def run(inputs, output=None, *, progress=None, **options):
     return _executed([], _paths(inputs), {"output": output, **options}, progress)
 
 
-def info(inputs, *, progress=None, **options):
+def info(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """What is in files: layout, points, box, density, reference system, classes and returns, grid. A dict, see docs/info-and-plan.md."""
     return _executed(["info"], _paths(inputs), options, progress)
 
 
-def plan(inputs, *, progress=None, **options):
+def plan(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """What a run would take: memory, disk, slices, triangles, tiles. A dict, see docs/info-and-plan.md."""
     return _executed(["plan"], _paths(inputs), options, progress)
 
 
-def check(mesh, *, progress=None, **options):
+def check(mesh: Path | Mesh, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """What a strict check of a mesh file, or a :class:`Mesh`, finds: closed, oriented, manifold, free of self-intersections, genus, area, volume. A dict."""
     if isinstance(mesh, Mesh):
         return mesh.check()
     return _executed(["check"], _paths(mesh), options, progress)
 
 
-def compare(mesh, reference, *, progress=None, **options):
+def compare(mesh: Path | Mesh, reference: Path | Mesh, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """How far a mesh lies from a reference, a mesh or a cloud, and the reference from it. A dict of distances in per cent of the reference's longest side."""
     if isinstance(mesh, Mesh):
         return mesh.compare(reference, progress=progress, **options)
     return _executed(["compare"], _paths([mesh, reference]), options, progress)
 
 
-def render(mesh, output, *, progress=None, **options):
+def render(mesh: Path | Mesh, output: Path, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """Draws a picture (PNG) of a mesh file, or a :class:`Mesh`: ``views="iso,top"``, ``size="1600x1200"``, ``color_by="height"`` ... Gives its path and triangles."""
     if isinstance(mesh, Mesh):
-        return mesh.render(output, progress=progress, **options)
+        return cast(dict[str, Any], mesh.render(output, progress=progress, **options))
     return _executed(["render"], _paths(mesh), {"output": output, **options}, progress)
