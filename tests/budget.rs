@@ -9,15 +9,15 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
-use asra_stream::input::{InputOptions, Layout};
-use asra_stream::resources::memory::MemoryPlan;
-use asra_stream::run::planner::beside_the_heap;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::{Job, Means, plan, run};
-use asra_stream::settings::open::{Facing, Kind, Open};
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{Fineness, Resolution, Settings};
-use asra_stream::storage::atomic_file::Overwrite;
+use asra_stream::internals::input::{InputOptions, Layout};
+use asra_stream::internals::resources::memory::MemoryPlan;
+use asra_stream::internals::run::planner::beside_the_heap;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::{Job, Means, plan, run};
+use asra_stream::internals::settings::open::{Facing, Kind, Open};
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{Fineness, Resolution, Settings};
+use asra_stream::internals::storage::atomic_file::Overwrite;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 

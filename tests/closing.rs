@@ -1,20 +1,20 @@
 //! Inside and outside are told apart: a plane has no inside; a shell has one, with a hole or without, for every window. Hollows that no points line are filled.
 
-use asra_stream::grid::Cell;
-use asra_stream::grid::context::Context;
-use asra_stream::grid::dilate::Ball;
-use asra_stream::grid::occupancy::Occupancy;
-use asra_stream::grid::slice::{Run, Runs, SliceStore, Slices};
-use asra_stream::points::Precision;
-use asra_stream::resources::memory::MemoryPlan;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::workload::Load;
-use asra_stream::settings::closing::Least;
-use asra_stream::settings::closing::Sealing;
-use asra_stream::solid::Solid;
-use asra_stream::solid::close::{Asked, How, Parted, close};
-use asra_stream::solid::component::keep;
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::grid::Cell;
+use asra_stream::internals::grid::context::Context;
+use asra_stream::internals::grid::dilate::Ball;
+use asra_stream::internals::grid::occupancy::Occupancy;
+use asra_stream::internals::grid::slice::{Run, Runs, SliceStore, Slices};
+use asra_stream::internals::points::Precision;
+use asra_stream::internals::resources::memory::MemoryPlan;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::workload::Load;
+use asra_stream::internals::settings::closing::Least;
+use asra_stream::internals::settings::closing::Sealing;
+use asra_stream::internals::solid::Solid;
+use asra_stream::internals::solid::close::{Asked, How, Parted, close};
+use asra_stream::internals::solid::component::keep;
+use asra_stream::internals::storage::spool::Workspace;
 
 fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
     let dir = tempfile::tempdir().unwrap();

@@ -4,8 +4,8 @@ use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use asra_stream::points::attribute::Attribute;
-use asra_stream::points::scalar::Scalar;
+use asra_stream::internals::points::attribute::Attribute;
+use asra_stream::internals::points::scalar::Scalar;
 use asra_stream::{
     Error, Mesh, MeshSink, Observer, PointBuffer, PointSource, PointSpool, Precision, Reconstruction, Result, Update,
 };
@@ -50,11 +50,11 @@ fn a_slice_and_a_file_of_the_same_points_are_the_same_mesh() {
     let saved = dir.path().join("saved.ply");
     mesh.save(&saved).unwrap();
     assert!(matches!(mesh.save(&saved), Err(Error::OutputExists(there)) if there == saved));
-    let mut job = asra_stream::run::Job::new([&path]);
+    let mut job = asra_stream::internals::run::Job::new([&path]);
     job.output = Some(dir.path().join("command.ply"));
     let workers = job.means.workers().unwrap();
-    let mut progress = asra_stream::run::progress::Progress::new(asra_stream::run::progress::Show::Nothing);
-    asra_stream::run::run(&job, &workers, &mut progress).unwrap();
+    let mut progress = asra_stream::internals::run::progress::Progress::new(asra_stream::internals::run::progress::Show::Nothing);
+    asra_stream::internals::run::run(&job, &workers, &mut progress).unwrap();
     assert!(std::fs::read(saved).unwrap() == std::fs::read(job.output.unwrap()).unwrap());
 }
 

@@ -7,13 +7,13 @@ use std::io::{Cursor, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-use asra_stream::format::read;
-use asra_stream::generate::{Options, Shape, generate};
-use asra_stream::points::attribute::Wanted;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::{Job, Means, look, run};
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::format::read;
+use asra_stream::internals::generate::{Options, Shape, generate};
+use asra_stream::internals::points::attribute::Wanted;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::{Job, Means, look, run};
+use asra_stream::internals::storage::spool::Workspace;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

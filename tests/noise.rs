@@ -1,14 +1,14 @@
 //! Noisy clouds: `--fit plane` leads the surface back to where the points were sampled.
 
-use asra_stream::format::read;
-use asra_stream::generate::{Options, Shape, generate};
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::{Job, Means, run};
-use asra_stream::settings::Resolution;
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{Fineness, Settings};
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::format::read;
+use asra_stream::internals::generate::{Options, Shape, generate};
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::{Job, Means, run};
+use asra_stream::internals::settings::Resolution;
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{Fineness, Settings};
+use asra_stream::internals::storage::spool::Workspace;
 
 /// Cells along the diameter of the sphere without noise.
 const CELLS: f64 = 60.0;

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use asra_stream::cli::Arguments;
-use asra_stream::error::Kind;
+use asra_stream::internals::error::Kind;
 use clap::{Arg, Command, CommandFactory};
 
 const README: &str = include_str!("../README.md");

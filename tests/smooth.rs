@@ -1,15 +1,15 @@
 //! More smoothing makes the surface smoother and leaves its volume alone.
 
-use asra_stream::format::read;
-use asra_stream::generate::{Options, Shape, generate};
-use asra_stream::mesh::MeshSource;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::{Job, Means, run};
-use asra_stream::settings::Resolution;
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{Fineness, Settings};
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::format::read;
+use asra_stream::internals::generate::{Options, Shape, generate};
+use asra_stream::internals::mesh::MeshSource;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::{Job, Means, run};
+use asra_stream::internals::settings::Resolution;
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{Fineness, Settings};
+use asra_stream::internals::storage::spool::Workspace;
 
 /// Volume, and the root mean square of the angle between triangles with a common side, in degrees.
 fn volume_and_roughness(mesh: &dyn MeshSource) -> (f64, f64) {

@@ -4,29 +4,29 @@ mod twin;
 
 use std::path::Path;
 
-use asra_stream::error::Error;
-use asra_stream::grid::Grid;
-use asra_stream::grid::dilate::Ball;
-use asra_stream::grid::occupancy::Occupancy;
-use asra_stream::grid::partition::slab_slices;
-use asra_stream::grid::slice::Runs;
-use asra_stream::input::{Cloud, InputOptions, Layout};
-use asra_stream::mesh::MeshSource;
-use asra_stream::points::bounds::{Axis, Bounds};
-use asra_stream::resources::memory::MemoryPlan;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::pipeline::{Reconstructed, Surveyed, context, reconstruct, survey_cloud};
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::settings::closing::Least;
-use asra_stream::settings::closing::Sealing;
-use asra_stream::settings::open::{Facing, Hole, Kind, Open};
-use asra_stream::settings::surface::Diagonals;
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{AxisChoice, Resolution};
-use asra_stream::settings::{Fineness, Settings};
-use asra_stream::solid::Solid;
-use asra_stream::solid::close::How;
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::error::Error;
+use asra_stream::internals::grid::Grid;
+use asra_stream::internals::grid::dilate::Ball;
+use asra_stream::internals::grid::occupancy::Occupancy;
+use asra_stream::internals::grid::partition::slab_slices;
+use asra_stream::internals::grid::slice::Runs;
+use asra_stream::internals::input::{Cloud, InputOptions, Layout};
+use asra_stream::internals::mesh::MeshSource;
+use asra_stream::internals::points::bounds::{Axis, Bounds};
+use asra_stream::internals::resources::memory::MemoryPlan;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::pipeline::{Reconstructed, Surveyed, context, reconstruct, survey_cloud};
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::settings::closing::Least;
+use asra_stream::internals::settings::closing::Sealing;
+use asra_stream::internals::settings::open::{Facing, Hole, Kind, Open};
+use asra_stream::internals::settings::surface::Diagonals;
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{AxisChoice, Resolution};
+use asra_stream::internals::settings::{Fineness, Settings};
+use asra_stream::internals::solid::Solid;
+use asra_stream::internals::solid::close::How;
+use asra_stream::internals::storage::spool::Workspace;
 use proptest::prelude::*;
 
 /// A mesh as bits.
@@ -647,12 +647,12 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
 }
 
 /// A context for passes over the slices of small grids.
-fn small_context(dir: &Path) -> asra_stream::grid::context::Context {
-    use asra_stream::points::Precision;
-    use asra_stream::run::workload::Load;
+fn small_context(dir: &Path) -> asra_stream::internals::grid::context::Context {
+    use asra_stream::internals::points::Precision;
+    use asra_stream::internals::run::workload::Load;
     let load = Load::in_cells(1000, Precision::Single, [64; 3], 1);
     let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
-    asra_stream::grid::context::Context {
+    asra_stream::internals::grid::context::Context {
         workers: Workers::new(2).unwrap(),
         workspace: Workspace::new(dir).unwrap(),
         memory,

@@ -2,11 +2,11 @@
 //!
 //! Least memory is that of two threads; disk is what there is at a time when nothing is kept in memory.
 
-use asra_stream::grid::partition::{slab_count, slices_of};
-use asra_stream::points::Precision;
-use asra_stream::resources::memory::MemoryPlan;
-use asra_stream::run::workload::Load;
-use asra_stream::stitch::VERTEX_LIMIT;
+use asra_stream::internals::grid::partition::{slab_count, slices_of};
+use asra_stream::internals::points::Precision;
+use asra_stream::internals::resources::memory::MemoryPlan;
+use asra_stream::internals::run::workload::Load;
+use asra_stream::internals::stitch::VERTEX_LIMIT;
 use bytesize::ByteSize;
 
 const SMOOTH: u32 = 1;

@@ -5,9 +5,9 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use asra_stream::input::{Carried, Cloud, InputOptions, Opening};
-use asra_stream::points::Batch;
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::input::{Carried, Cloud, InputOptions, Opening};
+use asra_stream::internals::points::Batch;
+use asra_stream::internals::storage::spool::Workspace;
 
 /// The most memory that reading may take, whatever a file claims.
 const LIMIT: usize = 64 << 20;

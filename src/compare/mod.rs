@@ -55,9 +55,7 @@ use crate::storage::steady::Steady;
 
 pub use self::heatmap::{HeatMap, Reach};
 pub use self::job::{Job, Kind};
-pub use self::report::{
-    Angles, Comparison, Distances, Length, MeshSide, MeshToReference, Mse, ReferenceSide, ReferenceToMesh,
-};
+pub use self::report::Comparison;
 
 /// Compares. Memory: about the budget, but no less than some 8 MB for each worker, and 2 KB for every million triangles.
 ///

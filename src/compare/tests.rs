@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use proptest::prelude::*;
 
+use super::report::Distances;
 use super::shape::{Line, angle};
 use super::*;
 use crate::input::InputOptions;

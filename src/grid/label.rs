@@ -293,14 +293,6 @@ pub struct Scratch {
 }
 
 impl Labels {
-    /// Sets the cells of slice `y` in `bits`, which is cleared first, whatever their component's verdict.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn paint_all(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
-        self.runs.paint(i64::from(y), bits, &mut scratch.runs)
-    }
-
     /// Sets the cells of slice `y` whose component's verdict is `wanted` in `bits`.
     ///
     /// # Errors

@@ -35,14 +35,14 @@ use crate::storage::mapped;
 use crate::storage::spool::Workspace;
 use crate::storage::steady::{Stamp, settle};
 
-pub use crate::format::layout::{Field, Layout, MAX_STRIDE};
+pub use crate::format::layout::Layout;
 pub use crate::format::options::{Depth, InputOptions};
 pub use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, Source};
 pub(crate) use crate::format::sidecar::Sidecar;
 pub use crate::format::unpack::{Opening, Unpacked};
 pub(crate) use crate::format::unpack::{Packing, STANDARD_INPUT};
 pub use crate::points::filter::{Filter, Returns, Withheld};
-pub use files::{Found, expand, find};
+pub use files::{expand, find};
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
 pub use spooled::PointSpool;
@@ -280,7 +280,7 @@ impl<'a> Cloud<'a> {
         let batches = Spares::<Option<Batch>>::default();
         let outcome = workers.in_order(
             in_flight,
-            || blocks.next(),
+            || blocks.next_block(),
             |block| {
                 batches.lend(|batch| {
                     let batch = batch.get_or_insert_with(|| Batch::new(self.precision));
@@ -344,8 +344,7 @@ impl<'a> Blocks<'a> {
     ///
     /// # Errors
     /// If a file cannot be read, changed its length since it was looked at, or is malformed.
-    #[expect(clippy::should_implement_trait, reason = "an iterator of results would go on after an error")]
-    pub fn next(&mut self) -> Result<Option<Block<'a>>> {
+    pub fn next_block(&mut self) -> Result<Option<Block<'a>>> {
         loop {
             if let Some(cutter) = &mut self.current {
                 if let Some(records) = cutter.next()? {
@@ -426,7 +425,7 @@ mod tests {
         let mut blocks = cloud.blocks(Carried::Attributes);
         let mut batch = Batch { dropped: 9, ..Batch::new(Precision::Double) };
         let mut read = Vec::new();
-        while let Some(block) = blocks.next().unwrap() {
+        while let Some(block) = blocks.next_block().unwrap() {
             block.decode(&mut batch).unwrap();
             let Points::Single(points) = &batch.points else { panic!("the cloud is single") };
             assert!(points.len() <= BLOCK_RECORDS && batch.dropped == 0);

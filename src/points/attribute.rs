@@ -281,11 +281,6 @@ impl Placing {
         Placing { places: schema.attributes().iter().map(|a| (index(&a.name), a.scalar)).collect() }
     }
 
-    /// Whether there is nothing to place.
-    pub fn is_empty(&self) -> bool {
-        self.places.is_empty()
-    }
-
     /// Whether the number of this index has a place.
     pub fn wants(&self, index: usize) -> bool {
         self.places.iter().any(|(own, _)| *own == Some(index))

@@ -143,10 +143,11 @@ impl Filled {
     }
 }
 
-/// [`Target::prepare`], [`Target::fill`] and [`Filled::finish`] in one.
+/// [`Target::prepare`], [`Target::fill`] and [`Filled::finish`] in one, for tests and benchmarks.
 ///
 /// # Errors
 /// As these.
+#[cfg(any(test, feature = "internals"))]
 pub fn write(
     mesh: &MeshSpool,
     header: &MeshHeader,

@@ -32,7 +32,7 @@ use self::vertices::Bounds;
 use super::measure::Sums;
 use super::{MeshSource, check_vertex_count};
 use crate::error::Result;
-pub use crate::mesh::intersections::{Intersection, Intersections, intersections};
+pub use crate::mesh::intersections::intersections;
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::spool::Workspace;
 

@@ -8,7 +8,7 @@ use crate::mesh::check::{CheckReport, check, intersections};
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::Precision;
-use crate::points::attribute::Schema;
+use crate::points::attribute::{Attribute, Schema};
 use crate::points::crs::Crs;
 use crate::points::scalar::Scalar;
 use crate::resources::workers::Workers;
@@ -155,8 +155,13 @@ impl Mesh {
     }
 
     /// The attributes of its vertices, which they have from their points.
-    pub fn schema(&self) -> &Schema {
-        self.spool.schema()
+    pub fn attributes(&self) -> &[Attribute] {
+        self.spool.schema().attributes()
+    }
+
+    /// The precision of its vertices, which is that of the points.
+    pub fn precision(&self) -> Precision {
+        self.spool.precision()
     }
 
     /// What is taken off the vertices where they are kept: zero, but for double precision far from zero.
@@ -221,7 +226,7 @@ impl Mesh {
             sink.vertices(vertices)
         })?;
         let mut values = vec![0.0; PIECE];
-        for number in 0..self.schema().attributes().len() {
+        for number in 0..self.attributes().len() {
             for first in (0..self.vertex_count()).step_by(PIECE) {
                 let values = &mut values[..PIECE.min(self.vertex_count() - first)];
                 self.spool.read_attribute(number, first as u64, values)?;

@@ -15,6 +15,7 @@ use crate::input::{Arrays, Cloud, Filter, PointSlice, PointSource, Values};
 use crate::mesh::MeshSource;
 use crate::mesh::check::check;
 use crate::points::attribute::Wanted;
+use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
 use crate::resources::workers::Workers;
 use crate::run::estimate::WORTH_IT;
@@ -28,7 +29,7 @@ use crate::settings::Fineness;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::Open;
-use crate::settings::surface::Fit;
+use crate::settings::surface::{Diagonals, Fit};
 use crate::settings::{AxisChoice, Resolution};
 use crate::storage::spool::Workspace;
 
@@ -110,6 +111,8 @@ impl<'a> Reconstruction<'a> {
     }
 
     /// All settings of a job at once, in the place of those before, and its means: not its inputs, nor its output.
+    #[cfg(feature = "internals")]
+    #[doc(hidden)]
     pub fn job(mut self, job: Job) -> Self {
         let inputs = std::mem::take(&mut self.job.inputs);
         self.job = Job { inputs, ..job };
@@ -155,9 +158,9 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
-    /// The axis that is sliced: the longest by default.
-    pub fn axis(mut self, axis: AxisChoice) -> Self {
-        self.job.settings.axis = axis;
+    /// The axis that is sliced: that of the box's longest side by default.
+    pub fn axis(mut self, axis: Axis) -> Self {
+        self.job.settings.axis = AxisChoice::Fixed(axis);
         self
     }
 
@@ -200,6 +203,12 @@ impl<'a> Reconstruction<'a> {
     /// What vertices are moved onto: their nearest points by default.
     pub fn fit(mut self, fit: Fit) -> Self {
         self.job.settings.surface.fit = fit;
+        self
+    }
+
+    /// Which diagonal cuts a quadrilateral into two triangles: the one that leaves the larger smallest angle by default.
+    pub fn diagonals(mut self, diagonals: Diagonals) -> Self {
+        self.job.settings.surface.diagonals = diagonals;
         self
     }
 

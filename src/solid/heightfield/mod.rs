@@ -21,7 +21,7 @@ mod grid;
 mod heights;
 
 use self::ball::filled;
-pub use self::columns::{Asked, Columns, DATA, Found, Ground, KEPT, LIVE_COLUMN, Up, is_touched, live_reach, margin};
+pub use self::columns::{Asked, Columns, Found, Ground, KEPT, LIVE_COLUMN, Up, is_touched, live_reach, margin};
 use self::columns::{Lines, NOTHING};
 use self::heights::Patch;
 use crate::error::Result;
