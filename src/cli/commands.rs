@@ -10,10 +10,10 @@ use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
     PlanArguments, ReconstructArguments, RenderArguments, overwrite,
 };
-use super::{exit_code, outputs, signals};
+use super::{failure, outputs, signals};
 use crate::compare::compare;
 use crate::error::defect;
-use crate::error::words::thousands;
+use crate::error::words::{as_options, thousands};
 use crate::error::{Error, Kind, Result};
 use crate::generate;
 use crate::generate::densify::densify;
@@ -37,7 +37,7 @@ pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
     if let Err(error) = outputs::check(&arguments) {
         // Told in the report, too, if that is not what must not be written.
         if let Some(path) = outputs::sound_report(&arguments) {
-            write_json(WholeFile::report(&path)?, &error.failure(exit_code(&error)))?;
+            write_json(WholeFile::report(&path)?, &failure(&error))?;
         }
         return Err(error);
     }
@@ -326,9 +326,9 @@ fn reported<R: serde::Serialize>(
         Ok((report, kind)) => write_json(file, &report).map(|()| kind),
         Err(error) => {
             if !early(&error) || !file.path().exists() || is_report(file.path()) {
-                let failure = error.failure(exit_code(&error));
+                let failure = failure(&error);
                 if let Err(second) = write_json(file, &failure) {
-                    progress.warn_always(&Warning::bare(second.to_string()));
+                    progress.warn_always(&Warning::bare(as_options(&second.to_string())));
                 }
             }
             Err(error)

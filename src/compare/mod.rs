@@ -125,12 +125,15 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
 fn in_reference_units(map: &HeatMap, reference: &Source) -> Result<HeatMap> {
     let max = match (map.max, map.unit, reference) {
         (Some(Reach::Length(length)), Some(unit), Source::Cloud(cloud)) => {
-            Some(Reach::Length(cloud.length("--heatmap-max", length, unit)?))
+            Some(Reach::Length(cloud.length("heatmap_max", length, unit)?))
         }
         (Some(Reach::Length(length)), Some(unit), Source::Mesh(_)) => {
-            return Err(Error::Usage(format!(
-                "--heatmap-max {length}{unit}: the unit of a mesh is not known; give a plain number, in its units"
-            )));
+            return Err(Error::setting(
+                "heatmap_max",
+                format!(
+                    "`heatmap_max` {length}{unit}: the unit of a mesh is not known; give a plain number, in its units"
+                ),
+            ));
         }
         (max, ..) => max,
     };

@@ -104,10 +104,14 @@ impl Grid {
         let along = extent[axis.index()];
         let (w, slices) = match resolution {
             Resolution::Cell(w) if w.is_finite() && w > 0.0 => (w, None),
-            Resolution::Cell(w) => return Err(Error::Usage(format!("--cell-size {w} is not a positive length"))),
-            Resolution::Slices(0) => return Err(Error::Usage("--slices 0: at least one slice is needed".into())),
+            Resolution::Cell(w) => {
+                return Err(Error::setting("cell_size", format!("`cell_size` {w} is not a positive length")));
+            }
+            Resolution::Slices(0) => {
+                return Err(Error::setting("slices", "`slices` 0: at least one slice is needed".into()));
+            }
             Resolution::K(k) if !(k.is_finite() && k > 0.0) => {
-                return Err(Error::Usage(format!("--k {k} is not a positive number")));
+                return Err(Error::setting("k", format!("`k` {k} is not a positive number")));
             }
             Resolution::Slices(_) | Resolution::K(_) => {
                 let s = match resolution {
@@ -337,7 +341,7 @@ fn raster_error(cells: f64, axis: Axis) -> Error {
         cells,
         axis: axis.letter(),
         limit: CELLS_LIMIT,
-        advice: "use a smaller --k or --slices, a larger --cell-size, or --axis longest; far outliers stretch the box too",
+        advice: "use a smaller `k` or `slices`, a larger `cell_size`, or `axis` longest; far outliers stretch the box too",
     }
 }
 
@@ -456,7 +460,7 @@ mod tests {
         let error = Grid::new(10, &b, Resolution::Cell(1e-7), AxisChoice::Longest).unwrap_err();
         assert!(error.to_string().contains("10000000"), "{error}");
         for bad in [Resolution::Cell(0.0), Resolution::K(f64::NAN), Resolution::Slices(0), Resolution::K(-1.0)] {
-            assert!(matches!(Grid::new(10, &b, bad, AxisChoice::Longest), Err(Error::Usage(_))));
+            assert!(matches!(Grid::new(10, &b, bad, AxisChoice::Longest), Err(Error::InvalidSetting { .. })));
         }
         let huge = Bounds { min: [-1.7e308; 3], max: [1.7e308; 3] };
         assert!(Grid::new(10, &huge, Resolution::default(), AxisChoice::Longest).is_err());

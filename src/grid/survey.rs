@@ -110,8 +110,8 @@ const MOST_BEHIND: u64 = 3;
 /// [`Error::Usage`] if no file tells where its scans were taken from, or if a scan saw its points from elsewhere; those of reading the input; [`Error::Interrupted`].
 pub fn seen_from(cloud: &Cloud, workers: &Workers, in_flight: usize) -> Result<[f64; 3]> {
     if cloud.stations().all(|stations| stations.is_empty()) {
-        return Err(Error::Usage(
-            "--facing @poses: no file tells where its scans were taken from, as E57 files with poses do; give a direction, or a position such as @0,0,0".into(),
+        return Err(Error::setting("facing", 
+            "`facing` @poses: no file tells where its scans were taken from, as E57 files with poses do; give a direction, or a position such as @0,0,0".into(),
         ));
     }
     let mut sum = [0i128; 3];
@@ -133,7 +133,7 @@ pub fn seen_from(cloud: &Cloud, workers: &Workers, in_flight: usize) -> Result<[
     )?;
     let length = sum.iter().map(|c| (*c as f64).powi(2)).sum::<f64>().sqrt();
     if length == 0.0 {
-        return Err(Error::Usage("--facing @poses: the points lie all round where they were scanned from, and no side is the front; give a direction".into()));
+        return Err(Error::setting("facing", "`facing` @poses: the points lie all round where they were scanned from, and no side is the front; give a direction".into()));
     }
     let front = sum.map(|c| (c as f64 / length * DIRECTION_STEPS).round() / DIRECTION_STEPS);
     // By place, since files may come in any order.
@@ -161,9 +161,12 @@ pub fn seen_from(cloud: &Cloud, workers: &Workers, in_flight: usize) -> Result<[
             let [x, y, z] = station.map(f64::from_bits);
             let share = 100 * behind / (before + behind);
             let front = front.map(|c| c.to_string()).join(",");
-            Err(Error::Usage(format!(
-                "--facing @poses: a sheet has one front, here {front}, and {share} % of the points scanned from {x},{y},{z} were seen from behind it; make a sheet of each side, with --facing or --bounds, or a closed surface"
-            )))
+            Err(Error::setting(
+                "facing",
+                format!(
+                    "`facing` @poses: a sheet has one front, here {front}, and {share} % of the points scanned from {x},{y},{z} were seen from behind it; make a sheet of each side, with `facing` or `bounds`, or a closed surface"
+                ),
+            ))
         }
         None => Ok(front),
     }

@@ -188,12 +188,12 @@ impl<'a> Cloud<'a> {
         }
     }
 
-    /// A length that an option gives in a unit, in that of the coordinates.
+    /// The length of a setting, given in a unit, in that of the coordinates.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the unit of the coordinates is not known, or not one of length.
-    pub(crate) fn length(&self, option: &str, length: f64, unit: Unit) -> Result<f64> {
-        let wrong = |words: &str| Err(Error::Usage(format!("{option} {length}{unit}: {words}")));
+    /// [`Error::InvalidSetting`] if the unit of the coordinates is not known, or not one of length.
+    pub(crate) fn length(&self, setting: &'static str, length: f64, unit: Unit) -> Result<f64> {
+        let wrong = |words: &str| Err(Error::setting(setting, format!("`{setting}` {length}{unit}: {words}")));
         match self.measure() {
             Some(Measure::Length(own)) => Ok(unit.convert(length, own)),
             Some(Measure::Degrees) => wrong(
@@ -203,7 +203,7 @@ impl<'a> Cloud<'a> {
                 "the input has one unit on the map and another in height; give a plain number, in the input's units",
             ),
             None => wrong(
-                "the unit of the input is not known; give a plain number, in the input's units, or name its reference system with --crs",
+                "the unit of the input is not known; give a plain number, in the input's units, or name its reference system with `crs`",
             ),
         }
     }

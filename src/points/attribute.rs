@@ -126,11 +126,14 @@ impl Wanted {
         };
         let schema = Schema { attributes };
         if schema.stride() > MOST_BYTES {
-            return Err(Error::Usage(format!(
-                "--attributes: the {} attributes of a point take {} bytes, more than {MOST_BYTES}; name those to carry, or none",
-                schema.attributes.len(),
-                schema.stride()
-            )));
+            return Err(Error::setting(
+                "attributes",
+                format!(
+                    "`attributes`: the {} attributes of a point take {} bytes, more than {MOST_BYTES}; name those to carry, or none",
+                    schema.attributes.len(),
+                    schema.stride()
+                ),
+            ));
         }
         Ok(schema)
     }
@@ -139,7 +142,7 @@ impl Wanted {
 fn absent(name: &str, all: &[Attribute]) -> Error {
     let names: Vec<&str> = all.iter().map(|a| a.name.as_str()).collect();
     let there = if names.is_empty() { "none".to_string() } else { names.join(", ") };
-    Error::Usage(format!("--attributes: no file has {name}; there are: {there}"))
+    Error::setting("attributes", format!("`attributes`: no file has {name}; there are: {there}"))
 }
 
 /// The attributes of a cloud's points, in the order in which a point's record holds them.

@@ -227,7 +227,7 @@ impl Crs {
             }
         };
         let expected = "expected EPSG: and a code, WKT, the name of a file that holds WKT, or none";
-        crs.map(Some).ok_or_else(|| Error::Usage(format!("--crs {text}: {expected}")))
+        crs.map(Some).ok_or_else(|| Error::setting("crs", format!("`crs` {text}: {expected}")))
     }
 }
 
@@ -435,7 +435,7 @@ mod tests {
         assert_eq!(Crs::given("EPSG:25832").unwrap().unwrap().epsg, Some(25832));
         assert_eq!(Crs::given(COMPOUND).unwrap().unwrap().epsg, Some(26910));
         assert_eq!(Crs::given(path.to_str().unwrap()).unwrap().unwrap().vertical, Some(5703));
-        assert!(Crs::given("somewhere").unwrap_err().to_string().contains("--crs somewhere: expected EPSG"));
+        assert!(Crs::given("somewhere").unwrap_err().to_string().contains("`crs` somewhere: expected EPSG"));
     }
 
     #[test]

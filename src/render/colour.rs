@@ -180,7 +180,7 @@ impl Tint {
             there
                 .iter()
                 .position(|attribute| attribute.name == name)
-                .ok_or_else(|| Error::Usage(format!("--color-by {by}: {}", mesh.schema().lacks(name))))
+                .ok_or_else(|| Error::setting("color_by", format!("`color_by` {by}: {}", mesh.schema().lacks(name))))
         };
         let value = match by {
             ColourBy::Auto => return Tint::of(mesh, &by.of(mesh), up, workers),
@@ -460,7 +460,7 @@ mod tests {
         let error = Tint::of(&mesh, &"Intensity".parse().unwrap(), Up::Z, &Workers::new(1).unwrap()).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "--color-by intensity: its vertices have no attribute intensity; there are: red, green, blue"
+            "`color_by` intensity: its vertices have no attribute intensity; there are: red, green, blue"
         );
     }
 }

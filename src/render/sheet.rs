@@ -122,7 +122,7 @@ pub fn cells(size: Size, extents: &[(f64, f64)]) -> Result<Vec<Cell>> {
         }
     }
     let Some((_, columns)) = best else {
-        return Err(Error::Usage(format!("--size {width}x{height}: too small for {views} views")));
+        return Err(Error::setting("size", format!("`size` {width}x{height}: too small for {views} views")));
     };
     let rows = views.div_ceil(columns);
     let cell = |view: usize| {

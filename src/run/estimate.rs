@@ -84,7 +84,7 @@ pub fn rehearse(
         match closed {
             Ok(closed) => Ok(Some((closed.solid.faces, closed.falls))),
             // A radius that is too much for the box is refused when the cells themselves are closed.
-            Err(Error::Usage(_)) => Ok(None),
+            Err(Error::InvalidSetting { name: "seal" | "min_component", .. }) => Ok(None),
             Err(error) => Err(error),
         }
     };

@@ -131,23 +131,23 @@ impl Job {
     /// [`Error::Usage`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
     pub(crate) fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
         let Units { cell_size, seal, max_hole, base, tile } = self.units;
-        let length = |option: &str, length: f64, unit: Option<Unit>| {
-            unit.map_or(Ok(length), |unit| cloud.length(option, length, unit))
+        let length = |setting: &'static str, length: f64, unit: Option<Unit>| {
+            unit.map_or(Ok(length), |unit| cloud.length(setting, length, unit))
         };
         let mut settings = self.settings;
         if let Fineness::Given(Resolution::Cell(side)) = &mut settings.fineness {
-            *side = length("--cell-size", *side, cell_size)?;
+            *side = length("cell_size", *side, cell_size)?;
         }
         if let Sealing::Length(radius) = &mut settings.seal {
-            *radius = length("--seal", *radius, seal)?;
+            *radius = length("seal", *radius, seal)?;
         }
         if let Some(open) = &mut settings.open {
             if let Hole::Length(width) = &mut open.max_hole {
-                *width = length("--max-hole", *width, max_hole)?;
+                *width = length("max_hole", *width, max_hole)?;
             }
-            open.base = open.base.map(|height| length("--base", height, base)).transpose()?;
+            open.base = open.base.map(|height| length("base", height, base)).transpose()?;
         }
-        let tile = self.tile.map(|side| length("--tile", side, tile)).transpose()?;
+        let tile = self.tile.map(|side| length("tile", side, tile)).transpose()?;
         Ok(Job { settings, tile, units: Units::default(), ..self.clone() })
     }
 }
@@ -189,10 +189,10 @@ impl Means {
     pub fn workers(&self) -> Result<Workers> {
         let most = MOST_THREADS.max(4 * machine::processors());
         if let Some(threads) = self.threads.filter(|threads| *threads > most) {
-            return Err(Error::Usage(format!(
-                "--threads {threads}: there are {} processors; at most {most} threads",
-                machine::processors()
-            )));
+            return Err(Error::setting(
+                "threads",
+                format!("`threads` {threads}: there are {} processors; at most {most} threads", machine::processors()),
+            ));
         }
         Workers::new(self.threads.unwrap_or_else(machine::processors))
     }
@@ -244,7 +244,7 @@ fn default_output(inputs: &[PathBuf], files: &[PathBuf]) -> PathBuf {
 /// [`Error::Usage`] if the first input is standard input.
 pub fn default_output_of(inputs: &[PathBuf], files: &[PathBuf]) -> Result<PathBuf> {
     if inputs[0] == Path::new(STANDARD_INPUT) {
-        return Err(Error::Usage("standard input has no name that the mesh could have; pass --output".to_string()));
+        return Err(Error::Usage("standard input has no name that the mesh could have; pass `output`".to_string()));
     }
     Ok(default_output(inputs, files))
 }
@@ -429,16 +429,17 @@ fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) {
     }
     let scans: usize = cloud.stations().map(|stations| stations.len()).sum();
     if scans > 0 && settings.open.is_some_and(|open| open.kind == Kind::Terrain) {
-        progress.note("the file tells where its scans were taken from: --surface sheet --facing @poses makes a sheet seen from there");
+        progress.note("the file tells where its scans were taken from: `surface` sheet `facing` @poses makes a sheet seen from there");
     }
 }
 
 /// No mesh is put where its points cannot be.
 fn refuse_contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Result<()> {
     match contradiction(cloud, surveyed) {
-        Some(words) => {
-            Err(Error::Usage(format!("{words}; name the right one with --crs, as in --crs EPSG:25832, or --crs none")))
-        }
+        Some(words) => Err(Error::setting(
+            "crs",
+            format!("{words}; name the right one with `crs`, as in `crs` EPSG:25832, or `crs` none"),
+        )),
         None => Ok(()),
     }
 }
@@ -462,7 +463,7 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
     let same = |path: &Path| matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);
     match files.iter().find(|file| same(file)) {
         Some(file) => Err(Error::Usage(format!(
-            "{}: is an input, which the mesh would replace; choose another --output",
+            "{}: is an input, which the mesh would replace; choose another `output`",
             file.display()
         ))),
         None => Ok(()),

@@ -371,7 +371,10 @@ fn reconstruct_as<T: Coordinate>(
     let occupancy = Occupancy::of_buckets(&buckets, grid, least, context, |points| progress.add(points))?;
     if occupancy.occupied == 0 {
         let cells = occupancy.sparse;
-        return Err(Error::Usage(format!("--min-points {least}: none of the {cells} cells holds so many points")));
+        return Err(Error::setting(
+            "min_points",
+            format!("`min_points` {least}: none of the {cells} cells holds so many points"),
+        ));
     }
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Seal, None);

@@ -16,7 +16,7 @@ use console::style;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
-use crate::error::words::{duration, rough, thousands};
+use crate::error::words::{as_options, duration, rough, thousands};
 use crate::input::Unpacked;
 use crate::run::forecast::Known;
 use crate::run::phase::{Forecast, Phase};
@@ -364,8 +364,8 @@ impl<'a> Progress<'a> {
             observer.note(words);
         }
         match self.show {
-            Show::Json => self.object("note", json!({ "message": words })),
-            _ => self.line(words),
+            Show::Json => self.object("note", json!({ "message": as_options(words) })),
+            _ => self.line(&as_options(words)),
         }
     }
 

@@ -93,22 +93,28 @@ impl Settings {
     /// Checks what can be checked without the input.
     ///
     /// # Errors
-    /// [`Error::Usage`].
+    /// [`Error::InvalidSetting`].
     pub fn validate(&self) -> Result<()> {
         if let Some(window) = self.window
             && (window < 3 || window % 2 == 0)
         {
-            return Err(Error::Usage(format!("--window {window}: the window is an odd number of slices, at least 3")));
+            return Err(Error::setting(
+                "window",
+                format!("`window` {window}: the window is an odd number of slices, at least 3"),
+            ));
         }
         if self.min_points == 0 {
-            return Err(Error::Usage("--min-points 0: a cell without points is never occupied; at least 1".into()));
+            return Err(Error::setting(
+                "min_points",
+                "`min_points` 0: a cell without points is never occupied; at least 1".into(),
+            ));
         }
         if self.surface.smooth > 100 {
-            return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
+            return Err(Error::setting("smooth", format!("`smooth` {}: at most 100 steps", self.surface.smooth)));
         }
         if self.open.is_some() && self.min_component.is_some_and(|least| least != Least::Auto) {
-            let message = "--min-component: a surface that is seen from one side has no components; --min-points thins out strays";
-            return Err(Error::Usage(message.into()));
+            let message = "`min_component`: a surface that is seen from one side has no components; `min_points` thins out strays";
+            return Err(Error::setting("min_component", message.into()));
         }
         Ok(())
     }

@@ -195,9 +195,10 @@ pub fn close(
     let given = asked.seal.radius(cell_size);
     let longest = occupancy.cells.into_iter().max().unwrap_or(1);
     if let Some(radius) = given.filter(|radius| *radius > 1 && 2 * u64::from(*radius) > u64::from(longest)) {
-        return Err(Error::Usage(format!(
-            "--seal: a radius of {radius} cells is more than half of the longest side, {longest} cells"
-        )));
+        return Err(Error::setting(
+            "seal",
+            format!("`seal`: a radius of {radius} cells is more than half of the longest side, {longest} cells"),
+        ));
     }
     let (solid, occupancy, how, falls) = match given {
         None => close_signed(occupancy, asked, context, progress)?,
@@ -227,7 +228,10 @@ pub fn close(
             let (solid, occupancy, components) = component::keep(solid, occupancy, least, context)?;
             if components.dropped == components.found {
                 let largest = components.largest;
-                return Err(Error::Usage(format!("--min-component: the largest component has {largest} cells only")));
+                return Err(Error::setting(
+                    "min_component",
+                    format!("`min_component`: the largest component has {largest} cells only"),
+                ));
             }
             (solid, occupancy, Some(components))
         }

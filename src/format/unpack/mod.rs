@@ -376,7 +376,7 @@ impl Unpack for Frames {
 
     fn expected(&self, error: &std::io::Error) -> String {
         if error.to_string().contains("too much memory") {
-            format!("a window of at most {} (half of --max-memory)", ByteSize(1 << self.window))
+            format!("a window of at most {} (half of `max_memory`)", ByteSize(1 << self.window))
         } else {
             "Zstandard data".to_string()
         }
