@@ -13,6 +13,8 @@ use crate::error::Result;
 pub const GROUP: usize = 1 << 16;
 /// Vertices read at once where a table is picked from scattered numbers: 1.5 MiB of positions.
 const PIECE: usize = 1 << 16;
+/// The bytes of that.
+pub(crate) const PIECE_BYTES: u64 = PIECE as u64 * size_of::<[f64; 3]>() as u64;
 /// Unwanted vertices that are read along rather than skipped by a new read.
 const GAP: u32 = 1 << 12;
 
@@ -62,7 +64,7 @@ impl<T: Copy + Default> Corners<T> {
         };
         let width = (high - low) as usize + 1;
         if width <= window {
-            self.table.resize(width, T::default());
+            fresh(&mut self.table, width);
             read(u64::from(low), &mut self.table)?;
             faces.as_flattened_mut().iter_mut().for_each(|v| *v -= low);
             return Ok(());
@@ -100,13 +102,20 @@ impl<T: Copy + Default> Corners<T> {
         while let Some(&first) = rest.first() {
             let near = |pair: &[u32]| pair[1] - pair[0] <= GAP && ((pair[1] - first) as usize) < PIECE;
             let run = 1 + rest.windows(2).take_while(|pair| near(pair)).count();
-            self.piece.resize((rest[run - 1] - first) as usize + 1, T::default());
+            fresh(&mut self.piece, (rest[run - 1] - first) as usize + 1);
             read(u64::from(first), &mut self.piece)?;
             self.table.extend(rest[..run].iter().map(|v| self.piece[(v - first) as usize]));
             rest = &rest[run..];
         }
         Ok(())
     }
+}
+
+/// Makes `list` hold `len` default values, with no more room than that if it must grow: what grows by itself takes up to twice as much.
+pub(crate) fn fresh<T: Copy + Default>(list: &mut Vec<T>, len: usize) {
+    list.clear();
+    list.reserve_exact(len);
+    list.resize(len, T::default());
 }
 
 /// Whether a triangle repeats a vertex number.

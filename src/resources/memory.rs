@@ -27,6 +27,50 @@ pub struct MemoryPlan {
     pub predicted: u64,
     /// The most temporary disk that the plan expects to be used, in bytes.
     pub predicted_disk: u64,
+    /// What would be kept in memory with another budget.
+    #[serde(skip)]
+    pub(crate) keepable: Keepable,
+}
+
+/// What is kept in memory from pass to pass where a budget has room for it, in bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Keepable {
+    /// All buckets.
+    pub(crate) buckets: u64,
+    /// All stores of slices.
+    pub(crate) slices: u64,
+    /// What the passes are left at the least.
+    pub(crate) spare: u64,
+}
+
+/// What is kept of it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Kept {
+    pub(crate) buckets: u64,
+    pub(crate) slices: u64,
+}
+
+impl Keepable {
+    /// Of `left` bytes: only what leaves the passes the larger part.
+    pub(crate) fn within(self, left: u64) -> Kept {
+        let keep = |bytes: u64, left: u64, share: u64| {
+            if bytes <= left / share && bytes + self.spare <= left { bytes } else { 0 }
+        };
+        let buckets = keep(self.buckets, left, 2);
+        Kept { buckets, slices: keep(self.slices, left - buckets, 4) }
+    }
+
+    /// The least that leaves `bytes` beside what is kept of it.
+    pub(crate) fn least_beside(self, bytes: u64) -> u64 {
+        let Keepable { buckets, slices, .. } = self;
+        let mut kept = [0, slices, buckets, buckets + slices];
+        kept.sort_unstable();
+        let fits = |left: &u64| {
+            let kept = self.within(*left);
+            bytes + kept.buckets + kept.slices <= *left
+        };
+        kept.map(|kept| bytes + kept).into_iter().find(fits).unwrap_or(bytes + buckets + slices)
+    }
 }
 
 impl MemoryPlan {

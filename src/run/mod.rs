@@ -34,7 +34,7 @@ use crate::format::write::{Filled, Positions, Target};
 use crate::grid::context::Context;
 use crate::input::tally::Tally;
 use crate::input::{Cloud, InputOptions, Opening, Packing, STANDARD_INPUT, Unpacked, find};
-use crate::mesh::check::{CheckReport, check};
+use crate::mesh::check::{CheckReport, check_near};
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::attribute::Wanted;
@@ -565,7 +565,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     if job.check == Check::Always {
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
         let budget = made.memory.working;
-        let mut work = || check(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
+        let mut work = || check_near(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
         // Neither needs the other, and only what is sound gets its name. Where the mesh lies in memory, there is room for both.
         let (report, filled) = match made.memory.mesh_quota {
             0 => (work(), Ok(target)),

@@ -17,7 +17,8 @@ use crate::error::{Error, Result};
 use crate::grid::context::job_bytes;
 use crate::grid::partition::{buckets_round, halo};
 use crate::input::BLOCK_RECORDS;
-use crate::resources::memory::{MemoryPlan, SlabJobs};
+use crate::mesh::check::job::Need;
+use crate::resources::memory::{Keepable, Kept, MemoryPlan, SlabJobs};
 use crate::resources::workers::Workers;
 use crate::run::workload::{Load, PointLoad};
 use crate::sign;
@@ -52,22 +53,11 @@ const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
 const ROOMY: u64 = 4;
 const KEPT_BACK: u64 = 8;
 
-/// What a job of the check takes, of meshes that are as large; and the check, for each byte of smaller ones.
-const CHECKING: (u64, u64) = (13 << 20, 2);
-
 /// What a job that writes a mesh file takes: of STL, 65,536 triangles, and its part of the vertices that are read together.
 const FILLING: u64 = 5 << 20;
 
 /// Vertices and triangles on their way from a slab to the mesh, and what the mesh's stores hold of them.
 const STITCHING: u64 = 5 << 19;
-
-/// Of a budget, what is kept in memory from pass to pass.
-#[derive(Debug, Clone, Copy)]
-struct Kept {
-    buckets: u64,
-    /// For all stores of slices.
-    slices: u64,
-}
 
 impl MemoryPlan {
     /// Shares out `budget` bytes for `load` on `threads` threads.
@@ -93,7 +83,7 @@ impl MemoryPlan {
     /// [`Error::Budget`] if a slab is too much, with the least budget that would do.
     pub fn with_surface(&self, load: &Load, means: u64) -> Result<MemoryPlan> {
         let kept = Kept { buckets: self.buckets_quota, slices: self.slices_quota() };
-        Self::share_out(self.budget, load, self.threads, means, Some(kept))
+        Self::share_out(self.budget, load, self.threads, means, Some((self.keepable, kept)))
     }
 
     /// Bytes that all stores of slices together may take.
@@ -101,25 +91,27 @@ impl MemoryPlan {
         STORES * self.store_quota
     }
 
-    fn share_out(budget: u64, load: &Load, threads: usize, means: u64, already: Option<Kept>) -> Result<MemoryPlan> {
+    fn share_out(
+        budget: u64,
+        load: &Load,
+        threads: usize,
+        means: u64,
+        already: Option<(Keepable, Kept)>,
+    ) -> Result<MemoryPlan> {
         let process = process(threads);
         let mut left = budget.saturating_sub(process);
         // Kept in memory only what leaves the passes the larger part, and twice the least: a slab may turn out to have more faces than
         // expected, and the budget that is then named must not be eaten up by what it would allow to keep.
         let spare = 2 * (Self::least(load, threads) - process);
-        let keep = |left: &mut u64, bytes: u64, share: u64| {
-            let kept = if bytes <= *left / share && bytes + spare <= *left { bytes } else { 0 };
-            *left -= kept;
-            kept
-        };
-        let kept = already.unwrap_or_else(|| {
-            let mut left = left;
-            let buckets = keep(&mut left, load.bucket_bytes(), 2);
-            Kept { buckets, slices: keep(&mut left, load.slice_bytes().max(1 << 20) * 3 / 2, 4) }
+        let (keepable, kept) = already.unwrap_or_else(|| {
+            let slices = load.slice_bytes().max(1 << 20) * 3 / 2;
+            let keepable = Keepable { buckets: load.bucket_bytes(), slices, spare };
+            (keepable, keepable.within(left))
         });
         left = left.saturating_sub(kept.buckets + kept.slices);
-        let mesh_quota = keep(&mut left, load.mesh_bytes(), 3);
-        let working = left;
+        let mesh = load.mesh_bytes();
+        let mesh_quota = if mesh <= left / 3 && mesh + spare <= left { mesh } else { 0 };
+        let working = left - mesh_quota;
 
         let jobs = |per_job: u64, share: u64, most: usize| ((share / per_job.max(1)) as usize).clamp(1, most);
         let blocks_in_flight = jobs(load.block_job() + (CHUNK << CHUNK_DOUBLINGS), working / 2, 2 * threads);
@@ -142,6 +134,7 @@ impl MemoryPlan {
             working,
             predicted: 0,
             predicted_disk: 0,
+            keepable,
         };
         (plan.predicted, plan.predicted_disk) = plan.predict(load, means)?;
         Ok(plan)
@@ -177,7 +170,7 @@ impl MemoryPlan {
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
         // A mesh that lies in memory is written meanwhile.
         let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
-        let check = mesh + checking(load, self.threads) + filling;
+        let check = mesh + checking(load, self.threads).within(self.working).bytes() + filling;
         let passes =
             [buckets + bucketing, held + sealing + slices.max(deciding(load)), held + standing + mesh + slabs, check];
         let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
@@ -198,7 +191,9 @@ impl MemoryPlan {
         let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
         let slices = Self::chunk_job(load);
         let slab = SlabJobs::one(PIECE.1).bytes(load, load.means_to_expect());
-        process(threads) + (2 << 20) + bucketing.max(slices).max(deciding(load)).max(slab).max(checking(load, threads))
+        process(threads)
+            + (2 << 20)
+            + bucketing.max(slices).max(deciding(load)).max(slab).max(checking(load, threads).jobs)
     }
 
     /// Bytes of a job over a chunk of slices with the smallest ball, and with columns, if there are any.
@@ -230,10 +225,11 @@ impl MemoryPlan {
                 return Ok(SlabJobs { piece_points: piece_points as usize, ..jobs });
             }
         }
-        let least = SlabJobs::one(PIECE.1).bytes(load, means);
+        // With a larger budget more would be kept.
+        let least = self.keepable.least_beside(SlabJobs::one(PIECE.1).bytes(load, means));
         Err(Error::Budget {
             given: ByteSize(self.budget),
-            needed: ByteSize((self.budget - self.working + least).next_multiple_of(1 << 20)),
+            needed: ByteSize((process(self.threads) + least).next_multiple_of(1 << 20)),
             what: "the slab with the most faces",
         })
     }
@@ -262,9 +258,9 @@ fn deciding(load: &Load) -> u64 {
     if load.columns.is_some() { 0 } else { sign::bytes(load.cells) }
 }
 
-/// Bytes of the check.
-fn checking(load: &Load, threads: usize) -> u64 {
-    (CHECKING.0 * jobs_of_all(threads)).min(load.mesh_bytes() * CHECKING.1)
+/// What the check takes.
+fn checking(load: &Load, threads: usize) -> Need {
+    Need::of(load.vertices(), load.triangles(), threads)
 }
 
 /// Bytes of the points that are held at once when a slab is fitted in pieces of `piece`: those round a plane, sorted, with as many cells at most; and a bucket's share
@@ -346,6 +342,8 @@ const MOST_LOOKED_AT: usize = 1 << 18;
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
     use crate::grid::partition::slab_count;
     use crate::points::Precision;
@@ -385,15 +383,34 @@ mod tests {
         let load = load(20_000_000, 1085);
         let slabs = slab_count(1, 1085);
         let with = |faces: u64| load.with_faces(vec![faces; slabs as usize], false);
-        let plan = MemoryPlan::for_budget(200 << 20, &with(100_000), 2).unwrap();
-        let sharper = plan.with_surface(&with(90_000), 0).unwrap();
+        let plan = MemoryPlan::for_budget(400 << 20, &with(300_000), 2).unwrap();
+        let sharper = plan.with_surface(&with(250_000), 0).unwrap();
         assert!(sharper.predicted < plan.predicted && sharper.predicted_disk < plan.predicted_disk);
         assert_eq!((sharper.bucket_buffer, sharper.buckets_quota), (plan.bucket_buffer, plan.buckets_quota));
-        let Err(Error::Budget { needed, .. }) = plan.with_surface(&with(1_000_000), 0) else {
-            panic!("a slab of a million faces was accepted")
+        let Err(Error::Budget { needed, .. }) = plan.with_surface(&with(3_000_000), 0) else {
+            panic!("a slab of three million faces was accepted")
         };
-        let roomier = MemoryPlan::for_budget(needed.0, &with(100_000), 2).unwrap();
-        roomier.with_surface(&with(1_000_000), 0).expect("the figure that was named does");
+        let roomier = MemoryPlan::for_budget(needed.0, &with(300_000), 2).unwrap();
+        roomier.with_surface(&with(3_000_000), 0).expect("the figure that was named does");
+    }
+
+    proptest! {
+        #[test]
+        fn the_figure_of_a_late_refusal_does(
+            points in 1u64..1 << 30,
+            s in 8u32..2000,
+            (expected, counted) in (1u64..1 << 20, 1u64..1 << 23),
+            factor in 1.0..4.0,
+            threads in 1usize..9,
+        ) {
+            let with = |faces: u64| load(points, s).with_faces(vec![faces; slab_count(1, s) as usize], false);
+            let least = MemoryPlan::least(&with(expected), threads);
+            let given = MemoryPlan::for_budget((least as f64 * factor) as u64, &with(expected), threads).unwrap();
+            if let Err(Error::Budget { needed, .. }) = given.with_surface(&with(counted), 0) {
+                let roomier = MemoryPlan::for_budget(needed.0, &with(expected), threads).unwrap();
+                prop_assert!(roomier.with_surface(&with(counted), 0).is_ok(), "{}", needed);
+            }
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{is_degenerate, span};
+use crate::mesh::measure::{fresh, is_degenerate, span};
 
 /// The triangles of a mesh in blocks of equal length, each with its smallest and largest vertex number: 8 bytes a block.
 pub(super) struct Blocks {
@@ -68,7 +68,7 @@ impl Blocks {
                 continue;
             }
             let first = block as u64 * self.len as u64;
-            buffer.resize((mesh.face_count() - first).min(self.len as u64) as usize, [0; 3]);
+            fresh(buffer, (mesh.face_count() - first).min(self.len as u64) as usize);
             mesh.read_faces(first, buffer)?;
             for (number, &face) in (first..).zip(buffer.iter()) {
                 if !is_degenerate(face) {
@@ -87,6 +87,13 @@ pub(super) struct Stars<T> {
     ends: Vec<usize>,
     records: Vec<T>,
     faces: Vec<[u32; 3]>,
+}
+
+impl<T> Stars<T> {
+    /// Bytes for a range of so many vertices with so many records, read in blocks of so many triangles.
+    pub fn bytes(vertices: u64, records: u64, block: u64) -> u64 {
+        vertices * size_of::<usize>() as u64 + records * size_of::<T>() as u64 + block * size_of::<[u32; 3]>() as u64
+    }
 }
 
 impl<T: Copy + Default> Stars<T> {
@@ -109,8 +116,7 @@ impl<T: Copy + Default> Stars<T> {
         let mut start = range.start;
         while start < range.end {
             let counts = &mut self.ends;
-            counts.clear();
-            counts.resize((range.end - start) as usize, 0);
+            fresh(counts, (range.end - start) as usize);
             blocks.scan(mesh, &(start..range.end), &mut self.faces, |number, face| {
                 for (v, _) in records(number, face) {
                     if let Some(count) = counts.get_mut(v.wrapping_sub(start) as usize) {
@@ -134,8 +140,7 @@ impl<T: Copy + Default> Stars<T> {
             counts.truncate(fitting);
             let end = start + fitting as u32;
 
-            self.records.clear();
-            self.records.resize(total, T::default());
+            fresh(&mut self.records, total);
             blocks.scan(mesh, &(start..end), &mut self.faces, |number, face| {
                 for (v, record) in records(number, face) {
                     if let Some(at) = counts.get_mut(v.wrapping_sub(start) as usize) {

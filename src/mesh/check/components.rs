@@ -21,6 +21,11 @@ const MOST_RANGES: u64 = 256;
 const NODE_BYTES: u64 = 12;
 const NO_OUTLET: u64 = u64::MAX;
 
+/// Bytes for all of so many nodes in one range.
+pub(super) fn bytes(nodes: u64) -> u64 {
+    nodes * NODE_BYTES
+}
+
 /// Counts how many times joins merge two sets of nodes, for more nodes than memory can hold.
 pub(super) struct Components {
     nodes: u64,

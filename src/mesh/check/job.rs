@@ -1,19 +1,72 @@
 //! A check under way: the mesh, how memory is shared out, and the working memory of a job.
 
 use super::blocks::Stars;
+use super::components;
 use super::link::Examiner;
+use super::vertices::{CORNERS, PIECE};
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{Corners, GROUP};
+use crate::mesh::measure::{self, Corners, GROUP};
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
 
 /// Vertices of a range while the triangles at them lie close together: its corners stay in a processor's cache.
 const NEAR_RANGE: u32 = 1 << 15;
 /// Bytes for each vertex of a range: up to 8 corners of 8 bytes on average, its place among them, its parent and flags,
-/// and, if the mesh is in random order, three edges that leave the range and the room a vector grows by.
-const VERTEX_BYTES: u64 = 64 + 8 + 6 + 48;
+/// and, if the mesh is in random order, three edges that leave the range.
+const VERTEX_BYTES: u64 = 64 + 8 + 6 + LEAVING;
 /// Bytes for each triangle of a far group: see [`Corners::fill`], and the triangle itself.
 const FAR_BYTES: u64 = 122;
+/// Triangles of a block.
+const BLOCK: usize = GROUP / 4;
+/// Vertices of a window: the least, and the most.
+const WINDOW: (usize, usize) = (GROUP, 4 * GROUP);
+/// Bytes for each vertex of a range, if all have three edges that leave it, and for the room a vector grows by.
+const LEAVING: u64 = 48;
+
+/// What the check of a mesh takes while its triangles name vertices near each other, in bytes, given as much as it may want.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Need {
+    /// All jobs together.
+    pub(crate) jobs: u64,
+    /// The components of the whole mesh: more than that makes it no faster, and with less they wait on disk.
+    pub(crate) components: u64,
+}
+
+impl Need {
+    /// Of a mesh of so many vertices and triangles.
+    pub(crate) fn of(vertices: u64, triangles: u64, threads: usize) -> Need {
+        let jobs = Plan::in_flight(threads) as u64;
+        let group = triangles.min(GROUP as u64);
+        let near = group * size_of::<[u32; 3]>() as u64 + vertices.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
+        // A group can span more than a window only where there are more vertices.
+        let far = if vertices > WINDOW.0 as u64 { group * FAR_BYTES + measure::PIECE_BYTES } else { 0 };
+        let surveying = jobs.min(triangles.div_ceil(GROUP as u64)) * near.max(far);
+
+        let range = vertices.min(u64::from(NEAR_RANGE));
+        let corners = (range * CORNERS as u64).min(3 * triangles);
+        // A parent and two flags; and, where there are several ranges, edges that leave this one.
+        let of_vertex = size_of::<u32>() as u64 + 2 + if vertices > range { LEAVING } else { 0 };
+        let stars = Stars::<[u32; 2]>::bytes(range, corners, triangles.min(BLOCK as u64));
+        let positions = range.min(PIECE as u64) * size_of::<[f64; 3]>() as u64;
+        let looking = jobs.min(vertices.div_ceil(u64::from(NEAR_RANGE))) * (stars + range * of_vertex + positions);
+        Need { jobs: surveying + looking, components: components::bytes(vertices) }
+    }
+
+    /// With a budget of so many bytes.
+    pub(crate) fn within(self, budget: u64) -> Need {
+        let (jobs, components) = shares(budget);
+        Need { jobs: self.jobs.min(jobs), components: self.components.min(components) }
+    }
+
+    pub(crate) fn bytes(self) -> u64 {
+        self.jobs + self.components
+    }
+}
+
+/// A budget's shares for jobs and for components.
+fn shares(budget: u64) -> (u64, u64) {
+    (budget / 4 * 3, budget / 4)
+}
 
 /// The budget as sizes. None of them shows in the findings.
 #[derive(Debug, Clone)]
@@ -33,17 +86,33 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
+    /// Jobs under way at a time.
+    fn in_flight(threads: usize) -> usize {
+        threads + 1
+    }
+
     pub(crate) fn for_budget(budget: u64, threads: usize) -> Plan {
-        let in_flight = threads + 1;
-        let job = budget / 4 * 3 / in_flight as u64;
+        let in_flight = Plan::in_flight(threads);
+        let (jobs, components) = shares(budget);
+        Plan::of(jobs, components, in_flight)
+    }
+
+    /// For a mesh whose triangles name vertices near each other: no more than it needs.
+    pub(crate) fn for_near(budget: u64, mesh: &dyn MeshSource, threads: usize) -> Plan {
+        let need = Need::of(mesh.vertex_count(), mesh.face_count(), threads);
+        Plan::of(need.jobs.min(shares(budget).0), shares(budget).1, Plan::in_flight(threads))
+    }
+
+    fn of(jobs: u64, components: u64, in_flight: usize) -> Plan {
+        let job = jobs / in_flight as u64;
         let most = (job / VERTEX_BYTES).clamp(u64::from(NEAR_RANGE) / 4, 1 << 31) as u32;
         Plan {
             in_flight,
-            block: GROUP / 4,
-            window: (job / 48).clamp(GROUP as u64, 4 * GROUP as u64) as usize,
+            block: BLOCK,
+            window: (job / 48).clamp(WINDOW.0 as u64, WINDOW.1 as u64) as usize,
             far: (job / FAR_BYTES) as usize / GROUP * GROUP,
             range: (NEAR_RANGE.min(most), most),
-            components: budget / 4,
+            components,
         }
     }
 }

@@ -57,6 +57,21 @@ pub fn check(
     Check { mesh, plan: Plan::for_budget(budget, workers.threads()), workers, workspace }.run(progress)
 }
 
+/// [`check`] for a mesh whose triangles name vertices near each other, as those do that this program makes: takes no more than that needs.
+///
+/// # Errors
+/// As [`check`].
+pub(crate) fn check_near(
+    mesh: &dyn MeshSource,
+    budget: u64,
+    workers: &Workers,
+    workspace: &Workspace,
+    progress: &mut dyn FnMut(u64),
+) -> Result<CheckReport> {
+    check_vertex_count(mesh.vertex_count())?;
+    Check { mesh, plan: Plan::for_near(budget, mesh, workers.threads()), workers, workspace }.run(progress)
+}
+
 impl Check<'_> {
     fn run(&self, progress: &mut dyn FnMut(u64)) -> Result<CheckReport> {
         let scratch = Spares::default();

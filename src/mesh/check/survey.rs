@@ -3,7 +3,7 @@
 use super::blocks::Blocks;
 use super::job::{Check, Scratch};
 use crate::error::Result;
-use crate::mesh::measure::{GROUP, Sums, is_degenerate, span};
+use crate::mesh::measure::{GROUP, Sums, fresh, is_degenerate, span};
 use crate::resources::workers::Spares;
 
 /// What the survey knows of the triangles.
@@ -71,7 +71,7 @@ impl Check<'_> {
     /// Reads a group of triangles and returns the number of its first.
     fn read_group(&self, group: usize, faces: &mut Vec<[u32; 3]>) -> Result<u64> {
         let first = group as u64 * GROUP as u64;
-        faces.resize((self.mesh.face_count() - first).min(GROUP as u64) as usize, [0; 3]);
+        fresh(faces, (self.mesh.face_count() - first).min(GROUP as u64) as usize);
         self.mesh.read_faces(first, faces)?;
         Ok(first)
     }

@@ -15,9 +15,9 @@ use crate::storage::queue::Queue;
 /// Blocks may be read this often on average before larger ranges are preferred.
 const READS: u64 = 2;
 /// Corners of a range that are held at a time, for each of its vertices; a closed mesh has six on average.
-const CORNERS: usize = 8;
+pub(super) const CORNERS: usize = 8;
 /// Vertices read at once to see whether they are finite.
-const PIECE: usize = 1 << 12;
+pub(super) const PIECE: usize = 1 << 12;
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds(pub DVec3, pub DVec3);

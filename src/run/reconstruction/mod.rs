@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::format::write::Positions;
 use crate::input::{Arrays, Cloud, Filter, PointSlice, PointSource, Values};
 use crate::mesh::MeshSource;
-use crate::mesh::check::check;
+use crate::mesh::check::check_near;
 use crate::points::attribute::Wanted;
 use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
@@ -349,7 +349,8 @@ fn made(
         Check::Never => None,
         Check::Always => {
             progress.begin(Phase::Check, Some(made.mesh.face_count()));
-            let report = check(&made.mesh, made.memory.working, workers, workspace, &mut |done| progress.set(done))?;
+            let report =
+                check_near(&made.mesh, made.memory.working, workers, workspace, &mut |done| progress.set(done))?;
             run::refuse_unsound(&report, &settings)?;
             Some(report)
         }
