@@ -47,7 +47,7 @@ use asra_stream::internals::solid::close::Asked;
 use asra_stream::internals::solid::exterior::Exterior;
 use asra_stream::internals::stitch::slab::SlabMesh;
 use asra_stream::internals::storage::spool::Workspace;
-use asra_stream::internals::surface::contract::{Fans, Groups, NONE, contract};
+use asra_stream::internals::surface::contract::{Groups, NONE, Stars, contract};
 use asra_stream::internals::surface::extract::Surface;
 use asra_stream::internals::surface::fit::{Fitted, Task, fit};
 
@@ -162,7 +162,7 @@ struct Slab {
     fitted: Fitted<f32>,
     /// Of each own vertex where smoothing put it, in the input's units.
     smoothed: Vec<[f64; 3]>,
-    /// Vertices that have a fan.
+    /// Vertices that have a star.
     named: usize,
     /// Of each own vertex its point, or none where it must not be contracted.
     group: Vec<u32>,
@@ -233,10 +233,10 @@ fn within_slabs(
     let triangles: Vec<_> = slabs.iter_mut().map(|slab| std::mem::take(&mut slab.triangles)).collect();
     group.bench_function("contract", |b| {
         let contract = |(slab, triangles): (&Slab, &mut Vec<[u32; 3]>)| {
-            let mut fans = Fans::new(triangles, slab.named, slab.group.len(), Fans::default());
+            let mut stars = Stars::new(triangles, slab.named, slab.group.len(), Stars::default());
             let distance = |v: u32| slab.fitted.distance(v as usize, slab.smoothed[v as usize]);
             let groups = Groups { group: &slab.group, distance, kept: &[] };
-            contract(triangles, &mut fans, groups, |_, _| ());
+            contract(triangles, &mut stars, groups, |_, _| ());
         };
         b.iter_batched_ref(
             || triangles.clone(),
