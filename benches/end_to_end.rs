@@ -22,7 +22,7 @@ use asra_stream::internals::resources::machine;
 use asra_stream::internals::resources::workers::Workers;
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::report::Report;
-use asra_stream::internals::run::{Job, Means, run};
+use asra_stream::internals::run::{Job, Resources, run};
 use asra_stream::internals::storage::atomic_file::Overwrite;
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput};
 
@@ -48,7 +48,7 @@ impl Bench<'_> {
         let job = Job {
             output: Some(self.dir.join("knot.ply")),
             overwrite: Overwrite::Replace,
-            means: Means {
+            resources: Resources {
                 max_memory: Some(self.budget()),
                 threads: Some(self.threads),
                 temp_dir: Some(self.dir.to_path_buf()),

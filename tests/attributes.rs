@@ -8,7 +8,7 @@ use asra_stream::internals::points::attribute::Wanted;
 use asra_stream::internals::resources::workers::Workers;
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::report::Report;
-use asra_stream::internals::run::{Job, Means, run};
+use asra_stream::internals::run::{Job, Resources, run};
 use asra_stream::internals::settings::closing::Sealing;
 use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
 use asra_stream::internals::settings::{Fineness, Settings};
@@ -32,12 +32,12 @@ fn job(inputs: &[PathBuf], output: &Path, threads: usize, budget: u64) -> Job {
         ..InputOptions::default()
     };
     let temp_dir = Some(output.parent().unwrap().to_path_buf());
-    let means = Means { threads: Some(threads), max_memory: Some(budget), temp_dir };
-    Job { input, means, output: Some(output.to_path_buf()), ..Job::new(inputs) }
+    let resources = Resources { threads: Some(threads), max_memory: Some(budget), temp_dir };
+    Job { input, resources, output: Some(output.to_path_buf()), ..Job::new(inputs) }
 }
 
 fn run_job(job: &Job) -> Report {
-    run(job, &job.means.workers().unwrap(), &mut Progress::new(Show::Nothing)).unwrap()
+    run(job, &job.resources.workers().unwrap(), &mut Progress::new(Show::Nothing)).unwrap()
 }
 
 /// The vertices of a PLY file whose properties are `float x y z`, then `extra` bytes.

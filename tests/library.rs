@@ -53,7 +53,7 @@ fn a_slice_and_a_file_of_the_same_points_are_the_same_mesh() {
     assert!(matches!(mesh.save(&saved), Err(Error::OutputExists(there)) if there == saved));
     let mut job = asra_stream::internals::run::Job::new([&path]);
     job.output = Some(dir.path().join("command.ply"));
-    let workers = job.means.workers().unwrap();
+    let workers = job.resources.workers().unwrap();
     let mut progress =
         asra_stream::internals::run::progress::Progress::new(asra_stream::internals::run::progress::Show::Nothing);
     asra_stream::internals::run::run(&job, &workers, &mut progress).unwrap();

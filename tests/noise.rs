@@ -4,7 +4,7 @@ use asra_stream::internals::format::read;
 use asra_stream::internals::generate::{Options, Shape, generate};
 use asra_stream::internals::resources::workers::Workers;
 use asra_stream::internals::run::progress::{Progress, Show};
-use asra_stream::internals::run::{Job, Means, run};
+use asra_stream::internals::run::{Job, Resources, run};
 use asra_stream::internals::settings::Resolution;
 use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
 use asra_stream::internals::settings::{Fineness, Settings};
@@ -27,8 +27,8 @@ fn errors_of_a_sphere(noise_in_cells: f64, fit: Fit) -> (f64, f64) {
         surface: SurfaceOptions { fit, ..Settings::default().surface },
         ..Settings::default()
     };
-    let means = Means { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
-    let job = Job { output: Some(mesh.clone()), settings, means, ..Job::new([&cloud]) };
+    let resources = Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+    let job = Job { output: Some(mesh.clone()), settings, resources, ..Job::new([&cloud]) };
     let report = run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
     assert_eq!(report.check.unwrap().components, 1);
 

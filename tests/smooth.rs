@@ -5,7 +5,7 @@ use asra_stream::internals::generate::{Options, Shape, generate};
 use asra_stream::internals::mesh::MeshSource;
 use asra_stream::internals::resources::workers::Workers;
 use asra_stream::internals::run::progress::{Progress, Show};
-use asra_stream::internals::run::{Job, Means, run};
+use asra_stream::internals::run::{Job, Resources, run};
 use asra_stream::internals::settings::Resolution;
 use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
 use asra_stream::internals::settings::{Fineness, Settings};
@@ -51,8 +51,9 @@ fn twenty_steps_smooth_a_knot_and_a_sphere_and_leave_their_volumes() {
                 surface: SurfaceOptions { smooth, fit: Fit::None, ..Settings::default().surface },
                 ..Settings::default()
             };
-            let means = Means { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
-            let job = Job { output: Some(mesh.clone()), settings, means, ..Job::new([&cloud]) };
+            let resources =
+                Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+            let job = Job { output: Some(mesh.clone()), settings, resources, ..Job::new([&cloud]) };
             run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
             volume_and_roughness(&*read::open(&mesh, &Workspace::new(dir.path()).unwrap(), 1 << 28).unwrap())
         };

@@ -77,7 +77,7 @@ fn stream(points: &[[f64; 3]], single: bool, settings: &Settings, means: Means) 
     let workspace = Workspace::new(dir.path())?;
     let budget = match means {
         Means::Ample => 4 << 30,
-        Means::Least { .. } => MemoryPlan::least(&surveyed.load, threads),
+        Means::Least { .. } => MemoryPlan::least(&surveyed.workload, threads),
     };
     let mut context = context(&surveyed, &workers, &workspace, budget)?;
     if let Means::Least { piece, .. } = means {
@@ -655,9 +655,9 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
 /// A context for passes over the slices of small grids.
 fn small_context(dir: &Path) -> asra_stream::internals::grid::context::Context {
     use asra_stream::internals::points::Precision;
-    use asra_stream::internals::run::workload::Load;
-    let load = Load::in_cells(1000, Precision::Single, [64; 3], 1);
-    let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
+    use asra_stream::internals::run::workload::Workload;
+    let workload = Workload::in_cells(1000, Precision::Single, [64; 3], 1);
+    let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
     asra_stream::internals::grid::context::Context {
         workers: Workers::new(2).unwrap(),
         workspace: Workspace::new(dir).unwrap(),

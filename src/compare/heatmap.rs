@@ -17,8 +17,8 @@ use crate::mesh::spool::FaceRecord;
 use crate::points::Precision;
 use crate::points::unit::Unit;
 use crate::render::scale;
-use crate::storage::atomic_file::{Overwrite, WholeFile};
-use crate::storage::partitions::Piles;
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
+use crate::storage::partitions::Partitions;
 
 /// Elements of a job.
 const PIECE: u64 = 1 << 15;
@@ -97,10 +97,10 @@ struct Told {
 
 /// The file in the making.
 pub(super) struct Heat {
-    file: WholeFile,
+    file: AtomicFile,
     max: Option<Reach>,
     range: u64,
-    told: Piles<Told>,
+    told: Partitions<Told>,
 }
 
 impl Heat {
@@ -116,10 +116,10 @@ impl Heat {
         if count > limit {
             return Err(Error::TooManyElements { count, what: "vertices", limit, carrier: "a PLY file" });
         }
-        let file = WholeFile::create(&map.path, map.overwrite)?;
+        let file = AtomicFile::create(&map.path, map.overwrite)?;
         let range = (room.corners * room.in_flight as u64 / size_of::<f32>() as u64).max(1);
         // Few ranges, whose pages are small against those of blocks.
-        Ok(Heat { file, max: map.max, range, told: room.piles(count.div_ceil(range) as usize, 3) })
+        Ok(Heat { file, max: map.max, range, told: room.partitions(count.div_ceil(range) as usize, 3) })
     }
 
     /// Adds a vertex's squared distance.

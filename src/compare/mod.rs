@@ -68,8 +68,8 @@ pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
 }
 
 fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progress) -> Result<Comparison> {
-    let budget = job.means.budget();
-    let workspace = job.means.workspace(&job.mesh)?.stopped_with(workers);
+    let budget = job.resources.budget();
+    let workspace = job.resources.workspace(&job.mesh)?.stopped_with(workers);
     let mesh = format::read::open(&job.mesh, &workspace, budget / 8)?;
     if mesh.face_count() == 0 {
         return Err(Error::malformed(&job.mesh, "the mesh", "triangles", "none"));

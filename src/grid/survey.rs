@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
-use crate::grid::coarse::{Sketch, Sketching};
+use crate::grid::coarse::{CoarseGrid, Sketching};
 use crate::grid::{Cell, Grid, Turn};
 use crate::input::{Carried, Cloud};
 use crate::points::bounds::Bounds;
@@ -40,7 +40,7 @@ pub fn survey(
     workers: &Workers,
     in_flight: usize,
     mut progress: impl FnMut(u64),
-) -> Result<(Survey, Sketch)> {
+) -> Result<(Survey, CoarseGrid)> {
     let mut total = Survey { points: 0, dropped: 0, filtered: 0, bounds: Bounds::EMPTY };
     let sketching = Sketching::default();
     cloud.for_each_batch(

@@ -76,7 +76,7 @@ pub struct Job {
     /// Which coordinates the mesh file has; by default what is usual for its format.
     pub positions: Option<Positions>,
     /// What the run may use.
-    pub means: Means,
+    pub resources: Resources,
     /// Whether the mesh is checked before it gets its name.
     pub check: Check,
 }
@@ -103,7 +103,7 @@ impl Job {
             preview: Preview::None,
             overwrite: Overwrite::Refuse,
             positions: None,
-            means: Means::default(),
+            resources: Resources::default(),
             check: Check::Always,
         }
     }
@@ -154,7 +154,7 @@ impl Job {
 
 /// What a run may use. Nothing of it shows in the mesh.
 #[derive(Debug, Clone, Default)]
-pub struct Means {
+pub struct Resources {
     /// Memory, in bytes; by default a quarter of the machine's.
     pub max_memory: Option<u64>,
     /// Worker threads; by default one for each processor.
@@ -176,7 +176,7 @@ pub enum Check {
     Never,
 }
 
-impl Means {
+impl Resources {
     /// The memory budget in bytes.
     pub fn budget(&self) -> u64 {
         self.max_memory.unwrap_or_else(|| machine::memory() / 4)
@@ -205,7 +205,7 @@ impl Means {
         Workspace::new(self.folder(beside))
     }
 
-    /// A work directory for looking at points, after which nothing stays: as [`Means::workspace`]; but where nothing can be written `beside`, and no folder was
+    /// A work directory for looking at points, after which nothing stays: as [`Resources::workspace`]; but where nothing can be written `beside`, and no folder was
     /// named, the system's folder for temporary files, with the folder that could not be written to.
     ///
     /// # Errors
@@ -272,7 +272,7 @@ pub struct Planned {
 /// Those of opening and reading the input, of laying the grid and of the plan.
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
     let files = files(job, progress)?;
-    let (workspace, unwritable) = job.means.looking(&default_output(&job.inputs, &files))?;
+    let (workspace, unwritable) = job.resources.looking(&default_output(&job.inputs, &files))?;
     progress.expect_run(known(job, &files, Passes::Few));
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     let job = &job.measured_as(&cloud)?;
@@ -280,7 +280,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
-    let budget = job.means.budget();
+    let budget = job.resources.budget();
     let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget, progress)?;
     let memory = pipeline::plan(&surveyed, workers, budget)?;
     Ok(Planned { cloud, surveyed, workspace, unwritable, tiles, memory })
@@ -301,7 +301,7 @@ pub struct Looked {
 fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
     let Some(side) = job.tile else { return Ok(None) };
     // Each has a triangle at least.
-    let tiles = surveyed.sketch.squares(&surveyed.survey.bounds, side).min(surveyed.load.triangles().max(1));
+    let tiles = surveyed.coarse_grid.squares(&surveyed.survey.bounds, side).min(surveyed.workload.triangles().max(1));
     tiles::check_number(side, tiles).map(|()| Some(tiles))
 }
 
@@ -311,7 +311,7 @@ fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
 /// Those of opening and reading the input and of laying the grid.
 pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Looked> {
     let files = files(job, progress)?;
-    let (workspace, _) = job.means.looking(&default_output(&job.inputs, &files))?;
+    let (workspace, _) = job.resources.looking(&default_output(&job.inputs, &files))?;
     progress.expect_run(Known { rehearsed: false, ..known(job, &files, Passes::Few) });
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     let job = &job.measured_as(&cloud)?;
@@ -362,7 +362,7 @@ fn open(
         Ok(())
     };
     let decompress = (passes == Passes::All).then_some(workers);
-    let opening = Opening { workspace, memory: job.means.budget(), decompress, watch };
+    let opening = Opening { workspace, memory: job.resources.budget(), decompress, watch };
     let cloud = Cloud::open_in(files, &job.input, opening);
     if begun {
         progress.end();
@@ -506,7 +506,7 @@ pub(crate) fn planned(
     }
     let context = context(&surveyed, workers, workspace, budget)?;
     progress.learn(|known| {
-        known.triangles = surveyed.load.triangles();
+        known.triangles = surveyed.workload.triangles();
         if context.memory.mesh_quota == 0 && known.write == forecast::Write::Meanwhile {
             known.write = forecast::Write::After;
         }
@@ -534,7 +534,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     };
     #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
-    let workspace = job.means.workspace(&output)?.stopped_with(workers);
+    let workspace = job.resources.workspace(&output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
     let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
     let job = &job.measured_as(&cloud)?;
@@ -546,7 +546,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
     }
-    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, job.means.budget(), progress)?;
+    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, job.resources.budget(), progress)?;
     #[cfg(feature = "render")]
     let picture = picture
         .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));

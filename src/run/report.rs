@@ -249,7 +249,7 @@ impl PointsReport {
             dropped: surveyed.survey.dropped,
             filtered: surveyed.survey.filtered,
             attributes: cloud.schema().attributes().iter().map(|a| a.name.clone()).collect(),
-            precision: surveyed.load.precision,
+            precision: surveyed.workload.precision,
             bounds: surveyed.survey.bounds,
             sampling_distance: surveyed.sampling,
         }

@@ -22,7 +22,7 @@ use memmap2::{Advice, Mmap, MmapOptions, UncheckedAdvice};
 
 use super::bus;
 use crate::error::{Error, Result};
-use crate::storage::spool::Temporary;
+use crate::storage::spool::ScratchFile;
 
 /// Linux maps pages round a fault in aligned windows of this size (`fault_around_bytes`), so pages are given back in
 /// such windows too; smaller pieces would be mapped in again by the neighbouring block.
@@ -38,7 +38,7 @@ pub struct Content {
 /// A stretch of a temporary file.
 #[derive(Debug, Clone)]
 struct Unpacked {
-    file: Arc<Temporary>,
+    file: Arc<ScratchFile>,
     /// A multiple of [`FAULT_WINDOW`].
     start: u64,
     len: u64,
@@ -51,7 +51,7 @@ impl Content {
     }
 
     /// What was unpacked from the file that messages call `name`: `len` bytes from `start` on, a multiple of [`FAULT_WINDOW`].
-    pub fn unpacked(name: &Path, file: Arc<Temporary>, start: u64, len: u64) -> Content {
+    pub fn unpacked(name: &Path, file: Arc<ScratchFile>, start: u64, len: u64) -> Content {
         Content { name: name.to_path_buf(), unpacked: Some(Unpacked { file, start, len }) }
     }
 

@@ -9,7 +9,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments};
 use self::shared::in_unit;
-pub use self::shared::{InUnit, MeansArguments, ProgressWord, TalkArguments, overwrite};
+pub use self::shared::{InUnit, ProgressWord, ResourceArguments, TalkArguments, overwrite};
 use super::sizes;
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
@@ -22,7 +22,7 @@ use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::run::preview::Preview;
 use crate::run::progress::Show;
-use crate::run::{Check, Job, Means, Units};
+use crate::run::{Check, Job, Resources, Units};
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Facing, Hole, Kind, Open};
@@ -128,7 +128,7 @@ pub struct ReconstructArguments {
     pub verbose: bool,
     /// Memory, disk, threads.
     #[command(flatten)]
-    pub means: MeansArguments,
+    pub resources: ResourceArguments,
 }
 
 /// The cloud and how it is meshed.
@@ -251,7 +251,7 @@ pub struct PlanArguments {
     pub cloud: CloudArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
-    pub means: MeansArguments,
+    pub resources: ResourceArguments,
 }
 
 /// Arguments of `info`.
@@ -267,10 +267,10 @@ pub struct InfoArguments {
     #[command(flatten)]
     pub cloud: CloudArguments,
     /// Worker threads [default: one for each processor]
-    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Means")]
+    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Resources")]
     pub threads: Option<u16>,
     /// Folder for temporary files [default: TMPDIR, else the mesh's folder]
-    #[arg(long, value_name = "DIR", help_heading = "Means")]
+    #[arg(long, value_name = "DIR", help_heading = "Resources")]
     pub temp_dir: Option<PathBuf>,
 }
 
@@ -540,7 +540,7 @@ impl ReconstructArguments {
             overwrite: overwrite(self.overwrite),
             positions,
             check,
-            ..tiled(job(&self.cloud, self.means.means())?, self.tile)
+            ..tiled(job(&self.cloud, self.resources.resources())?, self.tile)
         })
     }
 }
@@ -551,7 +551,7 @@ impl PlanArguments {
     /// # Errors
     /// As [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
-        Ok(tiled(job(&self.cloud, self.means.means())?, self.tile))
+        Ok(tiled(job(&self.cloud, self.resources.resources())?, self.tile))
     }
 }
 
@@ -568,20 +568,20 @@ impl InfoArguments {
     /// As [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
         let (threads, temp_dir) = (self.threads.map(usize::from), self.temp_dir.clone());
-        job(&self.cloud, Means { threads, temp_dir, ..Means::default() })
+        job(&self.cloud, Resources { threads, temp_dir, ..Resources::default() })
     }
 }
 
 impl GenerateArguments {
     /// What may be used.
-    pub fn means(&self) -> Means {
-        Means { threads: self.threads.map(usize::from), ..Means::default() }
+    pub fn resources(&self) -> Resources {
+        Resources { threads: self.threads.map(usize::from), ..Resources::default() }
     }
 }
 
-fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
+fn job(cloud: &CloudArguments, resources: Resources) -> Result<Job> {
     let (input, settings, units) = (cloud.input()?, cloud.settings()?, cloud.units());
-    Ok(Job { input, settings, units, means, ..Job::new(&cloud.inputs) })
+    Ok(Job { input, settings, units, resources, ..Job::new(&cloud.inputs) })
 }
 
 #[cfg(test)]

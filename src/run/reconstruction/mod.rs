@@ -110,7 +110,7 @@ impl<'a> Reconstruction<'a> {
         Reconstruction { points, job: Job::new(inputs), observer: None, refused: None }
     }
 
-    /// All settings of a job at once, in the place of those before, and its means: not its inputs, nor its output.
+    /// All settings of a job at once, in the place of those before, and its resources: not its inputs, nor its output.
     #[cfg(feature = "internals")]
     #[doc(hidden)]
     pub fn job(mut self, job: Job) -> Self {
@@ -238,19 +238,19 @@ impl<'a> Reconstruction<'a> {
 
     /// The memory that the run may take, in bytes, the mesh included as long as it is held. A quarter of the machine's by default.
     pub fn max_memory(mut self, bytes: u64) -> Self {
-        self.job.means.max_memory = Some(bytes);
+        self.job.resources.max_memory = Some(bytes);
         self
     }
 
     /// Worker threads: one for each processor by default.
     pub fn threads(mut self, threads: usize) -> Self {
-        self.job.means.threads = Some(threads);
+        self.job.resources.threads = Some(threads);
         self
     }
 
     /// The folder for temporary files: the system's by default.
     pub fn temp_dir(mut self, folder: impl Into<PathBuf>) -> Self {
-        self.job.means.temp_dir = Some(folder.into());
+        self.job.resources.temp_dir = Some(folder.into());
         self
     }
 
@@ -268,7 +268,7 @@ impl<'a> Reconstruction<'a> {
         if let Some(refused) = self.refused {
             return Err(Error::Usage(refused));
         }
-        let workers = self.job.means.workers()?;
+        let workers = self.job.resources.workers()?;
         watched(self.observer, &workers, || {
             let mut progress = Progress::told(self.observer);
             match &self.points {
@@ -324,7 +324,7 @@ fn of_files(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Mes
 }
 
 fn workspace(job: &Job, workers: &Workers) -> Result<Workspace> {
-    let folder = job.means.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
+    let folder = job.resources.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
     Ok(Workspace::new(folder)?.stopped_with(workers))
 }
 
@@ -339,7 +339,7 @@ fn made(
 ) -> Result<Mesh> {
     let job = &job.measured_as(cloud)?;
     let (surveyed, settings) = run::surveyed(cloud, &job.settings, workers, progress)?;
-    let (surveyed, context) = run::planned(surveyed, &settings, workers, workspace, job.means.budget(), progress)?;
+    let (surveyed, context) = run::planned(surveyed, &settings, workers, workspace, job.resources.budget(), progress)?;
     let made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
     if settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
