@@ -43,7 +43,7 @@ use asra_stream::internals::settings::Settings;
 use asra_stream::internals::settings::closing::Sealing;
 use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
 use asra_stream::internals::solid::close;
-use asra_stream::internals::solid::close::Asked;
+use asra_stream::internals::solid::close::ClosingOptions;
 use asra_stream::internals::solid::exterior::Exterior;
 use asra_stream::internals::stitch::slab::SlabMesh;
 use asra_stream::internals::storage::spool::Workspace;
@@ -142,14 +142,15 @@ fn cells_to_solid(group: &mut BenchmarkGroup<'_, WallTime>, occupancy: &Occupanc
     }
     // The cells are closed anew each time: closing takes them.
     let again = || occupancy.filtered(|_| true, context).expect("cells");
-    let asked = Asked { seal: Sealing::Auto, window: None, keep_outliers: false, min_component: None, rough: false };
+    let asked =
+        ClosingOptions { seal: Sealing::Auto, window: None, keep_outliers: false, min_component: None, rough: false };
     let close = || close::close(again(), 1.0, asked, context, |_, _| ()).expect("a solid").solid;
     group.bench_function("close", |b| b.iter(close));
     group.bench_function("lone", |b| {
-        let drop_lone = |solid: Solid| solid.without_lone_cells(context).expect("a solid");
+        let drop_lone = |solid: Solid| solid.without_isolated_cells(context).expect("a solid");
         b.iter_batched(close, drop_lone, BatchSize::PerIteration);
     });
-    close().without_lone_cells(context).expect("a solid")
+    close().without_isolated_cells(context).expect("a solid")
 }
 
 /// What the stages within a slab make of it, before contraction.

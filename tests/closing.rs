@@ -12,7 +12,7 @@ use asra_stream::internals::run::workload::Workload;
 use asra_stream::internals::settings::closing::Least;
 use asra_stream::internals::settings::closing::Sealing;
 use asra_stream::internals::solid::Solid;
-use asra_stream::internals::solid::close::{Asked, How, Parted, close};
+use asra_stream::internals::solid::close::{ClosingOptions, How, Parted, close};
 use asra_stream::internals::solid::component::keep;
 use asra_stream::internals::storage::spool::Workspace;
 
@@ -44,7 +44,7 @@ fn shell(size: u32, hole: f64) -> Vec<Cell> {
 }
 
 fn closed(occupancy: Occupancy, window: Option<u32>, context: &Context) -> (Solid, Parted) {
-    let asked = Asked { seal: Sealing::Auto, window, keep_outliers: false, min_component: None, rough: false };
+    let asked = ClosingOptions { seal: Sealing::Auto, window, keep_outliers: false, min_component: None, rough: false };
     let closed = close(occupancy, 1.0, asked, context, |_, _| ()).unwrap();
     match closed.how {
         How::Sign(parted) => (closed.solid, parted),
@@ -112,9 +112,9 @@ fn a_pit_is_filled_unless_points_line_it() {
         let bare = Occupancy::of_cells(bare, cells, context).unwrap();
         let solid = Solid::close(&sampled, &Ball::new(1), context).unwrap();
         assert_eq!(solid.volume, 24 * 24 * 24 - 64);
-        let open = solid.without_hollows(&sampled, context).unwrap();
+        let open = solid.without_dents(&sampled, context).unwrap();
         assert_eq!((open.volume, &open.faces), (solid.volume, &solid.faces));
-        let filled = solid.without_hollows(&bare, context).unwrap();
+        let filled = solid.without_dents(&bare, context).unwrap();
         // The ball dips one cell into the pit.
         assert_eq!(filled.volume, 24 * 24 * 24 - 16);
         let on_top = 24 * 24 - 16;

@@ -633,7 +633,7 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
     let occupied = points.iter().map(|p| twin::grid::cell_of(*p, params).map(|c| c as u32));
     let occupancy = Occupancy::of_cells(occupied, params.cells, &context).unwrap();
     let closed = Solid::close(&occupancy, &Ball::new(params.rho), &context).unwrap();
-    let solid = closed.without_lone_cells(&context).unwrap();
+    let solid = closed.without_isolated_cells(&context).unwrap();
     let [width, slices, rows] = params.cells;
     let mut ours = vec![false; expected.len()];
     let mut runs = Runs::default();

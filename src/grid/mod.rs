@@ -29,11 +29,11 @@ pub const CELLS_LIMIT: u32 = (1 << 20) - 1;
 
 /// A rotation of the file's axes: its rows are the turned axes, of length 1 and at right angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Turn([[f64; 3]; 3]);
+pub struct Rotation([[f64; 3]; 3]);
 
-impl Turn {
+impl Rotation {
     /// The rotation that makes `direction` the third axis; none if it has no length, or too large a one.
-    pub fn up(direction: [f64; 3]) -> Option<Turn> {
+    pub fn up(direction: [f64; 3]) -> Option<Rotation> {
         let unit = |p: [f64; 3]| {
             let length = dot(p, p).sqrt();
             (length.is_normal()).then(|| p.map(|c| c / length))
@@ -44,7 +44,7 @@ impl Turn {
         let mut beside = [0.0; 3];
         beside[least] = 1.0;
         let first = unit(cross(beside, up))?;
-        Some(Turn([first, cross(up, first), up]))
+        Some(Rotation([first, cross(up, first), up]))
     }
 
     /// A place in turned coordinates.
@@ -82,7 +82,7 @@ pub struct Grid {
     /// What is left out along each of its axes.
     folds: [Folds; 3],
     /// If its axes are not the file's, whose place the turned ones take then, in the box, too.
-    turn: Option<Turn>,
+    turn: Option<Rotation>,
 }
 
 impl Grid {
@@ -190,7 +190,7 @@ impl Grid {
     }
 
     /// The same grid along turned axes; the box it was made for is one of turned coordinates.
-    pub fn turned(self, turn: Turn) -> Grid {
+    pub fn turned(self, turn: Rotation) -> Grid {
         Grid { turn: Some(turn), ..self }
     }
 

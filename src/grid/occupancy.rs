@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::{Context, chunks};
 use crate::grid::partition::BUCKET_SLICES;
-use crate::grid::rank_bitmap::Ranked;
+use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, set_range};
 use crate::grid::{Cell, Grid};
 use crate::points::Coordinate;
@@ -211,10 +211,10 @@ fn well_filled<T: Coordinate>(
     least: u32,
 ) -> Result<(Vec<Runs>, u64)> {
     let [width, _, rows] = grid.cells();
-    let mut counts: Vec<(Ranked, Vec<u32>)> = slices
+    let mut counts: Vec<(RankBitmap, Vec<u32>)> = slices
         .iter()
         .map(|slice| {
-            let mut cells = Ranked::new(width, rows);
+            let mut cells = RankBitmap::new(width, rows);
             let count = cells.replace(slice);
             (cells, vec![0; count as usize])
         })
@@ -277,7 +277,7 @@ pub enum Counted {
 pub struct CountedCells {
     first: u32,
     /// Of each slice; none if all points count.
-    slices: Option<Vec<Ranked>>,
+    slices: Option<Vec<RankBitmap>>,
 }
 
 impl<T: Coordinate> Sampled<'_, T> {
@@ -294,7 +294,7 @@ impl<T: Coordinate> Sampled<'_, T> {
         let mut runs = Runs::default();
         let slice = |y| {
             self.occupied.read(y, &mut runs)?;
-            let mut cells = Ranked::new(width, rows);
+            let mut cells = RankBitmap::new(width, rows);
             cells.replace(&runs);
             Ok(cells)
         };

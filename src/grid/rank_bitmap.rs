@@ -11,7 +11,7 @@ use crate::grid::slice::{Runs, set_range, words_for};
 
 /// Occupied cells and their numbers. Memory: 12 bytes for every 64 places of the slice.
 #[derive(Debug)]
-pub struct Ranked {
+pub struct RankBitmap {
     words: usize,
     width: u32,
     rows: u32,
@@ -21,13 +21,13 @@ pub struct Ranked {
     before: Vec<u32>,
 }
 
-impl Ranked {
+impl RankBitmap {
     /// A slice of `rows` rows of `width` cells, none occupied.
-    pub fn new(width: u32, rows: u32) -> Ranked {
+    pub fn new(width: u32, rows: u32) -> RankBitmap {
         // One cell more than there are, so that the end of a row has a bit, too.
         let words = words_for(width + 1);
         let places = words * rows as usize;
-        Ranked { words, width, rows, occupied: vec![0; places], before: vec![0; places] }
+        RankBitmap { words, width, rows, occupied: vec![0; places], before: vec![0; places] }
     }
 
     /// Empties the slice.

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
 use crate::grid::coarse::{CoarseGrid, Sketching};
-use crate::grid::{Cell, Grid, Turn};
+use crate::grid::{Cell, Grid, Rotation};
 use crate::input::{Carried, Cloud};
 use crate::points::bounds::Bounds;
 use crate::points::{Batch, Coordinate, Points};
@@ -208,12 +208,12 @@ fn each_scan<R: Send>(
 /// Those of reading the input; [`Error::Interrupted`].
 pub fn turned_bounds(
     cloud: &Cloud,
-    turn: Turn,
+    turn: Rotation,
     workers: &Workers,
     in_flight: usize,
     mut progress: impl FnMut(u64),
 ) -> Result<Bounds> {
-    fn turned<T: Coordinate>(points: &[[T; 3]], turn: Turn) -> Bounds {
+    fn turned<T: Coordinate>(points: &[[T; 3]], turn: Rotation) -> Bounds {
         let places = points.iter().map(|p| turn.of(p.map(Into::into)));
         places.map(|p| Bounds { min: p, max: p }).fold(Bounds::EMPTY, Bounds::union)
     }

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use glam::Vec3;
 
-use super::light::{Side, pack_tone};
+use super::shading::{Side, pack_tone};
 use super::view::Up;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
@@ -390,7 +390,7 @@ mod tests {
 
     #[test]
     fn the_scale_grows_lighter() {
-        let lightness = |c: [u8; 3]| super::super::light::linear(c).dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        let lightness = |c: [u8; 3]| super::super::shading::linear(c).dot(Vec3::new(0.2126, 0.7152, 0.0722));
         let steps: Vec<f32> = (0..=100).map(|i| lightness(scale(i as f32 / 100.0))).collect();
         assert!(steps.windows(2).all(|pair| pair[0] < pair[1] + 1e-6) && steps[100] > 8.0 * steps[0]);
         assert_eq!((scale(-3.0), scale(7.0), scale(f32::NAN)), (SCALE[0], SCALE[8], UNKNOWN));

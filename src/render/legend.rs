@@ -9,8 +9,8 @@
 //! ```
 
 use super::colour::{Tint, scale};
+use super::contact_sheet::{Cell, Picture};
 use super::label::{self, ROWS};
-use super::sheet::{Cell, Picture};
 use crate::error::words::short;
 use crate::points::unit::{Measure, Unit};
 

@@ -17,13 +17,13 @@
 
 mod blocks;
 mod colour;
+mod contact_sheet;
 mod label;
 mod legend;
-mod light;
-mod openness;
+mod occlusion;
 mod raster;
 pub(crate) mod scale;
-mod sheet;
+mod shading;
 #[cfg(test)]
 mod tests;
 mod vertices;
@@ -35,15 +35,15 @@ use glam::{DVec3, Vec3};
 use self::blocks::{BLOCK, Blocks, Bounds, Piece, Sizes, is_finite};
 pub use self::colour::ColourBy;
 use self::colour::Tint;
+pub use self::contact_sheet::{Background, Picture, Size, picture_file};
+use self::contact_sheet::{Cell, cells};
 pub use self::legend::Legend;
-pub use self::light::Shading;
-use self::light::{Pixel, Side, encode, linear, pack_normal};
-use self::openness::Openness;
+use self::occlusion::Openness;
 use self::raster::{
     Band, Bins, FARTHEST, MOST_PAIRS, MOST_TRIANGLES, PLACES, Paint, Placed, SAMPLES, TILE, TILE_BYTES,
 };
-pub use self::sheet::{Background, Picture, Size, picture_file};
-use self::sheet::{Cell, cells};
+pub use self::shading::Shading;
+use self::shading::{Pixel, Side, encode, linear, pack_normal};
 use self::vertices::{RANGE_BYTES, Vertex, Vertices, normal};
 use self::view::Frame;
 pub use self::view::{Up, View};

@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3, Vec4};
 
 use super::blocks::{BLOCK, Blocks, Piece, Sizes, is_finite, read_faces};
 use super::colour::Tint;
-use super::light::{NO_NORMAL, Shading, pack_normal, unpack_normal};
+use super::shading::{NO_NORMAL, Shading, pack_normal, unpack_normal};
 use crate::error::Result;
 use crate::mesh::measure::Corners;
 use crate::resources::workers::{Spares, Workers, refill};

@@ -29,7 +29,7 @@ use crate::resources::workers::Workers;
 use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::closing::Sealing;
-use crate::solid::close::{Asked, close};
+use crate::solid::close::{ClosingOptions, close};
 use crate::storage::spool::Workspace;
 
 /// Points from which a run is worth a rehearsal, which takes about as long as a cloud of 100,000.
@@ -47,7 +47,7 @@ const ROUGHEST: f64 = 2.0;
 /// # Errors
 /// [`Error::Io`], [`Error::Interrupted`].
 #[expect(clippy::too_many_arguments, reason = "what is rehearsed, and with what means")]
-pub fn rehearse(
+pub fn estimate_faces(
     workload: &Workload,
     coarse_grid: &CoarseGrid,
     grid: &Grid,
@@ -120,14 +120,14 @@ pub fn rehearse(
 }
 
 /// What is asked of the closing of coarse cells, of which `scale` come to a cell of the grid.
-fn asked(settings: &Settings, scale: f64) -> Asked {
+fn asked(settings: &Settings, scale: f64) -> ClosingOptions {
     let cells = |radius: u32| (f64::from(radius) * scale).round().max(1.0) as u32;
     let seal = match settings.seal {
         Sealing::Cells(radius) => Sealing::Cells(cells(radius)),
         other => other,
     };
     let window = settings.window.map(|window| 2 * cells((window - 1) / 2) + 1);
-    Asked { seal, window, keep_outliers: settings.keep_outliers, min_component: None, rough: true }
+    ClosingOptions { seal, window, keep_outliers: settings.keep_outliers, min_component: None, rough: true }
 }
 
 /// By how much the area grows from coarse cells, `steps` times as large as the grid's, to these, if from twice as large ones it came to `last`

@@ -18,7 +18,7 @@ use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
-use crate::run::estimate::rehearse;
+use crate::run::estimate::estimate_faces;
 use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
@@ -28,7 +28,7 @@ use crate::settings::open::{Facing, Open};
 use crate::settings::surface::Fit;
 use crate::settings::{Fineness, Settings};
 use crate::solid::close;
-use crate::solid::close::{Asked, Closed, How};
+use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::stitch::slab::SlabMesh;
@@ -280,7 +280,7 @@ pub fn rehearsed(
     }
     let Surveyed { workload, coarse_grid, grid, .. } = &surveyed;
     progress.begin(Phase::Rehearse, None);
-    let workload = rehearse(workload, coarse_grid, grid, settings, workers, workspace, budget, |done, total| {
+    let workload = estimate_faces(workload, coarse_grid, grid, settings, workers, workspace, budget, |done, total| {
         progress.set_total(total);
         progress.set(done);
     })?;
@@ -319,7 +319,7 @@ pub struct Reconstructed {
     /// What was found and left out, if small components were to be.
     pub components: Option<Components>,
     /// The columns of a surface that is seen from one side.
-    pub columns: Option<heightfield::Found>,
+    pub columns: Option<heightfield::ColumnCounts>,
     /// Solid cells.
     pub solid: u64,
     /// What became of the vertices.
@@ -379,7 +379,7 @@ fn reconstruct_as<T: Coordinate>(
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Seal, None);
     let (occupied, sparse) = (occupancy.occupied, occupancy.sparse);
-    let asked = Asked {
+    let asked = ClosingOptions {
         seal: settings.seal,
         window: settings.window,
         keep_outliers: settings.keep_outliers,

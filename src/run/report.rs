@@ -25,7 +25,7 @@ use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
 use crate::solid::close::{How, PartingNothing};
 use crate::solid::component::Components;
-use crate::solid::heightfield::Found as Columns;
+use crate::solid::heightfield::ColumnCounts as Columns;
 use crate::stitch::Counts;
 
 /// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a

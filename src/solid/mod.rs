@@ -17,7 +17,7 @@ pub mod unresolved;
 pub mod watershed;
 
 use self::exterior::{Exterior, Padded, Scratch};
-use self::heightfield::columns::Ground;
+use self::heightfield::columns::HeightField;
 use self::watershed::Sides;
 use crate::error::Result;
 use crate::grid::Cell;
@@ -38,7 +38,7 @@ pub struct Solid {
     /// Of each slice: the faces that the slice owns (on its lower plane and within it).
     pub faces: Vec<u32>,
     /// The columns, if it is the ground below a surface that is not closed.
-    pub ground: Option<Ground>,
+    pub ground: Option<HeightField>,
 }
 
 struct Chunk {

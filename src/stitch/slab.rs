@@ -132,7 +132,7 @@ impl Size {
         faces + 8
     }
 
-    /// Triangles likewise, with those that middles add.
+    /// Triangles likewise, with those that midpoints add.
     fn triangles(self) -> u64 {
         2 * Size::vertices(self.faces)
     }

@@ -24,7 +24,7 @@ use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::{BUCKET_SLICES, PLANE_SIGHT, PLANE_TRAVEL, plane_halo};
-use crate::grid::rank_bitmap::Ranked;
+use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::slice::{Runs, words_for};
 use crate::grid::window::Window;
 use crate::points::Coordinate;
@@ -69,7 +69,7 @@ struct Sum {
 /// The means of one slice.
 #[derive(Debug)]
 struct SliceMeans {
-    cells: Ranked,
+    cells: RankBitmap,
     means: Vec<Mean>,
 }
 
@@ -90,7 +90,7 @@ pub fn project<T: Coordinate>(
     let [width, slices, rows] = sampled.grid.cells();
     let halo = i64::from(plane_halo(smooth));
     let mut window =
-        Window::new(2 * halo as usize, || SliceMeans { cells: Ranked::new(width, rows), means: Vec::new() });
+        Window::new(2 * halo as usize, || SliceMeans { cells: RankBitmap::new(width, rows), means: Vec::new() });
     let mut reader = MeansReader { sampled, bucket: None, sums: Vec::new(), runs: Runs::default() };
     let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
     let mut out = Vec::with_capacity(own.len());
@@ -137,7 +137,7 @@ struct MeansReader<'a, T> {
     /// The bucket at hand.
     bucket: Option<u32>,
     /// Its slices' cells and sums.
-    sums: Vec<(Ranked, Vec<Sum>)>,
+    sums: Vec<(RankBitmap, Vec<Sum>)>,
     runs: Runs,
 }
 
@@ -167,7 +167,7 @@ impl<T: Coordinate> MeansReader<'_, T> {
         let Sampled { buckets, occupied, grid, .. } = self.sampled;
         let [width, slices, rows] = grid.cells();
         let first = bucket * BUCKET_SLICES;
-        self.sums.resize_with(BUCKET_SLICES as usize, || (Ranked::new(width, rows), Vec::new()));
+        self.sums.resize_with(BUCKET_SLICES as usize, || (RankBitmap::new(width, rows), Vec::new()));
         for (y, (cells, sums)) in (first..slices).zip(&mut self.sums) {
             occupied.read(y, &mut self.runs)?;
             sums.clear();

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::columns::{Asked, DATA, Ground, KEPT, LIVE_COLUMN, Lines};
+use super::columns::{DATA, HeightField, HeightFieldOptions, KEPT, LIVE_COLUMN, Lines};
 use super::heights::without_pinches;
 use crate::error::Result;
 use crate::grid::Cell;
@@ -12,10 +12,10 @@ use crate::grid::slice::{Bits, Slices, set_range};
 /// The cells of some slices when the ball has rolled over the columns, their number, and each slice's faces.
 pub fn filled(
     levels: &Lines<u32>,
-    ground: &Ground,
+    ground: &HeightField,
     slices: Range<u32>,
     cells: Cell,
-    asked: Asked,
+    asked: HeightFieldOptions,
 ) -> Result<(Slices, u64, Vec<u32>, Vec<u8>)> {
     let (columns, reach) = (levels.width, i64::from(asked.ball.radius()));
     // A slice below the first, for its faces; and as many as tell what is cut off.

@@ -3,7 +3,7 @@
 use super::columns::{Up, margin};
 use crate::error::{Error, Result};
 use crate::grid::dilate::Ball;
-use crate::grid::{Cell, Grid, Turn};
+use crate::grid::{Cell, Grid, Rotation};
 use crate::points::bounds::{Axis, Bounds};
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Facing, Hole, Kind, Open};
@@ -14,11 +14,11 @@ impl Facing {
     ///
     /// # Errors
     /// [`Error::Usage`] if that is no direction.
-    pub fn turn(self, bounds: &Bounds) -> Result<Option<Turn>> {
+    pub fn turn(self, bounds: &Bounds) -> Result<Option<Rotation>> {
         if matches!(self, Facing::Along { .. }) {
             return Ok(None);
         }
-        let turn = Turn::up(self.direction(bounds))
+        let turn = Rotation::up(self.direction(bounds))
             .ok_or_else(|| Error::setting("facing", format!("`facing` {self}: is no direction from the points")))?;
         Ok(Some(turn))
     }

@@ -129,7 +129,7 @@ impl<T: Coordinate> Search<'_, T> {
     /// Searches the points of the slices `around` a vertex's plane, as many below it as above.
     fn vertex(&mut self, v: u32, around: &[SlicePoints<'_, T>]) {
         let vertex = &self.task.surface.vertices[v as usize];
-        if let Kind::Middle(_) = vertex.kind {
+        if let Kind::Midpoint(_) = vertex.kind {
             return;
         }
         let q = self.task.q[v as usize];

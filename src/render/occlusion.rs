@@ -12,7 +12,7 @@
 //! each other, sixteen ways in a square of four by four, over which means are taken then, of pixels at about the same depth: so a few looks do for each pixel, and single ones do
 //! not show.
 
-use super::light::Pixel;
+use super::shading::Pixel;
 
 /// Lines through a pixel.
 const LINES: usize = 4;
