@@ -10,7 +10,7 @@ use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
     PlanArguments, ReconstructArguments, RenderArguments, overwrite,
 };
-use super::{failure, outputs, signals};
+use super::{failure, outputs, pages, signals};
 use crate::compare::compare;
 use crate::error::defect;
 use crate::error::words::{as_options, thousands};
@@ -50,6 +50,10 @@ pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
         Some(Command::Densify(arguments)) => densify_cloud(arguments, progress),
         Some(Command::Render(arguments)) => draw(arguments, progress),
         Some(Command::Generate(arguments)) => generate_cloud(arguments, progress),
+        Some(Command::Completions(arguments)) => print_text(&pages::completions(arguments.shell)).map(|()| Kind::Done),
+        Some(Command::Man(arguments)) => {
+            print_text(&pages::manual(arguments.command.as_deref())?).map(|()| Kind::Done)
+        }
     }
 }
 
@@ -68,6 +72,8 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
         Some(Command::Densify(densify)) => densify.job().resources,
         Some(Command::Render(render)) => render.resources.resources(),
         Some(Command::Generate(generate)) => generate.resources(),
+        Some(Command::Completions(arguments)) => return value(&pages::completions(arguments.shell)),
+        Some(Command::Man(arguments)) => return value(&pages::manual(arguments.command.as_deref())?),
     };
     let workers = threads.workers()?;
     watched(observer, &workers, || {
@@ -100,6 +106,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
                 let made = generated(arguments, &workers, progress)?;
                 Ok(json!({ "points": made.points, "bytes": made.bytes }))
             }
+            Some(Command::Completions(_) | Command::Man(_)) => unreachable!("they take no work"),
         }
     })
 }
@@ -166,7 +173,7 @@ struct Floor {
     common: u64,
     /// For each worker.
     worker: u64,
-    /// Of small files it takes no more than this, and so many times their length.
+    /// What small files take at most: this, and so many times their length.
     small: (u64, u64),
     what: &'static str,
 }

@@ -3,6 +3,7 @@
 mod args;
 mod commands;
 mod outputs;
+mod pages;
 mod signals;
 mod sizes;
 

@@ -197,9 +197,9 @@ impl<T: Target + Pod> Making<'_, T> {
 
 /// Space in parts, by cuts across the axes.
 struct Parts {
-    /// Of each node of a complete tree, from 1 on: the axis and the place of its cut.
+    /// For each node of a complete tree, from 1 on: the axis and the place of its cut.
     cuts: Vec<(usize, f64)>,
-    /// Of each part: how long the box of the sample in it is.
+    /// For each part: how long the box of the sample in it is.
     sides: Vec<f64>,
 }
 

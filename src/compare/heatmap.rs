@@ -35,7 +35,7 @@ const SCALE: [[u8; 3]; 8] = [
     [254, 238, 90],
 ];
 
-/// Of vertices that have no distance.
+/// The colour of vertices that have no distance.
 const NOWHERE: [u8; 3] = [128; 3];
 
 /// A heat map that is asked for.

@@ -67,9 +67,9 @@ struct Part<'a, T> {
 
 /// The working memory of a job that sorts a block.
 struct Scratch<T> {
-    /// Of each point: its bucket.
+    /// The bucket of each point.
     places: Vec<u32>,
-    /// Of each bucket: its points, then where the next one goes.
+    /// For each bucket: its number of points, then where the next one goes.
     counts: Vec<u32>,
     sorted: Chunk<T>,
     /// An empty chunk.

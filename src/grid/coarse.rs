@@ -1,4 +1,4 @@
-//! CoarseGrid: the cells that a cloud's points lie in at a coarse resolution, found in the survey's pass, before there is a grid.
+//! The coarse grid: the cells that a cloud's points lie in at a coarse resolution, found in the survey's pass, before there is a grid.
 //!
 //! ```text
 //!   cells have sides of 2^e of the input's units and lie at multiples of them, whatever the box:

@@ -1,4 +1,4 @@
-//! Folds: planes that are left out of a grid, in the middle of gaps that far points leave.
+//! Gaps between far points: the planes in their middle are left out of the grid.
 
 /// The least planes that a gap keeps, whatever the cloud: more than any ball that is tried on so few planes with points is wide.
 pub const GAP: u32 = 256;

@@ -36,9 +36,9 @@ const ENDED: u32 = u32::MAX;
 #[derive(Debug)]
 pub struct Parts<M> {
     runs: Slices,
-    /// Of each run, slice after slice, its part.
+    /// The part of each run, slice after slice.
     parts: Vec<u32>,
-    /// Of each slice, the runs before it in the chunk; and of all.
+    /// The number of runs in the chunk before each slice, and then of all.
     starts: Vec<u32>,
     lowest: Runs,
     highest: Runs,
@@ -214,17 +214,17 @@ impl<M: Measure> Labeller<M> {
 #[derive(Debug)]
 pub struct Components<M> {
     runs: SliceStore,
-    /// Of each slice: the parts of its runs.
+    /// The parts of each slice's runs.
     parts: Lists<u32>,
-    /// Of each slice: its chunk.
+    /// The chunk of each slice.
     chunk_of: Vec<u32>,
-    /// Of each chunk: the classes of its open parts.
+    /// The classes of each chunk's open parts.
     classes: Lists<u32>,
-    /// Of each chunk: what its classes became in the next.
+    /// What each chunk's classes became in the next chunk.
     became: Lists<u32>,
-    /// Of each chunk: what was measured of the components that ended there, in the order of its classes.
+    /// What was measured of the components that ended in each chunk, in the order of its classes.
     ended: Lists<M>,
-    /// Of each chunk: what was measured of its closed parts.
+    /// What was measured of each chunk's closed parts.
     closed: Lists<M>,
 }
 
@@ -280,7 +280,7 @@ pub struct Labels {
     runs: SliceStore,
     parts: Lists<u32>,
     chunk_of: Vec<u32>,
-    /// Of each chunk: the verdicts on its parts.
+    /// The verdicts on each chunk's parts.
     verdicts: Lists<u8>,
 }
 

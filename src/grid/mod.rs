@@ -1,4 +1,4 @@
-//! The only place where the world becomes cells: axis, slices, cell size, raster (the paper's Eqs. 1-3).
+//! The grid: where coordinates become cells. Axis, slices, cell size, raster (ASRA, Eqs. 1-3).
 //!
 //! Eq. 1 moves the box to the origin and scales it by its longest side; instead of moving points, the grid keeps the
 //! box's corner and the cell size in the world's own units. Eq. 2: s = ⌊k·∛n⌋ slices. Eq. 3: w = extent / s.

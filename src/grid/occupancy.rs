@@ -22,7 +22,7 @@ pub struct Occupancy {
     pub store: SliceStore,
     /// Number of occupied cells.
     pub occupied: u64,
-    /// Of each slice: its occupied cells.
+    /// The number of occupied cells of each slice.
     pub in_slice: Vec<u32>,
     /// Cells with points, but fewer than the least number.
     pub sparse: u64,
@@ -276,7 +276,7 @@ pub enum Counted {
 #[derive(Debug)]
 pub struct CountedCells {
     first: u32,
-    /// Of each slice; none if all points count.
+    /// The occupied cells of each slice; `None` if all points count.
     slices: Option<Vec<RankBitmap>>,
 }
 

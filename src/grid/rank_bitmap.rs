@@ -17,7 +17,7 @@ pub struct RankBitmap {
     rows: u32,
     /// Is a cell occupied? One row after the other.
     occupied: Vec<u64>,
-    /// Of each word: the occupied cells before it.
+    /// The number of occupied cells before each word.
     before: Vec<u32>,
 }
 

@@ -96,7 +96,7 @@ const UNIT: f64 = (1u64 << 40) as f64;
 /// A direction is told in steps of this part of its length.
 const DIRECTION_STEPS: f64 = 1e6;
 
-/// Of the points of a scan, at most one in so many may have their scanner behind the sheet's front.
+/// At most one in so many of a scan's points may have their scanner behind the sheet's front.
 const MOST_BEHIND: u64 = 3;
 
 /// The direction that the points were seen from, on average: of the lines from each point to where its scan was taken from. It has length 1, to six digits.
@@ -285,7 +285,7 @@ const KEPT: usize = 1024;
 /// Counts distinct cells in bounded memory: of all cells seen it keeps those with the smallest hashes; if the largest kept
 /// hash is the fraction f of the hash range, there are about KEPT / f cells. Order of arrival does not matter.
 ///
-/// Of a cell that is kept to the end, every point was counted: it was never left out before.
+/// Every point of a cell that is kept to the end was counted: the cell was never left out before.
 #[derive(Debug)]
 struct Distinct {
     /// The hashes, and how many points each was seen with.

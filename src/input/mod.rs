@@ -54,7 +54,7 @@ const OPENING_MEMORY: u64 = 64 << 20;
 #[derive(Debug)]
 pub struct Cloud<'a> {
     sources: Vec<Source>,
-    /// Of each file that is read in every pass: how it was when it was opened.
+    /// How each file that is read in every pass was when it was opened.
     stamps: Vec<Option<Stamp>>,
     formats: Vec<Arc<dyn PointFormat + 'a>>,
     precision: Precision,

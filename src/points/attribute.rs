@@ -103,7 +103,7 @@ impl FromStr for Wanted {
 }
 
 impl Wanted {
-    /// Of the attributes that files have, those that are wanted, each once, in a type that holds every file's values.
+    /// The wanted ones of the attributes that files have, each once, in a type that holds every file's values.
     ///
     /// # Errors
     /// [`Error::Usage`] if one that is named is in no file, or if they take more than [`MOST_BYTES`].
@@ -273,7 +273,7 @@ impl Carrying {
 /// How numbers that are read one by one, as from text, become a record of a schema.
 #[derive(Debug, Clone)]
 pub struct Placing {
-    /// Of each attribute of the schema: which of the file's numbers it is, and its type.
+    /// For each attribute of the schema: which of the file's numbers it is, and its type.
     places: Vec<(Option<usize>, Scalar)>,
 }
 

@@ -256,11 +256,11 @@ fn printable(text: &str) -> Option<String> {
 /// EPSG codes in a WKT.
 #[derive(Debug, Default)]
 struct Codes {
-    /// Of the whole.
+    /// The code of the whole system.
     own: Option<u32>,
-    /// Of the first part of a compound.
+    /// The code of the first part of a compound system.
     horizontal: Option<u32>,
-    /// Of the heights in a compound.
+    /// The code of a compound system's heights.
     vertical: Option<u32>,
     /// Metres of the unit of lengths on the map.
     unit: Option<f64>,

@@ -90,7 +90,7 @@ impl Filter {
 pub struct Sieve {
     /// What is decoded of every point: what is kept, then what only the filter looks at.
     pub decoded: Schema,
-    /// Of a decoded record, the bytes that are kept.
+    /// The bytes of a decoded record that are kept.
     kept: usize,
     tests: Vec<Test>,
     bounds: Option<Bounds>,

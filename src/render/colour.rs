@@ -145,11 +145,11 @@ fn class_colour(class: u32) -> [u8; 3] {
 pub enum Tint {
     /// All have this.
     One([u8; 3]),
-    /// Of three attributes: their numbers in the schema, and what makes 255 of the brightest.
+    /// Colours from three attributes: their numbers in the schema, and the factor that makes 255 of the brightest.
     Own([usize; 3], f64),
-    /// Of a value, and which of them are the ends of the scale.
+    /// Colours from a value, and the values at the ends of the scale.
     Scale(Value, f64, f64),
-    /// Of an attribute that says which of some classes it is.
+    /// Colours from an attribute that names a class.
     Classes(usize),
 }
 
@@ -166,7 +166,7 @@ pub enum Value {
 const PIECE: usize = 1 << 15;
 /// Parts that values are counted in.
 const BINS: usize = 1 << 12;
-/// Of a thousand values, those below the scale's lower end, and above its upper: a few that lie far off would take all colours.
+/// How many of a thousand values lie below the scale's lower end, and above its upper: a few that lie far off would take all colours.
 const OFF: u64 = 5;
 
 impl Tint {

@@ -86,9 +86,9 @@ impl FromStr for Background {
 /// A part of the picture, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cell {
-    /// Of its first column.
+    /// The pixel of its first column.
     pub left: usize,
-    /// Of its first row.
+    /// The pixel of its first row.
     pub top: usize,
     /// Columns.
     pub width: usize,

@@ -87,7 +87,7 @@ impl Default for Options {
 
 /// Bytes of a job: the least that does, and more than which is of no use.
 const JOB: (u64, u64) = (8 << 20, 16 << 20);
-/// Of that, what does not depend on the window: triangles twice, and pairs of tiles and triangles.
+/// The part of that which does not depend on the window: triangles twice, and pairs of tiles and triangles.
 const JOB_FIXED: u64 = (BLOCK * 24 + MOST_PAIRS * 8 + (1 << 19)) as u64;
 /// Bytes for each vertex of a window: its position, where it is in the view, and what is known of it.
 const WINDOW_BYTES: u64 = 24 + 12 + 8 + 1;
@@ -239,7 +239,7 @@ struct Projection {
     deep: f32,
 }
 
-/// Of a view's sides, what stays free.
+/// The share of a view's sides that stays free.
 const MARGIN: f64 = 0.04;
 
 impl Projection {

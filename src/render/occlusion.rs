@@ -35,7 +35,7 @@ pub struct Openness {
     width: usize,
     height: usize,
     reach: f32,
-    /// Of each pixel of the square, of each line, of each step: columns and rows to go, and the distance's inverse.
+    /// For each pixel of the square, each line and each step: columns and rows to go, and the inverse of the distance.
     looks: Vec<(i32, i32, f32)>,
 }
 

@@ -60,7 +60,7 @@ pub struct InfoReport {
     pub version: &'static str,
     /// The files.
     pub inputs: Vec<InputReport>,
-    /// Of each file, where its scans were taken from, as far as it tells.
+    /// Where each file's scans were taken from, as far as the file tells.
     pub scanned_from: Vec<Vec<[f64; 3]>>,
     /// The reference system, if any file tells one.
     pub reference_system: Option<SystemReport>,
@@ -95,7 +95,7 @@ pub struct InfoReport {
 }
 
 impl InfoReport {
-    /// Of what was found by looking at points.
+    /// The report of what was found by looking at points.
     pub fn of(looked: &Looked) -> InfoReport {
         let Looked { cloud, surveyed, tally } = looked;
         let survey = &surveyed.survey;
@@ -234,7 +234,7 @@ pub struct PlanReport {
 }
 
 impl PlanReport {
-    /// Of what was planned, for so many threads.
+    /// The report of a plan for so many threads.
     ///
     /// # Errors
     /// [`crate::Error::Io`] if the free space cannot be told.

@@ -112,15 +112,15 @@ impl Job {
 /// The units of lengths that were given with a unit. A length without one is in the unit of the input's coordinates, whatever that is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Units {
-    /// Of the side of a cell.
+    /// The unit of the side of a cell.
     pub cell_size: Option<Unit>,
-    /// Of the radius that holes are closed with.
+    /// The unit of the radius that holes are closed with.
     pub seal: Option<Unit>,
-    /// Of the widest hole that is bridged.
+    /// The unit of the widest hole that is bridged.
     pub max_hole: Option<Unit>,
-    /// Of the height of a flat bottom.
+    /// The unit of the height of a flat bottom.
     pub base: Option<Unit>,
-    /// Of the side of tiles.
+    /// The unit of the side of tiles.
     pub tile: Option<Unit>,
 }
 

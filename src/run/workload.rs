@@ -41,9 +41,9 @@ pub struct Workload {
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PointWorkload {
-    /// Of one.
+    /// The most points of one bucket.
     pub bucket: u64,
-    /// Of [`buckets_round`] the halo.
+    /// The most points of [`buckets_round`] the halo.
     pub window: u64,
 }
 
@@ -186,7 +186,7 @@ impl Workload {
         (if self.falls { sealing * 3 } else { sealing }) + y * self.columns_of_slice() * COLUMN.0
     }
 
-    /// Of these, the bytes that remain while slabs are made: occupied and solid cells.
+    /// The part of these bytes that remains while slabs are made: occupied and solid cells.
     pub(crate) fn standing_slice_bytes(&self) -> u64 {
         let [_, y, z] = self.cells.map(u64::from);
         y * z * 8 + self.faces() * 6 + y * self.columns_of_slice() * COLUMN.1

@@ -1,4 +1,4 @@
-//! What is asked of the closing: which holes are closed, and which components are kept.
+//! Options of the closing: which holes are closed, and which components are kept.
 
 use std::str::FromStr;
 

@@ -1,4 +1,4 @@
-//! What is asked of a reconstruction: plain values, that every stage may look at. None of them says where, or with how much memory and how many threads.
+//! Settings of a reconstruction: plain values that every stage may read. Files, memory and threads are not among them.
 
 pub mod closing;
 pub mod open;
@@ -50,7 +50,7 @@ pub enum Fineness {
     Sampling,
 }
 
-/// What is asked of the reconstruction, apart from files and means.
+/// All settings of a reconstruction, but for files and resources.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// How fine the grid is.

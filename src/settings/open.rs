@@ -1,16 +1,16 @@
-//! Surfaces that are not closed: what is asked of them, and the grid they need.
+//! Options of open surfaces.
 
 use std::str::FromStr;
 
 use crate::points::bounds::{Axis, Bounds};
 
-/// What a surface that is not closed is of.
+/// The kind of an open surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// Of what was scanned from one side.
+    /// Something that was scanned from one side.
     Sheet,
-    /// Of ground, seen from above.
+    /// Ground, buildings and trees, seen from above.
     Terrain,
 }
 
@@ -135,10 +135,10 @@ impl FromStr for Hole {
     }
 }
 
-/// What is asked of a surface that is not closed.
+/// Options of an open surface.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Open {
-    /// What it is of.
+    /// The kind of surface.
     pub kind: Kind,
     /// From where it was seen.
     pub facing: Facing,

@@ -1,6 +1,6 @@
-//! What is asked of the surface of every slab.
+//! Options of the surface: smoothing, diagonals, fitting.
 
-/// What is done to the surface of every slab.
+/// Options of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct SurfaceOptions {
     /// Steps of smoothing: the first is Eq. 4, each further one smooths without shrinking.

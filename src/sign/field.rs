@@ -29,7 +29,7 @@ pub struct Field<'a> {
     gaps: Vec<bool>,
     /// Cells that are outside, whatever the field.
     outside: Vec<bool>,
-    /// Of each cell, what a face to an equally open one weighs; 0 where u is not looked for.
+    /// The weight of a face between each cell and an equally open one; 0 where u is not looked for.
     open: Vec<f32>,
     /// The u of each cell in which it is looked for.
     pub(super) u: Vec<f32>,

@@ -99,7 +99,7 @@ impl Seen {
 pub struct Signed {
     /// The cells, some more on every side.
     pub block: Block,
-    /// Of each cell of the block.
+    /// The side of each cell of the block.
     pub sides: Vec<Side>,
     /// Number of walls: occupied cells that have free cells on both sides.
     pub walls: u64,

@@ -27,7 +27,7 @@ const LARGE: f64 = 30.0;
 /// What of the inside is bare.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Bare {
-    /// Of each cell of the block, whether it belongs to a component that is bare, or a part of one.
+    /// Whether each cell of the block belongs to a bare component, or to a bare part of one.
     pub cells: Vec<bool>,
     /// As `cells`, of whole components only.
     pub whole: Vec<bool>,
@@ -64,7 +64,7 @@ pub fn bare(field: &Field<'_>, walls: &[Wall]) -> Option<Bare> {
     }
 }
 
-/// Of each cell, whether it belongs to one of those whose border is as asked; none if there is no such one.
+/// Whether each cell belongs to a component whose border passes `is`; `None` if none does.
 fn marked(of: &[u32], borders: &[Border], is: impl Fn(&Border) -> bool) -> Option<Vec<bool>> {
     let is: Vec<bool> = borders.iter().map(is).collect();
     is.contains(&true).then(|| of.par_iter().with_min_len(ALONE).map(|&number| is[number as usize]).collect())

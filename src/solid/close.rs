@@ -39,7 +39,7 @@ impl Sealing {
     }
 }
 
-/// What is asked of the closing.
+/// Options of the closing.
 #[derive(Debug, Clone, Copy)]
 pub struct ClosingOptions {
     /// How holes are closed.

@@ -35,7 +35,7 @@ pub struct Solid {
     pub store: SliceStore,
     /// Number of solid cells.
     pub volume: u64,
-    /// Of each slice: the faces that the slice owns (on its lower plane and within it).
+    /// The number of faces that each slice owns: those on its lower plane and those within it.
     pub faces: Vec<u32>,
     /// The columns, if it is the ground below a surface that is not closed.
     pub ground: Option<HeightField>,

@@ -35,25 +35,25 @@ use crate::surface::vertex_state::{SHARES, VertexState};
 pub struct SlabMesh<T> {
     /// The slab's slices.
     pub slices: Range<u32>,
-    /// Of each vertex: its smoothed position, in file axes.
+    /// The smoothed position of each vertex, in file axes.
     pub smoothed: Vec<[f64; 3]>,
-    /// Of each vertex: its position after one step of smoothing, to which it may retreat. Empty if that is the smoothed one.
+    /// The position of each vertex at rest: after one step of smoothing. Empty if that is the smoothed one.
     pub rest: Vec<[f64; 3]>,
-    /// Of each vertex: its point.
+    /// The point of each vertex.
     pub fitted: Fitted<T>,
-    /// Of each vertex: the record of its attributes.
+    /// The record of each vertex's attributes.
     pub attributes: Vec<u8>,
-    /// Of each vertex: what became of it.
+    /// The state of each vertex.
     pub state: Vec<VertexState>,
-    /// Of each triangle, whether it is written in the end; empty if all are.
+    /// Whether each triangle is written in the end; empty if all are.
     pub kept: Vec<bool>,
     /// Triangles, in order; where contraction took one away, two of its corners are the same.
     pub triangles: Vec<[u32; 3]>,
     /// The triangles at each of the slab's vertices and of the next slab's that it names.
     pub stars: Stars,
-    /// Of each of its planes, from the lowest on, the first vertex; then [`SlabMesh::own`].
+    /// The first vertex of each plane, from the lowest on; then [`SlabMesh::own`].
     pub planes: Vec<u32>,
-    /// Of each vertex: its quantized point, where it is now.
+    /// The quantized position of each vertex, where it is now.
     pub quantized: Vec<QuantizedPoint>,
     /// The boxes of [`BLOCK`] triangles each.
     pub blocks: Vec<PackedBox>,
@@ -100,7 +100,7 @@ const SMALL: usize = 1 << 12;
 const LAYER: usize = 3;
 
 impl Size {
-    /// Of a slab of so many faces, if they lie evenly in its slices.
+    /// The size of a slab of so many faces, if they lie evenly in its slices.
     pub fn even(faces: u64, smooth: u32) -> Size {
         let slices = u64::from(slab_slices(smooth));
         let layer = (faces * LAYER as u64).div_ceil(slices);
@@ -108,7 +108,7 @@ impl Size {
         Size { faces, round: faces + (faces * beside).div_ceil(slices), layer, ends: [layer; 2] }
     }
 
-    /// Of slab `number`, where the faces of all slices are known.
+    /// The size of slab `number`, where the faces of all slices are known.
     pub fn counted(faces: &[u32], number: u32, smooth: u32) -> Size {
         let sum = |slices: &[u32]| slices.iter().map(|faces| u64::from(*faces)).sum::<u64>();
         let slices = slices_of(number, smooth, faces.len() as u32);
@@ -378,7 +378,7 @@ impl<T: Coordinate> SlabMesh<T> {
         contract(triangles, stars, groups, |dead, _| state[dead as usize] = VertexState::Contracted);
     }
 
-    /// Of the vertices that have the same point, the nearest takes its place; the others are pulled.
+    /// The nearest of the vertices that have the same point takes its place; the others are attracted.
     fn choose_fitted(&mut self) {
         // By point, then by number.
         let lives =
@@ -461,7 +461,7 @@ struct Inside<'a, T> {
     first: u32,
     frame: Frame,
     quantizer: Quantizer,
-    /// Of each vertex: where it is now, as it is going to be written.
+    /// The position of each vertex where it is now, as it is going to be written.
     places: Vec<[T; 3]>,
 }
 

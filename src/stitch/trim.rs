@@ -14,7 +14,7 @@ use crate::surface::contract::{NONE, is_gone};
 /// What is written of a slab.
 #[derive(Debug)]
 pub struct Trimmed {
-    /// Of each of the slab's vertices, whether it is written.
+    /// Whether each of the slab's vertices is written.
     pub written: Vec<bool>,
     /// Its kept triangles.
     pub triangles: Vec<[u32; 3]>,
@@ -25,7 +25,7 @@ pub struct Trimmed {
 /// What is known from slab to slab.
 #[derive(Debug, Default)]
 pub struct Trim {
-    /// Of the slab's first vertices, whether kept triangles of the one below name them.
+    /// Whether kept triangles of the slab below name each of the slab's first vertices.
     named: Vec<bool>,
     /// Numbers of the vertices of the slab before.
     before: Vec<u32>,

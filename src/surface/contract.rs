@@ -28,7 +28,7 @@ pub fn is_gone([a, b, c]: [u32; 3]) -> bool {
 pub struct Stars {
     head: Vec<u32>,
     next: Vec<u32>,
-    /// Of each vertex, the next one of its cluster.
+    /// The next vertex of each vertex's cluster.
     pub also: Vec<u32>,
 }
 
@@ -97,7 +97,7 @@ pub struct Groups<'a, D> {
     pub group: &'a [u32],
     /// The squared distance of a vertex that has a group to its point.
     pub distance: D,
-    /// Of each triangle, whether it is kept; empty if all are. Where kept triangles meet others lies the *rim*.
+    /// Whether each triangle is kept; empty if all are. The *rim* lies where kept triangles meet others.
     pub kept: &'a [bool],
 }
 

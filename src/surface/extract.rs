@@ -50,12 +50,12 @@ pub enum Kind {
 struct Plane {
     /// Rows of bits: is (i, k) a corner of the surface?
     corners: Bits,
-    /// Of each word of `corners`: the corners before it.
+    /// The number of corners before each word of `corners`.
     before: Vec<u32>,
-    /// Of each corner: its mask, and the number of its first vertex.
+    /// The mask of each corner, and the number of its first vertex.
     masks: Vec<u8>,
     first: Vec<u32>,
-    /// Of each row: the corners before it.
+    /// The number of corners before each row.
     rows: Vec<u32>,
     /// Midpoints that belong to the plane, by (lower corner, axis). Nearly always empty.
     midpoints: Vec<((u32, u32, u8), u32)>,
@@ -69,7 +69,7 @@ pub struct Surface {
     planes: Vec<Plane>,
     /// The lowest plane.
     lowest: u32,
-    /// Of each plane: the vertices before it; one entry more than planes.
+    /// The number of vertices before each plane; one entry more than planes.
     starts: Vec<u32>,
     /// The columns of the slices round the planes, if it is not closed: only corners of live ones are there.
     columns: Option<Columns>,
@@ -80,7 +80,7 @@ pub struct Surface {
 pub struct Triangles {
     /// Their vertices.
     pub corners: Vec<[u32; 3]>,
-    /// Of each, whether it is written in the end; empty if all are.
+    /// Whether each triangle is written in the end; empty if all are.
     pub kept: Vec<bool>,
 }
 
@@ -290,7 +290,7 @@ impl Surface {
     }
 }
 
-/// Of each slice, as many rectangles as count for its memory: no fewer than its own faces with those that midpoints add, and than the vertices on its
+/// As many rectangles for each slice as count for its memory: no fewer than its own faces with those that midpoints add, and than the vertices on its
 /// lower plane; on the last one, on both planes. Memory for each job: three slices of bits.
 ///
 /// # Errors
@@ -316,7 +316,7 @@ pub fn weights(solid: &Solid, context: &Context) -> Result<Vec<u32>> {
     Ok((0..slices as usize).map(own).collect())
 }
 
-/// Of each plane: its vertices, and how many of them are midpoints.
+/// The number of vertices on each plane, and how many of them are midpoints.
 fn counts(solid: &Solid, planes: std::ops::Range<u32>) -> Result<Vec<[u32; 2]>> {
     let [width, _, rows] = solid.cells;
     let (lowest, end) = (i64::from(planes.start), i64::from(planes.end));

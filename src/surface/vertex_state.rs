@@ -1,9 +1,9 @@
-//! VertexState: what becomes of a vertex between smoothing and the finished mesh.
+//! What becomes of a vertex between smoothing and the finished mesh.
 
-/// What becomes of a vertex.
+/// The state of a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VertexState {
-    /// It stays where smoothing put it.
+    /// It has no point near enough: it stays where smoothing put it.
     Unfitted,
     /// It takes its point's place.
     Fitted,
@@ -11,11 +11,11 @@ pub enum VertexState {
     Projected,
     /// It lies where a hole is bridged, at the height that is interpolated there.
     Bridged,
-    /// Another vertex took the point's place; it goes most of the way.
+    /// Another vertex took its point's place: it goes 90 % of the way there.
     Attracted,
     /// It was contracted into another.
     Contracted,
-    /// It has gone back from its point so many steps of the way to rest ([`SHARES`]).
+    /// It has gone back towards rest, so many steps ([`SHARES`]).
     Backtracked(u8),
     /// It went all the way back to rest, where no triangles intersect.
     AtRest,
@@ -26,7 +26,7 @@ pub enum VertexState {
 pub const SHARES: [f64; 9] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1];
 
 impl VertexState {
-    /// What becomes of a vertex whose triangles intersect others.
+    /// The state after one step back towards rest.
     pub fn backtracked(self) -> VertexState {
         match self {
             VertexState::Fitted | VertexState::Projected | VertexState::Bridged | VertexState::Attracted => {

@@ -1,11 +1,13 @@
 //! The flags: name, type, help and default, each in one place; README's table is tested against this.
 
+mod examples;
 mod meshes;
 mod shared;
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
 
 pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments};
 use self::shared::in_unit;
@@ -33,11 +35,12 @@ use crate::settings::{Fineness, Settings};
 
 /// Turns point clouds too large for memory into watertight triangle meshes, without normals.
 ///
-/// Points are sorted into slices on disk; a sliding window of slices streams through dilation, surface extraction, smoothing
-/// and fitting. The mesh is always closed, oriented and 2-manifold, and the same bytes for any memory and threads.
+/// Points are sorted into slices on disk; a sliding window of slices streams through closing, extraction, smoothing and
+/// fitting. The mesh is closed, oriented and 2-manifold, or with --surface a 2-manifold with a boundary; it is checked, and it has
+/// the same bytes for any memory and threads. docs/guide.md has recipes for objects, terrain and noisy scans.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, arg_required_else_help = true)]
-#[command(after_help = shared::exit_codes())]
+#[command(after_help = examples::of_the_command())]
 pub struct Arguments {
     /// What to do instead of reconstructing.
     #[command(subcommand)]
@@ -59,6 +62,7 @@ impl Arguments {
             Some(Command::Densify(densify)) => densify.talk.show(),
             Some(Command::Render(render)) => render.talk.show(),
             Some(Command::Generate(generate)) => generate.talk.show(),
+            Some(Command::Completions(_) | Command::Man(_)) => Show::Nothing,
         }
     }
 }
@@ -66,21 +70,49 @@ impl Arguments {
 /// What to do instead of reconstructing.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    #[command(after_help = examples::PLAN)]
     /// Show what a reconstruction would take (memory, disk, slices, triangles, tiles), without doing it
     Plan(PlanArguments),
+    #[command(after_help = examples::INFO)]
     /// Show what is in the input: layout, points and how densely they lie, reference system and its unit, box, classes and returns, grid
     Info(InfoArguments),
+    #[command(after_help = examples::CHECK)]
     /// Check a mesh: closed, oriented, manifold, free of self-intersections, Euler number, components, volume, area (exit
     /// code 4 if it is no closed oriented 2-manifold or intersects itself)
     Check(CheckArguments),
+    #[command(after_help = examples::COMPARE)]
     /// Measure how far a mesh lies from a reference, a mesh or a cloud, and the reference from it
     Compare(CompareArguments),
+    #[command(after_help = examples::DENSIFY)]
     /// Add the centroids of a mesh's triangles to a cloud
     Densify(DensifyArguments),
+    #[command(after_help = examples::RENDER)]
     /// Draw a picture of a mesh
     Render(RenderArguments),
     /// Write a test cloud of any size
+    #[command(after_help = examples::GENERATE)]
     Generate(GenerateArguments),
+    /// Print what a shell needs to complete this command's options
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(CompletionsArguments),
+    /// Print the manual page of this command, or of a subcommand
+    #[command(after_help = examples::MAN)]
+    Man(ManArguments),
+}
+
+/// Arguments of `completions`.
+#[derive(Debug, Args)]
+pub struct CompletionsArguments {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: Shell,
+}
+
+/// Arguments of `man`.
+#[derive(Debug, Args)]
+pub struct ManArguments {
+    /// The subcommand: check, compare and so on [default: the command itself]
+    pub command: Option<String>,
 }
 
 /// Which coordinates a mesh has.
@@ -426,7 +458,7 @@ fn triple(text: &str) -> std::result::Result<Coordinates, String> {
 }
 
 impl CloudArguments {
-    /// What is asked of a surface that is not closed.
+    /// Options of an open surface.
     fn open(&self) -> Result<Option<Open>> {
         let wrong = |message: &str| Err(Error::Usage(message.into()));
         let max_hole = self.max_hole.map_or(Hole::DEFAULT, |hole| hole.value);

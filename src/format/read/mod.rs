@@ -106,7 +106,7 @@ fn named(text: &str) -> Option<Crs> {
     Crs::parse(code).filter(|crs| crs.epsg.is_some()).or_else(|| Crs::parse(text))
 }
 
-/// Of the attributes that are there, those that are wanted.
+/// The wanted ones of the attributes that are there.
 pub(crate) fn chosen(path: &Path, wanted: &Wanted, there: &Schema) -> Result<Schema> {
     let find = |name: &String| -> Result<Attribute> {
         let found = there.attributes().iter().find(|attribute| attribute.name == *name);

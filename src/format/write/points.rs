@@ -73,7 +73,7 @@ pub struct Description {
     pub comment: String,
     /// Number of points.
     pub points: u64,
-    /// Of the coordinates.
+    /// The precision of the coordinates.
     pub precision: Precision,
 }
 

@@ -48,7 +48,7 @@ pub struct Intersections {
     /// Whether all pairs were looked at. The search ends after 1,000,000 pairs, or when far more boxes of triangles overlap
     /// than in any sensible mesh.
     pub complete: bool,
-    /// Of the pairs found, that with the lowest numbers.
+    /// The pair with the lowest numbers.
     pub first: Option<Intersection>,
 }
 

@@ -139,7 +139,7 @@ fn closed(tops: &[u32], width: usize, ball: Ball) -> Vec<u32> {
     lower.chunks_exact(wide).flat_map(|line| &line[pad..pad + width]).copied().collect()
 }
 
-/// Of each column, what `best` makes of those within the ball and its height there; without as many lines as the ball reaches at either end. Of as
+/// For each column: what `best` makes of the columns within the ball and the ball's height there. The lines that the ball reaches beyond at either end are left out. Of as
 /// many columns at the ends of lines it is not the true one.
 fn rolled(tops: &[u32], width: usize, ball: Ball, best: impl Fn(u32, u32, u32) -> u32, start: u32) -> Vec<u32> {
     let reach = ball.radius() as usize;

@@ -111,7 +111,7 @@ fn job_slices(side: u32) -> u32 {
     side * (64 / side).max(1)
 }
 
-/// Of each slice's columns, the lowest occupied cell and the one behind the highest, as heights above the bottom.
+/// The lowest occupied cell of each column of each slice, and the one behind the highest, as heights above the bottom.
 fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<[u32; 2]>> {
     let cells = occupancy.cells;
     let (columns, cells_up) = (cells[up.across()], cells[up.axis]);

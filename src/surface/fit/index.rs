@@ -39,7 +39,7 @@ pub struct Index<'a, T> {
 #[derive(Debug)]
 struct Sorting<T> {
     points: Vec<[T; 3]>,
-    /// Of each of them: the number of its cell, or [`NONE`].
+    /// The number of each point's cell, or [`NONE`].
     cells: Vec<u32>,
     runs: Runs,
 }
@@ -47,7 +47,7 @@ struct Sorting<T> {
 /// The points of a bucket, sorted by cell.
 struct BucketIndex<T> {
     slices: Vec<SliceCells>,
-    /// Of each occupied cell: the points before it; then all of them.
+    /// The number of points before each occupied cell; then the number of all.
     first: Vec<u32>,
     points: Vec<[T; 3]>,
     /// The number of the first point.

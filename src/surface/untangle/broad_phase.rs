@@ -1,4 +1,4 @@
-//! Triangles that are near each other: a sweep along rows of coarse cells over the boxes of triangles.
+//! The broad phase: finds triangles whose boxes meet, by a sweep along rows of coarse cells.
 //!
 //! ```text
 //!   row 2  |      .              a layer is as thick as a coarse cell (2 cells), as is a row in it; layers are done one
@@ -33,7 +33,7 @@ pub trait TriangleSet {
     fn stretches(&self) -> [Range<u32>; 2];
     /// The corners of a triangle.
     fn triangle(&self, t: u32) -> [u32; 3];
-    /// Whether the places of all corners of a triangle are known.
+    /// Whether the positions of all corners of a triangle are known.
     fn is_known(&self, triangle: [u32; 3]) -> bool;
     /// The corners of triangle `t`, if there is one of that number, it is left, and its places are known.
     fn known(&self, t: u32) -> Option<[u32; 3]>;
@@ -43,7 +43,7 @@ pub trait TriangleSet {
     fn blocks(&mut self) -> &mut [PackedBox];
 }
 
-/// Which triangles are looked at.
+/// The triangles among which pairs are looked for.
 #[derive(Debug, Clone, Copy)]
 pub enum Dirty<'a> {
     /// All pairs are wanted; the boxes of blocks are set.
@@ -55,11 +55,11 @@ pub enum Dirty<'a> {
 /// Two triangles with consecutive numbers, the first of them even: mostly the two of one rectangle, which are near the same others.
 #[derive(Debug, Clone, Copy)]
 struct Entry {
-    /// Of both.
+    /// The box of both triangles.
     whole: PackedBox,
-    /// Of each; that of nothing where it is not known or gone.
+    /// The box of each triangle; that of nothing if the triangle is not known, or gone.
     each: [PackedBox; 2],
-    /// Of a rectangle or a lone triangle: the corners at which it certainly does not meet another; elsewhere, a number that no vertex and no other
+    /// The corners at which the rectangle, or the lone triangle, certainly does not meet another one. Elsewhere: a number that no vertex and no other
     /// entry has.
     sure: [u32; 4],
     first: u32,

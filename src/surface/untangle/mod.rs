@@ -1,4 +1,4 @@
-//! Retreat: vertices of triangles that intersect go back to rest, until no two triangles intersect.
+//! Untangling: vertices of triangles that intersect go back towards rest, until no two triangles intersect.
 //!
 //! *At rest* a vertex is where one step of smoothing puts it. The surface with all vertices at rest, nothing contracted, is free of
 //! intersections (`tests/rest.rs`), so a retreat comes to an end. Each round looks only at what the one before has changed.

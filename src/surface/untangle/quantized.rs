@@ -1,4 +1,4 @@
-//! Spots and boxes of them, packed: what a search for near triangles compares.
+//! Quantized points, and boxes of them, packed into words: what the broad phase compares.
 //!
 //! ```text
 //!   bit 63 | 62 guard  61..42 along rows | 41 guard  40..21 layer | 20 guard  19..0 row |
@@ -176,7 +176,7 @@ impl Quantizer {
         ((layer as u64) << SHIFTS[0] | (row as u64) << SHIFTS[1]) << self.units
     }
 
-    /// Of two boxes that meet, the first layer and row that both touch, to be compared with [`Quantizer::cell`].
+    /// The first layer and row that two boxes which meet both touch, to be compared with [`Quantizer::cell`].
     #[inline]
     pub fn first_common(&self, one: &PackedBox, other: &PackedBox) -> u64 {
         let whole = ((1 << BITS) - 1) >> self.units << self.units;

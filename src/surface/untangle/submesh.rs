@@ -7,7 +7,7 @@ use crate::surface::vertex_state::VertexState;
 pub trait Submesh: TriangleSet {
     /// One more than the highest vertex of a known triangle.
     fn vertices(&self) -> u32;
-    /// The place of a vertex, as it is going to be written.
+    /// The position of a vertex, as it is going to be written.
     fn place(&self, v: u32) -> [f64; 3];
     /// The corners (3 × triangle + position) that were `v`'s before any contraction.
     fn corners(&self, v: u32) -> impl Iterator<Item = u32>;
@@ -19,7 +19,7 @@ pub trait Submesh: TriangleSet {
     fn is_frozen(&self, v: u32) -> bool;
     /// Whether triangle `t` is written in the end.
     fn is_kept(&self, t: u32) -> bool;
-    /// What became of `v`.
+    /// The state of `v`.
     fn state(&self, v: u32) -> VertexState;
     /// Gives the corners that were `v`'s to `survivor`, and sets the rest of its state.
     fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState);
