@@ -1,4 +1,4 @@
-// How far a run is, and how to end it: an `Observer` behind a "cancel" button. `cargo run --release --example progress`.
+//! How far a run is, and how to end it: an `Observer` behind a "cancel" button. `cargo run --release --example progress`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -30,7 +30,8 @@ impl Observer for Bar {
     }
 }
 
-fn main() -> Result<()> {
+/// Runs once to the end, and is cancelled once.
+pub fn main() -> Result<()> {
     let points = points(300_000);
 
     let patient = Bar { cancel_at: f64::INFINITY, cancelled: AtomicBool::new(false) };

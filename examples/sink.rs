@@ -1,4 +1,4 @@
-// A mesh handed on piece by piece, without a copy of the whole: a `MeshSink` that sums up area and volume. `cargo run --release --example sink`.
+//! A mesh handed on piece by piece, without a copy of the whole: a `MeshSink` that sums up area and volume. `cargo run --release --example sink`.
 
 use asra_stream::{Mesh, MeshSink, Reconstruction, Result};
 
@@ -41,7 +41,8 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn main() -> Result<()> {
+/// Measures a ball without holding its triangles.
+pub fn main() -> Result<()> {
     let mut measure = Measure::default();
     let report = Reconstruction::of(&ball(100_000)).run_into(&mut measure)?;
     println!("{} triangles, area {:.3}, volume {:.3}", report.output.triangles, measure.area, measure.volume);

@@ -1,8 +1,9 @@
-// From a slice of points to triangles, in ten lines: `cargo run --release --example slice`.
+//! From a slice of points to triangles, in ten lines: `cargo run --release --example slice`.
 
 use asra_stream::{Reconstruction, Result};
 
-fn main() -> Result<()> {
+/// Makes the mesh of a torus, and prints its first triangles.
+pub fn main() -> Result<()> {
     let points: Vec<[f32; 3]> = torus(200_000);
     let mesh = Reconstruction::of(&points).run()?;
     let vertices: Vec<[f64; 3]> = mesh.vertices()?;

@@ -1,4 +1,4 @@
-// Points that a program computes, or keeps in its own way: a `PointSource` with an attribute. `cargo run --release --example source`.
+//! Points that a program computes, or keeps in its own way: a `PointSource` with an attribute. `cargo run --release --example source`.
 
 use std::ops::Range;
 
@@ -40,7 +40,8 @@ impl PointSource for Waves {
     }
 }
 
-fn main() -> Result<()> {
+/// Makes terrain of points that are computed, and looks at its attribute.
+pub fn main() -> Result<()> {
     let waves = Waves { side: 400 };
     let mesh = Reconstruction::from_source(&waves).open(asra_stream::Open::TERRAIN).cell_size(0.02).run()?;
     let intensity = mesh.attribute("intensity")?;

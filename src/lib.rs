@@ -85,13 +85,13 @@ mod surface;
 
 pub use error::{Error, Kind as ErrorKind, Result};
 pub use format::write::Positions;
-pub use input::{Filter, PointBuffer, PointSlice, PointSource, PointSpool, Returns, Values, Withheld};
+pub use input::{Filter, Layout, PointBuffer, PointSlice, PointSource, PointSpool, Returns, Values, Withheld};
 pub use mesh::check::CheckReport;
 pub use points::Precision;
 pub use points::attribute::{Attribute, Wanted};
 pub use points::bounds::{Axis, Bounds};
 pub use points::crs::Crs;
-pub use points::scalar::Scalar;
+pub use points::scalar::{Endian, Scalar};
 #[cfg(feature = "allocator")]
 #[doc(hidden)]
 pub use resources::allocator::give_back_after;

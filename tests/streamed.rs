@@ -521,7 +521,7 @@ fn far_points_do_not_cost_what_lies_between() {
     let alone: Vec<[f64; 3]> = ball.collect();
     let with_far: Vec<[f64; 3]> = alone.iter().copied().chain([[1_000_000.0; 3]]).collect();
     let run = stream(&with_far, true, &settings, Means::Ample).unwrap();
-    assert!(run.surveyed.grid.is_folded() && run.surveyed.grid.cells().iter().all(|c| *c < 350));
+    assert!(run.surveyed.grid.has_gaps() && run.surveyed.grid.cells().iter().all(|c| *c < 350));
     assert!(run.surveyed.grid.raw_cells().iter().all(|c| *c > 1_000_000));
     let near = |mesh: &MeshBits| -> std::collections::BTreeSet<[u64; 3]> {
         mesh.0.iter().copied().filter(|v| v.iter().all(|c| f64::from_bits(*c).abs() < 100.0)).collect()

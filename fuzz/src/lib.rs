@@ -67,7 +67,7 @@ pub fn read(files: &[(&str, &[u8])]) {
         let Ok(cloud) = Cloud::open_in(&[path], &InputOptions::default(), opening) else { return };
         let mut blocks = cloud.blocks(Carried::Attributes);
         let mut batch = Batch::new(cloud.precision());
-        while let Ok(Some(block)) = blocks.next() {
+        while let Ok(Some(block)) = blocks.next_block() {
             if block.decode(&mut batch).is_err() {
                 return;
             }

@@ -32,7 +32,7 @@ use crate::{format, mesh};
 /// Does what the arguments say.
 ///
 /// # Errors
-/// Those of the work.
+/// Errors of the work.
 pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
     if let Err(error) = outputs::check(&arguments) {
         // Told in the report, too, if that is not what must not be written.
@@ -51,16 +51,14 @@ pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
         Some(Command::Render(arguments)) => draw(arguments, progress),
         Some(Command::Generate(arguments)) => generate_cloud(arguments, progress),
         Some(Command::Completions(arguments)) => print_text(&pages::completions(arguments.shell)).map(|()| Kind::Done),
-        Some(Command::Man(arguments)) => {
-            print_text(&pages::manual(arguments.command.as_deref())?).map(|()| Kind::Done)
-        }
+        Some(Command::Man(arguments)) => print_text(&pages::manual(arguments.command.as_deref())?).map(|()| Kind::Done),
     }
 }
 
 /// Does what the arguments say, and gives what there is to tell as JSON; an observer hears how far it is. Nothing is printed, and no signal is looked for.
 ///
 /// # Errors
-/// Those of the work.
+/// Errors of the work.
 pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result<Value> {
     outputs::check(arguments)?;
     let threads = match &arguments.command {

@@ -29,10 +29,11 @@ pub fn manual(subcommand: Option<&str>) -> Result<String> {
         Some(name) => {
             let found = command.get_subcommands().find(|known| known.get_name() == name && name != "help");
             let known = || command.get_subcommands().map(clap::Command::get_name).filter(|known| *known != "help");
-            let unknown =
-                || Error::Usage(format!("{name}: no such command; there are: {}", known().collect::<Vec<_>>().join(", ")));
-            // Its page is that of `asra-stream-check`, as `git-log` has one.
-            found.cloned().ok_or_else(unknown)?.name(format!("{NAME}-{name}")).display_name(format!("{NAME}-{name}"))
+            let unknown = || {
+                Error::Usage(format!("{name}: no such command; there are: {}", known().collect::<Vec<_>>().join(", ")))
+            };
+            // Its page is called `asra-stream-check`, as git has `git-log`.
+            found.cloned().ok_or_else(unknown)?
         }
     };
     let mut text = Vec::new();

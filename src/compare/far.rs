@@ -31,7 +31,7 @@ struct Placed {
 /// Hands over the triangles of `pieces` of at most `piece` triangles each, in stretches of about as many, their corners in the mesh's own coordinates.
 ///
 /// # Errors
-/// Those of reading and of `sink`; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
+/// Errors of reading and of `sink`; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
 pub(super) fn triangles(
     mesh: &dyn MeshSource,
     room: &Room,

@@ -134,7 +134,7 @@ impl Heat {
     /// Writes the file and gives it its name. Returns the distance that has the last colour.
     ///
     /// # Errors
-    /// Those of reading the mesh; [`Error::OutputExists`]; [`Error::Io`]; [`Error::Interrupted`].
+    /// Errors of reading the mesh; [`Error::OutputExists`]; [`Error::Io`]; [`Error::Interrupted`].
     pub fn write(mut self, mesh: &dyn MeshSource, room: &Room, vertices: &Figures, longest_side: f64) -> Result<f64> {
         let typical = [vertices.p95, vertices.max].into_iter().find(|distance| *distance > 0.0);
         let max = self.max.map(|max| max.of(longest_side)).or(typical).unwrap_or(longest_side);

@@ -60,7 +60,7 @@ pub use self::report::Comparison;
 /// Compares. Memory: about the budget, but no less than some 8 MB for each worker, and 2 KB for every million triangles.
 ///
 /// # Errors
-/// Those of reading either side; [`Error::Malformed`] if the mesh has no triangles, or either side no finite places; [`Error::NoPoints`];
+/// Errors of reading either side; [`Error::Malformed`] if the mesh has no triangles, or either side no finite places; [`Error::NoPoints`];
 /// [`Error::Usage`] if the reference is a single place; [`Error::Io`]; [`Error::Interrupted`].
 pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Comparison> {
     let steady = Steady::of([&job.mesh, &job.reference]);

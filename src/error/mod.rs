@@ -199,6 +199,7 @@ impl fmt::Display for Candidates {
 /// What kind of end a command came to: what whoever started it can act on. Numbers are those of BSD's `sysexits` where that has one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Kind {
     /// No failure.
     Done,
@@ -337,6 +338,7 @@ impl Kind {
 
 /// A failure, as reports have it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Failure {
     /// The program's version.
     pub version: &'static str,
@@ -346,6 +348,7 @@ pub struct Failure {
 
 /// What is known of a failure.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct FailureDetails {
     /// Its kind.
     pub kind: Kind,

@@ -55,7 +55,7 @@ pub struct Densified {
 /// Memory: some blocks of points for each worker; of a mesh that has to be converted, up to half the budget.
 ///
 /// # Errors
-/// Those of reading either; [`Error::NoPoints`]; [`Error::Malformed`] if the mesh has no triangles, or a centroid is not finite; [`Error::Usage`] for an unknown
+/// Errors of reading either; [`Error::NoPoints`]; [`Error::Malformed`] if the mesh has no triangles, or a centroid is not finite; [`Error::Usage`] for an unknown
 /// extension; [`Error::OutputExists`]; [`Error::Io`]; [`Error::Interrupted`].
 pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Densified> {
     // Before anything is read: whether there will be a place for it.

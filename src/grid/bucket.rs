@@ -82,7 +82,7 @@ impl<T: Coordinate> Buckets<T> {
     /// Memory: a block, its sorted points and a chunk for each job in flight, and a chunk for each bucket.
     ///
     /// # Errors
-    /// Those of reading the input, [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    /// Errors of reading the input, [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn fill(cloud: &Cloud, grid: &Grid, context: &Context, mut progress: impl FnMut(u64)) -> Result<Buckets<T>> {
         let memory = &context.memory;
         let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
@@ -147,7 +147,7 @@ impl<T: Coordinate> Buckets<T> {
     /// The same for a share of them: those with numbers in `share`, in an order that stays the same once the buckets are filled.
     ///
     /// # Errors
-    /// As [`Buckets::read`].
+    /// The same as [`Buckets::read`].
     pub fn read_share(
         &self,
         bucket: usize,
@@ -193,7 +193,7 @@ impl<T: Coordinate> Buckets<T> {
     /// Hands the points of `bucket` to `visit` with the records of their attributes, a chunk at a time, in no order.
     ///
     /// # Errors
-    /// As [`Buckets::read`].
+    /// The same as [`Buckets::read`].
     pub fn read_attributes(&self, bucket: usize, mut visit: impl FnMut(&[[T; 3]], &[u8]) -> Result<()>) -> Result<()> {
         let bucket = &self.buckets[bucket];
         let Some(page_file) = &self.page_file else {

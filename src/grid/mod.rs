@@ -16,7 +16,7 @@ pub mod slice;
 pub mod survey;
 pub mod window;
 
-pub use self::gaps::Folds;
+pub use self::gaps::Gaps;
 use self::gaps::{GAP, SHOWS};
 use crate::error::{Error, Result};
 use crate::points::Coordinate;
@@ -80,7 +80,7 @@ pub struct Grid {
     inverse: f64,
     cells: [u32; 3],
     /// What is left out along each of its axes.
-    folds: [Folds; 3],
+    gaps: [Gaps; 3],
     /// If its axes are not the file's, whose place the turned ones take then, in the box, too.
     turn: Option<Rotation>,
 }
@@ -144,7 +144,7 @@ impl Grid {
         if let Some(slices) = slices {
             cells[1] = slices;
         }
-        Ok(Grid { axis, bounds: *bounds, w, inverse, cells, folds: Default::default(), turn: None })
+        Ok(Grid { axis, bounds: *bounds, w, inverse, cells, gaps: Default::default(), turn: None })
     }
 
     /// The same grid with so many cells more below and above its box, along its own axes; the box grows with it.
@@ -167,26 +167,26 @@ impl Grid {
     /// The same grid without most of the planes of wide gaps, where far points stretch the box: `planes` tells of its axes which of their planes have points;
     /// along an axis for which it is empty, nothing is left out. A gap keeps half as many planes as have points, and no fewer than 256, nor than `reach`. It is shortened if it
     /// is twice as wide as that, and wider than a thirty-second of the longest side; of an axis, the four widest ones are.
-    pub fn folded(self, planes: &[Vec<bool>; 3], reach: u32) -> Grid {
+    pub fn without_gaps(self, planes: &[Vec<bool>; 3], reach: u32) -> Grid {
         let widest = self.cells.into_iter().max().unwrap_or(1).div_ceil(SHOWS);
-        let folds = [0, 1, 2].map(|g| Folds::of(&planes[g], GAP.max(reach), widest));
-        let cells = [0, 1, 2].map(|g| self.cells[g] - folds[g].left_out());
-        Grid { folds, cells, ..self }
+        let gaps = [0, 1, 2].map(|g| Gaps::of(&planes[g], GAP.max(reach), widest));
+        let cells = [0, 1, 2].map(|g| self.cells[g] - gaps[g].left_out());
+        Grid { gaps, cells, ..self }
     }
 
     /// Whether planes are left out.
-    pub fn is_folded(&self) -> bool {
-        self.folds.iter().any(|folds| !folds.is_empty())
+    pub fn has_gaps(&self) -> bool {
+        self.gaps.iter().any(|gaps| !gaps.is_empty())
     }
 
     /// Cells along its axes, those that are left out included.
     pub fn raw_cells(&self) -> [u32; 3] {
-        [0, 1, 2].map(|g| self.cells[g] + self.folds[g].left_out())
+        [0, 1, 2].map(|g| self.cells[g] + self.gaps[g].left_out())
     }
 
     /// What is left out along each of its axes.
-    pub fn folds(&self) -> [Folds; 3] {
-        self.folds
+    pub fn gaps(&self) -> [Gaps; 3] {
+        self.gaps
     }
 
     /// The same grid along turned axes; the box it was made for is one of turned coordinates.
@@ -245,7 +245,7 @@ impl Grid {
     /// Calls `each` with the cells of points inside the box, in order.
     #[inline]
     pub fn cells_of<T: Coordinate>(&self, points: &[[T; 3]], each: impl FnMut(Cell)) {
-        if self.turn.is_some() || self.is_folded() {
+        if self.turn.is_some() || self.has_gaps() {
             return points.iter().map(|p| self.cell_of(p.map(Into::into))).for_each(each);
         }
         // What is the same for all points is settled here, for the loop to be short.
@@ -290,7 +290,7 @@ impl Grid {
     #[inline]
     pub fn height_of(&self, place: [f64; 3]) -> f64 {
         let a = self.axis.index();
-        self.folds[1].height((self.own(place)[a] - self.bounds.min[a]) * self.inverse)
+        self.gaps[1].height((self.own(place)[a] - self.bounds.min[a]) * self.inverse)
     }
 
     /// A box of the file's coordinates that holds the grid: its lowest corner, and cells along the grid's axes without those that are left out, each taken for the file's that it is unless turned.
@@ -307,14 +307,14 @@ impl Grid {
     /// The cell coordinate along grid axis `g`.
     #[inline]
     fn along(&self, g: usize, coordinate: f64) -> u32 {
-        self.folds[g].fold(self.raw_along(g, coordinate))
+        self.gaps[g].shorten(self.raw_along(g, coordinate))
     }
 
     /// The same with all planes counted. The cast saturates, so rounding below zero stays in cell 0.
     #[inline]
     fn raw_along(&self, g: usize, coordinate: f64) -> u32 {
         let a = self.axis.file_axes()[g];
-        (((coordinate - self.bounds.min[a]) * self.inverse) as u32).min(self.cells[g] + self.folds[g].left_out() - 1)
+        (((coordinate - self.bounds.min[a]) * self.inverse) as u32).min(self.cells[g] + self.gaps[g].left_out() - 1)
     }
 
     /// The world position, in file axes, of a grid position in cells.
@@ -322,7 +322,7 @@ impl Grid {
     pub fn position(&self, q: [f64; 3]) -> [f64; 3] {
         let mut out = [0.0; 3];
         for (g, &a) in self.axis.file_axes().iter().enumerate() {
-            out[a] = self.bounds.min[a] + self.w * (q[g] + f64::from(self.folds[g].left_out_below(q[g])));
+            out[a] = self.bounds.min[a] + self.w * (q[g] + f64::from(self.gaps[g].left_out_below(q[g])));
         }
         self.turn.map_or(out, |turn| turn.back(out))
     }
@@ -369,7 +369,7 @@ mod tests {
             (&[0, 513, 999], 0, 1000),
             (&[999], 0, 1000),
         ] {
-            let grid = grid.clone().folded(&planes(with), reach);
+            let grid = grid.clone().without_gaps(&planes(with), reach);
             assert_eq!((grid.cells()[1], grid.raw_cells()[1]), (slices, 1000), "{with:?}, {reach}");
             for x in [0.5, 1.5, 99.5, 998.0, 999.5, 1000.0] {
                 let [_, y, _] = grid.cell_of([x, 0.0, 0.0]);

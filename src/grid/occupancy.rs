@@ -118,7 +118,7 @@ impl Occupancy {
     /// The same cloud with cells twice as large: a cell is occupied if any of its eight is.
     ///
     /// # Errors
-    /// As [`Occupancy::of_buckets`].
+    /// The same as [`Occupancy::of_buckets`].
     pub fn coarser(&self, context: &Context) -> Result<Occupancy> {
         let cells = self.cells.map(|c| c.div_ceil(2));
         let mut out = Occupancy::new(cells, context);
@@ -151,7 +151,7 @@ impl Occupancy {
     /// The same cells without those that `keep` turns down.
     ///
     /// # Errors
-    /// As [`Occupancy::of_buckets`].
+    /// The same as [`Occupancy::of_buckets`].
     pub fn filtered(&self, keep: impl Fn(Cell) -> bool + Sync, context: &Context) -> Result<Occupancy> {
         let mut out = Occupancy::new(self.cells, context);
         let mut jobs = chunks(self.cells[1]);

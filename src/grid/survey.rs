@@ -34,7 +34,7 @@ impl Survey {
 /// Counts the points, finds their box and sketches their cells. `progress` is told the records of each block.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
+/// Errors of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
 pub fn survey(
     cloud: &Cloud,
     workers: &Workers,
@@ -205,7 +205,7 @@ fn each_scan<R: Send>(
 /// The box of the points in turned coordinates. `progress` is told the records of each block.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::Interrupted`].
+/// Errors of reading the input; [`Error::Interrupted`].
 pub fn turned_bounds(
     cloud: &Cloud,
     turn: Rotation,
@@ -241,7 +241,7 @@ pub fn turned_bounds(
 /// Which planes of a grid have points, along its own axes; no planes for axes that are not `asked` for. `progress` is told the records of each block.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::Interrupted`].
+/// Errors of reading the input; [`Error::Interrupted`].
 pub fn planes_with_points(
     cloud: &Cloud,
     grid: &Grid,
@@ -373,7 +373,7 @@ const ASKEW: [[f64; 3]; 3] = [[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.
 /// `progress` is told the records of each block.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::Interrupted`].
+/// Errors of reading the input; [`Error::Interrupted`].
 pub fn sampling_distance(
     cloud: &Cloud,
     survey: &Survey,

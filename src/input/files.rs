@@ -41,7 +41,7 @@ pub struct Found {
 /// The files the arguments stand for (files, patterns, folders, `-` for standard input), in the arguments' order, each once.
 ///
 /// # Errors
-/// As [`find`].
+/// The same as [`find`].
 pub fn expand(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
     find(inputs, Depth::Flat).map(|found| found.files)
 }

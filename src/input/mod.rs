@@ -87,7 +87,7 @@ impl<'a> Cloud<'a> {
     /// Looks at files, as [`expand`] gives them, and unpacks what cannot be read in place with the means of `opening`.
     ///
     /// # Errors
-    /// As [`Cloud::open`]; [`Error::Disk`] before the disk is full; what `opening.watch` says.
+    /// The same as [`Cloud::open`]; [`Error::Disk`] before the disk is full; what `opening.watch` says.
     pub fn open_in(files: &[PathBuf], options: &InputOptions, opening: Opening) -> Result<Cloud<'static>> {
         let mut cloud = Cloud {
             sources: Vec::new(),
@@ -267,7 +267,7 @@ impl<'a> Cloud<'a> {
     /// `in_flight` blocks are held.
     ///
     /// # Errors
-    /// Those of reading the files, of `work` and of `sink`; [`Error::Changed`] if a file is no longer as it was when it was opened; [`Error::Interrupted`].
+    /// Errors of reading the files, of `work` and of `sink`; [`Error::Changed`] if a file is no longer as it was when it was opened; [`Error::Interrupted`].
     pub fn for_each_batch<R: Send>(
         &self,
         workers: &Workers,

@@ -21,6 +21,7 @@ const MAX_NAME: usize = 200;
 
 /// A coordinate reference system, as far as a file tells.
 #[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Crs {
     /// Well-known text, of either version, as the file has it.
     pub wkt: Option<String>,

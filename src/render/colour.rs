@@ -210,7 +210,7 @@ impl Tint {
     /// What [`Tint::tone`] wants to know of each of the vertices from `first` on.
     ///
     /// # Errors
-    /// Those of reading the mesh.
+    /// Errors of reading the mesh.
     pub fn read(&self, mesh: &dyn MeshSource, first: u64, out: &mut [u32]) -> Result<()> {
         let mut values = vec![0.0; out.len()];
         match *self {

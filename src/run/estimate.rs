@@ -41,22 +41,32 @@ const DOUBT: f64 = 0.04;
 /// The most that a rough surface's area is taken to grow from the coarse cells to the grid's.
 const ROUGHEST: f64 = 2.0;
 
-/// The workload with the faces that a rehearsal lets expect; as it is where coarse cells cannot be closed as asked. `budget` as for [`MemoryPlan::for_budget`]. `progress` is told the
-/// slices of the passes that are done, and of all.
+/// What an estimate is made from: what the survey found.
+#[derive(Debug, Clone, Copy)]
+pub struct EstimateInput<'a> {
+    /// The workload, with the faces that the box alone lets expect.
+    pub workload: &'a Workload,
+    /// The cells of the points at a coarse resolution.
+    pub coarse_grid: &'a CoarseGrid,
+    /// The grid of the run.
+    pub grid: &'a Grid,
+    /// How its cells are going to be closed.
+    pub settings: &'a Settings,
+}
+
+/// The workload with the faces to expect from closing the coarse cells; unchanged where these cannot be closed as asked. `budget` is in bytes, as for
+/// [`MemoryPlan::for_budget`]. `progress` is told the slices that are done, and all there are, over all passes.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Interrupted`].
-#[expect(clippy::too_many_arguments, reason = "what is rehearsed, and with what means")]
 pub fn estimate_faces(
-    workload: &Workload,
-    coarse_grid: &CoarseGrid,
-    grid: &Grid,
-    settings: &Settings,
+    known: EstimateInput<'_>,
     workers: &Workers,
     workspace: &Workspace,
     budget: u64,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<Workload> {
+    let EstimateInput { workload, coarse_grid, grid, settings } = known;
     let axes = grid.axis().file_axes();
     let (low, extent) = coarse_grid.extent();
     let cells = axes.map(|a| extent[a]);

@@ -200,7 +200,7 @@ impl Resources {
     /// The work directory, `beside` a file unless told otherwise.
     ///
     /// # Errors
-    /// As [`Workspace::new`].
+    /// The same as [`Workspace::new`].
     pub fn workspace(&self, beside: &Path) -> Result<Workspace> {
         Workspace::new(self.folder(beside))
     }
@@ -209,7 +209,7 @@ impl Resources {
     /// named, the system's folder for temporary files, with the folder that could not be written to.
     ///
     /// # Errors
-    /// As [`Workspace::new`].
+    /// The same as [`Workspace::new`].
     fn looking(&self, beside: &Path) -> Result<(Workspace, Option<PathBuf>)> {
         let folder = self.folder(beside);
         match Workspace::new(&folder) {
@@ -473,7 +473,7 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
 /// Surveys a cloud, once it is told how its files were understood; with the settings as its points settle them.
 ///
 /// # Errors
-/// Those of reading the input and of laying the grid; [`Error::Usage`] if its reference system contradicts its coordinates.
+/// Errors of reading the input and of laying the grid; [`Error::Usage`] if its reference system contradicts its coordinates.
 pub(crate) fn surveyed(
     cloud: &Cloud,
     settings: &Settings,
@@ -624,7 +624,17 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         coordinates: positions,
     };
     let seconds = start.elapsed().as_secs_f64();
-    Ok(report(&cloud, &surveyed, &settings, &made, checked, output, (progress, seconds), &workspace))
+    Ok(report(Finished {
+        cloud: &cloud,
+        surveyed: &surveyed,
+        settings: &settings,
+        made: &made,
+        check: checked,
+        output,
+        progress,
+        seconds,
+        workspace: &workspace,
+    }))
 }
 
 /// A mesh that is not what was promised is nobody's.
@@ -636,18 +646,31 @@ pub(crate) fn refuse_unsound(report: &CheckReport, settings: &Settings) -> Resul
     if report.is_sound(open) { Ok(()) } else { Err(Error::CheckFailed(report.to_string())) }
 }
 
+/// A finished run, to be reported on.
+pub(crate) struct Finished<'a> {
+    /// The input.
+    pub cloud: &'a Cloud<'a>,
+    /// What the survey found.
+    pub surveyed: &'a Surveyed,
+    /// What was asked for.
+    pub settings: &'a Settings,
+    /// The mesh, and how it came to be.
+    pub made: &'a Reconstructed,
+    /// What the check found, if there was one.
+    pub check: Option<CheckReport>,
+    /// Where the mesh went.
+    pub output: OutputReport,
+    /// The stages and their times.
+    pub progress: &'a Progress<'a>,
+    /// Seconds in all.
+    pub seconds: f64,
+    /// The temporary storage that was used.
+    pub workspace: &'a Workspace,
+}
+
 /// What is told of a run, with how long it took and what may be wrong.
-#[expect(clippy::too_many_arguments, reason = "a report is of all of them")]
-pub(crate) fn report(
-    cloud: &Cloud,
-    surveyed: &Surveyed,
-    settings: &Settings,
-    made: &Reconstructed,
-    check: Option<CheckReport>,
-    output: OutputReport,
-    (progress, seconds_total): (&Progress, f64),
-    workspace: &Workspace,
-) -> Report {
+pub(crate) fn report(run: Finished<'_>) -> Report {
+    let Finished { cloud, surveyed, settings, made, check, output, progress, seconds, workspace } = run;
     let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
         inputs: input_reports(cloud),
@@ -660,7 +683,7 @@ pub(crate) fn report(
         check,
         output,
         seconds: progress.times().iter().map(|(phase, time)| (*phase, time.as_secs_f64())).collect(),
-        seconds_total,
+        seconds_total: seconds,
         memory: MemoryReport {
             plan: made.memory.clone(),
             peak_resident: machine::peak_resident(),

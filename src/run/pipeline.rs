@@ -18,7 +18,7 @@ use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
-use crate::run::estimate::estimate_faces;
+use crate::run::estimate::{EstimateInput, estimate_faces};
 use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
@@ -82,7 +82,7 @@ pub struct Surveyed {
 /// Surveys the cloud and lays the grid.
 ///
 /// # Errors
-/// Those of reading the input and of [`Grid::new`].
+/// Errors of reading the input and of [`Grid::new`].
 pub fn survey_cloud(
     cloud: &Cloud,
     settings: &Settings,
@@ -104,7 +104,7 @@ pub enum Sampling {
 /// [`survey_cloud`], with or without the sampling distance.
 ///
 /// # Errors
-/// As [`survey_cloud`].
+/// The same as [`survey_cloud`].
 pub fn survey_with(
     cloud: &Cloud,
     settings: &Settings,
@@ -256,7 +256,7 @@ fn without_gaps(
         return Ok(grid);
     }
     let planes = look(&grid, asked)?;
-    Ok(grid.folded(&planes, reach.saturating_mul(4)))
+    Ok(grid.without_gaps(&planes, reach.saturating_mul(4)))
 }
 
 /// The coarse grid shows a gap of a thirty-second of the longest side if its cells are smaller than this part of that.
@@ -274,13 +274,14 @@ pub fn rehearsed(
     budget: u64,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
-    if settings.open.is_some() || surveyed.grid.is_folded() {
+    if settings.open.is_some() || surveyed.grid.has_gaps() {
         // The box alone lets expect more faces than one side of it has; and of a body among far points, the coarse grid has hardly a cell.
         return Ok(surveyed);
     }
     let Surveyed { workload, coarse_grid, grid, .. } = &surveyed;
     progress.begin(Phase::Rehearse, None);
-    let workload = estimate_faces(workload, coarse_grid, grid, settings, workers, workspace, budget, |done, total| {
+    let known = EstimateInput { workload, coarse_grid, grid, settings };
+    let workload = estimate_faces(known, workers, workspace, budget, |done, total| {
         progress.set_total(total);
         progress.set(done);
     })?;
@@ -331,7 +332,7 @@ pub struct Reconstructed {
 /// Makes the mesh of a surveyed cloud.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::Io`]; [`Error::Budget`] if a slab turns out to be more than the budget can hold;
+/// Errors of reading the input; [`Error::Io`]; [`Error::Budget`] if a slab turns out to be more than the budget can hold;
 /// [`Error::Interrupted`].
 pub fn reconstruct(
     cloud: &Cloud,

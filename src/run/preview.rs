@@ -84,7 +84,7 @@ impl PlannedPreview {
     /// Draws it, in as much of `memory` bytes as is of use.
     ///
     /// # Errors
-    /// Those of [`render::render`].
+    /// Errors of [`render::render`].
     pub fn draw(
         self,
         mesh: &dyn MeshSource,

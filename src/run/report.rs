@@ -40,6 +40,7 @@ const MANY_COMPONENTS: u64 = 10;
 
 /// Everything about a finished run.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Report {
     /// The program's version.
     pub version: &'static str,
@@ -73,6 +74,7 @@ pub struct Report {
 
 /// One file read.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct InputReport {
     /// The file.
     pub path: PathBuf,
@@ -86,6 +88,7 @@ pub struct InputReport {
 
 /// What was asked for.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Parameters {
     /// The paper's k, if that set the grid.
     pub k: Option<f64>,
@@ -111,6 +114,7 @@ pub struct Parameters {
 
 /// The points.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct PointsReport {
     /// Finite points.
     pub count: u64,
@@ -130,6 +134,7 @@ pub struct PointsReport {
 
 /// The grid.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct GridReport {
     /// The slicing axis.
     pub axis: char,
@@ -145,6 +150,7 @@ pub struct GridReport {
 
 /// The closing.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Closing {
     /// The ball's radius, in cells, where one was asked for.
     pub radius: Option<u32>,
@@ -176,6 +182,7 @@ pub struct Closing {
 
 /// A patch of samples that have the same side on both sides.
 #[derive(Debug, Clone, Copy, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct PatchReport {
     /// The part of the samples' cells that it has.
     pub share: f64,
@@ -195,6 +202,7 @@ fn bounds_of(grid: &Grid, [low, high]: [[f64; 3]; 2]) -> Bounds {
 
 /// The mesh file.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct OutputReport {
     /// The file; none of a mesh in memory.
     pub path: Option<PathBuf>,
@@ -216,6 +224,7 @@ pub struct OutputReport {
 
 /// Memory and disk, planned and used.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct MemoryReport {
     /// The plan.
     pub plan: MemoryPlan,
@@ -264,7 +273,7 @@ impl GridReport {
             slices: grid.cells()[1],
             raster: grid.raster(),
             cell_size: grid.cell_size(),
-            unfolded: grid.is_folded().then(|| grid.raw_raster()),
+            unfolded: grid.has_gaps().then(|| grid.raw_raster()),
         }
     }
 }

@@ -44,7 +44,7 @@ pub enum Fineness {
     /// The paper's k = 4, but cells no smaller than `--cell-size auto` would make them: of smaller ones too many are empty by chance.
     #[default]
     Default,
-    /// As told.
+    /// The resolution that is given.
     Given(Resolution),
     /// Cells tied to the sampling distance.
     Sampling,

@@ -7,6 +7,7 @@ use crate::points::bounds::{Axis, Bounds};
 /// The kind of an open surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Kind {
     /// Something that was scanned from one side.
     Sheet,
@@ -16,6 +17,7 @@ pub enum Kind {
 
 /// Where a surface was seen from.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Facing {
     /// From far along an axis of the file's coordinates.
     Along {
@@ -106,6 +108,7 @@ impl serde::Serialize for Facing {
 /// The width of a hole.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Hole {
     /// In cells.
     Cells(u32),
@@ -137,6 +140,7 @@ impl FromStr for Hole {
 
 /// Options of an open surface.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Open {
     /// The kind of surface.
     pub kind: Kind,
@@ -151,6 +155,11 @@ pub struct Open {
 impl Open {
     /// Terrain with the usual widest hole.
     pub const TERRAIN: Open = Open { kind: Kind::Terrain, facing: Facing::UP, max_hole: Hole::DEFAULT, base: None };
+
+    /// A sheet that was seen from `facing`, with the usual widest hole.
+    pub const fn sheet(facing: Facing) -> Open {
+        Open { kind: Kind::Sheet, facing, max_hole: Hole::DEFAULT, base: None }
+    }
 }
 
 #[cfg(test)]

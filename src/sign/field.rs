@@ -13,7 +13,7 @@ pub const BARE: f64 = 0.25;
 /// What a face weighs if one of its cells lies between two occupied ones: a gap in a wall, as sparse sampling leaves.
 const GAP: f32 = 0.1;
 
-/// So many cells are looked at by one thread at a time.
+/// The number of cells that one thread takes at a time.
 const ALONE: usize = 1 << 14;
 
 /// Fewer enclosed cells are no cavity.

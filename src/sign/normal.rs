@@ -16,7 +16,7 @@ pub const WEIGHT: f32 = 4.0;
 /// How far a wall's sides are looked for, in half cells.
 const REACH: i32 = 8;
 
-/// So many walls are looked at by one thread at a time.
+/// The number of walls that one thread takes at a time.
 const TOGETHER: usize = 1024;
 
 /// An occupied cell with the nearest free cells on both of its sides, as indices of the block.

@@ -126,7 +126,7 @@ fn parts(field: &Field<'_>) -> (Vec<u32>, u32) {
     (of, count)
 }
 
-/// So many cells are looked at by one thread at a time.
+/// The number of cells that one thread takes at a time.
 const ALONE: usize = 1 << 14;
 
 /// Numbers the components of some cells, none of which lies at the block's border, from 1 on, in the order of their first cells; and tells how many there are. Cells that share a face belong together. Runs of

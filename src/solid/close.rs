@@ -109,7 +109,7 @@ pub struct PartingNothing {
     pub cells: [[f64; 3]; 2],
 }
 
-/// One wall in so many that parts nothing is too many for a sealed body.
+/// A body is not sealed if one wall in so many parts nothing.
 const SEALED: u64 = 50;
 
 impl Parted {

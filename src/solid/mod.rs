@@ -78,7 +78,7 @@ impl Solid {
     /// The cells that are left when the exterior, which was found with `ball`, is grown back.
     ///
     /// # Errors
-    /// As [`Solid::close`].
+    /// The same as [`Solid::close`].
     pub fn outside_of(exterior: &Exterior, occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Solid> {
         Solid::grown(occupancy, Grown::Exterior(exterior), ball, context)
     }
@@ -87,7 +87,7 @@ impl Solid {
     /// one; the rest is solid.
     ///
     /// # Errors
-    /// As [`Solid::close`].
+    /// The same as [`Solid::close`].
     pub fn between(occupancy: &Occupancy, sides: &Sides, ball: &Ball, context: &Context) -> Result<Solid> {
         Solid::grown(occupancy, Grown::Outside(sides), ball, context)
     }

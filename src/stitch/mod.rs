@@ -146,7 +146,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     /// Writes the last slab and gives the mesh.
     ///
     /// # Errors
-    /// As [`Stitcher::add`].
+    /// The same as [`Stitcher::add`].
     pub fn finish(mut self) -> Result<(MeshSpool, Counts)> {
         if let Some(last) = self.waiting.take() {
             self.write(&last, None)?;

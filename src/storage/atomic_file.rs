@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 
 /// What happens to a file that has the name already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Overwrite {
     /// It stays; the work is refused.
     Refuse,
@@ -42,7 +43,7 @@ impl AtomicFile {
     /// A report: it replaces an older one, and is written to a pipe or a device as it is.
     ///
     /// # Errors
-    /// As [`AtomicFile::create`]; [`Error::Io`] for a pipe that nobody reads.
+    /// The same as [`AtomicFile::create`]; [`Error::Io`] for a pipe that nobody reads.
     pub fn report(path: &Path) -> Result<AtomicFile> {
         use std::os::unix::fs::FileTypeExt;
         let through =

@@ -87,7 +87,7 @@ impl Content {
     /// Opens it for plain reads only: the fallback of [`Content::open`], and the choice for a look at a few places.
     ///
     /// # Errors
-    /// As [`Content::open`].
+    /// The same as [`Content::open`].
     pub fn unmapped(&self) -> Result<Mapped> {
         if let Some(Unpacked { file, start, len }) = &self.unpacked {
             return Ok(Mapped {
@@ -165,7 +165,7 @@ impl Mapped {
     /// The bytes of `range` by a plain read.
     ///
     /// # Errors
-    /// As [`Mapped::bytes`].
+    /// The same as [`Mapped::bytes`].
     pub fn read(&self, range: Range<u64>) -> Result<Vec<u8>> {
         let mut bytes = vec![0; (range.end - range.start) as usize];
         self.file.read_exact_at(&mut bytes, self.start + range.start).map_err(|e| match e.kind() {

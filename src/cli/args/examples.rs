@@ -77,7 +77,8 @@ mod tests {
                 // What follows is what it means, or where the shell puts it.
                 let typed = command.split("  ").next().unwrap_or_default().split(" > ").next().unwrap_or_default();
                 let words = typed.split_whitespace().map(|word| word.trim_matches('\''));
-                Arguments::try_parse_from(["asra-stream"].into_iter().chain(words)).unwrap_or_else(|e| panic!("{command}: {e}"));
+                Arguments::try_parse_from(["asra-stream"].into_iter().chain(words))
+                    .unwrap_or_else(|e| panic!("{command}: {e}"));
             }
         }
     }

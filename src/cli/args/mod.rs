@@ -581,7 +581,7 @@ impl PlanArguments {
     /// The job they describe.
     ///
     /// # Errors
-    /// As [`ReconstructArguments::job`].
+    /// The same as [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
         Ok(tiled(job(&self.cloud, self.resources.resources())?, self.tile))
     }
@@ -597,7 +597,7 @@ impl InfoArguments {
     /// The job they describe.
     ///
     /// # Errors
-    /// As [`ReconstructArguments::job`].
+    /// The same as [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
         let (threads, temp_dir) = (self.threads.map(usize::from), self.temp_dir.clone());
         job(&self.cloud, Resources { threads, temp_dir, ..Resources::default() })

@@ -40,7 +40,7 @@ pub fn open(path: &Path, workspace: &Workspace, in_memory: u64) -> Result<Box<dy
 /// attributes, whatever is wanted.
 ///
 /// # Errors
-/// As [`open`]; [`Error::Usage`] if the mesh lacks one that is wanted by name: it lists those that are there.
+/// The same as [`open`]; [`Error::Usage`] if the mesh lacks one that is wanted by name: it lists those that are there.
 pub fn open_with(path: &Path, workspace: &Workspace, in_memory: u64, wanted: &Wanted) -> Result<Box<dyn MeshSource>> {
     let input = Input::open(path)?;
     match input.format()? {

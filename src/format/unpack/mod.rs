@@ -132,7 +132,7 @@ impl<'a> Unpacking<'a> {
     /// All of standard input.
     ///
     /// # Errors
-    /// Those of reading it and of [`Stretch::append`].
+    /// Errors of reading it and of [`Stretch::append`].
     pub fn standard_input(&mut self) -> Result<Content> {
         let input = std::io::stdin();
         let failed = |e: rustix::io::Errno| Error::io("standard input", "read")(e.into());

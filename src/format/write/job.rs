@@ -46,6 +46,7 @@ impl Format {
 /// Which coordinates vertices are written with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Positions {
     /// The mesh's own, in the input's precision, less the origin.
     Shifted,

@@ -60,7 +60,7 @@ pub fn check(
 /// [`check`] for a mesh whose triangles name vertices near each other, as those do that this program makes: takes no more than that needs.
 ///
 /// # Errors
-/// As [`check`].
+/// The same as [`check`].
 pub(crate) fn check_near(
     mesh: &dyn MeshSource,
     budget: u64,

@@ -11,12 +11,13 @@ use crossbeam_channel::RecvTimeoutError;
 
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
-use crate::input::{Arrays, Cloud, Filter, PointSlice, PointSource, Values};
+use crate::input::{Arrays, Cloud, Depth, Filter, Layout, PointSlice, PointSource, Values};
 use crate::mesh::MeshSource;
 use crate::mesh::check::check_near;
 use crate::points::attribute::Wanted;
 use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
+use crate::points::scalar::Endian;
 use crate::resources::workers::Workers;
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
@@ -24,7 +25,7 @@ use crate::run::phase::Phase;
 use crate::run::pipeline::reconstruct;
 use crate::run::progress::{Observer, Progress};
 use crate::run::report::OutputReport;
-use crate::run::{self, Check, Job};
+use crate::run::{self, Check, Finished, Job};
 use crate::settings::Fineness;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
@@ -230,6 +231,30 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
+    /// The record layout of raw binary files, such as `"xyz:f64,intensity:u16".parse()?`. By default a side-car file tells, or it is detected.
+    pub fn layout(mut self, layout: Layout) -> Self {
+        self.job.input.layout = Some(layout);
+        self
+    }
+
+    /// Bytes before the first record of raw binary files: 0 by default.
+    pub fn skip_bytes(mut self, bytes: u64) -> Self {
+        self.job.input.skip_bytes = Some(bytes);
+        self
+    }
+
+    /// The byte order of raw binary files: detected by default.
+    pub fn endian(mut self, endian: Endian) -> Self {
+        self.job.input.endian = Some(endian);
+        self
+    }
+
+    /// Takes the files in the folders of folders, too, where [`Reconstruction::from_files`] names a folder.
+    pub fn recursive(mut self) -> Self {
+        self.job.input.depth = Depth::Recursive;
+        self
+    }
+
     /// The coordinate reference system, whatever files say.
     pub fn crs(mut self, crs: Option<Crs>) -> Self {
         self.job.input.crs = Some(crs);
@@ -289,7 +314,7 @@ impl<'a> Reconstruction<'a> {
     /// Makes the mesh, checks it, and hands it on piece by piece.
     ///
     /// # Errors
-    /// As [`Reconstruction::run`]; what the sink says.
+    /// The same as [`Reconstruction::run`]; what the sink says.
     pub fn run_into(self, sink: &mut dyn MeshSink) -> Result<crate::run::report::Report> {
         let mesh = self.run()?;
         mesh.send(sink)?;
@@ -367,7 +392,17 @@ fn made(
         coordinates: Positions::Shifted,
     };
     let seconds = start.elapsed().as_secs_f64();
-    let report = run::report(cloud, &surveyed, &settings, &made, checked, output, (progress, seconds), workspace);
+    let report = run::report(Finished {
+        cloud,
+        surveyed: &surveyed,
+        settings: &settings,
+        made: &made,
+        check: checked,
+        output,
+        progress,
+        seconds,
+        workspace,
+    });
     Ok(Mesh::new(made.mesh, header, report, workers.clone(), workspace.clone()))
 }
 

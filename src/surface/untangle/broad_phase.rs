@@ -81,6 +81,8 @@ impl Entry {
 #[derive(Debug)]
 pub struct BroadPhase {
     quantizer: Quantizer,
+    /// The most entries of a band: [`BAND`], but in tests.
+    band: usize,
     entries: Vec<Entry>,
     /// Where each row's list ends, and the lists.
     ends: Vec<u32>,
@@ -94,7 +96,7 @@ impl BroadPhase {
     /// For triangles on `grid` whose places are less `origin`.
     pub fn new(grid: &Grid, origin: [f64; 3]) -> BroadPhase {
         let (entries, ends, listed, order, row) = Default::default();
-        BroadPhase { quantizer: Quantizer::new(grid, origin), entries, ends, listed, order, row }
+        BroadPhase { quantizer: Quantizer::new(grid, origin), band: BAND, entries, ends, listed, order, row }
     }
 
     /// Bytes for a mesh of `faces` rectangles, of which no layer has more than `layer`: the entries of a band and their lists, and the numbers of all
@@ -168,7 +170,7 @@ impl BroadPhase {
     /// The rows of a layer in bands that have no more than [`BAND`] entries each, if they have several rows, and how many entries each has at most.
     fn bands<P: TriangleSet>(&self, of: &P, triangles: &[u32]) -> Vec<(Range<usize>, usize)> {
         let rows = self.quantizer.rows();
-        if triangles.len() <= BAND {
+        if triangles.len() <= self.band {
             return vec![(0..rows, triangles.len())];
         }
         // Of each row, the entries that begin there, and those that touch it.
@@ -181,7 +183,7 @@ impl BroadPhase {
         let mut bands = Vec::new();
         let (mut start, mut entries) = (0, 0);
         for (row, [begin, touch]) in counts.into_iter().enumerate() {
-            if row > start && entries + begin > BAND {
+            if row > start && entries + begin > self.band {
                 bands.push((start..row, entries));
                 (start, entries) = (row, 0);
             }
@@ -406,5 +408,127 @@ impl Marks {
                 })
             })
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::points::bounds::{Axis, Bounds};
+    use crate::settings::{AxisChoice, Resolution};
+
+    /// Triangles in two stretches, with gone ones among them, and one without known corners at the end.
+    struct Soup {
+        triangles: Vec<[u32; 3]>,
+        quantized: Vec<QuantizedPoint>,
+        blocks: Vec<PackedBox>,
+    }
+
+    /// Where the second stretch begins.
+    const SECOND: u32 = 2 * BLOCK as u32;
+
+    impl Soup {
+        fn at(&self, t: u32) -> Option<[u32; 3]> {
+            let second = t.checked_sub(SECOND).map(|t| t + BLOCK as u32);
+            let index = if t < BLOCK as u32 { Some(t) } else { second };
+            self.triangles.get(index? as usize).copied()
+        }
+
+        fn all(&self) -> impl Iterator<Item = u32> {
+            self.stretches().into_iter().flatten()
+        }
+    }
+
+    impl TriangleSet for Soup {
+        fn stretches(&self) -> [Range<u32>; 2] {
+            let all = self.triangles.len() as u32;
+            let first = all.min(BLOCK as u32);
+            [0..first, SECOND..SECOND + all - first]
+        }
+
+        fn triangle(&self, t: u32) -> [u32; 3] {
+            self.at(t).expect("a number that is in use")
+        }
+
+        fn is_known(&self, triangle: [u32; 3]) -> bool {
+            triangle.iter().all(|v| (*v as usize) < self.quantized.len())
+        }
+
+        fn known(&self, t: u32) -> Option<[u32; 3]> {
+            self.at(t).filter(|t| self.is_known(*t) && t[0] != t[1] && t[1] != t[2] && t[2] != t[0])
+        }
+
+        fn quantized_point(&self, v: u32) -> QuantizedPoint {
+            self.quantized[v as usize]
+        }
+
+        fn blocks(&mut self) -> &mut [PackedBox] {
+            &mut self.blocks
+        }
+    }
+
+    /// Vertices in a box of cells, and triangles of neighbours in the list of them: small ones among large ones, some gone, some with a corner that is not known.
+    fn soup() -> impl Strategy<Value = (Vec<[f64; 3]>, Vec<[u32; 3]>)> {
+        let vertex = (0.0..24.0, 0.0..10.0, 0.0..24.0).prop_map(|(x, y, z): (f64, f64, f64)| [x, y, z]);
+        (prop::collection::vec(vertex, 8..60), 0u32..1000).prop_flat_map(|(vertices, seed)| {
+            let count = vertices.len() as u32;
+            let triangle = (0..=count, 1..4u32, 0..6u32)
+                .prop_map(move |(a, b, c)| [a, (a + b) % count, (a + b + c + seed) % count]);
+            (Just(vertices), prop::collection::vec(triangle, 2..200))
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        /// Against all pairs of boxes: each pair that has something dirty is found once, and none that does not meet; whatever the bands.
+        #[test]
+        fn pairs_are_those_of_all_boxes_with_all((vertices, triangles) in soup(), band in 1usize..300, dirty in prop::collection::vec(any::<bool>(), 200)) {
+            let bounds = Bounds { min: [0.0; 3], max: [24.0, 10.0, 24.0] };
+            let grid = Grid::new(1, &bounds, Resolution::Cell(1.0), AxisChoice::Fixed(Axis::Y)).unwrap();
+            let mut phase = BroadPhase { band, ..BroadPhase::new(&grid, [0.0; 3]) };
+            let quantized = vertices.iter().map(|v| phase.quantizer().quantized_point(*v)).collect();
+            let mut soup = Soup { triangles, quantized, blocks: vec![PackedBox::EMPTY; 5] };
+
+            let boxes: Vec<([u32; 3], u32, PackedBox)> =
+                soup.all().filter_map(|t| Some((soup.known(t)?, t, extent(&soup, soup.known(t)?)))).collect();
+            let mut meeting = BTreeMap::new();
+            for (i, (one, t, a)) in boxes.iter().enumerate() {
+                for (other, u, b) in &boxes[i + 1..] {
+                    if a.meets(b) {
+                        let mut key = [*one, *other];
+                        key.sort_unstable();
+                        meeting.entry(key).or_insert_with(Vec::new).push([*t, *u]);
+                    }
+                }
+            }
+            let mut look = |dirty: Dirty<'_>| {
+                let mut found = BTreeMap::new();
+                phase.pairs(&mut soup, dirty, |_| false, |_, a, b| {
+                    let mut key = [a, b];
+                    key.sort_unstable();
+                    *found.entry(key).or_insert(0usize) += 1;
+                });
+                found
+            };
+            let all = look(Dirty::All);
+            for (key, pairs) in &meeting {
+                prop_assert!(all.get(key).is_some_and(|times| *times == pairs.len()), "{key:?}: {:?} of {pairs:?}", all.get(key));
+            }
+            prop_assert_eq!(all.len(), meeting.len());
+
+            let some: Vec<u32> = boxes.iter().map(|(_, t, _)| *t).filter(|t| dirty[*t as usize % dirty.len()]).collect();
+            let found = look(Dirty::Some(&some));
+            for (key, pairs) in &meeting {
+                let least = pairs.iter().filter(|pair| pair.iter().any(|t| some.contains(t))).count();
+                let times = found.get(key).copied().unwrap_or(0);
+                prop_assert!((least..=pairs.len()).contains(&times), "{key:?}: {times} of {least}");
+            }
+            prop_assert!(found.keys().all(|key| meeting.contains_key(key)));
+        }
     }
 }

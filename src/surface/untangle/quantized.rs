@@ -8,7 +8,7 @@
 //! so boxes that meet do so still. All three numbers are compared by one subtraction: a guard bit, set before, is borrowed from where the number
 //! taken away was the larger.
 
-use crate::grid::{Folds, Grid};
+use crate::grid::{Gaps, Grid};
 
 /// The side of a coarse cell, in cells: a triangle is about one cell large, so it is listed in two or three rows.
 const COARSE: f64 = 2.0;
@@ -97,7 +97,7 @@ pub struct Quantizer {
     low: [f64; 3],
     inverse: f64,
     /// What is left out along layers, rows and columns, with cells for a unit of length, and quantization steps in a cell.
-    folded: Option<([Folds; 3], [f64; 2])>,
+    gaps: Option<([Gaps; 3], [f64; 2])>,
     /// The file's axes: that of layers, then of rows, then along rows.
     axes: [usize; 3],
     /// The greatest number of each.
@@ -118,8 +118,8 @@ impl Quantizer {
         Quantizer {
             low: std::array::from_fn(|a| low[a] - origin[a]),
             inverse: f64::from(1u32 << units) / (COARSE * grid.cell_size()),
-            folded: grid.is_folded().then(|| {
-                let [x, y, z] = grid.folds();
+            gaps: grid.has_gaps().then(|| {
+                let [x, y, z] = grid.gaps();
                 ([y, z, x], [1.0 / grid.cell_size(), f64::from(1u32 << units) / COARSE])
             }),
             axes: [layer, row, along],
@@ -134,9 +134,9 @@ impl Quantizer {
         let mut quantized_point = 0;
         for (a, axis) in self.axes.into_iter().enumerate() {
             let along = place[axis] - self.low[axis];
-            let number = match &self.folded {
+            let number = match &self.gaps {
                 None => (along * self.inverse) as u32,
-                Some((folds, [cells, units])) => (folds[a].height(along * cells) * units) as u32,
+                Some((gaps, [cells, units])) => (gaps[a].height(along * cells) * units) as u32,
             };
             quantized_point |= u64::from(number.min(self.top[a])) << SHIFTS[a];
         }
