@@ -18,12 +18,12 @@ mod clouds;
 use std::path::Path;
 use std::time::Duration;
 
-use asra_stream::resources::machine;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::report::Report;
-use asra_stream::run::{Job, Means, run};
-use asra_stream::storage::atomic_file::Overwrite;
+use asra_stream::internals::resources::machine;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::report::Report;
+use asra_stream::internals::run::{Job, Resources, run};
+use asra_stream::internals::storage::atomic_file::Overwrite;
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput};
 
 const SIZES: [u64; 3] = [36_000, 500_000, 2_000_000];
@@ -48,7 +48,7 @@ impl Bench<'_> {
         let job = Job {
             output: Some(self.dir.join("knot.ply")),
             overwrite: Overwrite::Replace,
-            means: Means {
+            resources: Resources {
                 max_memory: Some(self.budget()),
                 threads: Some(self.threads),
                 temp_dir: Some(self.dir.to_path_buf()),

@@ -6,11 +6,11 @@
 
 use std::time::Instant;
 
-use asra_stream::mesh::check::{check, intersections};
-use asra_stream::mesh::spool::{FaceRecord, MeshSpool};
-use asra_stream::points::Precision;
-use asra_stream::resources::workers::Workers;
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::mesh::check::{check, intersections};
+use asra_stream::internals::mesh::spool::{FaceRecord, MeshSpool};
+use asra_stream::internals::points::Precision;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::storage::spool::Workspace;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 

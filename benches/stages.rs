@@ -22,40 +22,40 @@ mod clouds;
 use std::hint::black_box;
 use std::time::Duration;
 
-use asra_stream::format::write;
-use asra_stream::grid::Grid;
-use asra_stream::grid::bucket::Buckets;
-use asra_stream::grid::context::Context;
-use asra_stream::grid::dilate::Ball;
-use asra_stream::grid::occupancy::{Counted, Occupancy, Sampled};
-use asra_stream::grid::partition::{halo, slab_count, slices_of};
-use asra_stream::input::{Cloud, InputOptions};
-use asra_stream::mesh::check::check;
-use asra_stream::mesh::spool::{Frame, MeshSpool};
-use asra_stream::mesh::{MeshHeader, MeshSource};
-use asra_stream::points::Precision;
-use asra_stream::resources::machine;
-use asra_stream::resources::memory::SlabJobs;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::pipeline::{Surveyed, context, survey_cloud};
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::settings::Settings;
-use asra_stream::settings::closing::Sealing;
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::solid::close;
-use asra_stream::solid::close::Asked;
-use asra_stream::solid::exterior::Exterior;
-use asra_stream::stitch::slab::SlabMesh;
-use asra_stream::storage::spool::Workspace;
-use asra_stream::surface::contract::{Fans, Groups, NONE, contract};
-use asra_stream::surface::extract::Surface;
-use asra_stream::surface::fit::{Fitted, Task, fit};
+use asra_stream::internals::format::write;
+use asra_stream::internals::grid::Grid;
+use asra_stream::internals::grid::bucket::Buckets;
+use asra_stream::internals::grid::context::Context;
+use asra_stream::internals::grid::dilate::Ball;
+use asra_stream::internals::grid::occupancy::{Counted, Occupancy, Sampled};
+use asra_stream::internals::grid::partition::{halo, slab_count, slices_of};
+use asra_stream::internals::input::{Cloud, InputOptions};
+use asra_stream::internals::mesh::check::check;
+use asra_stream::internals::mesh::spool::{Frame, MeshSpool};
+use asra_stream::internals::mesh::{MeshHeader, MeshSource};
+use asra_stream::internals::points::Precision;
+use asra_stream::internals::resources::machine;
+use asra_stream::internals::resources::memory::SlabJobs;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::pipeline::{Surveyed, context, survey_cloud};
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::settings::Settings;
+use asra_stream::internals::settings::closing::Sealing;
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::solid::close;
+use asra_stream::internals::solid::close::ClosingOptions;
+use asra_stream::internals::solid::exterior::Exterior;
+use asra_stream::internals::stitch::slab::SlabMesh;
+use asra_stream::internals::storage::spool::Workspace;
+use asra_stream::internals::surface::contract::{Groups, NONE, Stars, contract};
+use asra_stream::internals::surface::extract::Surface;
+use asra_stream::internals::surface::fit::{Fitted, Task, fit};
 
-use asra_stream::grid::survey::survey;
-use asra_stream::solid::Solid;
-use asra_stream::stitch::Stitcher;
-use asra_stream::storage::atomic_file::Overwrite;
-use asra_stream::surface::smooth::smooth;
+use asra_stream::internals::grid::survey::survey;
+use asra_stream::internals::solid::Solid;
+use asra_stream::internals::stitch::Stitcher;
+use asra_stream::internals::storage::atomic_file::Overwrite;
+use asra_stream::internals::surface::smooth::smooth;
 use criterion::measurement::WallTime;
 use criterion::{BatchSize, BenchmarkGroup, BenchmarkId, Criterion, SamplingMode, Throughput};
 
@@ -142,14 +142,15 @@ fn cells_to_solid(group: &mut BenchmarkGroup<'_, WallTime>, occupancy: &Occupanc
     }
     // The cells are closed anew each time: closing takes them.
     let again = || occupancy.filtered(|_| true, context).expect("cells");
-    let asked = Asked { seal: Sealing::Auto, window: None, keep_outliers: false, min_component: None, rough: false };
+    let asked =
+        ClosingOptions { seal: Sealing::Auto, window: None, keep_outliers: false, min_component: None, rough: false };
     let close = || close::close(again(), 1.0, asked, context, |_, _| ()).expect("a solid").solid;
     group.bench_function("close", |b| b.iter(close));
     group.bench_function("lone", |b| {
-        let drop_lone = |solid: Solid| solid.without_lone_cells(context).expect("a solid");
+        let drop_lone = |solid: Solid| solid.without_isolated_cells(context).expect("a solid");
         b.iter_batched(close, drop_lone, BatchSize::PerIteration);
     });
-    close().without_lone_cells(context).expect("a solid")
+    close().without_isolated_cells(context).expect("a solid")
 }
 
 /// What the stages within a slab make of it, before contraction.
@@ -162,7 +163,7 @@ struct Slab {
     fitted: Fitted<f32>,
     /// Of each own vertex where smoothing put it, in the input's units.
     smoothed: Vec<[f64; 3]>,
-    /// Vertices that have a fan.
+    /// Vertices that have a star.
     named: usize,
     /// Of each own vertex its point, or none where it must not be contracted.
     group: Vec<u32>,
@@ -233,10 +234,10 @@ fn within_slabs(
     let triangles: Vec<_> = slabs.iter_mut().map(|slab| std::mem::take(&mut slab.triangles)).collect();
     group.bench_function("contract", |b| {
         let contract = |(slab, triangles): (&Slab, &mut Vec<[u32; 3]>)| {
-            let mut fans = Fans::new(triangles, slab.named, slab.group.len(), Fans::default());
+            let mut stars = Stars::new(triangles, slab.named, slab.group.len(), Stars::default());
             let distance = |v: u32| slab.fitted.distance(v as usize, slab.smoothed[v as usize]);
             let groups = Groups { group: &slab.group, distance, kept: &[] };
-            contract(triangles, &mut fans, groups, |_, _| ());
+            contract(triangles, &mut stars, groups, |_, _| ());
         };
         b.iter_batched_ref(
             || triangles.clone(),

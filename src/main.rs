@@ -2,8 +2,6 @@
 
 use std::process::ExitCode;
 
-use asra_stream::resources::allocator;
-
 /// Slabs allocate and free tens of megabytes at a time from several threads. The system's allocator keeps much of that for
 /// itself (twice the plan was seen resident); this one gives it back.
 #[global_allocator]
@@ -21,6 +19,6 @@ const BUDGET: &str = "--max-memory";
 fn main() -> ExitCode {
     let is_budget = |argument: std::ffi::OsString| argument.as_encoded_bytes().starts_with(BUDGET.as_bytes());
     let [with_budget, without] = GIVE_BACK_AFTER;
-    allocator::give_back_after(if std::env::args_os().any(is_budget) { with_budget } else { without });
+    asra_stream::give_back_after(if std::env::args_os().any(is_budget) { with_budget } else { without });
     asra_stream::cli::main()
 }

@@ -3,15 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use asra_stream::input::{Filter, InputOptions};
-use asra_stream::points::attribute::Wanted;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::report::Report;
-use asra_stream::run::{Job, Means, run};
-use asra_stream::settings::closing::Sealing;
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{Fineness, Settings};
+use asra_stream::internals::input::{Filter, InputOptions};
+use asra_stream::internals::points::attribute::Wanted;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::report::Report;
+use asra_stream::internals::run::{Job, Resources, run};
+use asra_stream::internals::settings::closing::Sealing;
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{Fineness, Settings};
 use proptest::prelude::*;
 
 /// A point, its intensity and its class.
@@ -32,12 +32,12 @@ fn job(inputs: &[PathBuf], output: &Path, threads: usize, budget: u64) -> Job {
         ..InputOptions::default()
     };
     let temp_dir = Some(output.parent().unwrap().to_path_buf());
-    let means = Means { threads: Some(threads), max_memory: Some(budget), temp_dir };
-    Job { input, means, output: Some(output.to_path_buf()), ..Job::new(inputs) }
+    let resources = Resources { threads: Some(threads), max_memory: Some(budget), temp_dir };
+    Job { input, resources, output: Some(output.to_path_buf()), ..Job::new(inputs) }
 }
 
 fn run_job(job: &Job) -> Report {
-    run(job, &job.means.workers().unwrap(), &mut Progress::new(Show::Nothing)).unwrap()
+    run(job, &job.resources.workers().unwrap(), &mut Progress::new(Show::Nothing)).unwrap()
 }
 
 /// The vertices of a PLY file whose properties are `float x y z`, then `extra` bytes.
@@ -102,7 +102,7 @@ proptest! {
             ["whole.bin", "1.bin", "2.bin", "here.ply", "there.ply"].map(|name| dir.path().join(name));
         write_raw(&whole, &samples);
         let settings = Settings {
-            fineness: Fineness::Given(asra_stream::settings::Resolution::K(k)),
+            fineness: Fineness::Given(asra_stream::internals::settings::Resolution::K(k)),
             // Every point counts, and no slab lies across a hole, without any.
             seal: Sealing::Off,
             keep_outliers: true,
@@ -169,14 +169,14 @@ fn filters_choose_points_and_are_told_of() {
         Filter { drop_class: vec![7], ..Filter::default() },
         Filter { keep_class: vec![2, 9], ..Filter::default() },
         Filter {
-            bounds: Some(asra_stream::points::bounds::Bounds { min: [-2.0, -2.0, 0.0], max: [2.0; 3] }),
+            bounds: Some(asra_stream::internals::points::bounds::Bounds { min: [-2.0, -2.0, 0.0], max: [2.0; 3] }),
             ..Filter::default()
         },
     ];
     for filter in filters {
         let mut job = job(std::slice::from_ref(&all), &mesh, 2, 1 << 30);
         job.input.filter = filter;
-        job.overwrite = asra_stream::storage::atomic_file::Overwrite::Replace;
+        job.overwrite = asra_stream::internals::storage::atomic_file::Overwrite::Replace;
         let report = run_job(&job);
         assert_eq!((report.points.count, report.points.filtered), (1500, 1500));
         assert!(std::fs::read(&mesh).unwrap() == std::fs::read(&mesh_upper).unwrap());
@@ -193,7 +193,7 @@ fn filters_choose_points_and_are_told_of() {
         vertices(&mesh, &[]);
     }
     let mut job = job(&[all], &dir.path().join("none.ply"), 2, 1 << 30);
-    job.input.filter.returns = asra_stream::input::Returns::First;
+    job.input.filter.returns = asra_stream::internals::input::Returns::First;
     let error = run(&job, &Workers::new(1).unwrap(), &mut Progress::new(Show::Nothing)).unwrap_err().to_string();
     assert!(error.contains("all.bin: its points have no return_number"), "{error}");
 }

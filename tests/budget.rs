@@ -9,15 +9,15 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
-use asra_stream::input::{InputOptions, Layout};
-use asra_stream::resources::memory::MemoryPlan;
-use asra_stream::run::planner::beside_the_heap;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::{Job, Means, plan, run};
-use asra_stream::settings::open::{Facing, Kind, Open};
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{Fineness, Resolution, Settings};
-use asra_stream::storage::atomic_file::Overwrite;
+use asra_stream::internals::input::{InputOptions, Layout};
+use asra_stream::internals::resources::memory::MemoryPlan;
+use asra_stream::internals::run::planner::beside_the_heap;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::{Job, Resources, plan, run};
+use asra_stream::internals::settings::open::{Facing, Kind, Open};
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{Fineness, Resolution, Settings};
+use asra_stream::internals::storage::atomic_file::Overwrite;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
@@ -166,7 +166,11 @@ impl Case {
             },
             output: Some(folder.join("mesh.ply")),
             overwrite: Overwrite::Replace,
-            means: Means { max_memory: Some(64 << 30), threads: Some(self.threads), temp_dir: Some(folder.into()) },
+            resources: Resources {
+                max_memory: Some(64 << 30),
+                threads: Some(self.threads),
+                temp_dir: Some(folder.into()),
+            },
             ..Job::new([path])
         }
     }
@@ -178,15 +182,15 @@ impl Case {
         let mut job = self.job(folder.path());
         let progress = || Progress::new(Show::Nothing);
         let least = {
-            let workers = job.means.workers().unwrap();
+            let workers = job.resources.workers().unwrap();
             let planned = plan(&job, &workers, &mut progress()).unwrap();
-            MemoryPlan::least(&planned.surveyed.load, self.threads)
+            MemoryPlan::least(&planned.surveyed.workload, self.threads)
         };
-        job.means.max_memory = Some((least as f64 * self.factor) as u64);
+        job.resources.max_memory = Some((least as f64 * self.factor) as u64);
         let before = HELD.load(Relaxed);
         MOST.store(before, Relaxed);
         let report = {
-            let workers = job.means.workers().unwrap();
+            let workers = job.resources.workers().unwrap();
             run(&job, &workers, &mut progress())
         };
         let counted = (MOST.load(Relaxed) - before) as u64;

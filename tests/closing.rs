@@ -1,25 +1,25 @@
 //! Inside and outside are told apart: a plane has no inside; a shell has one, with a hole or without, for every window. Hollows that no points line are filled.
 
-use asra_stream::grid::Cell;
-use asra_stream::grid::context::Context;
-use asra_stream::grid::dilate::Ball;
-use asra_stream::grid::occupancy::Occupancy;
-use asra_stream::grid::slice::{Run, Runs, SliceStore, Slices};
-use asra_stream::points::Precision;
-use asra_stream::resources::memory::MemoryPlan;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::workload::Load;
-use asra_stream::settings::closing::Least;
-use asra_stream::settings::closing::Sealing;
-use asra_stream::solid::Solid;
-use asra_stream::solid::close::{Asked, How, Parted, close};
-use asra_stream::solid::component::keep;
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::grid::Cell;
+use asra_stream::internals::grid::context::Context;
+use asra_stream::internals::grid::dilate::Ball;
+use asra_stream::internals::grid::occupancy::Occupancy;
+use asra_stream::internals::grid::slice::{Run, Runs, SliceStore, Slices};
+use asra_stream::internals::points::Precision;
+use asra_stream::internals::resources::memory::MemoryPlan;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::workload::Workload;
+use asra_stream::internals::settings::closing::Least;
+use asra_stream::internals::settings::closing::Sealing;
+use asra_stream::internals::solid::Solid;
+use asra_stream::internals::solid::close::{ClosingOptions, How, Parted, close};
+use asra_stream::internals::solid::component::keep;
+use asra_stream::internals::storage::spool::Workspace;
 
 fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
     let dir = tempfile::tempdir().unwrap();
-    let load = Load::in_cells(1000, Precision::Single, cells, 1);
-    let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
+    let workload = Workload::in_cells(1000, Precision::Single, cells, 1);
+    let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
     let workers = Workers::new(2).unwrap();
     work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory })
 }
@@ -44,7 +44,7 @@ fn shell(size: u32, hole: f64) -> Vec<Cell> {
 }
 
 fn closed(occupancy: Occupancy, window: Option<u32>, context: &Context) -> (Solid, Parted) {
-    let asked = Asked { seal: Sealing::Auto, window, keep_outliers: false, min_component: None, rough: false };
+    let asked = ClosingOptions { seal: Sealing::Auto, window, keep_outliers: false, min_component: None, rough: false };
     let closed = close(occupancy, 1.0, asked, context, |_, _| ()).unwrap();
     match closed.how {
         How::Sign(parted) => (closed.solid, parted),
@@ -112,9 +112,9 @@ fn a_pit_is_filled_unless_points_line_it() {
         let bare = Occupancy::of_cells(bare, cells, context).unwrap();
         let solid = Solid::close(&sampled, &Ball::new(1), context).unwrap();
         assert_eq!(solid.volume, 24 * 24 * 24 - 64);
-        let open = solid.without_hollows(&sampled, context).unwrap();
+        let open = solid.without_dents(&sampled, context).unwrap();
         assert_eq!((open.volume, &open.faces), (solid.volume, &solid.faces));
-        let filled = solid.without_hollows(&bare, context).unwrap();
+        let filled = solid.without_dents(&bare, context).unwrap();
         // The ball dips one cell into the pit.
         assert_eq!(filled.volume, 24 * 24 * 24 - 16);
         let on_top = 24 * 24 - 16;

@@ -415,12 +415,36 @@ fn body(ply: &[u8]) -> &[u8] {
 }
 
 #[test]
+fn completions_and_manual_pages_have_every_option() {
+    let f = Folder::new();
+    let help = f.ok("--help").out;
+    let options: Vec<&str> = help.lines().filter_map(|line| line.trim_start().split("--").nth(1)).collect();
+    let names: Vec<&str> =
+        options.iter().filter_map(|rest| rest.split(|c: char| !(c.is_ascii_lowercase() || c == '-')).next()).collect();
+    assert!(names.len() > 30 && names.contains(&"cell-size"), "{names:?}");
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let page = f.ok(&format!("completions {shell}")).out;
+        let lacking: Vec<&&str> = names.iter().filter(|name| !page.contains(**name)).collect();
+        assert!(page.contains("asra-stream") && lacking.is_empty(), "{shell}: {lacking:?}");
+    }
+    let page = f.ok("man").out;
+    let lacking: Vec<&&str> = names.iter().filter(|name| !page.contains(&name.replace('-', "\\-"))).collect();
+    assert!(page.contains(".TH asra-stream 1") && lacking.is_empty(), "{lacking:?}");
+    let page = f.ok("man check").out;
+    assert!(page.contains(".TH asra-stream-check 1") && page.contains("no\\-intersections"), "{page}");
+    f.fails("man nothing", 2, &["nothing: no such command; there are: plan, info, check"]);
+    f.fails("completions nothing", 2, &["possible values: bash"]);
+}
+
+#[test]
 fn help_and_version_go_to_standard_output() {
     let f = Folder::new();
     for line in ["--help", "-h", "plan --help", "info --help", "check --help", "render --help", "generate --help"] {
         let answer = f.ok(line);
         assert!(answer.out.contains("Usage:") && answer.err.is_empty(), "{line}");
+        assert!(answer.out.contains("\nExamples:\n  asra-stream "), "{line}");
     }
+    assert!(f.ok("-h").out.starts_with("Turns point clouds too large for memory into watertight triangle meshes"));
     assert_eq!(f.ok("--version").out, format!("asra-stream {}\n", env!("CARGO_PKG_VERSION")));
 }
 

@@ -4,10 +4,11 @@ use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use asra_stream::points::attribute::Attribute;
-use asra_stream::points::scalar::Scalar;
+use asra_stream::internals::points::attribute::Attribute;
+use asra_stream::internals::points::scalar::Scalar;
 use asra_stream::{
-    Error, Mesh, MeshSink, Observer, PointBuffer, PointSource, PointSpool, Precision, Reconstruction, Result, Update,
+    Error, ErrorKind, Mesh, MeshSink, Observer, PointBuffer, PointSource, PointSpool, Precision, Reconstruction,
+    Result, Update,
 };
 
 /// Points on a sphere round a centre.
@@ -50,11 +51,12 @@ fn a_slice_and_a_file_of_the_same_points_are_the_same_mesh() {
     let saved = dir.path().join("saved.ply");
     mesh.save(&saved).unwrap();
     assert!(matches!(mesh.save(&saved), Err(Error::OutputExists(there)) if there == saved));
-    let mut job = asra_stream::run::Job::new([&path]);
+    let mut job = asra_stream::internals::run::Job::new([&path]);
     job.output = Some(dir.path().join("command.ply"));
-    let workers = job.means.workers().unwrap();
-    let mut progress = asra_stream::run::progress::Progress::new(asra_stream::run::progress::Show::Nothing);
-    asra_stream::run::run(&job, &workers, &mut progress).unwrap();
+    let workers = job.resources.workers().unwrap();
+    let mut progress =
+        asra_stream::internals::run::progress::Progress::new(asra_stream::internals::run::progress::Show::Nothing);
+    asra_stream::internals::run::run(&job, &workers, &mut progress).unwrap();
     assert!(std::fs::read(saved).unwrap() == std::fs::read(job.output.unwrap()).unwrap());
 }
 
@@ -121,15 +123,18 @@ fn what_is_no_cloud_is_an_error() {
     let no_numbers = [[f64::NAN, 0.0, 0.0], [f64::INFINITY, 1.0, 2.0]];
     assert!(matches!(Reconstruction::of(&no_numbers).run(), Err(Error::NoPoints { dropped: 2, .. })));
     let points = sphere(1000, [0.0; 3]);
-    for refused in [
-        Reconstruction::of(&points).cell_size(0.0),
-        Reconstruction::of(&points).cell_size(f64::NAN),
-        Reconstruction::of(&points).window(4),
-        Reconstruction::of(&points).min_points(0),
-        Reconstruction::of(&points).smooth(101),
-        Reconstruction::of(&points).threads(1 << 20),
+    for (setting, refused) in [
+        ("cell_size", Reconstruction::of(&points).cell_size(0.0)),
+        ("cell_size", Reconstruction::of(&points).cell_size(f64::NAN)),
+        ("window", Reconstruction::of(&points).window(4)),
+        ("min_points", Reconstruction::of(&points).min_points(0)),
+        ("smooth", Reconstruction::of(&points).smooth(101)),
+        ("threads", Reconstruction::of(&points).threads(1 << 20)),
     ] {
-        assert!(matches!(refused.run(), Err(Error::Usage(_))));
+        let error = refused.run().unwrap_err();
+        assert!(matches!(error, Error::InvalidSetting { name, .. } if name == setting), "{error}");
+        assert!(error.to_string().starts_with(&format!("`{setting}` ")), "{error}");
+        assert_eq!(error.kind(), ErrorKind::Usage);
     }
     assert!(matches!(Reconstruction::of(&points).max_memory(1).run(), Err(Error::Budget { .. })));
 }

@@ -7,13 +7,13 @@ use std::io::{Cursor, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-use asra_stream::format::read;
-use asra_stream::generate::{Options, Shape, generate};
-use asra_stream::points::attribute::Wanted;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::{Job, Means, look, run};
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::format::read;
+use asra_stream::internals::generate::{Options, Shape, generate};
+use asra_stream::internals::points::attribute::Wanted;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::{Job, Resources, look, run};
+use asra_stream::internals::storage::spool::Workspace;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -26,9 +26,9 @@ fn seeds(folder: &Path) -> Vec<(String, Vec<u8>)> {
     for (name, shape) in [("a.ply", Shape::Sphere), ("a.bin", Shape::Torus), ("a.xyz", Shape::Box)] {
         generate(&Options::new(shape, 400, path(name)), &workers, &mut |_| ()).unwrap();
     }
-    let means = Means { max_memory: Some(BUDGET), ..Means::default() };
+    let resources = Resources { max_memory: Some(BUDGET), ..Resources::default() };
     for name in ["m.ply", "m.stl", "m.obj", "m.glb"] {
-        let job = Job { output: Some(path(name)), means: means.clone(), ..Job::new([path("a.ply")]) };
+        let job = Job { output: Some(path(name)), resources: resources.clone(), ..Job::new([path("a.ply")]) };
         run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
     }
     let mut seeds: Vec<(String, Vec<u8>)> = ["a.ply", "a.bin", "a.xyz", "m.ply", "m.stl", "m.obj", "m.glb"]
@@ -140,8 +140,9 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut ChaCha8Rng) {
 
 /// Reads a file as points, and if it may be one, as a mesh.
 fn through(path: &Path, folder: &Path, workers: &Workers) -> Result<(), String> {
-    let means = Means { max_memory: Some(BUDGET), temp_dir: Some(folder.to_path_buf()), ..Means::default() };
-    let looked = look(&Job { means, ..Job::new([path]) }, workers, &mut Progress::new(Show::Nothing)).map(drop);
+    let resources =
+        Resources { max_memory: Some(BUDGET), temp_dir: Some(folder.to_path_buf()), ..Resources::default() };
+    let looked = look(&Job { resources, ..Job::new([path]) }, workers, &mut Progress::new(Show::Nothing)).map(drop);
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let mut seen = looked.map_err(|error| error.to_string());
     if name.starts_with("m.") {

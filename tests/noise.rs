@@ -1,14 +1,14 @@
 //! Noisy clouds: `--fit plane` leads the surface back to where the points were sampled.
 
-use asra_stream::format::read;
-use asra_stream::generate::{Options, Shape, generate};
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::{Job, Means, run};
-use asra_stream::settings::Resolution;
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{Fineness, Settings};
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::format::read;
+use asra_stream::internals::generate::{Options, Shape, generate};
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::{Job, Resources, run};
+use asra_stream::internals::settings::Resolution;
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{Fineness, Settings};
+use asra_stream::internals::storage::spool::Workspace;
 use proptest::prelude::*;
 
 /// Cells along the diameter of the sphere without noise.
@@ -28,8 +28,8 @@ fn errors_of_a_sphere(noise_in_cells: f64, fit: Fit) -> (f64, f64) {
         surface: SurfaceOptions { fit, ..Settings::default().surface },
         ..Settings::default()
     };
-    let means = Means { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
-    let job = Job { output: Some(mesh.clone()), settings, means, ..Job::new([&cloud]) };
+    let resources = Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+    let job = Job { output: Some(mesh.clone()), settings, resources, ..Job::new([&cloud]) };
     let report = run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
     assert_eq!(report.check.unwrap().components, 1);
 
@@ -72,8 +72,8 @@ fn chosen(shape: Shape, points: u64, noise: f64, seed: u64) -> Fit {
     let workers = Workers::new(2).unwrap();
     let options = Options { seed, noise, ..Options::new(shape, points, &cloud) };
     generate(&options, &workers, &mut |_| ()).unwrap();
-    let means = Means { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
-    let job = Job { output: Some(dir.path().join("mesh.ply")), means, ..Job::new([&cloud]) };
+    let resources = Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+    let job = Job { output: Some(dir.path().join("mesh.ply")), resources, ..Job::new([&cloud]) };
     run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap().fit.onto
 }
 

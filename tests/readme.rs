@@ -6,7 +6,8 @@ use std::fmt::Write;
 use std::path::Path;
 
 use asra_stream::cli::Arguments;
-use asra_stream::error::Kind;
+use asra_stream::internals::error::Kind;
+use asra_stream::internals::error::words::SETTINGS;
 use clap::{Arg, Command, CommandFactory};
 
 const README: &str = include_str!("../README.md");
@@ -110,6 +111,15 @@ fn every_option_is_in_the_reference() {
 }
 
 #[test]
+fn settings_that_messages_name_are_options() {
+    let reference = reference();
+    for setting in SETTINGS {
+        let option = setting.replace('_', "-");
+        assert!(reference.contains(&format!("`--{option}")), "{option} is no option");
+    }
+}
+
+#[test]
 fn options_that_readme_names_are_there() {
     let reference = reference();
     let documents = [README, GUIDE, include_str!("../docs/formats.md")].concat();
@@ -147,6 +157,7 @@ fn files_that_are_linked_exist() {
     for document in [
         "README.md",
         "ARCHITECTURE.md",
+        "docs/algorithm.md",
         "docs/guide.md",
         "docs/formats.md",
         "docs/cli.md",

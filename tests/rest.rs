@@ -2,7 +2,7 @@
 
 mod twin;
 
-use asra_stream::mesh::intersect::intersect;
+use asra_stream::internals::mesh::intersect::intersect;
 use twin::intersect::pairs;
 use twin::{Diagonals, mesh_of_solid};
 

@@ -1,15 +1,15 @@
 //! More smoothing makes the surface smoother and leaves its volume alone.
 
-use asra_stream::format::read;
-use asra_stream::generate::{Options, Shape, generate};
-use asra_stream::mesh::MeshSource;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::run::{Job, Means, run};
-use asra_stream::settings::Resolution;
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{Fineness, Settings};
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::format::read;
+use asra_stream::internals::generate::{Options, Shape, generate};
+use asra_stream::internals::mesh::MeshSource;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::run::{Job, Resources, run};
+use asra_stream::internals::settings::Resolution;
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{Fineness, Settings};
+use asra_stream::internals::storage::spool::Workspace;
 
 /// Volume, and the root mean square of the angle between triangles with a common side, in degrees.
 fn volume_and_roughness(mesh: &dyn MeshSource) -> (f64, f64) {
@@ -51,8 +51,9 @@ fn twenty_steps_smooth_a_knot_and_a_sphere_and_leave_their_volumes() {
                 surface: SurfaceOptions { smooth, fit: Fit::None, ..Settings::default().surface },
                 ..Settings::default()
             };
-            let means = Means { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
-            let job = Job { output: Some(mesh.clone()), settings, means, ..Job::new([&cloud]) };
+            let resources =
+                Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+            let job = Job { output: Some(mesh.clone()), settings, resources, ..Job::new([&cloud]) };
             run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
             volume_and_roughness(&*read::open(&mesh, &Workspace::new(dir.path()).unwrap(), 1 << 28).unwrap())
         };

@@ -4,29 +4,29 @@ mod twin;
 
 use std::path::Path;
 
-use asra_stream::error::Error;
-use asra_stream::grid::Grid;
-use asra_stream::grid::dilate::Ball;
-use asra_stream::grid::occupancy::Occupancy;
-use asra_stream::grid::partition::slab_slices;
-use asra_stream::grid::slice::Runs;
-use asra_stream::input::{Cloud, InputOptions, Layout};
-use asra_stream::mesh::MeshSource;
-use asra_stream::points::bounds::{Axis, Bounds};
-use asra_stream::resources::memory::MemoryPlan;
-use asra_stream::resources::workers::Workers;
-use asra_stream::run::pipeline::{Reconstructed, Surveyed, context, reconstruct, survey_cloud};
-use asra_stream::run::progress::{Progress, Show};
-use asra_stream::settings::closing::Least;
-use asra_stream::settings::closing::Sealing;
-use asra_stream::settings::open::{Facing, Hole, Kind, Open};
-use asra_stream::settings::surface::Diagonals;
-use asra_stream::settings::surface::{Fit, SurfaceOptions};
-use asra_stream::settings::{AxisChoice, Resolution};
-use asra_stream::settings::{Fineness, Settings};
-use asra_stream::solid::Solid;
-use asra_stream::solid::close::How;
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::error::Error;
+use asra_stream::internals::grid::Grid;
+use asra_stream::internals::grid::dilate::Ball;
+use asra_stream::internals::grid::occupancy::Occupancy;
+use asra_stream::internals::grid::partition::slab_slices;
+use asra_stream::internals::grid::slice::Runs;
+use asra_stream::internals::input::{Cloud, InputOptions, Layout};
+use asra_stream::internals::mesh::MeshSource;
+use asra_stream::internals::points::bounds::{Axis, Bounds};
+use asra_stream::internals::resources::memory::MemoryPlan;
+use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::pipeline::{Reconstructed, Surveyed, context, reconstruct, survey_cloud};
+use asra_stream::internals::run::progress::{Progress, Show};
+use asra_stream::internals::settings::closing::Least;
+use asra_stream::internals::settings::closing::Sealing;
+use asra_stream::internals::settings::open::{Facing, Hole, Kind, Open};
+use asra_stream::internals::settings::surface::Diagonals;
+use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
+use asra_stream::internals::settings::{AxisChoice, Resolution};
+use asra_stream::internals::settings::{Fineness, Settings};
+use asra_stream::internals::solid::Solid;
+use asra_stream::internals::solid::close::How;
+use asra_stream::internals::storage::spool::Workspace;
 use proptest::prelude::*;
 
 /// A mesh as bits.
@@ -77,7 +77,7 @@ fn stream(points: &[[f64; 3]], single: bool, settings: &Settings, means: Means) 
     let workspace = Workspace::new(dir.path())?;
     let budget = match means {
         Means::Ample => 4 << 30,
-        Means::Least { .. } => MemoryPlan::least(&surveyed.load, threads),
+        Means::Least { .. } => MemoryPlan::least(&surveyed.workload, threads),
     };
     let mut context = context(&surveyed, &workers, &workspace, budget)?;
     if let Means::Least { piece, .. } = means {
@@ -297,7 +297,7 @@ fn landscape() -> impl Strategy<Value = Vec<[f64; 3]>> {
 
 fn assert_same_open(points: &[[f64; 3]], single: bool, settings: &Settings) -> Result<(), TestCaseError> {
     let run = match stream(points, single, settings, Means::Ample) {
-        Err(Error::Usage(_)) if settings.min_points > 1 => return Ok(()),
+        Err(Error::InvalidSetting { name: "min_points", .. }) if settings.min_points > 1 => return Ok(()),
         run => run.unwrap(),
     };
     prop_assume!(run.surveyed.grid.cells().iter().map(|c| u64::from(*c)).product::<u64>() < 25_000);
@@ -347,7 +347,7 @@ fn assert_same(points: &[[f64; 3]], single: bool, settings: &Settings) -> Result
     prop_assume!(!too_large(points, settings));
     let run = match stream(points, single, settings, Means::Ample) {
         // Nothing is left of a cloud whose cells or components are all too small.
-        Err(Error::Usage(_)) if may_be_refused(settings) => return Ok(()),
+        Err(error) if may_be_refused(settings, &error) => return Ok(()),
         run => run.unwrap(),
     };
     twin::check::check(run.mesh.0.len(), &run.mesh.1).map_err(TestCaseError::fail)?;
@@ -369,9 +369,15 @@ fn assert_same(points: &[[f64; 3]], single: bool, settings: &Settings) -> Result
     assert_means_do_not_show(points, single, settings, &run)
 }
 
-/// Whether settings ask for what not every cloud can give: cells that are full enough, components that are large enough, room for a ball.
-fn may_be_refused(settings: &Settings) -> bool {
-    settings.min_points > 1 || settings.min_component.is_some() || matches!(settings.seal, Sealing::Cells(_))
+/// Whether an error says that a cloud cannot give what these settings ask for: cells that are full enough, components that are large enough, room for a ball.
+fn may_be_refused(settings: &Settings, error: &Error) -> bool {
+    let Error::InvalidSetting { name, .. } = error else { return false };
+    match *name {
+        "min_points" => settings.min_points > 1,
+        "min_component" => settings.min_component.is_some(),
+        "seal" => matches!(settings.seal, Sealing::Cells(_)),
+        _ => false,
+    }
 }
 
 /// The centre of a cell of side 1.
@@ -520,7 +526,7 @@ proptest! {
         let settings = Settings { seal: Sealing::Auto, window: None, min_component: Some(Least::Auto), ..settings };
         prop_assume!(!too_large(&cloud.points, &settings));
         let ample = match stream(&cloud.points, cloud.single, &settings, Means::Ample) {
-            Err(asra_stream::Error::Usage(_)) if may_be_refused(&settings) => return Ok(()),
+            Err(error) if may_be_refused(&settings, &error) => return Ok(()),
             run => run.unwrap(),
         };
         twin::check::check(ample.mesh.0.len(), &ample.mesh.1).map_err(TestCaseError::fail)?;
@@ -554,7 +560,7 @@ fn far_points_do_not_cost_what_lies_between() {
     let alone: Vec<[f64; 3]> = ball.collect();
     let with_far: Vec<[f64; 3]> = alone.iter().copied().chain([[1_000_000.0; 3]]).collect();
     let run = stream(&with_far, true, &settings, Means::Ample).unwrap();
-    assert!(run.surveyed.grid.is_folded() && run.surveyed.grid.cells().iter().all(|c| *c < 350));
+    assert!(run.surveyed.grid.has_gaps() && run.surveyed.grid.cells().iter().all(|c| *c < 350));
     assert!(run.surveyed.grid.raw_cells().iter().all(|c| *c > 1_000_000));
     let near = |mesh: &MeshBits| -> std::collections::BTreeSet<[u64; 3]> {
         mesh.0.iter().copied().filter(|v| v.iter().all(|c| f64::from_bits(*c).abs() < 100.0)).collect()
@@ -666,7 +672,7 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
     let occupied = points.iter().map(|p| twin::grid::cell_of(*p, params).map(|c| c as u32));
     let occupancy = Occupancy::of_cells(occupied, params.cells, &context).unwrap();
     let closed = Solid::close(&occupancy, &Ball::new(params.rho), &context).unwrap();
-    let solid = closed.without_lone_cells(&context).unwrap();
+    let solid = closed.without_isolated_cells(&context).unwrap();
     let [width, slices, rows] = params.cells;
     let mut ours = vec![false; expected.len()];
     let mut runs = Runs::default();
@@ -686,12 +692,12 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
 }
 
 /// A context for passes over the slices of small grids.
-fn small_context(dir: &Path) -> asra_stream::grid::context::Context {
-    use asra_stream::points::Precision;
-    use asra_stream::run::workload::Load;
-    let load = Load::in_cells(1000, Precision::Single, [64; 3], 1);
-    let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
-    asra_stream::grid::context::Context {
+fn small_context(dir: &Path) -> asra_stream::internals::grid::context::Context {
+    use asra_stream::internals::points::Precision;
+    use asra_stream::internals::run::workload::Workload;
+    let workload = Workload::in_cells(1000, Precision::Single, [64; 3], 1);
+    let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
+    asra_stream::internals::grid::context::Context {
         workers: Workers::new(2).unwrap(),
         workspace: Workspace::new(dir).unwrap(),
         memory,

@@ -5,9 +5,9 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use asra_stream::input::{Carried, Cloud, InputOptions, Opening};
-use asra_stream::points::Batch;
-use asra_stream::storage::spool::Workspace;
+use asra_stream::internals::input::{Carried, Cloud, InputOptions, Opening};
+use asra_stream::internals::points::Batch;
+use asra_stream::internals::storage::spool::Workspace;
 
 /// The most memory that reading may take, whatever a file claims.
 const LIMIT: usize = 64 << 20;
@@ -67,7 +67,7 @@ pub fn read(files: &[(&str, &[u8])]) {
         let Ok(cloud) = Cloud::open_in(&[path], &InputOptions::default(), opening) else { return };
         let mut blocks = cloud.blocks(Carried::Attributes);
         let mut batch = Batch::new(cloud.precision());
-        while let Ok(Some(block)) = blocks.next() {
+        while let Ok(Some(block)) = blocks.next_block() {
             if block.decode(&mut batch).is_err() {
                 return;
             }

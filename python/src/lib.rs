@@ -8,7 +8,6 @@ use std::path::PathBuf;
 
 use asra_stream::PointSource;
 use asra_stream::cli;
-use asra_stream::mesh::MeshSource;
 use asra_stream::{Error, Mesh, Overwrite, PointSlice, Positions, Precision, Reconstruction, Result};
 use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -21,7 +20,7 @@ use crate::drive::{drive, raised};
 const NAMELESS: &str = "-";
 
 /// The job that options ask for, which are as the command has them.
-fn job(options: Vec<String>) -> Result<asra_stream::run::Job> {
+fn job(options: Vec<String>) -> Result<asra_stream::internals::run::Job> {
     let arguments = ["asra-stream".to_owned()].into_iter().chain(options).chain([NAMELESS.to_owned()]);
     let arguments = cli::parsed(arguments.map(OsString::from))?;
     if arguments.command.is_some() {
@@ -58,7 +57,7 @@ impl CoreMesh {
 
     /// The names of the attributes.
     fn attribute_names(&self) -> Vec<String> {
-        self.mesh.schema().attributes().iter().map(|attribute| attribute.name.clone()).collect()
+        self.mesh.attributes().iter().map(|attribute| attribute.name.clone()).collect()
     }
 
     /// The type of an attribute, as NumPy names it, and its values as an array of bytes.

@@ -10,10 +10,10 @@ use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
     PlanArguments, ReconstructArguments, RenderArguments, overwrite,
 };
-use super::{exit_code, outputs, signals};
+use super::{failure, outputs, pages, signals};
 use crate::compare::compare;
 use crate::error::defect;
-use crate::error::words::thousands;
+use crate::error::words::{as_options, thousands};
 use crate::error::{Error, Kind, Result};
 use crate::generate;
 use crate::generate::densify::densify;
@@ -25,19 +25,19 @@ use crate::run::phase::{Forecast, Phase};
 use crate::run::progress::{Observer, Progress, Show, Warning};
 use crate::run::reconstruction::watched;
 use crate::run::{look, plan, run};
-use crate::storage::atomic_file::WholeFile;
+use crate::storage::atomic_file::AtomicFile;
 use crate::storage::steady::Steady;
 use crate::{format, mesh};
 
 /// Does what the arguments say.
 ///
 /// # Errors
-/// Those of the work.
+/// Errors of the work.
 pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
     if let Err(error) = outputs::check(&arguments) {
         // Told in the report, too, if that is not what must not be written.
         if let Some(path) = outputs::sound_report(&arguments) {
-            write_json(WholeFile::report(&path)?, &error.failure(exit_code(&error)))?;
+            write_json(AtomicFile::report(&path)?, &failure(&error))?;
         }
         return Err(error);
     }
@@ -50,24 +50,28 @@ pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
         Some(Command::Densify(arguments)) => densify_cloud(arguments, progress),
         Some(Command::Render(arguments)) => draw(arguments, progress),
         Some(Command::Generate(arguments)) => generate_cloud(arguments, progress),
+        Some(Command::Completions(arguments)) => print_text(&pages::completions(arguments.shell)).map(|()| Kind::Done),
+        Some(Command::Man(arguments)) => print_text(&pages::manual(arguments.command.as_deref())?).map(|()| Kind::Done),
     }
 }
 
 /// Does what the arguments say, and gives what there is to tell as JSON; an observer hears how far it is. Nothing is printed, and no signal is looked for.
 ///
 /// # Errors
-/// Those of the work.
+/// Errors of the work.
 pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result<Value> {
     outputs::check(arguments)?;
     let threads = match &arguments.command {
-        None => arguments.reconstruct.means.means(),
-        Some(Command::Plan(plan)) => plan.means.means(),
-        Some(Command::Info(info)) => info.job()?.means,
-        Some(Command::Check(check)) => check.means.means(),
-        Some(Command::Compare(compare)) => compare.job().means,
-        Some(Command::Densify(densify)) => densify.job().means,
-        Some(Command::Render(render)) => render.means.means(),
-        Some(Command::Generate(generate)) => generate.means(),
+        None => arguments.reconstruct.resources.resources(),
+        Some(Command::Plan(plan)) => plan.resources.resources(),
+        Some(Command::Info(info)) => info.job()?.resources,
+        Some(Command::Check(check)) => check.resources.resources(),
+        Some(Command::Compare(compare)) => compare.job().resources,
+        Some(Command::Densify(densify)) => densify.job().resources,
+        Some(Command::Render(render)) => render.resources.resources(),
+        Some(Command::Generate(generate)) => generate.resources(),
+        Some(Command::Completions(arguments)) => return value(&pages::completions(arguments.shell)),
+        Some(Command::Man(arguments)) => return value(&pages::manual(arguments.command.as_deref())?),
     };
     let workers = threads.workers()?;
     watched(observer, &workers, || {
@@ -83,12 +87,12 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
             }
             Some(Command::Compare(arguments)) => {
                 let job = arguments.job();
-                refuse_below(COMPARE, job.means.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
+                refuse_below(COMPARE, job.resources.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
                 value(&compare(&job, &workers, progress)?)
             }
             Some(Command::Densify(arguments)) => {
                 let job = arguments.job();
-                refuse_below(DENSIFY, job.means.budget(), workers.threads(), &[&job.mesh, &job.cloud])?;
+                refuse_below(DENSIFY, job.resources.budget(), workers.threads(), &[&job.mesh, &job.cloud])?;
                 let made = densify(&job, &workers, progress)?;
                 Ok(json!({ "points": made.points, "centroids": made.centroids, "bytes": made.bytes }))
             }
@@ -100,6 +104,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
                 let made = generated(arguments, &workers, progress)?;
                 Ok(json!({ "points": made.points, "bytes": made.bytes }))
             }
+            Some(Command::Completions(_) | Command::Man(_)) => unreachable!("they take no work"),
         }
     })
 }
@@ -111,7 +116,7 @@ fn value(report: &impl serde::Serialize) -> Result<Value> {
 fn reconstruct(arguments: &ReconstructArguments, progress: &mut Progress) -> Result<Kind> {
     reported(json_file(arguments.report.as_deref())?, progress, |progress| {
         let job = arguments.job()?;
-        let workers = job.means.workers()?;
+        let workers = job.resources.workers()?;
         signals::stop(&workers)?;
         let report = run(&job, &workers, progress)?;
         progress.summary(&report.summary(arguments.verbose));
@@ -125,7 +130,7 @@ fn reconstruct(arguments: &ReconstructArguments, progress: &mut Progress) -> Res
 
 fn show_plan(arguments: &PlanArguments, progress: &mut Progress) -> Result<Kind> {
     let job = arguments.job()?;
-    let workers = job.means.workers()?;
+    let workers = job.resources.workers()?;
     signals::stop(&workers)?;
     let planned = plan(&job, &workers, progress)?;
     let report = PlanReport::of(&planned, workers.threads())?;
@@ -135,7 +140,7 @@ fn show_plan(arguments: &PlanArguments, progress: &mut Progress) -> Result<Kind>
 
 fn show_info(arguments: &InfoArguments, progress: &mut Progress) -> Result<Kind> {
     let job = arguments.job()?;
-    let workers = job.means.workers()?;
+    let workers = job.resources.workers()?;
     signals::stop(&workers)?;
     let report = InfoReport::of(&look(&job, &workers, progress)?);
     if arguments.json { print_json(&report) } else { print_text(&report.to_string()) }?;
@@ -149,7 +154,7 @@ fn show_info(arguments: &InfoArguments, progress: &mut Progress) -> Result<Kind>
 fn check(arguments: &CheckArguments, progress: &mut Progress) -> Result<Kind> {
     let steady = Steady::of([&arguments.mesh]);
     reported(json_file(arguments.report.as_deref())?, progress, |progress| {
-        let workers = arguments.means.means().workers()?;
+        let workers = arguments.resources.resources().workers()?;
         signals::stop(&workers)?;
         let (report, kind) = steady.settle(checked(arguments, &workers, progress))?;
         if !arguments.talk.quiet {
@@ -166,7 +171,7 @@ struct Floor {
     common: u64,
     /// For each worker.
     worker: u64,
-    /// Of small files it takes no more than this, and so many times their length.
+    /// What small files take at most: this, and so many times their length.
     small: (u64, u64),
     what: &'static str,
 }
@@ -193,10 +198,10 @@ fn refuse_below(floor: Floor, budget: u64, threads: usize, files: &[&PathBuf]) -
 const INTERSECT: f64 = 8.0;
 
 fn checked(arguments: &CheckArguments, workers: &Workers, progress: &mut Progress) -> Result<(CheckReport, Kind)> {
-    let means = arguments.means.means();
-    let budget = means.budget();
+    let resources = arguments.resources.resources();
+    let budget = resources.budget();
     refuse_below(CHECK, budget, workers.threads(), &[&arguments.mesh])?;
-    let workspace = means.workspace(&arguments.mesh)?.stopped_with(workers);
+    let workspace = resources.workspace(&arguments.mesh)?.stopped_with(workers);
     let mesh = format::read::open(&arguments.mesh, &workspace, budget / 2)?;
     let triangles = mesh.face_count() as f64;
     let pairs = if arguments.no_intersections { 0.0 } else { INTERSECT * triangles };
@@ -216,9 +221,9 @@ fn checked(arguments: &CheckArguments, workers: &Workers, progress: &mut Progres
 fn compare_mesh(arguments: &CompareArguments, progress: &mut Progress) -> Result<Kind> {
     reported(json_file(arguments.report.as_deref())?, progress, |progress| {
         let job = arguments.job();
-        let workers = job.means.workers()?;
+        let workers = job.resources.workers()?;
         signals::stop(&workers)?;
-        refuse_below(COMPARE, job.means.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
+        refuse_below(COMPARE, job.resources.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
         let found = compare(&job, &workers, progress)?;
         if !arguments.talk.quiet {
             print_text(&found.to_string())?;
@@ -229,9 +234,9 @@ fn compare_mesh(arguments: &CompareArguments, progress: &mut Progress) -> Result
 
 fn densify_cloud(arguments: &DensifyArguments, progress: &mut Progress) -> Result<Kind> {
     let job = arguments.job();
-    let workers = job.means.workers()?;
+    let workers = job.resources.workers()?;
     signals::stop(&workers)?;
-    refuse_below(DENSIFY, job.means.budget(), workers.threads(), &[&job.mesh, &job.cloud])?;
+    refuse_below(DENSIFY, job.resources.budget(), workers.threads(), &[&job.mesh, &job.cloud])?;
     let made = densify(&job, &workers, progress)?;
     progress.note(&format!(
         "{}: {} points and {} centroids, {}",
@@ -244,7 +249,7 @@ fn densify_cloud(arguments: &DensifyArguments, progress: &mut Progress) -> Resul
 }
 
 fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {
-    let workers = arguments.means.means().workers()?;
+    let workers = arguments.resources.resources().workers()?;
     signals::stop(&workers)?;
     let (output, triangles) = drawn(arguments, &workers, progress)?;
     if triangles == 0 {
@@ -256,17 +261,17 @@ fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {
 
 /// Draws; gives the picture's path and the number of triangles in it.
 fn drawn(arguments: &RenderArguments, workers: &Workers, progress: &mut Progress) -> Result<(PathBuf, u64)> {
-    let means = arguments.means.means();
+    let resources = arguments.resources.resources();
     let options = arguments.options(format::read::told_crs(&arguments.mesh).and_then(|crs| crs.measure()));
     let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
     // Of the budget: an eighth for a mesh that has to be converted, another for the process.
-    let (budget, least) = (means.budget(), render::least_memory(&options).div_ceil(3) * 4);
+    let (budget, least) = (resources.budget(), render::least_memory(&options).div_ceil(3) * 4);
     if budget < least {
         let (given, needed) = (ByteSize(budget), ByteSize(least.next_multiple_of(1 << 20)));
         return Err(Error::Budget { given, needed, what: "a picture of this size" });
     }
     let file = render::picture_file(&output, overwrite(arguments.overwrite))?;
-    let workspace = means.workspace(&output)?.stopped_with(workers);
+    let workspace = resources.workspace(&output)?.stopped_with(workers);
     let steady = Steady::of([&arguments.mesh]);
     let mut drawn = || {
         let mesh = format::read::open_with(&arguments.mesh, &workspace, budget / 8, &options.colour_by.wanted())?;
@@ -282,7 +287,7 @@ fn drawn(arguments: &RenderArguments, workers: &Workers, progress: &mut Progress
 }
 
 fn generate_cloud(arguments: &GenerateArguments, progress: &mut Progress) -> Result<Kind> {
-    let workers = arguments.means().workers()?;
+    let workers = arguments.resources().workers()?;
     signals::stop(&workers)?;
     let made = generated(arguments, &workers, progress)?;
     progress.note(&format!(
@@ -311,13 +316,13 @@ fn generated(arguments: &GenerateArguments, workers: &Workers, progress: &mut Pr
 }
 
 /// The report's file, created before the work.
-fn json_file(path: Option<&Path>) -> Result<Option<WholeFile>> {
-    path.map(WholeFile::report).transpose()
+fn json_file(path: Option<&Path>) -> Result<Option<AtomicFile>> {
+    path.map(AtomicFile::report).transpose()
 }
 
 /// Does some work and writes its report, if one was asked for: of a failure, too.
 fn reported<R: serde::Serialize>(
-    file: Option<WholeFile>,
+    file: Option<AtomicFile>,
     progress: &mut Progress,
     work: impl FnOnce(&mut Progress) -> Result<(R, Kind)>,
 ) -> Result<Kind> {
@@ -326,9 +331,9 @@ fn reported<R: serde::Serialize>(
         Ok((report, kind)) => write_json(file, &report).map(|()| kind),
         Err(error) => {
             if !early(&error) || !file.path().exists() || is_report(file.path()) {
-                let failure = error.failure(exit_code(&error));
+                let failure = failure(&error);
                 if let Err(second) = write_json(file, &failure) {
-                    progress.warn_always(&Warning::bare(second.to_string()));
+                    progress.warn_always(&Warning::bare(as_options(&second.to_string())));
                 }
             }
             Err(error)
@@ -353,7 +358,7 @@ fn is_report(path: &Path) -> bool {
     value.is_some_and(|value| KEYS.iter().any(|key| value.get(key).is_some()))
 }
 
-fn write_json(file: WholeFile, report: &impl serde::Serialize) -> Result<()> {
+fn write_json(file: AtomicFile, report: &impl serde::Serialize) -> Result<()> {
     let path = file.path().to_path_buf();
     let write = || -> std::io::Result<()> {
         let mut out = file.file();

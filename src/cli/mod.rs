@@ -3,6 +3,7 @@
 mod args;
 mod commands;
 mod outputs;
+mod pages;
 mod signals;
 mod sizes;
 
@@ -14,7 +15,8 @@ use clap::Parser;
 use serde_json::json;
 
 use crate::error::defect;
-use crate::error::{Error, Kind, Result};
+use crate::error::words::as_options;
+use crate::error::{Error, Failure, Kind, Result};
 use crate::run::progress::{Progress, Show};
 use crate::storage::bus;
 
@@ -48,11 +50,13 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Err(error) => {
             let code = exit_code(&error);
             if progress.show() == Show::Json {
-                progress.finished(json!({ "exit_code": code, "kind": error.kind(), "message": error.to_string() }));
+                progress.finished(
+                    json!({ "exit_code": code, "kind": error.kind(), "message": as_options(&error.to_string()) }),
+                );
             } else {
                 // The bar's line, if there is one, is to be free. Whether anyone can be told or not.
                 progress.clear();
-                let _ = writeln!(std::io::stderr(), "asra-stream: {error}");
+                let _ = writeln!(std::io::stderr(), "asra-stream: {}", as_options(&error.to_string()));
             }
             code
         }
@@ -65,6 +69,13 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// [`Error::Usage`], with the words that the command would print.
 pub fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments> {
     Arguments::try_parse_from(arguments).map_err(|words| Error::Usage(words.render().to_string().trim_end().to_owned()))
+}
+
+/// What a report has of a failure: in the command's words.
+fn failure(error: &Error) -> Failure {
+    let mut failure = error.failure(exit_code(error));
+    failure.error.message = as_options(&failure.error.message);
+    failure
 }
 
 /// The exit code of a command that failed.

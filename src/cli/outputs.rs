@@ -14,7 +14,7 @@ use crate::format::write::tiles::{self, Tiles};
 use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
 use crate::run;
 use crate::run::preview::Preview;
-use crate::storage::atomic_file::{Overwrite, WholeFile};
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
 
 /// Extensions of points that have no side-car.
 const WITHOUT_SIDECAR: [&str; 15] =
@@ -89,9 +89,9 @@ impl Output {
     /// Whether it can be written where it is to be.
     fn check(&self) -> Result<()> {
         match self.kind {
-            Kind::File => WholeFile::create(&self.path, self.overwrite).map(drop),
+            Kind::File => AtomicFile::create(&self.path, self.overwrite).map(drop),
             Kind::Beside if self.path.symlink_metadata().is_ok() => {
-                WholeFile::create(&self.path, self.overwrite).map(drop)
+                AtomicFile::create(&self.path, self.overwrite).map(drop)
             }
             Kind::Beside => Ok(()),
             Kind::Report => {
@@ -102,7 +102,7 @@ impl Output {
                         self.path.display()
                     )));
                 }
-                WholeFile::report(&self.path).map(drop)
+                AtomicFile::report(&self.path).map(drop)
             }
             Kind::Tiles => {
                 let (there, path) = (self.path.symlink_metadata().is_ok(), self.path.display());
@@ -205,7 +205,7 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             put(Sidecar::path_for(&arguments.output), "cloud's side-car", Kind::Beside, overwrite);
             Vec::new()
         }
-        Some(Command::Plan(_) | Command::Info(_)) => Vec::new(),
+        Some(Command::Plan(_) | Command::Info(_) | Command::Completions(_) | Command::Man(_)) => Vec::new(),
     };
     (inputs, outputs)
 }

@@ -2,9 +2,9 @@
 //!
 //! ```text
 //!  sample     middles of targets -> cuts across the axes, so that each part has about as many
-//!  distribute every target to the pile of its middle's part, but those larger than that to a pile of their own;
-//!             a pile with too many is cut in its turn, or, where all its middles are one, dealt out
-//!  order      pile by pile: a tree is built, its targets stored in its order, and the block's box noted
+//!  distribute every target to the partition of its middle's part, but those larger than that to a partition of their own;
+//!             a partition with too many is cut in its turn, or, where all its middles are one, dealt out
+//!  order      partition by partition: a tree is built, its targets stored in its order, and the block's box noted
 //! ```
 //!
 //! A block's box holds its targets whole, so it bounds distances whatever their size; large targets would make the boxes of all blocks large. How blocks are cut
@@ -16,7 +16,7 @@ use super::room::Room;
 use super::shape::{Cuboid, Point, Target};
 use super::tree::{Tree, bytes_of};
 use crate::error::Result;
-use crate::storage::partitions::Piles;
+use crate::storage::partitions::Partitions;
 use crate::storage::spool::Spool;
 
 /// Parts of one distribution at most: each has a page in memory.
@@ -67,10 +67,10 @@ impl<T: Target + Pod> Blocks<T> {
         feed: impl FnOnce(&mut dyn FnMut(&[T]) -> Result<()>) -> Result<()>,
     ) -> Result<Blocks<T>> {
         let parts = Parts::new(sample, parts_for::<T>(count, room));
-        let mut piles = room.piles(parts.count() + 1, 0);
-        feed(&mut |targets| targets.iter().try_for_each(|target| piles.push(parts.pile(target), target)))?;
+        let mut partitions = room.partitions(parts.count() + 1, 0);
+        feed(&mut |targets| targets.iter().try_for_each(|target| partitions.push(parts.partition(target), target)))?;
         let mut making = Making { room, store: room.spool(), blocks: Vec::new(), last: None };
-        making.order(&mut piles, 1)?;
+        making.order(&mut partitions, 1)?;
         let Making { store, blocks, last, .. } = making;
         let only = last.filter(|_| blocks.len() == 1).map(|tree| (0, tree));
         Ok(Blocks { blocks: Tree::new(blocks, room.workers), store, held: only })
@@ -123,30 +123,30 @@ struct Making<'a, T> {
 }
 
 impl<T: Target + Pod> Making<'_, T> {
-    /// Makes blocks of piles, which are empty afterwards.
-    fn order(&mut self, piles: &mut Piles<T>, depth: u32) -> Result<()> {
+    /// Makes blocks of partitions, which are empty afterwards.
+    fn order(&mut self, partitions: &mut Partitions<T>, depth: u32) -> Result<()> {
         let most = most::<T>(self.room);
-        for pile in 0..piles.count() {
+        for partition in 0..partitions.count() {
             self.room.workers.check_cancelled()?;
-            if piles.records(pile) > most {
-                self.cut(piles, pile, depth)?;
+            if partitions.records(partition) > most {
+                self.cut(partitions, partition, depth)?;
                 continue;
             }
             // Freed first, so that there are never two.
             self.last = None;
-            let mut targets = Vec::with_capacity(piles.records(pile) as usize);
-            while piles.take(pile, &mut targets)? {}
+            let mut targets = Vec::with_capacity(partitions.records(partition) as usize);
+            while partitions.take(partition, &mut targets)? {}
             self.block(targets)?;
         }
         Ok(())
     }
 
-    /// Makes several blocks of a pile that is too large for one; `depth` is how many are about it.
-    fn cut(&mut self, piles: &mut Piles<T>, pile: usize, depth: u32) -> Result<()> {
-        let count = piles.records(pile);
+    /// Makes several blocks of a partition that is too large for one; `depth` is how many are about it.
+    fn cut(&mut self, partitions: &mut Partitions<T>, partition: usize, depth: u32) -> Result<()> {
+        let count = partitions.records(partition);
         let every = count.div_ceil(SAMPLE as u64);
         let (mut sample, mut number) = (Vec::new(), 0);
-        piles.read(pile, |target| {
+        partitions.read(partition, |target| {
             if number % every == 0 {
                 sample.push(target.middle());
             }
@@ -154,9 +154,9 @@ impl<T: Target + Pod> Making<'_, T> {
             Ok(())
         })?;
         let parts = Parts::new(sample, parts_for::<T>(count, self.room).max(2));
-        let mut within = self.room.piles(parts.count(), depth);
+        let mut within = self.room.partitions(parts.count(), depth);
         let mut piece = Vec::new();
-        while piles.take(pile, &mut piece)? {
+        while partitions.take(partition, &mut piece)? {
             for target in piece.drain(..) {
                 within.push(parts.of(target.middle()), &target)?;
             }
@@ -197,9 +197,9 @@ impl<T: Target + Pod> Making<'_, T> {
 
 /// Space in parts, by cuts across the axes.
 struct Parts {
-    /// Of each node of a complete tree, from 1 on: the axis and the place of its cut.
+    /// For each node of a complete tree, from 1 on: the axis and the place of its cut.
     cuts: Vec<(usize, f64)>,
-    /// Of each part: how long the box of the sample in it is.
+    /// For each part: how long the box of the sample in it is.
     sides: Vec<f64>,
 }
 
@@ -235,8 +235,8 @@ impl Parts {
         self.cuts.len()
     }
 
-    /// Where a target goes: to its part, or to the pile behind those of all parts if it is larger. Of one part nothing is.
-    fn pile(&self, target: &impl Target) -> usize {
+    /// Where a target goes: to its part, or to the partition behind those of all parts if it is larger. Of one part nothing is.
+    fn partition(&self, target: &impl Target) -> usize {
         let part = self.of(target.middle());
         if self.count() > 1 && target.cuboid().side() > self.sides[part] { self.count() } else { part }
     }

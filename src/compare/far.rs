@@ -31,7 +31,7 @@ struct Placed {
 /// Hands over the triangles of `pieces` of at most `piece` triangles each, in stretches of about as many, their corners in the mesh's own coordinates.
 ///
 /// # Errors
-/// Those of reading and of `sink`; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
+/// Errors of reading and of `sink`; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
 pub(super) fn triangles(
     mesh: &dyn MeshSource,
     room: &Room,
@@ -42,7 +42,7 @@ pub(super) fn triangles(
     let table = |bytes: usize, count: u64| (room.corners * room.in_flight as u64 / bytes as u64).clamp(1, count.max(1));
     let vertices = table(size_of::<Point>(), mesh.vertex_count());
     let ranges = |count: u64, range: u64| count.div_ceil(range) as usize;
-    let mut by_vertex = room.piles(ranges(mesh.vertex_count(), vertices), 1);
+    let mut by_vertex = room.partitions(ranges(mesh.vertex_count(), vertices), 1);
     let (mut faces, mut corner) = (Vec::new(), 0);
     for number in pieces {
         room.workers.check_cancelled()?;
@@ -57,7 +57,7 @@ pub(super) fn triangles(
 
     let whole = corner / 3;
     let stretch = table(size_of::<Triangle>(), whole);
-    let mut by_triangle = room.piles(ranges(whole, stretch), 1);
+    let mut by_triangle = room.partitions(ranges(whole, stretch), 1);
     let (mut places, mut named) = (Vec::new(), Vec::new());
     for range in 0..by_vertex.count() {
         room.workers.check_cancelled()?;

@@ -82,7 +82,7 @@ impl Spread {
     /// Adds a value.
     ///
     /// # Errors
-    /// As [`Spread::add_square`].
+    /// The same as [`Spread::add_square`].
     pub fn add(&mut self, value: f64) -> Result<()> {
         self.add_both(value, value * value)
     }

@@ -17,8 +17,8 @@ use crate::mesh::spool::FaceRecord;
 use crate::points::Precision;
 use crate::points::unit::Unit;
 use crate::render::scale;
-use crate::storage::atomic_file::{Overwrite, WholeFile};
-use crate::storage::partitions::Piles;
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
+use crate::storage::partitions::Partitions;
 
 /// Elements of a job.
 const PIECE: u64 = 1 << 15;
@@ -35,7 +35,7 @@ const SCALE: [[u8; 3]; 8] = [
     [254, 238, 90],
 ];
 
-/// Of vertices that have no distance.
+/// The colour of vertices that have no distance.
 const NOWHERE: [u8; 3] = [128; 3];
 
 /// A heat map that is asked for.
@@ -97,10 +97,10 @@ struct Told {
 
 /// The file in the making.
 pub(super) struct Heat {
-    file: WholeFile,
+    file: AtomicFile,
     max: Option<Reach>,
     range: u64,
-    told: Piles<Told>,
+    told: Partitions<Told>,
 }
 
 impl Heat {
@@ -116,10 +116,10 @@ impl Heat {
         if count > limit {
             return Err(Error::TooManyElements { count, what: "vertices", limit, carrier: "a PLY file" });
         }
-        let file = WholeFile::create(&map.path, map.overwrite)?;
+        let file = AtomicFile::create(&map.path, map.overwrite)?;
         let range = (room.corners * room.in_flight as u64 / size_of::<f32>() as u64).max(1);
         // Few ranges, whose pages are small against those of blocks.
-        Ok(Heat { file, max: map.max, range, told: room.piles(count.div_ceil(range) as usize, 3) })
+        Ok(Heat { file, max: map.max, range, told: room.partitions(count.div_ceil(range) as usize, 3) })
     }
 
     /// Adds a vertex's squared distance.
@@ -134,7 +134,7 @@ impl Heat {
     /// Writes the file and gives it its name. Returns the distance that has the last colour.
     ///
     /// # Errors
-    /// Those of reading the mesh; [`Error::OutputExists`]; [`Error::Io`]; [`Error::Interrupted`].
+    /// Errors of reading the mesh; [`Error::OutputExists`]; [`Error::Io`]; [`Error::Interrupted`].
     pub fn write(mut self, mesh: &dyn MeshSource, room: &Room, vertices: &Figures, longest_side: f64) -> Result<f64> {
         let typical = [vertices.p95, vertices.max].into_iter().find(|distance| *distance > 0.0);
         let max = self.max.map(|max| max.of(longest_side)).or(typical).unwrap_or(longest_side);

@@ -6,7 +6,7 @@ use super::figures::Figures;
 use super::heatmap::HeatMap;
 use super::source::Survey;
 use crate::input::InputOptions;
-use crate::run::Means;
+use crate::run::Resources;
 
 /// What is compared.
 #[derive(Debug, Clone)]
@@ -22,7 +22,7 @@ pub struct Job {
     /// Where the mesh is written, coloured by its distance, if it is to be.
     pub heatmap: Option<HeatMap>,
     /// What the work may use. Nothing of it shows in what is found.
-    pub means: Means,
+    pub resources: Resources,
 }
 
 /// What a reference is.

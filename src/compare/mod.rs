@@ -55,14 +55,12 @@ use crate::storage::steady::Steady;
 
 pub use self::heatmap::{HeatMap, Reach};
 pub use self::job::{Job, Kind};
-pub use self::report::{
-    Angles, Comparison, Distances, Length, MeshSide, MeshToReference, Mse, ReferenceSide, ReferenceToMesh,
-};
+pub use self::report::Comparison;
 
 /// Compares. Memory: about the budget, but no less than some 8 MB for each worker, and 2 KB for every million triangles.
 ///
 /// # Errors
-/// Those of reading either side; [`Error::Malformed`] if the mesh has no triangles, or either side no finite places; [`Error::NoPoints`];
+/// Errors of reading either side; [`Error::Malformed`] if the mesh has no triangles, or either side no finite places; [`Error::NoPoints`];
 /// [`Error::Usage`] if the reference is a single place; [`Error::Io`]; [`Error::Interrupted`].
 pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Comparison> {
     let steady = Steady::of([&job.mesh, &job.reference]);
@@ -70,8 +68,8 @@ pub fn compare(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
 }
 
 fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progress) -> Result<Comparison> {
-    let budget = job.means.budget();
-    let workspace = job.means.workspace(&job.mesh)?.stopped_with(workers);
+    let budget = job.resources.budget();
+    let workspace = job.resources.workspace(&job.mesh)?.stopped_with(workers);
     let mesh = format::read::open(&job.mesh, &workspace, budget / 8)?;
     if mesh.face_count() == 0 {
         return Err(Error::malformed(&job.mesh, "the mesh", "triangles", "none"));
@@ -127,12 +125,15 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
 fn in_reference_units(map: &HeatMap, reference: &Source) -> Result<HeatMap> {
     let max = match (map.max, map.unit, reference) {
         (Some(Reach::Length(length)), Some(unit), Source::Cloud(cloud)) => {
-            Some(Reach::Length(cloud.length("--heatmap-max", length, unit)?))
+            Some(Reach::Length(cloud.length("heatmap_max", length, unit)?))
         }
         (Some(Reach::Length(length)), Some(unit), Source::Mesh(_)) => {
-            return Err(Error::Usage(format!(
-                "--heatmap-max {length}{unit}: the unit of a mesh is not known; give a plain number, in its units"
-            )));
+            return Err(Error::setting(
+                "heatmap_max",
+                format!(
+                    "`heatmap_max` {length}{unit}: the unit of a mesh is not known; give a plain number, in its units"
+                ),
+            ));
         }
         (max, ..) => max,
     };

@@ -3,7 +3,7 @@
 use bytemuck::Pod;
 
 use crate::resources::workers::Workers;
-use crate::storage::partitions::Piles;
+use crate::storage::partitions::Partitions;
 use crate::storage::spool::{Spool, Workspace};
 
 /// Workers, temporary storage, and the shares of the budget.
@@ -13,9 +13,9 @@ pub(super) struct Room<'a> {
     pub workspace: &'a Workspace,
     /// Bytes for the block that is searched.
     pub block: u64,
-    /// Bytes for the pages of piles: there may be two sets of them at a time.
+    /// Bytes for the pages of partitions: there may be two sets of them at a time.
     pub pages: u64,
-    /// Bytes that each store may keep in memory: targets, two sets of piles, and distances.
+    /// Bytes that each store may keep in memory: targets, two sets of partitions, and distances.
     pub kept: u64,
     /// Bytes for the triangles of which the corners are looked up, by each job.
     pub corners: u64,
@@ -44,9 +44,9 @@ impl<'a> Room<'a> {
         self.workspace.spool(self.kept)
     }
 
-    /// Empty piles, within `depth` others.
-    pub fn piles<T: Pod>(&self, count: usize, depth: u32) -> Piles<T> {
+    /// Empty partitions, within `depth` others.
+    pub fn partitions<T: Pod>(&self, count: usize, depth: u32) -> Partitions<T> {
         let share = |bytes: u64| bytes.checked_shr(depth).unwrap_or(0);
-        Piles::new(count, share(self.pages), share(self.kept), self.workspace)
+        Partitions::new(count, share(self.pages), share(self.kept), self.workspace)
     }
 }

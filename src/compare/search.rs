@@ -18,7 +18,7 @@ use super::shape::{Cuboid, Line, Point, Target, Triangle, angle};
 use super::tree::Tree;
 use crate::error::Result;
 use crate::resources::workers::Spares;
-use crate::storage::partitions::Piles;
+use crate::storage::partitions::Partitions;
 
 /// Queries of a job.
 const PIECE: usize = 1 << 12;
@@ -148,12 +148,12 @@ pub(super) fn search<T: Target + Pod, Q: Query<T>>(
     feed: impl FnOnce(&(dyn Fn(Point) -> usize + Sync), &mut dyn FnMut(&[Q]) -> Result<()>) -> Result<()>,
     mut done: impl FnMut(&Q) -> Result<()>,
 ) -> Result<()> {
-    let at_home = RefCell::new(room.piles(blocks.count(), 0));
+    let at_home = RefCell::new(room.partitions(blocks.count(), 0));
     feed(&|place| blocks.home(place), &mut |queries: &[Q]| {
         let mut at_home = at_home.borrow_mut();
         queries.iter().try_for_each(|query| at_home.push(query.home(), query))
     })?;
-    let waiting = RefCell::new(room.piles(blocks.count(), 0));
+    let waiting = RefCell::new(room.partitions(blocks.count(), 0));
     for block in 0..blocks.count() {
         visit(blocks, block, 0, &at_home, &waiting, room, &mut done)?;
     }
@@ -169,8 +169,8 @@ fn visit<T: Target + Pod, Q: Query<T>>(
     blocks: &mut Blocks<T>,
     block: usize,
     from: usize,
-    queries: &RefCell<Piles<Q>>,
-    waiting: &RefCell<Piles<Q>>,
+    queries: &RefCell<Partitions<Q>>,
+    waiting: &RefCell<Partitions<Q>>,
     room: &Room,
     done: &mut impl FnMut(&Q) -> Result<()>,
 ) -> Result<()> {

@@ -65,7 +65,7 @@ impl Source {
     /// that the reader of a cloud left out are counted.
     ///
     /// # Errors
-    /// Those of reading and of `sink`; [`crate::Error::Interrupted`].
+    /// Errors of reading and of `sink`; [`crate::Error::Interrupted`].
     pub fn places<Q: Send>(
         &self,
         corner: Point,
@@ -130,7 +130,7 @@ impl Source {
     /// Counts places, finds their box and takes a sample.
     ///
     /// # Errors
-    /// As [`Source::places`].
+    /// The same as [`Source::places`].
     pub fn survey(&self, room: &Room, progress: &mut dyn FnMut(u64)) -> Result<Survey> {
         let mut all = Survey { places: 0, left_out: LeftOut::default(), bounds: Bounds::EMPTY, sample: Vec::new() };
         // Every so many places of a piece, and then every so many of these.
@@ -179,7 +179,7 @@ fn placed(p: Point, origin: Point, corner: Point) -> Point {
 /// Hands what `work` makes of all triangles whose corners can be looked at to `sink`, in any order.
 ///
 /// # Errors
-/// Those of reading and of `sink`; [`crate::Error::Interrupted`].
+/// Errors of reading and of `sink`; [`crate::Error::Interrupted`].
 pub(super) fn triangles<Q: Send>(
     mesh: &dyn MeshSource,
     corner: Point,

@@ -4,10 +4,11 @@ use std::fmt::Write;
 
 use proptest::prelude::*;
 
+use super::report::Distances;
 use super::shape::{Line, angle};
 use super::*;
 use crate::input::InputOptions;
-use crate::run::Means;
+use crate::run::Resources;
 use crate::run::progress::Show;
 
 /// Vertices and triangles; without triangles it is a cloud.
@@ -133,9 +134,9 @@ fn compared(mesh: &Shape, reference: &Shape, budget: u64, threads: usize) -> Res
         kind: None,
         input: InputOptions::default(),
         heatmap: None,
-        means: Means { max_memory: Some(budget), threads: Some(threads), temp_dir: Some(dir.path().into()) },
+        resources: Resources { max_memory: Some(budget), threads: Some(threads), temp_dir: Some(dir.path().into()) },
     };
-    let found = compare(&job, &job.means.workers().unwrap(), &mut Progress::new(Show::Nothing));
+    let found = compare(&job, &job.resources.workers().unwrap(), &mut Progress::new(Show::Nothing));
     found.map(|mut found| {
         (found.mesh.path, found.reference.path) = ("mesh".into(), "reference".into());
         found

@@ -20,7 +20,7 @@ const PARALLEL: usize = 1 << 13;
 #[derive(Debug, Clone)]
 pub(super) struct Tree<T> {
     targets: Vec<T>,
-    /// Of each node, from 1 on.
+    /// The box of each node, from 1 on.
     boxes: Vec<Cuboid>,
     levels: u32,
 }

@@ -12,7 +12,7 @@ static PLACE: Mutex<Option<String>> = Mutex::new(None);
 /// Does some work; a panic in it is an [`Error::Internal`].
 ///
 /// # Errors
-/// Those of the work.
+/// Errors of the work.
 pub fn caught<R>(work: impl FnOnce() -> Result<R>) -> Result<R> {
     // What the work has seen half done is dropped with the run: every caller gives the error on.
     panic::catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|payload| Err(Error::Internal(words(&*payload))))

@@ -1,6 +1,7 @@
 //! One error type for the whole crate: every variant carries the numbers a user needs to act.
 //!
-//! Messages are lower case, without a full stop, and say what was expected, what was found, and what to do.
+//! Messages are lower case, without a full stop, and say what was expected, what was found, and what to do. They name settings in backticks, as the library has
+//! them; [`words::as_options`] makes the command's options of those.
 
 pub mod defect;
 #[cfg(test)]
@@ -16,7 +17,7 @@ use bytesize::ByteSize;
 /// The crate's result type.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Everything that can go wrong between the command line and the finished mesh.
+/// Everything that can go wrong between the settings and the finished mesh.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -53,7 +54,7 @@ pub enum Error {
         advice: &'static str,
     },
     /// A bare binary file fits several record layouts.
-    #[error("{}: the record layout is ambiguous; name one with --layout\n{candidates}", path.display())]
+    #[error("{}: the record layout is ambiguous; name one with `layout`\n{candidates}", path.display())]
     AmbiguousLayout {
         /// The file.
         path: PathBuf,
@@ -91,14 +92,22 @@ pub enum Error {
     },
     /// An open surface that has no triangle.
     #[error(
-        "the points make no surface that is open: no square of cells is filled by them. A line, a wall seen from above or a few points have none; take --surface closed, or --facing where it can be seen from"
+        "the points make no surface that is open: no square of cells is filled by them. A line, a wall seen from above or a few points have none; take `surface` closed, or `facing` where it can be seen from"
     )]
     NoSurface,
-    /// The arguments contradict each other or lie outside their range.
+    /// A setting cannot have this value, or the value does not go with the input or with another setting.
+    #[error("{message}")]
+    InvalidSetting {
+        /// The setting's name: that of the method of [`crate::Reconstruction`], or of the field, that sets it.
+        name: &'static str,
+        /// What is wrong, and what would do. Names of settings stand in backticks.
+        message: String,
+    },
+    /// What is asked for is not possible, or contradicts itself.
     #[error("{0}")]
     Usage(String),
-    /// The output exists and `--overwrite` was not given.
-    #[error("{}: exists already; pass --overwrite to replace it", .0.display())]
+    /// The output exists and is not to be replaced ([`crate::Overwrite`]).
+    #[error("{}: exists already; pass `overwrite` to replace it", .0.display())]
     OutputExists(PathBuf),
     /// The grid would have more cells along an axis than can be addressed.
     #[error("the raster would be {cells} cells long along {axis}, more than {limit}; {advice}")]
@@ -113,7 +122,7 @@ pub enum Error {
         advice: &'static str,
     },
     /// The memory budget cannot hold the work.
-    #[error("--max-memory {given}: {what} needs {needed}; pass --max-memory {}M or more", needed.0.div_ceil(1 << 20))]
+    #[error("`max_memory` {given}: {what} needs {needed}; pass `max_memory` {}M or more", needed.0.div_ceil(1 << 20))]
     Budget {
         /// What was granted.
         given: ByteSize,
@@ -123,7 +132,7 @@ pub enum Error {
         what: &'static str,
     },
     /// The work directory lacks room.
-    #[error("{}: {available} free, the work needs up to {needed}; free some space or choose another --temp-dir", path.display())]
+    #[error("{}: {available} free, the work needs up to {needed}; free some space or choose another `temp_dir`", path.display())]
     Disk {
         /// The work directory.
         path: PathBuf,
@@ -136,7 +145,7 @@ pub enum Error {
     },
     /// The mesh has, or would have, more elements than an index of the format can name.
     #[error(
-        "the mesh would have about {count} {what}, more than the {limit} that {carrier} can index; use larger cells (--k, --slices or --cell-size)"
+        "the mesh would have about {count} {what}, more than the {limit} that {carrier} can index; use larger cells (`k`, `slices` or `cell_size`)"
     )]
     TooManyElements {
         /// Elements counted or predicted.
@@ -178,7 +187,7 @@ impl fmt::Display for Candidates {
             if i > 0 {
                 writeln!(f)?;
             }
-            write!(f, "  --layout {:<10}", candidate.layout)?;
+            write!(f, "  `layout` {:<10}", candidate.layout)?;
             for [x, y, z] in &candidate.preview {
                 write!(f, " ({x}, {y}, {z})")?;
             }
@@ -190,6 +199,7 @@ impl fmt::Display for Candidates {
 /// What kind of end a command came to: what whoever started it can act on. Numbers are those of BSD's `sysexits` where that has one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Kind {
     /// No failure.
     Done,
@@ -328,6 +338,7 @@ impl Kind {
 
 /// A failure, as reports have it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Failure {
     /// The program's version.
     pub version: &'static str,
@@ -337,6 +348,7 @@ pub struct Failure {
 
 /// What is known of a failure.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct FailureDetails {
     /// Its kind.
     pub kind: Kind,
@@ -367,7 +379,9 @@ impl Error {
             Error::NoInput { .. } => Kind::NoInput,
             Error::Source(_) => Kind::Data,
             Error::Changed { .. } => Kind::Temporary,
-            Error::AmbiguousLayout { .. } | Error::Usage(_) | Error::OutputExists(_) => Kind::Usage,
+            Error::AmbiguousLayout { .. } | Error::InvalidSetting { .. } | Error::Usage(_) | Error::OutputExists(_) => {
+                Kind::Usage
+            }
             Error::Raster { .. } | Error::Budget { .. } | Error::TooManyElements { .. } => Kind::CannotFit,
             // Other users may free some, but not more than there is.
             Error::Disk { needed, capacity, .. } if needed <= capacity => Kind::Temporary,
@@ -411,6 +425,11 @@ impl Error {
     pub fn io<P: AsRef<Path>>(path: P, action: &'static str) -> impl FnOnce(io::Error) -> Error + use<P> {
         let path = path.as_ref().to_path_buf();
         move |source| Error::Io { path, action, source }
+    }
+
+    /// An [`Error::InvalidSetting`] from its parts; the message names settings in backticks.
+    pub(crate) fn setting(name: &'static str, message: String) -> Error {
+        Error::InvalidSetting { name, message }
     }
 
     /// An [`Error::Changed`] of a file that had `before` bytes at some time, and has `now`.

@@ -8,7 +8,7 @@ use crate::generate::densify;
 use crate::generate::{Options, Shape, generate};
 use crate::resources::workers::Workers;
 use crate::run::progress::{Progress, Show};
-use crate::run::{Job, Means, run};
+use crate::run::{Job, Resources, run};
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 use crate::{compare, format, mesh, render};
@@ -51,11 +51,11 @@ fn a_panic_in_any_pass_is_an_error_and_leaves_nothing() {
     for (output, tile, max_memory) in
         [("m.ply", None, 1 << 30), ("m.obj", None, 32 << 20), ("m.glb", Some(0.5), 1 << 30)]
     {
-        (job.output, job.tile, job.means.max_memory) = (Some(path(output)), tile, Some(max_memory));
+        (job.output, job.tile, job.resources.max_memory) = (Some(path(output)), tile, Some(max_memory));
         each(dir.path(), output, |workers| run(&job, workers, &mut quiet()).map(drop));
     }
 
-    let means = Means { max_memory: Some(1 << 28), ..Means::default() };
+    let resources = Resources { max_memory: Some(1 << 28), ..Resources::default() };
     let workspace = Workspace::new(dir.path()).unwrap();
     let mesh = format::read::open(&path("m.ply"), &workspace, 1 << 28).unwrap();
     each(dir.path(), "check", |workers| {
@@ -72,7 +72,7 @@ fn a_panic_in_any_pass_is_an_error_and_leaves_nothing() {
             kind: None,
             input: Default::default(),
             heatmap: None,
-            means: means.clone(),
+            resources: resources.clone(),
         };
         each(dir.path(), "compare", |workers| compare::compare(&job, workers, &mut quiet()).map(drop));
     }
@@ -82,7 +82,7 @@ fn a_panic_in_any_pass_is_an_error_and_leaves_nothing() {
         input: Default::default(),
         output: path("d.ply"),
         overwrite: Overwrite::Replace,
-        means,
+        resources,
     };
     each(dir.path(), "densify", |workers| densify::densify(&job, workers, &mut quiet()).map(drop));
 }

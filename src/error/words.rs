@@ -1,4 +1,4 @@
-//! Numbers as messages say them.
+//! Numbers as messages say them, and settings as the command names them.
 
 /// A time: "0.45 s", "12.3 s", "3 min 20 s", "2 h 5 min".
 pub fn duration(seconds: f64) -> String {
@@ -40,9 +40,78 @@ pub fn short(value: f64) -> String {
     }
 }
 
+/// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
+pub const SETTINGS: [&str; 30] = [
+    "attributes",
+    "axis",
+    "base",
+    "bounds",
+    "cell_size",
+    "color_by",
+    "coordinates",
+    "crs",
+    "endian",
+    "facing",
+    "heatmap_max",
+    "k",
+    "layout",
+    "max_hole",
+    "max_memory",
+    "min_component",
+    "min_points",
+    "output",
+    "overwrite",
+    "recursive",
+    "seal",
+    "size",
+    "skip_bytes",
+    "slices",
+    "smooth",
+    "surface",
+    "temp_dir",
+    "threads",
+    "tile",
+    "window",
+];
+
+/// A message in the command's words: settings that stand in backticks become options.
+pub fn as_options(message: &str) -> String {
+    let mut out = String::with_capacity(message.len());
+    let mut rest = message;
+    while let Some((before, after)) = rest.split_once('`') {
+        out += before;
+        match after.split_once('`').filter(|(word, _)| SETTINGS.contains(word)) {
+            Some((word, beyond)) => {
+                out += "--";
+                out += &word.replace('_', "-");
+                rest = beyond;
+            }
+            None => {
+                out.push('`');
+                rest = after;
+            }
+        }
+    }
+    out + rest
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_become_options_and_nothing_else_does() {
+        for (message, command) in [
+            ("`seal`: 4 is too much", "--seal: 4 is too much"),
+            ("pass `max_memory` 5M or `k` 3", "pass --max-memory 5M or --k 3"),
+            ("expected `largest` or `auto`", "expected `largest` or `auto`"),
+            ("a`b`seal`", "a`b--seal"),
+            ("no word, `seal", "no word, `seal"),
+            ("", ""),
+        ] {
+            assert_eq!(as_options(message), command);
+        }
+    }
 
     #[test]
     fn numbers_are_short() {

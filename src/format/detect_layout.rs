@@ -73,7 +73,7 @@ pub fn detect(file: &Mapped, start: u64, endian: Endian) -> Result<Layout> {
         };
     }
     let expected =
-        "records of 3 to 8 floating-point numbers, or --layout (and --skip-bytes, --endian) to say what it holds";
+        "records of 3 to 8 floating-point numbers, or `layout` (and `skip_bytes`, `endian`) to say what it holds";
     let found = match sizes.as_slice() {
         [] => format!("{content} bytes, no multiple of such a record"),
         _ => "numbers of absurd size".to_string(),

@@ -68,7 +68,7 @@ impl LineCutter {
     /// The next lines, but at most `limit` that are not blank; also how many those are.
     ///
     /// # Errors
-    /// As [`LineCutter::next`].
+    /// The same as [`LineCutter::next`].
     pub fn next_filled(&mut self, limit: u64) -> Result<Option<(LineBlock, u64)>> {
         let (at, first_line) = (self.at, self.line);
         let Some(block) = self.next()? else { return Ok(None) };

@@ -94,7 +94,7 @@ impl Sidecar {
         }
         let document: Document = serde_json::from_slice(&text).map_err(|e| {
             let place = format!("line {}", e.line());
-            Error::malformed(&path, place, "the description of a raw file, or --layout to do without", e)
+            Error::malformed(&path, place, "the description of a raw file, or `layout` to do without", e)
         })?;
         Sidecar::checked(document)
             .map(Some)
@@ -202,7 +202,7 @@ mod tests {
             (r#"{"fields":[["x","f4"],["y","f4"],["z","f4"]],"scales":[1,1,1]}"#, "scales"),
             (r#"{"fields":[["x","f4"],["y","f4"],["z","f4"]],"scale":[1,0,1]}"#, "usable numbers as scale"),
             (r#"{"fields":[["x","f4"],["y","f4"],["z","f4"]],"endian":"middle"}"#, "middle"),
-            ("[1]", "--layout to do without"),
+            ("[1]", "`layout` to do without"),
         ] {
             let error = read(text).unwrap_err().to_string();
             assert!(error.contains(part), "{text}: {error}");

@@ -18,7 +18,7 @@ pub fn collect_all(cloud: &Cloud) -> Result<(Vec<[f64; 3]>, u64)> {
     let mut blocks = cloud.blocks(Carried::Attributes);
     let mut batch = Batch::new(Precision::Single);
     let (mut all, mut dropped) = (Vec::new(), 0);
-    while let Some(block) = blocks.next()? {
+    while let Some(block) = blocks.next_block()? {
         block.decode(&mut batch)?;
         dropped += batch.dropped;
         match &batch.points {
@@ -57,7 +57,7 @@ impl WithAttributes {
         let (mut points, mut records, mut left_out) = (Vec::new(), Vec::new(), (0, 0));
         let mut blocks = cloud.blocks(Carried::Attributes);
         let mut batch = Batch::new(Precision::Double);
-        while let Some(block) = blocks.next()? {
+        while let Some(block) = blocks.next_block()? {
             block.decode(&mut batch)?;
             assert!(batch.records() <= BLOCK_RECORDS as u64);
             match &batch.points {
@@ -104,7 +104,7 @@ pub fn read(name: &str, content: &[u8]) -> Result<Read> {
     let mut blocks = cloud.blocks(Carried::Attributes);
     let mut batch = Batch::new(cloud.precision());
     let (mut points, mut dropped, mut records) = (Vec::new(), 0, Vec::new());
-    while let Some(block) = blocks.next()? {
+    while let Some(block) = blocks.next_block()? {
         block.decode(&mut batch)?;
         dropped += batch.dropped;
         records.extend_from_slice(&batch.attributes);

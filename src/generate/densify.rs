@@ -10,7 +10,7 @@ use crate::mesh::MeshSource;
 use crate::mesh::measure::Corners;
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::Workers;
-use crate::run::Means;
+use crate::run::Resources;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::storage::atomic_file::Overwrite;
@@ -35,7 +35,7 @@ pub struct Job {
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
     /// What the work may use. Nothing of it shows in the file.
-    pub means: Means,
+    pub resources: Resources,
 }
 
 /// What was written.
@@ -55,7 +55,7 @@ pub struct Densified {
 /// Memory: some blocks of points for each worker; of a mesh that has to be converted, up to half the budget.
 ///
 /// # Errors
-/// Those of reading either; [`Error::NoPoints`]; [`Error::Malformed`] if the mesh has no triangles, or a centroid is not finite; [`Error::Usage`] for an unknown
+/// Errors of reading either; [`Error::NoPoints`]; [`Error::Malformed`] if the mesh has no triangles, or a centroid is not finite; [`Error::Usage`] for an unknown
 /// extension; [`Error::OutputExists`]; [`Error::Io`]; [`Error::Interrupted`].
 pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Densified> {
     // Before anything is read: whether there will be a place for it.
@@ -63,8 +63,8 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
     if job.overwrite == Overwrite::Refuse && job.output.exists() {
         return Err(Error::OutputExists(job.output.clone()));
     }
-    let budget = job.means.budget();
-    let workspace = job.means.workspace(&job.output)?.stopped_with(workers);
+    let budget = job.resources.budget();
+    let workspace = job.resources.workspace(&job.output)?.stopped_with(workers);
     let steady = Steady::of([&job.mesh]);
     let mesh = steady.settle(format::read::open(&job.mesh, &workspace, budget / 2))?;
     if mesh.face_count() == 0 {

@@ -148,7 +148,7 @@ mod tests {
         let mut blocks = cloud.blocks(Carried::Coordinates);
         let mut batch = Batch::new(cloud.precision());
         let mut all = Vec::new();
-        while let Some(block) = blocks.next().unwrap() {
+        while let Some(block) = blocks.next_block().unwrap() {
             block.decode(&mut batch).unwrap();
             match &batch.points {
                 Points::Single(points) => all.extend(points.iter().map(|p| p.map(f64::from))),

@@ -22,7 +22,7 @@ use crate::grid::partition::BUCKET_SLICES;
 use crate::input::{Carried, Cloud};
 use crate::points::{Batch, Coordinate};
 use crate::resources::workers::Spares;
-use crate::storage::spool::Slots;
+use crate::storage::spool::PageFile;
 
 /// Chunks on disk that are announced before they are read: a bucket's lie all over the file, and disks are fast only if they are asked for several at a time.
 const AHEAD: usize = 32;
@@ -32,7 +32,7 @@ const AHEAD: usize = 32;
 pub struct Buckets<T> {
     buckets: Vec<Bucket<T>>,
     /// Where chunks are kept; none if that is memory.
-    slots: Option<Slots>,
+    page_file: Option<PageFile>,
     /// Points of a whole chunk.
     chunk: usize,
     /// Bytes of a point's attributes.
@@ -47,7 +47,7 @@ struct Bucket<T> {
     open: Chunk<T>,
     /// Chunks in memory.
     held: Vec<Chunk<T>>,
-    /// Slots of chunks on disk: whole ones, but for the last.
+    /// Pages of chunks on disk: whole ones, but for the last.
     stored: Vec<u32>,
 }
 
@@ -67,9 +67,9 @@ struct Part<'a, T> {
 
 /// The working memory of a job that sorts a block.
 struct Scratch<T> {
-    /// Of each point: its bucket.
+    /// The bucket of each point.
     places: Vec<u32>,
-    /// Of each bucket: its points, then where the next one goes.
+    /// For each bucket: its number of points, then where the next one goes.
     counts: Vec<u32>,
     sorted: Chunk<T>,
     /// An empty chunk.
@@ -82,13 +82,13 @@ impl<T: Coordinate> Buckets<T> {
     /// Memory: a block, its sorted points and a chunk for each job in flight, and a chunk for each bucket.
     ///
     /// # Errors
-    /// Those of reading the input, [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    /// Errors of reading the input, [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn fill(cloud: &Cloud, grid: &Grid, context: &Context, mut progress: impl FnMut(u64)) -> Result<Buckets<T>> {
         let memory = &context.memory;
         let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
         let stride = cloud.schema().stride();
-        let slots = match memory.buckets_quota {
-            0 => Some(context.workspace.slots(memory.bucket_buffer as usize)?),
+        let page_file = match memory.buckets_quota {
+            0 => Some(context.workspace.page_file(memory.bucket_buffer as usize)?),
             _ => None,
         };
         let empty = || {
@@ -97,7 +97,7 @@ impl<T: Coordinate> Buckets<T> {
         };
         let filling = Filling {
             buckets: std::iter::repeat_with(empty).take(count).collect(),
-            slots,
+            page_file,
             chunk: memory.bucket_buffer as usize / (size_of::<[T; 3]>() + stride),
             stride,
         };
@@ -147,7 +147,7 @@ impl<T: Coordinate> Buckets<T> {
     /// The same for a share of them: those with numbers in `share`, in an order that stays the same once the buckets are filled.
     ///
     /// # Errors
-    /// As [`Buckets::read`].
+    /// The same as [`Buckets::read`].
     pub fn read_share(
         &self,
         bucket: usize,
@@ -163,7 +163,7 @@ impl<T: Coordinate> Buckets<T> {
             before += count as u64;
             part
         };
-        let Some(slots) = &self.slots else {
+        let Some(page_file) = &self.page_file else {
             let parts = bucket.held.iter().map(|chunk| &chunk.points[shared(chunk.points.len())]);
             return parts.filter(|part| !part.is_empty()).try_for_each(visit);
         };
@@ -180,12 +180,12 @@ impl<T: Coordinate> Buckets<T> {
             while announced.len() < AHEAD
                 && let Some((slot, part)) = parts.next()
             {
-                slots.announce(slot);
+                page_file.announce(slot);
                 announced.push_back((slot, part));
             }
             let Some((slot, part)) = announced.pop_front() else { return Ok(()) };
             points.resize(part.len(), [T::zeroed(); 3]);
-            slots.read(slot, part.start * size_of::<[T; 3]>(), bytemuck::cast_slice_mut(&mut points))?;
+            page_file.read(slot, part.start * size_of::<[T; 3]>(), bytemuck::cast_slice_mut(&mut points))?;
             visit(&points)?;
         }
     }
@@ -193,10 +193,10 @@ impl<T: Coordinate> Buckets<T> {
     /// Hands the points of `bucket` to `visit` with the records of their attributes, a chunk at a time, in no order.
     ///
     /// # Errors
-    /// As [`Buckets::read`].
+    /// The same as [`Buckets::read`].
     pub fn read_attributes(&self, bucket: usize, mut visit: impl FnMut(&[[T; 3]], &[u8]) -> Result<()>) -> Result<()> {
         let bucket = &self.buckets[bucket];
-        let Some(slots) = &self.slots else {
+        let Some(page_file) = &self.page_file else {
             return bucket.held.iter().try_for_each(|chunk| visit(&chunk.points, &chunk.attributes));
         };
         let (mut points, mut attributes) = (Vec::new(), Vec::new());
@@ -204,8 +204,8 @@ impl<T: Coordinate> Buckets<T> {
         for slot in &bucket.stored {
             points.resize(left.min(self.chunk as u64) as usize, [T::zeroed(); 3]);
             attributes.resize(points.len() * self.stride, 0);
-            slots.read(*slot, 0, bytemuck::cast_slice_mut(&mut points))?;
-            slots.read(*slot, size_of_val(points.as_slice()), &mut attributes)?;
+            page_file.read(*slot, 0, bytemuck::cast_slice_mut(&mut points))?;
+            page_file.read(*slot, size_of_val(points.as_slice()), &mut attributes)?;
             visit(&points, &attributes)?;
             left -= points.len() as u64;
         }
@@ -216,7 +216,7 @@ impl<T: Coordinate> Buckets<T> {
 /// Buckets that all workers fill.
 struct Filling<T> {
     buckets: Vec<Mutex<Bucket<T>>>,
-    slots: Option<Slots>,
+    page_file: Option<PageFile>,
     chunk: usize,
     stride: usize,
 }
@@ -269,7 +269,7 @@ impl<T: Coordinate> Filling<T> {
             std::mem::replace(&mut bucket.open, std::mem::take(spare))
         };
         // Nobody waits for the bucket while its chunk is written.
-        let kept = match &self.slots {
+        let kept = match &self.page_file {
             Some(_) => {
                 let kept = self.kept(full.part())?;
                 full.points.clear();
@@ -285,8 +285,8 @@ impl<T: Coordinate> Filling<T> {
 
     /// Puts a chunk where it stays.
     fn kept(&self, part: Part<'_, T>) -> Result<Kept<T>> {
-        Ok(match &self.slots {
-            Some(slots) => Kept::Stored(slots.put(&[bytemuck::cast_slice(part.points), part.attributes])?),
+        Ok(match &self.page_file {
+            Some(page_file) => Kept::Stored(page_file.put(&[bytemuck::cast_slice(part.points), part.attributes])?),
             None => Kept::Held(Chunk { points: part.points.to_vec(), attributes: part.attributes.to_vec() }),
         })
     }
@@ -296,7 +296,7 @@ impl<T: Coordinate> Filling<T> {
         let mut bucket = self.lock(bucket);
         let open = std::mem::take(&mut bucket.open);
         if !open.points.is_empty() {
-            let kept = if self.slots.is_some() { self.kept(open.part())? } else { Kept::Held(open) };
+            let kept = if self.page_file.is_some() { self.kept(open.part())? } else { Kept::Held(open) };
             bucket.keep(kept);
         }
         Ok(())
@@ -304,7 +304,7 @@ impl<T: Coordinate> Filling<T> {
 
     fn filled(self) -> Buckets<T> {
         let unlocked = self.buckets.into_iter().map(|bucket| bucket.into_inner().expect(NO_PANIC));
-        Buckets { buckets: unlocked.collect(), slots: self.slots, chunk: self.chunk, stride: self.stride }
+        Buckets { buckets: unlocked.collect(), page_file: self.page_file, chunk: self.chunk, stride: self.stride }
     }
 
     fn lock(&self, bucket: usize) -> MutexGuard<'_, Bucket<T>> {

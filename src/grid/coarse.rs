@@ -1,4 +1,4 @@
-//! Sketch: the cells that a cloud's points lie in at a coarse resolution, found in the survey's pass, before there is a grid.
+//! The coarse grid: the cells that a cloud's points lie in at a coarse resolution, found in the survey's pass, before there is a grid.
 //!
 //! ```text
 //!   cells have sides of 2^e of the input's units and lie at multiples of them, whatever the box:
@@ -32,11 +32,11 @@ const SMALLEST: i32 = -1000;
 
 /// The cells of a cloud, while its points arrive.
 #[derive(Debug)]
-pub struct Sketching(RwLock<Sketch>);
+pub struct Sketching(RwLock<CoarseGrid>);
 
 /// The cells of a cloud.
 #[derive(Debug)]
-pub struct Sketch {
+pub struct CoarseGrid {
     exponent: i32,
     bounds: Bounds,
     words: Vec<AtomicU64>,
@@ -45,27 +45,27 @@ pub struct Sketch {
 impl Default for Sketching {
     fn default() -> Self {
         let words = (0..SIDE.pow(3) / 64).map(|_| AtomicU64::new(0)).collect();
-        Sketching(RwLock::new(Sketch { exponent: SMALLEST, bounds: Bounds::EMPTY, words }))
+        Sketching(RwLock::new(CoarseGrid { exponent: SMALLEST, bounds: Bounds::EMPTY, words }))
     }
 }
 
 impl Sketching {
     /// Adds points, all of which lie in `bounds`.
     pub fn add<T: Coordinate>(&self, points: &[[T; 3]], bounds: Bounds) {
-        const NO_PANIC: &str = "nothing panics while it holds the sketch";
+        const NO_PANIC: &str = "nothing panics while it holds the coarse grid";
         if points.is_empty() {
             return;
         }
-        let mut sketch = self.0.read().expect(NO_PANIC);
-        if !sketch.holds(bounds) {
-            drop(sketch);
+        let mut coarse_grid = self.0.read().expect(NO_PANIC);
+        if !coarse_grid.holds(bounds) {
+            drop(coarse_grid);
             self.0.write().expect(NO_PANIC).widen(bounds);
-            sketch = self.0.read().expect(NO_PANIC);
+            coarse_grid = self.0.read().expect(NO_PANIC);
         }
-        let inverse = sketch.inverse();
+        let inverse = coarse_grid.inverse();
         for point in points {
             let place = place(point.map(|c| whole(c.into(), inverse)));
-            let (word, bit) = (&sketch.words[place / 64], 1 << (place % 64));
+            let (word, bit) = (&coarse_grid.words[place / 64], 1 << (place % 64));
             // Nearly all points find their cell's bit set.
             if word.load(Ordering::Relaxed) & bit == 0 {
                 word.fetch_or(bit, Ordering::Relaxed);
@@ -74,12 +74,12 @@ impl Sketching {
     }
 
     /// All cells of the points.
-    pub fn finish(self) -> Sketch {
-        self.0.into_inner().expect("nothing panicked while it held the sketch")
+    pub fn finish(self) -> CoarseGrid {
+        self.0.into_inner().expect("nothing panicked while it held the coarse grid")
     }
 }
 
-impl Sketch {
+impl CoarseGrid {
     /// The cells' side.
     pub fn side(&self) -> f64 {
         2f64.powi(self.exponent)
@@ -259,9 +259,9 @@ mod tests {
             .collect();
         let sketching = Sketching::default();
         sketching.add(&points, bounds_of(&points));
-        let sketch = sketching.finish();
-        assert_eq!((sketch.side(), sketch.columns().len()), (1.0, 90 * 90 + 1));
-        let area = |points: u64| sketch.area(points) / 8100.0;
+        let coarse_grid = sketching.finish();
+        assert_eq!((coarse_grid.side(), coarse_grid.columns().len()), (1.0, 90 * 90 + 1));
+        let area = |points: u64| coarse_grid.area(points) / 8100.0;
         assert!((area(360 * 360) - 1.0).abs() < 0.03, "{}", area(360 * 360));
         // Were they fewer, columns of 1 might be empty between them.
         assert!((area(8100) - 1.0).abs() < 0.1, "{}", area(8100));
@@ -273,10 +273,10 @@ mod tests {
         let blocks = [vec![[0.0; 3], [130.0; 3]], vec![[5.0, 300.0, 5.0]]];
         let sketching = Sketching::default();
         blocks.iter().for_each(|block| sketching.add(block, bounds_of(block)));
-        let sketch = sketching.finish();
-        let (_, cells) = sketch.extent();
-        assert_eq!((sketch.side(), cells[0]), (2.0, 65));
-        assert!(sketch.cells().all(|c| (0..3).all(|a| c[a] < cells[a])));
+        let coarse_grid = sketching.finish();
+        let (_, cells) = coarse_grid.extent();
+        assert_eq!((coarse_grid.side(), cells[0]), (2.0, 65));
+        assert!(coarse_grid.cells().all(|c| (0..3).all(|a| c[a] < cells[a])));
     }
 
     proptest! {
@@ -287,14 +287,14 @@ mod tests {
         ) {
             let points: Vec<[f64; 3]> =
                 points.into_iter().map(|p| p.map(|c| c * 2f64.powi(scale) + offset)).collect();
-            let sketch = |points: &[[f64; 3]]| {
+            let coarse_grid = |points: &[[f64; 3]]| {
                 let sketching = Sketching::default();
                 points.chunks(block).for_each(|block| sketching.add(block, bounds_of(block)));
                 sketching.finish()
             };
-            let here = sketch(&points);
+            let here = coarse_grid(&points);
             let reversed: Vec<_> = points.iter().rev().copied().collect();
-            let there = sketch(&reversed);
+            let there = coarse_grid(&reversed);
             prop_assert_eq!(here.exponent, there.exponent);
             let cells: BTreeSet<_> = here.cells().collect();
             prop_assert_eq!(&cells, &there.cells().collect());

@@ -36,9 +36,9 @@ const ENDED: u32 = u32::MAX;
 #[derive(Debug)]
 pub struct Parts<M> {
     runs: Slices,
-    /// Of each run, slice after slice, its part.
+    /// The part of each run, slice after slice.
     parts: Vec<u32>,
-    /// Of each slice, the runs before it in the chunk; and of all.
+    /// The number of runs in the chunk before each slice, and then of all.
     starts: Vec<u32>,
     lowest: Runs,
     highest: Runs,
@@ -214,17 +214,17 @@ impl<M: Measure> Labeller<M> {
 #[derive(Debug)]
 pub struct Components<M> {
     runs: SliceStore,
-    /// Of each slice: the parts of its runs.
+    /// The parts of each slice's runs.
     parts: Lists<u32>,
-    /// Of each slice: its chunk.
+    /// The chunk of each slice.
     chunk_of: Vec<u32>,
-    /// Of each chunk: the classes of its open parts.
+    /// The classes of each chunk's open parts.
     classes: Lists<u32>,
-    /// Of each chunk: what its classes became in the next.
+    /// What each chunk's classes became in the next chunk.
     became: Lists<u32>,
-    /// Of each chunk: what was measured of the components that ended there, in the order of its classes.
+    /// What was measured of the components that ended in each chunk, in the order of its classes.
     ended: Lists<M>,
-    /// Of each chunk: what was measured of its closed parts.
+    /// What was measured of each chunk's closed parts.
     closed: Lists<M>,
 }
 
@@ -280,7 +280,7 @@ pub struct Labels {
     runs: SliceStore,
     parts: Lists<u32>,
     chunk_of: Vec<u32>,
-    /// Of each chunk: the verdicts on its parts.
+    /// The verdicts on each chunk's parts.
     verdicts: Lists<u8>,
 }
 
@@ -293,14 +293,6 @@ pub struct Scratch {
 }
 
 impl Labels {
-    /// Sets the cells of slice `y` in `bits`, which is cleared first, whatever their component's verdict.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn paint_all(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
-        self.runs.paint(i64::from(y), bits, &mut scratch.runs)
-    }
-
     /// Sets the cells of slice `y` whose component's verdict is `wanted` in `bits`.
     ///
     /// # Errors
@@ -388,4 +380,128 @@ fn find(parents: &mut [u32], mut element: u32) -> u32 {
 fn unite(parents: &mut [u32], a: u32, b: u32) {
     let (a, b) = (find(parents, a), find(parents, b));
     parents[a.max(b) as usize] = a.min(b);
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::points::Precision;
+    use crate::resources::memory::MemoryPlan;
+    use crate::resources::workers::Workers;
+    use crate::run::workload::Workload;
+
+    /// The number of a component's cells.
+    #[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+    #[repr(transparent)]
+    struct Cells(u64);
+
+    impl Measure for Cells {
+        fn add(&mut self, other: &Cells) {
+            self.0 += other.0;
+        }
+    }
+
+    const SIZE: [usize; 3] = [70, 12, 5];
+
+    fn index([x, y, z]: [usize; 3]) -> usize {
+        (y * SIZE[2] + z) * SIZE[0] + x
+    }
+
+    fn cell(index: usize) -> [usize; 3] {
+        [index % SIZE[0], index / SIZE[0] / SIZE[2], index / SIZE[0] % SIZE[2]]
+    }
+
+    /// The number of cells of each set cell's component, by flooding from every cell.
+    fn flooded(set: &[bool]) -> Vec<u64> {
+        let mut out = vec![0; set.len()];
+        for first in 0..set.len() {
+            if !set[first] || out[first] > 0 {
+                continue;
+            }
+            let (mut component, mut at) = (vec![first], 0);
+            out[first] = 1;
+            while at < component.len() {
+                for (axis, size) in SIZE.into_iter().enumerate() {
+                    for step in [-1isize, 1] {
+                        let mut next = cell(component[at]);
+                        next[axis] = next[axis].wrapping_add_signed(step);
+                        if next[axis] < size && set[index(next)] && out[index(next)] == 0 {
+                            out[index(next)] = 1;
+                            component.push(index(next));
+                        }
+                    }
+                }
+                at += 1;
+            }
+            component.iter().for_each(|&c| out[c] = component.len() as u64);
+        }
+        out
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(150))]
+
+        /// Components that reach over any number of chunks, in memory and on disk, are those that flooding finds.
+        #[test]
+        fn labels_are_those_of_flooding(
+            bits in prop::collection::vec(0u32..100, SIZE.iter().product::<usize>()),
+            filling in 5u32..95,
+            cuts in prop::collection::vec(1usize..6, SIZE[1]),
+            in_memory in any::<bool>(),
+        ) {
+            let set: Vec<bool> = bits.iter().map(|bit| *bit < filling).collect();
+            let dir = tempfile::tempdir().unwrap();
+            let workload = Workload::in_cells(1000, Precision::Single, SIZE.map(|c| c as u32), 1);
+            let mut memory = MemoryPlan::for_budget(1 << 30, &workload, 1).unwrap();
+            memory.store_quota = if in_memory { 1 << 20 } else { 0 };
+            let workspace = Workspace::new(dir.path()).unwrap();
+            let context = Context { workers: Workers::new(1).unwrap(), workspace, memory };
+
+            let slice = |y: usize| {
+                let mut bits = Bits::new(SIZE[0] as u32, SIZE[2] as u32);
+                (0..SIZE[2]).for_each(|z| {
+                    (0..SIZE[0]).filter(|&x| set[index([x, y, z])]).for_each(|x| bits.set(x as u32, z as u32));
+                });
+                Runs::from_bits(&bits)
+            };
+            let mut labeller = Labeller::new(&context);
+            let mut y = 0;
+            for length in cuts {
+                let end = (y + length).min(SIZE[1]);
+                if y < end {
+                    let slices: Vec<Runs> = (y..end).map(slice).collect();
+                    labeller.add(Parts::of(slices, |_, _, run| Cells(u64::from(run.end - run.start)))).unwrap();
+                }
+                y = end;
+            }
+            let components = labeller.finish().unwrap();
+            let expected = flooded(&set);
+            let mut sizes = Vec::new();
+            components.for_each(|cells| sizes.push(cells.0)).unwrap();
+            prop_assert_eq!(sizes.iter().sum::<u64>(), set.iter().filter(|set| **set).count() as u64);
+
+            let labels = components.judged(&context, |cells| (cells.0 % 200) as u8).unwrap();
+            let mut scratch = Scratch::default();
+            for y in 0..SIZE[1] {
+                let mut seen = 0;
+                let mut wrong = Vec::new();
+                labels
+                    .for_each(y as u32, &mut scratch, |z, run, verdict| {
+                        for x in run.start..run.end {
+                            seen += 1;
+                            let at = [x as usize, y, z as usize];
+                            if !set[index(at)] || (expected[index(at)] % 200) as u8 != verdict {
+                                wrong.push(at);
+                            }
+                        }
+                    })
+                    .unwrap();
+                prop_assert!(wrong.is_empty(), "{wrong:?}");
+                prop_assert_eq!(seen, (0..SIZE[0] * SIZE[2]).filter(|i| set[y * SIZE[0] * SIZE[2] + i]).count());
+            }
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! The only place where the world becomes cells: axis, slices, cell size, raster (the paper's Eqs. 1-3).
+//! The grid: where coordinates become cells. Axis, slices, cell size, raster (ASRA, Eqs. 1-3).
 //!
 //! Eq. 1 moves the box to the origin and scales it by its longest side; instead of moving points, the grid keeps the
 //! box's corner and the cell size in the world's own units. Eq. 2: s = ⌊k·∛n⌋ slices. Eq. 3: w = extent / s.
@@ -16,7 +16,7 @@ pub mod slice;
 pub mod survey;
 pub mod window;
 
-pub use self::gaps::Folds;
+pub use self::gaps::Gaps;
 use self::gaps::{GAP, SHOWS};
 use crate::error::{Error, Result};
 use crate::points::Coordinate;
@@ -29,11 +29,11 @@ pub const CELLS_LIMIT: u32 = (1 << 20) - 1;
 
 /// A rotation of the file's axes: its rows are the turned axes, of length 1 and at right angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Turn([[f64; 3]; 3]);
+pub struct Rotation([[f64; 3]; 3]);
 
-impl Turn {
+impl Rotation {
     /// The rotation that makes `direction` the third axis; none if it has no length, or too large a one.
-    pub fn up(direction: [f64; 3]) -> Option<Turn> {
+    pub fn up(direction: [f64; 3]) -> Option<Rotation> {
         let unit = |p: [f64; 3]| {
             let length = dot(p, p).sqrt();
             (length.is_normal()).then(|| p.map(|c| c / length))
@@ -44,7 +44,7 @@ impl Turn {
         let mut beside = [0.0; 3];
         beside[least] = 1.0;
         let first = unit(cross(beside, up))?;
-        Some(Turn([first, cross(up, first), up]))
+        Some(Rotation([first, cross(up, first), up]))
     }
 
     /// A place in turned coordinates.
@@ -80,9 +80,9 @@ pub struct Grid {
     inverse: f64,
     cells: [u32; 3],
     /// What is left out along each of its axes.
-    folds: [Folds; 3],
+    gaps: [Gaps; 3],
     /// If its axes are not the file's, whose place the turned ones take then, in the box, too.
-    turn: Option<Turn>,
+    turn: Option<Rotation>,
 }
 
 impl Grid {
@@ -104,10 +104,14 @@ impl Grid {
         let along = extent[axis.index()];
         let (w, slices) = match resolution {
             Resolution::Cell(w) if w.is_finite() && w > 0.0 => (w, None),
-            Resolution::Cell(w) => return Err(Error::Usage(format!("--cell-size {w} is not a positive length"))),
-            Resolution::Slices(0) => return Err(Error::Usage("--slices 0: at least one slice is needed".into())),
+            Resolution::Cell(w) => {
+                return Err(Error::setting("cell_size", format!("`cell_size` {w} is not a positive length")));
+            }
+            Resolution::Slices(0) => {
+                return Err(Error::setting("slices", "`slices` 0: at least one slice is needed".into()));
+            }
             Resolution::K(k) if !(k.is_finite() && k > 0.0) => {
-                return Err(Error::Usage(format!("--k {k} is not a positive number")));
+                return Err(Error::setting("k", format!("`k` {k} is not a positive number")));
             }
             Resolution::Slices(_) | Resolution::K(_) => {
                 let s = match resolution {
@@ -140,7 +144,7 @@ impl Grid {
         if let Some(slices) = slices {
             cells[1] = slices;
         }
-        Ok(Grid { axis, bounds: *bounds, w, inverse, cells, folds: Default::default(), turn: None })
+        Ok(Grid { axis, bounds: *bounds, w, inverse, cells, gaps: Default::default(), turn: None })
     }
 
     /// The same grid with so many cells more below and above its box, along its own axes; the box grows with it.
@@ -163,30 +167,30 @@ impl Grid {
     /// The same grid without most of the planes of wide gaps, where far points stretch the box: `planes` tells of its axes which of their planes have points;
     /// along an axis for which it is empty, nothing is left out. A gap keeps half as many planes as have points, and no fewer than 256, nor than `reach`. It is shortened if it
     /// is twice as wide as that, and wider than a thirty-second of the longest side; of an axis, the four widest ones are.
-    pub fn folded(self, planes: &[Vec<bool>; 3], reach: u32) -> Grid {
+    pub fn without_gaps(self, planes: &[Vec<bool>; 3], reach: u32) -> Grid {
         let widest = self.cells.into_iter().max().unwrap_or(1).div_ceil(SHOWS);
-        let folds = [0, 1, 2].map(|g| Folds::of(&planes[g], GAP.max(reach), widest));
-        let cells = [0, 1, 2].map(|g| self.cells[g] - folds[g].left_out());
-        Grid { folds, cells, ..self }
+        let gaps = [0, 1, 2].map(|g| Gaps::of(&planes[g], GAP.max(reach), widest));
+        let cells = [0, 1, 2].map(|g| self.cells[g] - gaps[g].left_out());
+        Grid { gaps, cells, ..self }
     }
 
     /// Whether planes are left out.
-    pub fn is_folded(&self) -> bool {
-        self.folds.iter().any(|folds| !folds.is_empty())
+    pub fn has_gaps(&self) -> bool {
+        self.gaps.iter().any(|gaps| !gaps.is_empty())
     }
 
     /// Cells along its axes, those that are left out included.
     pub fn raw_cells(&self) -> [u32; 3] {
-        [0, 1, 2].map(|g| self.cells[g] + self.folds[g].left_out())
+        [0, 1, 2].map(|g| self.cells[g] + self.gaps[g].left_out())
     }
 
     /// What is left out along each of its axes.
-    pub fn folds(&self) -> [Folds; 3] {
-        self.folds
+    pub fn gaps(&self) -> [Gaps; 3] {
+        self.gaps
     }
 
     /// The same grid along turned axes; the box it was made for is one of turned coordinates.
-    pub fn turned(self, turn: Turn) -> Grid {
+    pub fn turned(self, turn: Rotation) -> Grid {
         Grid { turn: Some(turn), ..self }
     }
 
@@ -241,7 +245,7 @@ impl Grid {
     /// Calls `each` with the cells of points inside the box, in order.
     #[inline]
     pub fn cells_of<T: Coordinate>(&self, points: &[[T; 3]], each: impl FnMut(Cell)) {
-        if self.turn.is_some() || self.is_folded() {
+        if self.turn.is_some() || self.has_gaps() {
             return points.iter().map(|p| self.cell_of(p.map(Into::into))).for_each(each);
         }
         // What is the same for all points is settled here, for the loop to be short.
@@ -286,7 +290,7 @@ impl Grid {
     #[inline]
     pub fn height_of(&self, place: [f64; 3]) -> f64 {
         let a = self.axis.index();
-        self.folds[1].height((self.own(place)[a] - self.bounds.min[a]) * self.inverse)
+        self.gaps[1].height((self.own(place)[a] - self.bounds.min[a]) * self.inverse)
     }
 
     /// A box of the file's coordinates that holds the grid: its lowest corner, and cells along the grid's axes without those that are left out, each taken for the file's that it is unless turned.
@@ -303,14 +307,14 @@ impl Grid {
     /// The cell coordinate along grid axis `g`.
     #[inline]
     fn along(&self, g: usize, coordinate: f64) -> u32 {
-        self.folds[g].fold(self.raw_along(g, coordinate))
+        self.gaps[g].shorten(self.raw_along(g, coordinate))
     }
 
     /// The same with all planes counted. The cast saturates, so rounding below zero stays in cell 0.
     #[inline]
     fn raw_along(&self, g: usize, coordinate: f64) -> u32 {
         let a = self.axis.file_axes()[g];
-        (((coordinate - self.bounds.min[a]) * self.inverse) as u32).min(self.cells[g] + self.folds[g].left_out() - 1)
+        (((coordinate - self.bounds.min[a]) * self.inverse) as u32).min(self.cells[g] + self.gaps[g].left_out() - 1)
     }
 
     /// The world position, in file axes, of a grid position in cells.
@@ -318,7 +322,7 @@ impl Grid {
     pub fn position(&self, q: [f64; 3]) -> [f64; 3] {
         let mut out = [0.0; 3];
         for (g, &a) in self.axis.file_axes().iter().enumerate() {
-            out[a] = self.bounds.min[a] + self.w * (q[g] + f64::from(self.folds[g].left_out_below(q[g])));
+            out[a] = self.bounds.min[a] + self.w * (q[g] + f64::from(self.gaps[g].left_out_below(q[g])));
         }
         self.turn.map_or(out, |turn| turn.back(out))
     }
@@ -337,7 +341,7 @@ fn raster_error(cells: f64, axis: Axis) -> Error {
         cells,
         axis: axis.letter(),
         limit: CELLS_LIMIT,
-        advice: "use a smaller --k or --slices, a larger --cell-size, or --axis longest; far outliers stretch the box too",
+        advice: "use a smaller `k` or `slices`, a larger `cell_size`, or `axis` longest; far outliers stretch the box too",
     }
 }
 
@@ -365,7 +369,7 @@ mod tests {
             (&[0, 513, 999], 0, 1000),
             (&[999], 0, 1000),
         ] {
-            let grid = grid.clone().folded(&planes(with), reach);
+            let grid = grid.clone().without_gaps(&planes(with), reach);
             assert_eq!((grid.cells()[1], grid.raw_cells()[1]), (slices, 1000), "{with:?}, {reach}");
             for x in [0.5, 1.5, 99.5, 998.0, 999.5, 1000.0] {
                 let [_, y, _] = grid.cell_of([x, 0.0, 0.0]);
@@ -456,7 +460,7 @@ mod tests {
         let error = Grid::new(10, &b, Resolution::Cell(1e-7), AxisChoice::Longest).unwrap_err();
         assert!(error.to_string().contains("10000000"), "{error}");
         for bad in [Resolution::Cell(0.0), Resolution::K(f64::NAN), Resolution::Slices(0), Resolution::K(-1.0)] {
-            assert!(matches!(Grid::new(10, &b, bad, AxisChoice::Longest), Err(Error::Usage(_))));
+            assert!(matches!(Grid::new(10, &b, bad, AxisChoice::Longest), Err(Error::InvalidSetting { .. })));
         }
         let huge = Bounds { min: [-1.7e308; 3], max: [1.7e308; 3] };
         assert!(Grid::new(10, &huge, Resolution::default(), AxisChoice::Longest).is_err());

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::{Context, chunks};
 use crate::grid::partition::BUCKET_SLICES;
-use crate::grid::rank_bitmap::Ranked;
+use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, set_range};
 use crate::grid::{Cell, Grid};
 use crate::points::Coordinate;
@@ -22,7 +22,7 @@ pub struct Occupancy {
     pub store: SliceStore,
     /// Number of occupied cells.
     pub occupied: u64,
-    /// Of each slice: its occupied cells.
+    /// The number of occupied cells of each slice.
     pub in_slice: Vec<u32>,
     /// Cells with points, but fewer than the least number.
     pub sparse: u64,
@@ -118,7 +118,7 @@ impl Occupancy {
     /// The same cloud with cells twice as large: a cell is occupied if any of its eight is.
     ///
     /// # Errors
-    /// As [`Occupancy::of_buckets`].
+    /// The same as [`Occupancy::of_buckets`].
     pub fn coarser(&self, context: &Context) -> Result<Occupancy> {
         let cells = self.cells.map(|c| c.div_ceil(2));
         let mut out = Occupancy::new(cells, context);
@@ -151,7 +151,7 @@ impl Occupancy {
     /// The same cells without those that `keep` turns down.
     ///
     /// # Errors
-    /// As [`Occupancy::of_buckets`].
+    /// The same as [`Occupancy::of_buckets`].
     pub fn filtered(&self, keep: impl Fn(Cell) -> bool + Sync, context: &Context) -> Result<Occupancy> {
         let mut out = Occupancy::new(self.cells, context);
         let mut jobs = chunks(self.cells[1]);
@@ -211,10 +211,10 @@ fn well_filled<T: Coordinate>(
     least: u32,
 ) -> Result<(Vec<Runs>, u64)> {
     let [width, _, rows] = grid.cells();
-    let mut counts: Vec<(Ranked, Vec<u32>)> = slices
+    let mut counts: Vec<(RankBitmap, Vec<u32>)> = slices
         .iter()
         .map(|slice| {
-            let mut cells = Ranked::new(width, rows);
+            let mut cells = RankBitmap::new(width, rows);
             let count = cells.replace(slice);
             (cells, vec![0; count as usize])
         })
@@ -276,8 +276,8 @@ pub enum Counted {
 #[derive(Debug)]
 pub struct CountedCells {
     first: u32,
-    /// Of each slice; none if all points count.
-    slices: Option<Vec<Ranked>>,
+    /// The occupied cells of each slice; `None` if all points count.
+    slices: Option<Vec<RankBitmap>>,
 }
 
 impl<T: Coordinate> Sampled<'_, T> {
@@ -294,7 +294,7 @@ impl<T: Coordinate> Sampled<'_, T> {
         let mut runs = Runs::default();
         let slice = |y| {
             self.occupied.read(y, &mut runs)?;
-            let mut cells = Ranked::new(width, rows);
+            let mut cells = RankBitmap::new(width, rows);
             cells.replace(&runs);
             Ok(cells)
         };

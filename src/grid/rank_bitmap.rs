@@ -11,23 +11,23 @@ use crate::grid::slice::{Runs, set_range, words_for};
 
 /// Occupied cells and their numbers. Memory: 12 bytes for every 64 places of the slice.
 #[derive(Debug)]
-pub struct Ranked {
+pub struct RankBitmap {
     words: usize,
     width: u32,
     rows: u32,
     /// Is a cell occupied? One row after the other.
     occupied: Vec<u64>,
-    /// Of each word: the occupied cells before it.
+    /// The number of occupied cells before each word.
     before: Vec<u32>,
 }
 
-impl Ranked {
+impl RankBitmap {
     /// A slice of `rows` rows of `width` cells, none occupied.
-    pub fn new(width: u32, rows: u32) -> Ranked {
+    pub fn new(width: u32, rows: u32) -> RankBitmap {
         // One cell more than there are, so that the end of a row has a bit, too.
         let words = words_for(width + 1);
         let places = words * rows as usize;
-        Ranked { words, width, rows, occupied: vec![0; places], before: vec![0; places] }
+        RankBitmap { words, width, rows, occupied: vec![0; places], before: vec![0; places] }
     }
 
     /// Empties the slice.
@@ -35,7 +35,7 @@ impl Ranked {
         self.occupied.fill(0);
     }
 
-    /// Makes a cell occupied. Numbers hold once [`Ranked::number`] was called after the last.
+    /// Makes a cell occupied. Numbers hold once [`RankBitmap::number`] was called after the last.
     #[inline]
     pub fn set(&mut self, x: u32, z: u32) {
         self.occupied[z as usize * self.words + x as usize / 64] |= 1 << (x % 64);

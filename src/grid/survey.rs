@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
-use crate::grid::coarse::{Sketch, Sketching};
-use crate::grid::{Cell, Grid, Turn};
+use crate::grid::coarse::{CoarseGrid, Sketching};
+use crate::grid::{Cell, Grid, Rotation};
 use crate::input::{Carried, Cloud};
 use crate::points::bounds::Bounds;
 use crate::points::{Batch, Coordinate, Points};
@@ -34,13 +34,13 @@ impl Survey {
 /// Counts the points, finds their box and sketches their cells. `progress` is told the records of each block.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
+/// Errors of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
 pub fn survey(
     cloud: &Cloud,
     workers: &Workers,
     in_flight: usize,
     mut progress: impl FnMut(u64),
-) -> Result<(Survey, Sketch)> {
+) -> Result<(Survey, CoarseGrid)> {
     let mut total = Survey { points: 0, dropped: 0, filtered: 0, bounds: Bounds::EMPTY };
     let sketching = Sketching::default();
     cloud.for_each_batch(
@@ -96,7 +96,7 @@ const UNIT: f64 = (1u64 << 40) as f64;
 /// A direction is told in steps of this part of its length.
 const DIRECTION_STEPS: f64 = 1e6;
 
-/// Of the points of a scan, at most one in so many may have their scanner behind the sheet's front.
+/// At most one in so many of a scan's points may have their scanner behind the sheet's front.
 const MOST_BEHIND: u64 = 3;
 
 /// The direction that the points were seen from, on average: of the lines from each point to where its scan was taken from. It has length 1, to six digits.
@@ -110,8 +110,8 @@ const MOST_BEHIND: u64 = 3;
 /// [`Error::Usage`] if no file tells where its scans were taken from, or if a scan saw its points from elsewhere; those of reading the input; [`Error::Interrupted`].
 pub fn seen_from(cloud: &Cloud, workers: &Workers, in_flight: usize) -> Result<[f64; 3]> {
     if cloud.stations().all(|stations| stations.is_empty()) {
-        return Err(Error::Usage(
-            "--facing @poses: no file tells where its scans were taken from, as E57 files with poses do; give a direction, or a position such as @0,0,0".into(),
+        return Err(Error::setting("facing", 
+            "`facing` @poses: no file tells where its scans were taken from, as E57 files with poses do; give a direction, or a position such as @0,0,0".into(),
         ));
     }
     let mut sum = [0i128; 3];
@@ -133,7 +133,7 @@ pub fn seen_from(cloud: &Cloud, workers: &Workers, in_flight: usize) -> Result<[
     )?;
     let length = sum.iter().map(|c| (*c as f64).powi(2)).sum::<f64>().sqrt();
     if length == 0.0 {
-        return Err(Error::Usage("--facing @poses: the points lie all round where they were scanned from, and no side is the front; give a direction".into()));
+        return Err(Error::setting("facing", "`facing` @poses: the points lie all round where they were scanned from, and no side is the front; give a direction".into()));
     }
     let front = sum.map(|c| (c as f64 / length * DIRECTION_STEPS).round() / DIRECTION_STEPS);
     // By place, since files may come in any order.
@@ -161,9 +161,12 @@ pub fn seen_from(cloud: &Cloud, workers: &Workers, in_flight: usize) -> Result<[
             let [x, y, z] = station.map(f64::from_bits);
             let share = 100 * behind / (before + behind);
             let front = front.map(|c| c.to_string()).join(",");
-            Err(Error::Usage(format!(
-                "--facing @poses: a sheet has one front, here {front}, and {share} % of the points scanned from {x},{y},{z} were seen from behind it; make a sheet of each side, with --facing or --bounds, or a closed surface"
-            )))
+            Err(Error::setting(
+                "facing",
+                format!(
+                    "`facing` @poses: a sheet has one front, here {front}, and {share} % of the points scanned from {x},{y},{z} were seen from behind it; make a sheet of each side, with `facing` or `bounds`, or a closed surface"
+                ),
+            ))
         }
         None => Ok(front),
     }
@@ -202,15 +205,15 @@ fn each_scan<R: Send>(
 /// The box of the points in turned coordinates. `progress` is told the records of each block.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::Interrupted`].
+/// Errors of reading the input; [`Error::Interrupted`].
 pub fn turned_bounds(
     cloud: &Cloud,
-    turn: Turn,
+    turn: Rotation,
     workers: &Workers,
     in_flight: usize,
     mut progress: impl FnMut(u64),
 ) -> Result<Bounds> {
-    fn turned<T: Coordinate>(points: &[[T; 3]], turn: Turn) -> Bounds {
+    fn turned<T: Coordinate>(points: &[[T; 3]], turn: Rotation) -> Bounds {
         let places = points.iter().map(|p| turn.of(p.map(Into::into)));
         places.map(|p| Bounds { min: p, max: p }).fold(Bounds::EMPTY, Bounds::union)
     }
@@ -238,7 +241,7 @@ pub fn turned_bounds(
 /// Which planes of a grid have points, along its own axes; no planes for axes that are not `asked` for. `progress` is told the records of each block.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::Interrupted`].
+/// Errors of reading the input; [`Error::Interrupted`].
 pub fn planes_with_points(
     cloud: &Cloud,
     grid: &Grid,
@@ -282,7 +285,7 @@ const KEPT: usize = 1024;
 /// Counts distinct cells in bounded memory: of all cells seen it keeps those with the smallest hashes; if the largest kept
 /// hash is the fraction f of the hash range, there are about KEPT / f cells. Order of arrival does not matter.
 ///
-/// Of a cell that is kept to the end, every point was counted: it was never left out before.
+/// Every point of a cell that is kept to the end was counted: the cell was never left out before.
 #[derive(Debug)]
 struct Distinct {
     /// The hashes, and how many points each was seen with.
@@ -370,7 +373,7 @@ const ASKEW: [[f64; 3]; 3] = [[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.
 /// `progress` is told the records of each block.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::Interrupted`].
+/// Errors of reading the input; [`Error::Interrupted`].
 pub fn sampling_distance(
     cloud: &Cloud,
     survey: &Survey,

@@ -41,7 +41,7 @@ pub struct Found {
 /// The files the arguments stand for (files, patterns, folders, `-` for standard input), in the arguments' order, each once.
 ///
 /// # Errors
-/// As [`find`].
+/// The same as [`find`].
 pub fn expand(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
     find(inputs, Depth::Flat).map(|found| found.files)
 }
@@ -146,7 +146,7 @@ fn point_files_in(folder: &Path, depth: Depth, strays: &mut Strays) -> Result<Ve
         match (pointless.into_iter().next(), deeper) {
             (Some((first, _)), _) => return Ok(vec![first]),
             (None, true) => {
-                return none(folder, "the folder holds no point file; --recursive looks into the folders in it, too");
+                return none(folder, "the folder holds no point file; `recursive` looks into the folders in it, too");
             }
             (None, false) => return none(folder, "the folder holds no point file"),
         }
@@ -422,7 +422,7 @@ mod tests {
         let outer = folder(&[("in/a.xyz", b"1 2 3\n")]);
         let error = expand(&[outer.path().to_path_buf()]).unwrap_err().to_string();
         assert!(
-            error.ends_with("the folder holds no point file; --recursive looks into the folders in it, too"),
+            error.ends_with("the folder holds no point file; `recursive` looks into the folders in it, too"),
             "{error}"
         );
     }

@@ -35,14 +35,14 @@ use crate::storage::mapped;
 use crate::storage::spool::Workspace;
 use crate::storage::steady::{Stamp, settle};
 
-pub use crate::format::layout::{Field, Layout, MAX_STRIDE};
+pub use crate::format::layout::Layout;
 pub use crate::format::options::{Depth, InputOptions};
 pub use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, Source};
 pub(crate) use crate::format::sidecar::Sidecar;
 pub use crate::format::unpack::{Opening, Unpacked};
 pub(crate) use crate::format::unpack::{Packing, STANDARD_INPUT};
 pub use crate::points::filter::{Filter, Returns, Withheld};
-pub use files::{Found, expand, find};
+pub use files::{expand, find};
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
 pub use spooled::PointSpool;
@@ -54,7 +54,7 @@ const OPENING_MEMORY: u64 = 64 << 20;
 #[derive(Debug)]
 pub struct Cloud<'a> {
     sources: Vec<Source>,
-    /// Of each file that is read in every pass: how it was when it was opened.
+    /// How each file that is read in every pass was when it was opened.
     stamps: Vec<Option<Stamp>>,
     formats: Vec<Arc<dyn PointFormat + 'a>>,
     precision: Precision,
@@ -87,7 +87,7 @@ impl<'a> Cloud<'a> {
     /// Looks at files, as [`expand`] gives them, and unpacks what cannot be read in place with the means of `opening`.
     ///
     /// # Errors
-    /// As [`Cloud::open`]; [`Error::Disk`] before the disk is full; what `opening.watch` says.
+    /// The same as [`Cloud::open`]; [`Error::Disk`] before the disk is full; what `opening.watch` says.
     pub fn open_in(files: &[PathBuf], options: &InputOptions, opening: Opening) -> Result<Cloud<'static>> {
         let mut cloud = Cloud {
             sources: Vec::new(),
@@ -188,12 +188,12 @@ impl<'a> Cloud<'a> {
         }
     }
 
-    /// A length that an option gives in a unit, in that of the coordinates.
+    /// The length of a setting, given in a unit, in that of the coordinates.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the unit of the coordinates is not known, or not one of length.
-    pub(crate) fn length(&self, option: &str, length: f64, unit: Unit) -> Result<f64> {
-        let wrong = |words: &str| Err(Error::Usage(format!("{option} {length}{unit}: {words}")));
+    /// [`Error::InvalidSetting`] if the unit of the coordinates is not known, or not one of length.
+    pub(crate) fn length(&self, setting: &'static str, length: f64, unit: Unit) -> Result<f64> {
+        let wrong = |words: &str| Err(Error::setting(setting, format!("`{setting}` {length}{unit}: {words}")));
         match self.measure() {
             Some(Measure::Length(own)) => Ok(unit.convert(length, own)),
             Some(Measure::Degrees) => wrong(
@@ -203,7 +203,7 @@ impl<'a> Cloud<'a> {
                 "the input has one unit on the map and another in height; give a plain number, in the input's units",
             ),
             None => wrong(
-                "the unit of the input is not known; give a plain number, in the input's units, or name its reference system with --crs",
+                "the unit of the input is not known; give a plain number, in the input's units, or name its reference system with `crs`",
             ),
         }
     }
@@ -267,7 +267,7 @@ impl<'a> Cloud<'a> {
     /// `in_flight` blocks are held.
     ///
     /// # Errors
-    /// Those of reading the files, of `work` and of `sink`; [`Error::Changed`] if a file is no longer as it was when it was opened; [`Error::Interrupted`].
+    /// Errors of reading the files, of `work` and of `sink`; [`Error::Changed`] if a file is no longer as it was when it was opened; [`Error::Interrupted`].
     pub fn for_each_batch<R: Send>(
         &self,
         workers: &Workers,
@@ -280,7 +280,7 @@ impl<'a> Cloud<'a> {
         let batches = Spares::<Option<Batch>>::default();
         let outcome = workers.in_order(
             in_flight,
-            || blocks.next(),
+            || blocks.next_block(),
             |block| {
                 batches.lend(|batch| {
                     let batch = batch.get_or_insert_with(|| Batch::new(self.precision));
@@ -344,8 +344,7 @@ impl<'a> Blocks<'a> {
     ///
     /// # Errors
     /// If a file cannot be read, changed its length since it was looked at, or is malformed.
-    #[expect(clippy::should_implement_trait, reason = "an iterator of results would go on after an error")]
-    pub fn next(&mut self) -> Result<Option<Block<'a>>> {
+    pub fn next_block(&mut self) -> Result<Option<Block<'a>>> {
         loop {
             if let Some(cutter) = &mut self.current {
                 if let Some(records) = cutter.next()? {
@@ -426,7 +425,7 @@ mod tests {
         let mut blocks = cloud.blocks(Carried::Attributes);
         let mut batch = Batch { dropped: 9, ..Batch::new(Precision::Double) };
         let mut read = Vec::new();
-        while let Some(block) = blocks.next().unwrap() {
+        while let Some(block) = blocks.next_block().unwrap() {
             block.decode(&mut batch).unwrap();
             let Points::Single(points) = &batch.points else { panic!("the cloud is single") };
             assert!(points.len() <= BLOCK_RECORDS && batch.dropped == 0);

@@ -34,7 +34,7 @@ impl Tally {
     /// Counts, in one pass. `progress` is told the records of each block. Memory: a table of 256 numbers for each attribute and block in flight.
     ///
     /// # Errors
-    /// Those of reading the input; [`crate::Error::Interrupted`].
+    /// Errors of reading the input; [`crate::Error::Interrupted`].
     pub fn of(cloud: &Cloud, workers: &Workers, mut progress: impl FnMut(u64)) -> Result<Tally> {
         let schema = cloud.schema_of(&COUNTED);
         let columns = COUNTED

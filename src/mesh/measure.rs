@@ -43,7 +43,7 @@ impl Corners {
     /// used, in pieces. Memory: 36 bytes per vertex of the window, or up to 110 bytes per triangle and 3 MB.
     ///
     /// # Errors
-    /// As [`MeshSource::read_vertices`].
+    /// The same as [`MeshSource::read_vertices`].
     pub fn fill(&mut self, mesh: &dyn MeshSource, faces: &mut [[u32; 3]], window: usize) -> Result<()> {
         self.fill_from(&|first, out| mesh.read_vertices(first, out), faces, window)
     }
@@ -53,10 +53,10 @@ impl Corners {
 type ReadVertices<'a, T> = dyn Fn(u64, &mut [T]) -> Result<()> + 'a;
 
 impl<T: Copy + Default> Corners<T> {
-    /// As [`Corners::fill`], of whatever `read` tells of vertices.
+    /// The same as [`Corners::fill`], of whatever `read` tells of vertices.
     ///
     /// # Errors
-    /// Those of `read`.
+    /// Errors of `read`.
     pub fn fill_from(&mut self, read: &ReadVertices<T>, faces: &mut [[u32; 3]], window: usize) -> Result<()> {
         let Some((low, high)) = span(faces) else {
             self.table.clear();

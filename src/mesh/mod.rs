@@ -31,14 +31,14 @@ pub trait MeshSource: Sync {
     /// Fills `out` with triangles `first ..`; every number is less than [`MeshSource::vertex_count`].
     ///
     /// # Errors
-    /// As [`MeshSource::read_vertices`]; a vertex number out of range is [`crate::Error::Malformed`].
+    /// The same as [`MeshSource::read_vertices`]; a vertex number out of range is [`crate::Error::Malformed`].
     fn read_faces(&self, first: u64, out: &mut [[u32; 3]]) -> Result<()>;
     /// The attributes of vertices that can be read.
     fn schema(&self) -> &Schema;
     /// Fills `out` with what vertices `first ..` have of the attribute that is the schema's `number`-th, from 0.
     ///
     /// # Errors
-    /// As [`MeshSource::read_vertices`].
+    /// The same as [`MeshSource::read_vertices`].
     fn read_attribute(&self, number: usize, first: u64, out: &mut [f64]) -> Result<()>;
 }
 

@@ -65,6 +65,7 @@ pub const MOST_BYTES: usize = 8 << 10;
 
 /// Which attributes are carried to the mesh.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Wanted {
     /// All that any of the files has, but normals and the marks of withheld points.
     #[default]
@@ -103,7 +104,7 @@ impl FromStr for Wanted {
 }
 
 impl Wanted {
-    /// Of the attributes that files have, those that are wanted, each once, in a type that holds every file's values.
+    /// The wanted ones of the attributes that files have, each once, in a type that holds every file's values.
     ///
     /// # Errors
     /// [`Error::Usage`] if one that is named is in no file, or if they take more than [`MOST_BYTES`].
@@ -126,11 +127,14 @@ impl Wanted {
         };
         let schema = Schema { attributes };
         if schema.stride() > MOST_BYTES {
-            return Err(Error::Usage(format!(
-                "--attributes: the {} attributes of a point take {} bytes, more than {MOST_BYTES}; name those to carry, or none",
-                schema.attributes.len(),
-                schema.stride()
-            )));
+            return Err(Error::setting(
+                "attributes",
+                format!(
+                    "`attributes`: the {} attributes of a point take {} bytes, more than {MOST_BYTES}; name those to carry, or none",
+                    schema.attributes.len(),
+                    schema.stride()
+                ),
+            ));
         }
         Ok(schema)
     }
@@ -139,7 +143,7 @@ impl Wanted {
 fn absent(name: &str, all: &[Attribute]) -> Error {
     let names: Vec<&str> = all.iter().map(|a| a.name.as_str()).collect();
     let there = if names.is_empty() { "none".to_string() } else { names.join(", ") };
-    Error::Usage(format!("--attributes: no file has {name}; there are: {there}"))
+    Error::setting("attributes", format!("`attributes`: no file has {name}; there are: {there}"))
 }
 
 /// The attributes of a cloud's points, in the order in which a point's record holds them.
@@ -270,7 +274,7 @@ impl Carrying {
 /// How numbers that are read one by one, as from text, become a record of a schema.
 #[derive(Debug, Clone)]
 pub struct Placing {
-    /// Of each attribute of the schema: which of the file's numbers it is, and its type.
+    /// For each attribute of the schema: which of the file's numbers it is, and its type.
     places: Vec<(Option<usize>, Scalar)>,
 }
 
@@ -279,11 +283,6 @@ impl Placing {
     pub fn new(schema: &Schema, own: &[(Attribute, usize)]) -> Placing {
         let index = |name: &str| own.iter().find(|(attribute, _)| attribute.name == name).map(|(_, index)| *index);
         Placing { places: schema.attributes().iter().map(|a| (index(&a.name), a.scalar)).collect() }
-    }
-
-    /// Whether there is nothing to place.
-    pub fn is_empty(&self) -> bool {
-        self.places.is_empty()
     }
 
     /// Whether the number of this index has a place.

@@ -21,6 +21,7 @@ const MAX_NAME: usize = 200;
 
 /// A coordinate reference system, as far as a file tells.
 #[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Crs {
     /// Well-known text, of either version, as the file has it.
     pub wkt: Option<String>,
@@ -227,7 +228,7 @@ impl Crs {
             }
         };
         let expected = "expected EPSG: and a code, WKT, the name of a file that holds WKT, or none";
-        crs.map(Some).ok_or_else(|| Error::Usage(format!("--crs {text}: {expected}")))
+        crs.map(Some).ok_or_else(|| Error::setting("crs", format!("`crs` {text}: {expected}")))
     }
 }
 
@@ -256,11 +257,11 @@ fn printable(text: &str) -> Option<String> {
 /// EPSG codes in a WKT.
 #[derive(Debug, Default)]
 struct Codes {
-    /// Of the whole.
+    /// The code of the whole system.
     own: Option<u32>,
-    /// Of the first part of a compound.
+    /// The code of the first part of a compound system.
     horizontal: Option<u32>,
-    /// Of the heights in a compound.
+    /// The code of a compound system's heights.
     vertical: Option<u32>,
     /// Metres of the unit of lengths on the map.
     unit: Option<f64>,
@@ -435,7 +436,7 @@ mod tests {
         assert_eq!(Crs::given("EPSG:25832").unwrap().unwrap().epsg, Some(25832));
         assert_eq!(Crs::given(COMPOUND).unwrap().unwrap().epsg, Some(26910));
         assert_eq!(Crs::given(path.to_str().unwrap()).unwrap().unwrap().vertical, Some(5703));
-        assert!(Crs::given("somewhere").unwrap_err().to_string().contains("--crs somewhere: expected EPSG"));
+        assert!(Crs::given("somewhere").unwrap_err().to_string().contains("`crs` somewhere: expected EPSG"));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use crate::points::{Batch, Coordinate, Points};
 
 /// Which points of the input count.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Filter {
     /// Classes whose points are left out.
     pub drop_class: Vec<u8>,
@@ -24,6 +25,7 @@ pub struct Filter {
 
 /// Which of a pulse's returns count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Returns {
     /// All.
     #[default]
@@ -36,6 +38,7 @@ pub enum Returns {
 
 /// What becomes of points that are marked as withheld.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Withheld {
     /// They are left out.
     #[default]
@@ -90,7 +93,7 @@ impl Filter {
 pub struct Sieve {
     /// What is decoded of every point: what is kept, then what only the filter looks at.
     pub decoded: Schema,
-    /// Of a decoded record, the bytes that are kept.
+    /// The bytes of a decoded record that are kept.
     kept: usize,
     tests: Vec<Test>,
     bounds: Option<Bounds>,

@@ -117,7 +117,7 @@ impl<'a> Blocks<'a> {
     /// Looks at all triangles once, and looks up the corners of far blocks. `progress` is told how many triangles are done.
     ///
     /// # Errors
-    /// Those of reading the mesh and of the workspace; [`Error::Interrupted`].
+    /// Errors of reading the mesh and of the workspace; [`Error::Interrupted`].
     pub fn survey(
         mesh: &'a dyn MeshSource,
         frames: &[Frame],
@@ -261,7 +261,7 @@ impl<'a> Blocks<'a> {
     /// Reads the triangles of a block, and where their corners are.
     ///
     /// # Errors
-    /// Those of reading the mesh and the spool.
+    /// Errors of reading the mesh and the spool.
     pub fn read(&self, number: usize, piece: &mut Piece) -> Result<()> {
         let Block { span, far, .. } = self.blocks[number];
         let count = read_faces(self.mesh, number, &mut piece.faces)? as usize;

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use glam::Vec3;
 
-use super::light::{Side, pack_tone};
+use super::shading::{Side, pack_tone};
 use super::view::Up;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
@@ -145,11 +145,11 @@ fn class_colour(class: u32) -> [u8; 3] {
 pub enum Tint {
     /// All have this.
     One([u8; 3]),
-    /// Of three attributes: their numbers in the schema, and what makes 255 of the brightest.
+    /// Colours from three attributes: their numbers in the schema, and the factor that makes 255 of the brightest.
     Own([usize; 3], f64),
-    /// Of a value, and which of them are the ends of the scale.
+    /// Colours from a value, and the values at the ends of the scale.
     Scale(Value, f64, f64),
-    /// Of an attribute that says which of some classes it is.
+    /// Colours from an attribute that names a class.
     Classes(usize),
 }
 
@@ -166,7 +166,7 @@ pub enum Value {
 const PIECE: usize = 1 << 15;
 /// Parts that values are counted in.
 const BINS: usize = 1 << 12;
-/// Of a thousand values, those below the scale's lower end, and above its upper: a few that lie far off would take all colours.
+/// How many of a thousand values lie below the scale's lower end, and above its upper: a few that lie far off would take all colours.
 const OFF: u64 = 5;
 
 impl Tint {
@@ -180,7 +180,7 @@ impl Tint {
             there
                 .iter()
                 .position(|attribute| attribute.name == name)
-                .ok_or_else(|| Error::Usage(format!("--color-by {by}: {}", mesh.schema().lacks(name))))
+                .ok_or_else(|| Error::setting("color_by", format!("`color_by` {by}: {}", mesh.schema().lacks(name))))
         };
         let value = match by {
             ColourBy::Auto => return Tint::of(mesh, &by.of(mesh), up, workers),
@@ -210,7 +210,7 @@ impl Tint {
     /// What [`Tint::tone`] wants to know of each of the vertices from `first` on.
     ///
     /// # Errors
-    /// Those of reading the mesh.
+    /// Errors of reading the mesh.
     pub fn read(&self, mesh: &dyn MeshSource, first: u64, out: &mut [u32]) -> Result<()> {
         let mut values = vec![0.0; out.len()];
         match *self {
@@ -390,7 +390,7 @@ mod tests {
 
     #[test]
     fn the_scale_grows_lighter() {
-        let lightness = |c: [u8; 3]| super::super::light::linear(c).dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        let lightness = |c: [u8; 3]| super::super::shading::linear(c).dot(Vec3::new(0.2126, 0.7152, 0.0722));
         let steps: Vec<f32> = (0..=100).map(|i| lightness(scale(i as f32 / 100.0))).collect();
         assert!(steps.windows(2).all(|pair| pair[0] < pair[1] + 1e-6) && steps[100] > 8.0 * steps[0]);
         assert_eq!((scale(-3.0), scale(7.0), scale(f32::NAN)), (SCALE[0], SCALE[8], UNKNOWN));
@@ -460,7 +460,7 @@ mod tests {
         let error = Tint::of(&mesh, &"Intensity".parse().unwrap(), Up::Z, &Workers::new(1).unwrap()).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "--color-by intensity: its vertices have no attribute intensity; there are: red, green, blue"
+            "`color_by` intensity: its vertices have no attribute intensity; there are: red, green, blue"
         );
     }
 }

@@ -1,6 +1,6 @@
 //! Words in small letters of five by seven dots: names of views, and what legends say.
 
-use super::sheet::{Cell, Picture};
+use super::contact_sheet::{Cell, Picture};
 
 /// Columns and rows of a letter.
 const COLUMNS: usize = 5;
@@ -102,7 +102,7 @@ pub fn write_at(picture: &mut Picture, cell: &Cell, [left, top]: [usize; 2], dot
 
 #[cfg(test)]
 mod tests {
-    use super::super::sheet::{Background, Size};
+    use super::super::contact_sheet::{Background, Size};
     use super::super::view::View;
     use super::*;
 

@@ -9,15 +9,15 @@
 //! ```
 
 use super::colour::{Tint, scale};
+use super::contact_sheet::{Cell, Picture};
 use super::label::{self, ROWS};
-use super::sheet::{Cell, Picture};
 use crate::error::words::short;
 use crate::points::unit::{Measure, Unit};
 
 /// The least width and height of a cell that has a legend, in pixels.
 const LEAST: usize = 240;
 
-/// Of a cell's width, the most that a bar has.
+/// The largest share of a cell's width that a bar takes.
 const LONGEST: f64 = 0.25;
 
 /// The colour of bars, and of the text beside them.

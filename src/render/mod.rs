@@ -17,13 +17,13 @@
 
 mod blocks;
 mod colour;
+mod contact_sheet;
 mod label;
 mod legend;
-mod light;
-mod openness;
+mod occlusion;
 mod raster;
 pub(crate) mod scale;
-mod sheet;
+mod shading;
 #[cfg(test)]
 mod tests;
 mod vertices;
@@ -35,15 +35,15 @@ use glam::{DVec3, Vec3};
 use self::blocks::{BLOCK, Blocks, Bounds, Piece, Sizes, is_finite};
 pub use self::colour::ColourBy;
 use self::colour::Tint;
+pub use self::contact_sheet::{Background, Picture, Size, picture_file};
+use self::contact_sheet::{Cell, cells};
 pub use self::legend::Legend;
-pub use self::light::Shading;
-use self::light::{Pixel, Side, encode, linear, pack_normal};
-use self::openness::Openness;
+use self::occlusion::Openness;
 use self::raster::{
     Band, Bins, FARTHEST, MOST_PAIRS, MOST_TRIANGLES, PLACES, Paint, Placed, SAMPLES, TILE, TILE_BYTES,
 };
-pub use self::sheet::{Background, Picture, Size, picture_file};
-use self::sheet::{Cell, cells};
+pub use self::shading::Shading;
+use self::shading::{Pixel, Side, encode, linear, pack_normal};
 use self::vertices::{RANGE_BYTES, Vertex, Vertices, normal};
 use self::view::Frame;
 pub use self::view::{Up, View};
@@ -87,7 +87,7 @@ impl Default for Options {
 
 /// Bytes of a job: the least that does, and more than which is of no use.
 const JOB: (u64, u64) = (8 << 20, 16 << 20);
-/// Of that, what does not depend on the window: triangles twice, and pairs of tiles and triangles.
+/// The part of that which does not depend on the window: triangles twice, and pairs of tiles and triangles.
 const JOB_FIXED: u64 = (BLOCK * 24 + MOST_PAIRS * 8 + (1 << 19)) as u64;
 /// Bytes for each vertex of a window: its position, where it is in the view, and what is known of it.
 const WINDOW_BYTES: u64 = 24 + 12 + 8 + 1;
@@ -239,7 +239,7 @@ struct Projection {
     deep: f32,
 }
 
-/// Of a view's sides, what stays free.
+/// The share of a view's sides that stays free.
 const MARGIN: f64 = 0.04;
 
 impl Projection {

@@ -147,7 +147,7 @@ impl Edge {
 pub struct Triangle {
     edges: [Edge; 3],
     depths: [f64; 3],
-    /// Of twice the area, in places.
+    /// The inverse of twice the area, in places.
     inverse: f64,
     area: Area,
     /// Whether its corners are counter-clockwise as seen.
@@ -184,7 +184,7 @@ impl Triangle {
         })
     }
 
-    /// Of columns `low..=high` of a row, a stretch that holds all that are in the triangle.
+    /// A range that holds all columns in `low..=high` of a row that are in the triangle.
     #[inline]
     fn stretch(&self, (mut low, mut high): (i64, i64), row: i64) -> (i64, i64) {
         for edge in &self.edges {

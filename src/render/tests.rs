@@ -98,7 +98,7 @@ fn an_edge_in_a_pixel_is_as_much_of_it_as_it_covers() {
     let (vertices, faces) = cube();
     let picture = picture(&mesh(&vertices, &faces), &Options { shading: Shading::Flat, ..options(93, 93, "top") });
     // 93 * .04 = 3.72: samples at 3.5 are outside, at 3.83 inside.
-    let (edge, inside) = (light::linear([picture.at(3, 46)[0]; 3]).x, light::linear([picture.at(46, 46)[0]; 3]).x);
+    let (edge, inside) = (shading::linear([picture.at(3, 46)[0]; 3]).x, shading::linear([picture.at(46, 46)[0]; 3]).x);
     assert!((edge - (inside / 3.0 + 2.0 / 3.0)).abs() < 0.01, "{edge} {inside}");
     assert_eq!(picture.at(2, 46), [255; 3]);
 }

@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3, Vec4};
 
 use super::blocks::{BLOCK, Blocks, Piece, Sizes, is_finite, read_faces};
 use super::colour::Tint;
-use super::light::{NO_NORMAL, Shading, pack_normal, unpack_normal};
+use super::shading::{NO_NORMAL, Shading, pack_normal, unpack_normal};
 use crate::error::Result;
 use crate::mesh::measure::Corners;
 use crate::resources::workers::{Spares, Workers, refill};
@@ -47,7 +47,7 @@ impl Vertices {
     /// Looks at all triangles and vertices. `most` bounds the vertices of a range.
     ///
     /// # Errors
-    /// Those of reading the mesh and of the workspace; [`crate::Error::Interrupted`].
+    /// Errors of reading the mesh and of the workspace; [`crate::Error::Interrupted`].
     pub fn of(
         blocks: &Blocks,
         tint: &Tint,
@@ -130,7 +130,7 @@ impl Vertices {
     /// Reads the vertices of the piece's table; `number` is the piece's block.
     ///
     /// # Errors
-    /// Those of the workspace.
+    /// Errors of the workspace.
     pub fn read(&self, blocks: &Blocks, number: usize, piece: &Piece, out: &mut Vec<Vertex>) -> Result<()> {
         out.resize(piece.corners.table.len(), Vertex::default());
         match (blocks.far(number), &piece.window) {

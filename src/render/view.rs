@@ -31,7 +31,7 @@ impl Up {
     /// The third coordinate grows upwards.
     pub const Z: Up = Up { axis: 2, down: false };
 
-    /// Of a position, how high it lies.
+    /// How high a position lies.
     pub fn height(self, position: [f64; 3]) -> f64 {
         if self.down { -position[self.axis] } else { position[self.axis] }
     }

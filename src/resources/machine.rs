@@ -44,7 +44,7 @@ fn group_limit(root: &Path) -> Option<u64> {
     limits.into_iter().min()
 }
 
-/// Of a line about a mount, if it is one of control groups of that kind that knows of memory: the path within, and where it is mounted.
+/// Reads a line about a mount. If it is one of control groups of that kind that knows of memory: the path within, and where it is mounted.
 fn mounted(line: &str, kind: &str) -> Option<(String, String)> {
     let (place, what) = line.split_once(" - ")?;
     let mut what = what.split(' ');

@@ -51,7 +51,7 @@ pub(crate) struct Kept {
 }
 
 impl Keepable {
-    /// Of `left` bytes: only what leaves the passes the larger part.
+    /// What may be kept of `left` bytes: no more than leaves the passes the larger part.
     pub(crate) fn within(self, left: u64) -> Kept {
         let keep = |bytes: u64, left: u64, share: u64| {
             if bytes <= left / share && bytes + self.spare <= left { bytes } else { 0 }

@@ -175,7 +175,7 @@ impl Workers {
     /// [`Workers::in_order`] over the numbers `0..jobs`.
     ///
     /// # Errors
-    /// As [`Workers::in_order`].
+    /// The same as [`Workers::in_order`].
     pub fn in_order_range<R: Send>(
         &self,
         in_flight: usize,

@@ -1,6 +1,6 @@
 //! Rehearsal: the run in small, to know how many faces each slab is going to have before a point is sorted.
 //!
-//! The survey's sketch of coarse cells is closed as the grid's cells are going to be, and once more at half the resolution. That tells how the surface's
+//! The survey's coarse grid is closed as the grid's cells are going to be, and once more at half the resolution. That tells how the surface's
 //! area goes with the cells' side c, and so what it comes to at the grid's w:
 //!
 //! ```text
@@ -19,17 +19,17 @@
 
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::grid::coarse::Sketch;
+use crate::grid::coarse::CoarseGrid;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::partition::{slab_count, slices_of};
 use crate::points::Precision;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::workload::Load;
+use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::closing::Sealing;
-use crate::solid::close::{Asked, close};
+use crate::solid::close::{ClosingOptions, close};
 use crate::storage::spool::Workspace;
 
 /// Points from which a run is worth a rehearsal, which takes about as long as a cloud of 100,000.
@@ -41,32 +41,42 @@ const DOUBT: f64 = 0.04;
 /// The most that a rough surface's area is taken to grow from the coarse cells to the grid's.
 const ROUGHEST: f64 = 2.0;
 
-/// The load with the faces that a rehearsal lets expect; as it is where coarse cells cannot be closed as asked. `budget` as for [`MemoryPlan::for_budget`]. `progress` is told the
-/// slices of the passes that are done, and of all.
+/// What an estimate is made from: what the survey found.
+#[derive(Debug, Clone, Copy)]
+pub struct EstimateInput<'a> {
+    /// The workload, with the faces that the box alone lets expect.
+    pub workload: &'a Workload,
+    /// The cells of the points at a coarse resolution.
+    pub coarse_grid: &'a CoarseGrid,
+    /// The grid of the run.
+    pub grid: &'a Grid,
+    /// How its cells are going to be closed.
+    pub settings: &'a Settings,
+}
+
+/// The workload with the faces to expect from closing the coarse cells; unchanged where these cannot be closed as asked. `budget` is in bytes, as for
+/// [`MemoryPlan::for_budget`]. `progress` is told the slices that are done, and all there are, over all passes.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Interrupted`].
-#[expect(clippy::too_many_arguments, reason = "what is rehearsed, and with what means")]
-pub fn rehearse(
-    load: &Load,
-    sketch: &Sketch,
-    grid: &Grid,
-    settings: &Settings,
+pub fn estimate_faces(
+    known: EstimateInput<'_>,
     workers: &Workers,
     workspace: &Workspace,
     budget: u64,
     mut progress: impl FnMut(u64, u64),
-) -> Result<Load> {
+) -> Result<Workload> {
+    let EstimateInput { workload, coarse_grid, grid, settings } = known;
     let axes = grid.axis().file_axes();
-    let (low, extent) = sketch.extent();
+    let (low, extent) = coarse_grid.extent();
     let cells = axes.map(|a| extent[a]);
-    let small = Load::in_cells(1, Precision::Single, cells, 1);
+    let small = Workload::in_cells(1, Precision::Single, cells, 1);
     let own = budget.max(MemoryPlan::least(&small, workers.threads()));
     let memory = MemoryPlan::for_budget(own, &small, workers.threads())?;
     let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory };
-    let mut coarse = Occupancy::of_cells(sketch.cells().map(|cell| axes.map(|a| cell[a])), cells, &context)?;
-    let (mut side, w) = (sketch.side(), grid.cell_size());
-    // Cells of a grid that is as coarse as the sketch may be finer than the sampling already.
+    let mut coarse = Occupancy::of_cells(coarse_grid.cells().map(|cell| axes.map(|a| cell[a])), cells, &context)?;
+    let (mut side, w) = (coarse_grid.side(), grid.cell_size());
+    // Cells of a grid that is as coarse as the coarse grid may be finer than the sampling already.
     while side < 0.9 * w && coarse.cells != [1; 3] {
         (coarse, side) = (coarse.coarser(&context)?, 2.0 * side);
     }
@@ -84,21 +94,21 @@ pub fn rehearse(
         match closed {
             Ok(closed) => Ok(Some((closed.solid.faces, closed.falls))),
             // A radius that is too much for the box is refused when the cells themselves are closed.
-            Err(Error::Usage(_)) => Ok(None),
+            Err(Error::InvalidSetting { name: "seal" | "min_component", .. }) => Ok(None),
             Err(error) => Err(error),
         }
     };
     let (Some((found, falls)), Some((half, _))) = (faces(coarse, side)?, faces(coarser, 2.0 * side)?) else {
-        return Ok(load.clone());
+        return Ok(workload.clone());
     };
     let area = |faces: &[u32], side: f64| faces.iter().map(|f| f64::from(*f)).sum::<f64>() * side * side;
     let growth = growth(area(&found, side) / area(&half, 2.0 * side).max(f64::MIN_POSITIVE), side / w);
     // Slices of the grid begin at the box's lowest place, coarse ones at a multiple of their side.
     let along = axes[1];
-    let bottom = grid.bounds().min[along] / side - low[along] as f64 * sketch.side() / side;
-    let slabs = slab_count(load.smooth, load.cells[1]);
+    let bottom = grid.bounds().min[along] / side - low[along] as f64 * coarse_grid.side() / side;
+    let slabs = slab_count(workload.smooth, workload.cells[1]);
     let share = |number: u32| {
-        let slices = slices_of(number, load.smooth, load.cells[1]);
+        let slices = slices_of(number, workload.smooth, workload.cells[1]);
         let [from, to] = [slices.start, slices.end].map(|y| bottom + f64::from(y) * w / side);
         let first = from.max(0.0) as usize;
         let shared =
@@ -110,7 +120,7 @@ pub fn rehearse(
     let all = found.iter().map(|f| f64::from(*f)).sum::<f64>() / shares.iter().sum::<f64>().max(f64::MIN_POSITIVE);
     let with = |factor: f64| {
         let of_slab = |share: &f64| (share * all * factor * (1.0 + DOUBT)).ceil() as u64;
-        load.with_faces(shares.iter().map(of_slab).collect(), falls)
+        workload.with_faces(shares.iter().map(of_slab).collect(), falls)
     };
     let expected = with((side / w).powi(2) * growth);
     if growth >= ROUGHEST && budget < MemoryPlan::least(&expected, workers.threads()) {
@@ -120,14 +130,14 @@ pub fn rehearse(
 }
 
 /// What is asked of the closing of coarse cells, of which `scale` come to a cell of the grid.
-fn asked(settings: &Settings, scale: f64) -> Asked {
+fn asked(settings: &Settings, scale: f64) -> ClosingOptions {
     let cells = |radius: u32| (f64::from(radius) * scale).round().max(1.0) as u32;
     let seal = match settings.seal {
         Sealing::Cells(radius) => Sealing::Cells(cells(radius)),
         other => other,
     };
     let window = settings.window.map(|window| 2 * cells((window - 1) / 2) + 1);
-    Asked { seal, window, keep_outliers: settings.keep_outliers, min_component: None, rough: true }
+    ClosingOptions { seal, window, keep_outliers: settings.keep_outliers, min_component: None, rough: true }
 }
 
 /// By how much the area grows from coarse cells, `steps` times as large as the grid's, to these, if from twice as large ones it came to `last`

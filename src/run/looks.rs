@@ -60,7 +60,7 @@ pub struct InfoReport {
     pub version: &'static str,
     /// The files.
     pub inputs: Vec<InputReport>,
-    /// Of each file, where its scans were taken from, as far as it tells.
+    /// Where each file's scans were taken from, as far as the file tells.
     pub scanned_from: Vec<Vec<[f64; 3]>>,
     /// The reference system, if any file tells one.
     pub reference_system: Option<SystemReport>,
@@ -95,12 +95,12 @@ pub struct InfoReport {
 }
 
 impl InfoReport {
-    /// Of what was found by looking at points.
+    /// The report of what was found by looking at points.
     pub fn of(looked: &Looked) -> InfoReport {
         let Looked { cloud, surveyed, tally } = looked;
         let survey = &surveyed.survey;
         let reference_system = SystemReport::of(cloud, surveyed);
-        let area = surveyed.sketch.area(survey.points);
+        let area = surveyed.coarse_grid.area(survey.points);
         // Square degrees are no area.
         let is_area = reference_system.as_ref().and_then(|system| system.unit.as_deref()) != Some("degrees");
         let extent = survey.bounds.extent();
@@ -234,35 +234,35 @@ pub struct PlanReport {
 }
 
 impl PlanReport {
-    /// Of what was planned, for so many threads.
+    /// The report of a plan for so many threads.
     ///
     /// # Errors
     /// [`crate::Error::Io`] if the free space cannot be told.
     pub fn of(planned: &Planned, threads: usize) -> Result<PlanReport> {
         let Planned { cloud, surveyed, workspace, unwritable, tiles, memory } = planned;
-        let load = &surveyed.load;
+        let workload = &surveyed.workload;
         let unpacked = cloud.unpacked();
         let unpacked_then = unpacked + cloud.unpacked_later();
         Ok(PlanReport {
             version: env!("CARGO_PKG_VERSION"),
             inputs: input_reports(cloud),
             reference_system: SystemReport::of(cloud, surveyed),
-            points: load.points,
+            points: workload.points,
             grid: GridReport::of(&surveyed.grid),
-            triangles: load.triangles(),
+            triangles: workload.triangles(),
             tiles: *tiles,
             threads: memory.threads,
             memory_bytes: memory.predicted,
             memory_granted_bytes: memory.budget,
-            memory_least_bytes: MemoryPlan::least(load, threads),
+            memory_least_bytes: MemoryPlan::least(workload, threads),
             // What is unpacked lies there already.
             temporary_disk_bytes: memory.predicted_disk + unpacked_then,
             temporary_disk_free_bytes: workspace.available()? + unpacked,
             unpacked_bytes: unpacked_then,
             temporary_folder: workspace.dir().to_path_buf(),
             unwritable_folder: unwritable.clone(),
-            points_in_memory: memory.buckets_quota >= load.bucket_bytes(),
-            mesh_in_memory: memory.mesh_quota >= load.mesh_bytes(),
+            points_in_memory: memory.buckets_quota >= workload.bucket_bytes(),
+            mesh_in_memory: memory.mesh_quota >= workload.mesh_bytes(),
             shares: memory.clone(),
         })
     }

@@ -78,7 +78,7 @@ pub struct Job {
     /// Which coordinates the mesh file has; by default what is usual for its format.
     pub positions: Option<Positions>,
     /// What the run may use.
-    pub means: Means,
+    pub resources: Resources,
     /// Whether the mesh is checked before it gets its name.
     pub check: Check,
 }
@@ -105,7 +105,7 @@ impl Job {
             preview: Preview::None,
             overwrite: Overwrite::Refuse,
             positions: None,
-            means: Means::default(),
+            resources: Resources::default(),
             check: Check::Always,
         }
     }
@@ -114,15 +114,15 @@ impl Job {
 /// The units of lengths that were given with a unit. A length without one is in the unit of the input's coordinates, whatever that is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Units {
-    /// Of the side of a cell.
+    /// The unit of the side of a cell.
     pub cell_size: Option<Unit>,
-    /// Of the radius that holes are closed with.
+    /// The unit of the radius that holes are closed with.
     pub seal: Option<Unit>,
-    /// Of the widest hole that is bridged.
+    /// The unit of the widest hole that is bridged.
     pub max_hole: Option<Unit>,
-    /// Of the height of a flat bottom.
+    /// The unit of the height of a flat bottom.
     pub base: Option<Unit>,
-    /// Of the side of tiles.
+    /// The unit of the side of tiles.
     pub tile: Option<Unit>,
 }
 
@@ -133,30 +133,30 @@ impl Job {
     /// [`Error::Usage`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
     pub(crate) fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
         let Units { cell_size, seal, max_hole, base, tile } = self.units;
-        let length = |option: &str, length: f64, unit: Option<Unit>| {
-            unit.map_or(Ok(length), |unit| cloud.length(option, length, unit))
+        let length = |setting: &'static str, length: f64, unit: Option<Unit>| {
+            unit.map_or(Ok(length), |unit| cloud.length(setting, length, unit))
         };
         let mut settings = self.settings;
         if let Fineness::Given(Resolution::Cell(side)) = &mut settings.fineness {
-            *side = length("--cell-size", *side, cell_size)?;
+            *side = length("cell_size", *side, cell_size)?;
         }
         if let Sealing::Length(radius) = &mut settings.seal {
-            *radius = length("--seal", *radius, seal)?;
+            *radius = length("seal", *radius, seal)?;
         }
         if let Some(open) = &mut settings.open {
             if let Hole::Length(width) = &mut open.max_hole {
-                *width = length("--max-hole", *width, max_hole)?;
+                *width = length("max_hole", *width, max_hole)?;
             }
-            open.base = open.base.map(|height| length("--base", height, base)).transpose()?;
+            open.base = open.base.map(|height| length("base", height, base)).transpose()?;
         }
-        let tile = self.tile.map(|side| length("--tile", side, tile)).transpose()?;
+        let tile = self.tile.map(|side| length("tile", side, tile)).transpose()?;
         Ok(Job { settings, tile, units: Units::default(), ..self.clone() })
     }
 }
 
 /// What a run may use. Nothing of it shows in the mesh.
 #[derive(Debug, Clone, Default)]
-pub struct Means {
+pub struct Resources {
     /// Memory, in bytes; by default a quarter of the machine's.
     pub max_memory: Option<u64>,
     /// Worker threads; by default one for each processor.
@@ -178,7 +178,7 @@ pub enum Check {
     Never,
 }
 
-impl Means {
+impl Resources {
     /// The memory budget in bytes.
     pub fn budget(&self) -> u64 {
         self.max_memory.unwrap_or_else(|| machine::memory() / 4)
@@ -191,10 +191,10 @@ impl Means {
     pub fn workers(&self) -> Result<Workers> {
         let most = MOST_THREADS.max(4 * machine::processors());
         if let Some(threads) = self.threads.filter(|threads| *threads > most) {
-            return Err(Error::Usage(format!(
-                "--threads {threads}: there are {} processors; at most {most} threads",
-                machine::processors()
-            )));
+            return Err(Error::setting(
+                "threads",
+                format!("`threads` {threads}: there are {} processors; at most {most} threads", machine::processors()),
+            ));
         }
         Workers::new(self.threads.unwrap_or_else(machine::processors))
     }
@@ -202,16 +202,16 @@ impl Means {
     /// The work directory, `beside` a file unless told otherwise.
     ///
     /// # Errors
-    /// As [`Workspace::new`].
+    /// The same as [`Workspace::new`].
     pub fn workspace(&self, beside: &Path) -> Result<Workspace> {
         Workspace::new(self.folder(beside))
     }
 
-    /// A work directory for looking at points, after which nothing stays: as [`Means::workspace`]; but where nothing can be written `beside`, and no folder was
+    /// A work directory for looking at points, after which nothing stays: as [`Resources::workspace`]; but where nothing can be written `beside`, and no folder was
     /// named, the system's folder for temporary files, with the folder that could not be written to.
     ///
     /// # Errors
-    /// As [`Workspace::new`].
+    /// The same as [`Workspace::new`].
     fn looking(&self, beside: &Path) -> Result<(Workspace, Option<PathBuf>)> {
         let folder = self.folder(beside);
         match Workspace::new(&folder) {
@@ -246,7 +246,7 @@ fn default_output(inputs: &[PathBuf], files: &[PathBuf]) -> PathBuf {
 /// [`Error::Usage`] if the first input is standard input.
 pub fn default_output_of(inputs: &[PathBuf], files: &[PathBuf]) -> Result<PathBuf> {
     if inputs[0] == Path::new(STANDARD_INPUT) {
-        return Err(Error::Usage("standard input has no name that the mesh could have; pass --output".to_string()));
+        return Err(Error::Usage("standard input has no name that the mesh could have; pass `output`".to_string()));
     }
     Ok(default_output(inputs, files))
 }
@@ -274,7 +274,7 @@ pub struct Planned {
 /// Those of opening and reading the input, of laying the grid and of the plan.
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
     let files = files(job, progress)?;
-    let (workspace, unwritable) = job.means.looking(&default_output(&job.inputs, &files))?;
+    let (workspace, unwritable) = job.resources.looking(&default_output(&job.inputs, &files))?;
     progress.expect_run(known(job, &files, Passes::Few));
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     let job = &job.measured_as(&cloud)?;
@@ -282,7 +282,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
-    let budget = job.means.budget();
+    let budget = job.resources.budget();
     let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget, progress)?;
     let memory = pipeline::plan(&surveyed, workers, budget)?;
     Ok(Planned { cloud, surveyed, workspace, unwritable, tiles, memory })
@@ -303,7 +303,7 @@ pub struct Looked {
 fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
     let Some(side) = job.tile else { return Ok(None) };
     // Each has a triangle at least.
-    let tiles = surveyed.sketch.squares(&surveyed.survey.bounds, side).min(surveyed.load.triangles().max(1));
+    let tiles = surveyed.coarse_grid.squares(&surveyed.survey.bounds, side).min(surveyed.workload.triangles().max(1));
     tiles::check_number(side, tiles).map(|()| Some(tiles))
 }
 
@@ -313,7 +313,7 @@ fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
 /// Those of opening and reading the input and of laying the grid.
 pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Looked> {
     let files = files(job, progress)?;
-    let (workspace, _) = job.means.looking(&default_output(&job.inputs, &files))?;
+    let (workspace, _) = job.resources.looking(&default_output(&job.inputs, &files))?;
     progress.expect_run(Known { rehearsed: false, ..known(job, &files, Passes::Few) });
     let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     let job = &job.measured_as(&cloud)?;
@@ -364,7 +364,7 @@ fn open(
         Ok(())
     };
     let decompress = (passes == Passes::All).then_some(workers);
-    let opening = Opening { workspace, memory: job.means.budget(), decompress, watch };
+    let opening = Opening { workspace, memory: job.resources.budget(), decompress, watch };
     let cloud = Cloud::open_in(files, &job.input, opening);
     if begun {
         progress.end();
@@ -431,16 +431,17 @@ fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) {
     }
     let scans: usize = cloud.stations().map(|stations| stations.len()).sum();
     if scans > 0 && settings.open.is_some_and(|open| open.kind == Kind::Terrain) {
-        progress.note("the file tells where its scans were taken from: --surface sheet --facing @poses makes a sheet seen from there");
+        progress.note("the file tells where its scans were taken from: `surface` sheet `facing` @poses makes a sheet seen from there");
     }
 }
 
 /// No mesh is put where its points cannot be.
 fn refuse_contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Result<()> {
     match contradiction(cloud, surveyed) {
-        Some(words) => {
-            Err(Error::Usage(format!("{words}; name the right one with --crs, as in --crs EPSG:25832, or --crs none")))
-        }
+        Some(words) => Err(Error::setting(
+            "crs",
+            format!("{words}; name the right one with `crs`, as in `crs` EPSG:25832, or `crs` none"),
+        )),
         None => Ok(()),
     }
 }
@@ -464,7 +465,7 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
     let same = |path: &Path| matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);
     match files.iter().find(|file| same(file)) {
         Some(file) => Err(Error::Usage(format!(
-            "{}: is an input, which the mesh would replace; choose another --output",
+            "{}: is an input, which the mesh would replace; choose another `output`",
             file.display()
         ))),
         None => Ok(()),
@@ -474,7 +475,7 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
 /// Surveys a cloud, once it is told how its files were understood; with the settings as its points settle them.
 ///
 /// # Errors
-/// Those of reading the input and of laying the grid; [`Error::Usage`] if its reference system contradicts its coordinates.
+/// Errors of reading the input and of laying the grid; [`Error::Usage`] if its reference system contradicts its coordinates.
 pub(crate) fn surveyed(
     cloud: &Cloud,
     settings: &Settings,
@@ -507,7 +508,7 @@ pub(crate) fn planned(
     }
     let context = context(&surveyed, workers, workspace, budget)?;
     progress.learn(|known| {
-        known.triangles = surveyed.load.triangles();
+        known.triangles = surveyed.workload.triangles();
         if context.memory.mesh_quota == 0 && known.write == forecast::Write::Meanwhile {
             known.write = forecast::Write::After;
         }
@@ -535,7 +536,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     };
     #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
-    let workspace = job.means.workspace(&output)?.stopped_with(workers);
+    let workspace = job.resources.workspace(&output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
     let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
     let job = &job.measured_as(&cloud)?;
@@ -547,7 +548,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
     }
-    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, job.means.budget(), progress)?;
+    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, job.resources.budget(), progress)?;
     #[cfg(feature = "render")]
     let picture = picture
         .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));
@@ -625,7 +626,17 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         coordinates: positions,
     };
     let seconds = start.elapsed().as_secs_f64();
-    Ok(report(&cloud, &surveyed, &settings, &made, checked, output, (progress, seconds), &workspace))
+    Ok(report(Finished {
+        cloud: &cloud,
+        surveyed: &surveyed,
+        settings: &settings,
+        made: &made,
+        check: checked,
+        output,
+        progress,
+        seconds,
+        workspace: &workspace,
+    }))
 }
 
 /// A mesh that is not what was promised is nobody's.
@@ -637,18 +648,31 @@ pub(crate) fn refuse_unsound(report: &CheckReport, settings: &Settings) -> Resul
     if report.is_sound(open) { Ok(()) } else { Err(Error::CheckFailed(report.to_string())) }
 }
 
+/// A finished run, to be reported on.
+pub(crate) struct Finished<'a> {
+    /// The input.
+    pub cloud: &'a Cloud<'a>,
+    /// What the survey found.
+    pub surveyed: &'a Surveyed,
+    /// What was asked for.
+    pub settings: &'a Settings,
+    /// The mesh, and how it came to be.
+    pub made: &'a Reconstructed,
+    /// What the check found, if there was one.
+    pub check: Option<CheckReport>,
+    /// Where the mesh went.
+    pub output: OutputReport,
+    /// The stages and their times.
+    pub progress: &'a Progress<'a>,
+    /// Seconds in all.
+    pub seconds: f64,
+    /// The temporary storage that was used.
+    pub workspace: &'a Workspace,
+}
+
 /// What is told of a run, with how long it took and what may be wrong.
-#[expect(clippy::too_many_arguments, reason = "a report is of all of them")]
-pub(crate) fn report(
-    cloud: &Cloud,
-    surveyed: &Surveyed,
-    settings: &Settings,
-    made: &Reconstructed,
-    check: Option<CheckReport>,
-    output: OutputReport,
-    (progress, seconds_total): (&Progress, f64),
-    workspace: &Workspace,
-) -> Report {
+pub(crate) fn report(run: Finished<'_>) -> Report {
+    let Finished { cloud, surveyed, settings, made, check, output, progress, seconds, workspace } = run;
     let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
         inputs: input_reports(cloud),
@@ -662,7 +686,7 @@ pub(crate) fn report(
         check,
         output,
         seconds: progress.times().iter().map(|(phase, time)| (*phase, time.as_secs_f64())).collect(),
-        seconds_total,
+        seconds_total: seconds,
         memory: MemoryReport {
             plan: made.memory.clone(),
             peak_resident: machine::peak_resident(),

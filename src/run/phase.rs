@@ -3,6 +3,7 @@
 /// The phases of a run, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Phase {
     /// Unpacking compressed files, reading standard input.
     Unpack,

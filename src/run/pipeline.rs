@@ -7,7 +7,7 @@ use bytesize::ByteSize;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::bucket::Buckets;
-use crate::grid::coarse::Sketch;
+use crate::grid::coarse::CoarseGrid;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{buckets_of, halo, slab_count, slices_of};
@@ -18,17 +18,17 @@ use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
-use crate::run::estimate::rehearse;
+use crate::run::estimate::{EstimateInput, estimate_faces};
 use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
-use crate::run::workload::{ColumnLoad, Load};
+use crate::run::workload::{ColumnWorkload, Workload};
 use crate::settings::Resolution;
 use crate::settings::open::{Facing, Open};
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
 use crate::solid::close;
-use crate::solid::close::{Asked, Closed, How};
+use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::stitch::slab::SlabMesh;
@@ -75,15 +75,15 @@ pub struct Surveyed {
     /// The sampling distance, where it was asked for.
     pub sampling: Option<f64>,
     /// The cells of its points at a coarse resolution.
-    pub sketch: Sketch,
+    pub coarse_grid: CoarseGrid,
     /// What the plan is made from.
-    pub load: Load,
+    pub workload: Workload,
 }
 
 /// Surveys the cloud and lays the grid.
 ///
 /// # Errors
-/// Those of reading the input and of [`Grid::new`].
+/// Errors of reading the input and of [`Grid::new`].
 pub fn survey_cloud(
     cloud: &Cloud,
     settings: &Settings,
@@ -105,7 +105,7 @@ pub enum Sampling {
 /// [`survey_cloud`], with or without the sampling distance.
 ///
 /// # Errors
-/// As [`survey_cloud`].
+/// The same as [`survey_cloud`].
 pub fn survey_with(
     cloud: &Cloud,
     settings: &Settings,
@@ -125,7 +125,7 @@ pub fn survey_with(
         Fineness::Sampling => 1,
         Fineness::Default => u64::from(passes.expected <= COARSE_ENOUGH),
     };
-    let (survey, sketch) = survey(cloud, workers, in_flight, |records| passes.read(records))?;
+    let (survey, coarse_grid) = survey(cloud, workers, in_flight, |records| passes.read(records))?;
     let farthest = survey.bounds.min.into_iter().chain(survey.bounds.max).fold(0.0, |most: f64, c| most.max(c.abs()));
     if cloud.precision() == Precision::Single && farthest > FARTHEST_SINGLE {
         return Err(Error::Usage(format!(
@@ -180,23 +180,23 @@ pub fn survey_with(
     };
     // A number of slices is one of the whole box.
     let grid = match resolution {
-        Resolution::Cell(_) => without_gaps(grid, &sketch, settings, |grid, asked| {
+        Resolution::Cell(_) => without_gaps(grid, &coarse_grid, settings, |grid, asked| {
             passes.next();
             planes_with_points(cloud, grid, asked, workers, in_flight, |records| passes.read(records))
         })?,
         Resolution::K(_) | Resolution::Slices(_) => grid,
     };
     progress.end();
-    let load = Load::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
-    let mut load = load.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
+    let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
+    let mut workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
-        load = load.with_columns(ColumnLoad { of_slice, bridge: open.bridge(&grid) });
+        workload = workload.with_columns(ColumnWorkload { of_slice, bridge: open.bridge(&grid) });
         if open.base.is_some() {
-            load = load.with_walls_at_ends();
+            workload = workload.with_walls_at_ends();
         }
     }
-    Ok(Surveyed { survey, grid, open, sampling, sketch, load })
+    Ok(Surveyed { survey, grid, open, sampling, coarse_grid, workload })
 }
 
 /// The passes of a survey, which is as far as the records they have read.
@@ -234,15 +234,15 @@ impl Passes<'_, '_> {
 /// The grid with its wide gaps shortened, if it has any; `look` tells which planes have points.
 fn without_gaps(
     grid: Grid,
-    sketch: &Sketch,
+    coarse_grid: &CoarseGrid,
     settings: &Settings,
     look: impl FnOnce(&Grid, [bool; 3]) -> Result<[Vec<bool>; 3]>,
 ) -> Result<Grid> {
     let axes = grid.axis().file_axes();
-    // Where coordinates are coarse against the box, so is the sketch.
+    // Where coordinates are coarse against the box, so is the coarse grid.
     let longest = grid.cells().into_iter().max().map_or(0.0, f64::from) * grid.cell_size();
-    let shows = sketch.side() < longest / SHOWN;
-    let gaps = sketch.has_gaps();
+    let shows = coarse_grid.side() < longest / SHOWN;
+    let gaps = coarse_grid.has_gaps();
     let mut asked = axes.map(|a| gaps[a] || !shows);
     let reach = match &settings.open {
         None => settings.seal.radius(grid.cell_size()).unwrap_or(0),
@@ -257,10 +257,10 @@ fn without_gaps(
         return Ok(grid);
     }
     let planes = look(&grid, asked)?;
-    Ok(grid.folded(&planes, reach.saturating_mul(4)))
+    Ok(grid.without_gaps(&planes, reach.saturating_mul(4)))
 }
 
-/// The sketch shows a gap of a thirty-second of the longest side if its cells are smaller than this part of that.
+/// The coarse grid shows a gap of a thirty-second of the longest side if its cells are smaller than this part of that.
 const SHOWN: f64 = 100.0;
 
 /// How many faces a cloud's slabs are going to have, found by a rehearsal; nothing changes where that says nothing. `budget` as for the run.
@@ -275,18 +275,19 @@ pub fn rehearsed(
     budget: u64,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
-    if settings.open.is_some() || surveyed.grid.is_folded() {
-        // The box alone lets expect more faces than one side of it has; and of a body among far points, the sketch has hardly a cell.
+    if settings.open.is_some() || surveyed.grid.has_gaps() {
+        // The box alone lets expect more faces than one side of it has; and of a body among far points, the coarse grid has hardly a cell.
         return Ok(surveyed);
     }
-    let Surveyed { load, sketch, grid, .. } = &surveyed;
+    let Surveyed { workload, coarse_grid, grid, .. } = &surveyed;
     progress.begin(Phase::Rehearse, None);
-    let load = rehearse(load, sketch, grid, settings, workers, workspace, budget, |done, total| {
+    let known = EstimateInput { workload, coarse_grid, grid, settings };
+    let workload = estimate_faces(known, workers, workspace, budget, |done, total| {
         progress.set_total(total);
         progress.set(done);
     })?;
     progress.end();
-    Ok(Surveyed { load, ..surveyed })
+    Ok(Surveyed { workload, ..surveyed })
 }
 
 /// The plan for a surveyed cloud.
@@ -294,12 +295,12 @@ pub fn rehearsed(
 /// # Errors
 /// [`Error::Budget`]; [`Error::TooManyElements`] if the mesh would exceed what its indices can name.
 pub fn plan(surveyed: &Surveyed, workers: &Workers, budget: u64) -> Result<MemoryPlan> {
-    let count = surveyed.load.vertices();
+    let count = surveyed.workload.vertices();
     if count > VERTEX_LIMIT {
         let (limit, carrier) = (VERTEX_LIMIT, "a mesh file's int");
         return Err(Error::TooManyElements { count, what: "vertices", limit, carrier });
     }
-    MemoryPlan::for_budget(budget, &surveyed.load, workers.threads())
+    MemoryPlan::for_budget(budget, &surveyed.workload, workers.threads())
 }
 
 /// The finished mesh and what is to be told of its making.
@@ -320,7 +321,7 @@ pub struct Reconstructed {
     /// What was found and left out, if small components were to be.
     pub components: Option<Components>,
     /// The columns of a surface that is seen from one side.
-    pub columns: Option<heightfield::Found>,
+    pub columns: Option<heightfield::ColumnCounts>,
     /// Solid cells.
     pub solid: u64,
     /// What vertices were moved onto.
@@ -336,7 +337,7 @@ pub struct Reconstructed {
 /// Makes the mesh of a surveyed cloud.
 ///
 /// # Errors
-/// Those of reading the input; [`Error::Io`]; [`Error::Budget`] if a slab turns out to be more than the budget can hold;
+/// Errors of reading the input; [`Error::Io`]; [`Error::Budget`] if a slab turns out to be more than the budget can hold;
 /// [`Error::Interrupted`].
 pub fn reconstruct(
     cloud: &Cloud,
@@ -345,7 +346,7 @@ pub fn reconstruct(
     context: &Context,
     progress: &mut Progress,
 ) -> Result<Reconstructed> {
-    match surveyed.load.precision {
+    match surveyed.workload.precision {
         Precision::Single => reconstruct_as::<f32>(cloud, surveyed, settings, context, progress),
         Precision::Double => reconstruct_as::<f64>(cloud, surveyed, settings, context, progress),
     }
@@ -358,7 +359,7 @@ fn reconstruct_as<T: Coordinate>(
     context: &Context,
     progress: &mut Progress,
 ) -> Result<Reconstructed> {
-    let Surveyed { survey, grid, load, .. } = surveyed;
+    let Surveyed { survey, grid, workload, .. } = surveyed;
     progress.begin(Phase::Bucket, Some(survey.records()));
     let buckets = Buckets::<T>::fill(cloud, grid, context, |records| progress.add(records))?;
     if buckets.point_count() != survey.points {
@@ -376,12 +377,15 @@ fn reconstruct_as<T: Coordinate>(
     let occupancy = Occupancy::of_buckets(&buckets, grid, least, context, |points| progress.add(points))?;
     if occupancy.occupied == 0 {
         let cells = occupancy.sparse;
-        return Err(Error::Usage(format!("--min-points {least}: none of the {cells} cells holds so many points")));
+        return Err(Error::setting(
+            "min_points",
+            format!("`min_points` {least}: none of the {cells} cells holds so many points"),
+        ));
     }
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Seal, None);
     let (occupied, sparse) = (occupancy.occupied, occupancy.sparse);
-    let asked = Asked {
+    let asked = ClosingOptions {
         seal: settings.seal,
         window: settings.window,
         keep_outliers: settings.keep_outliers,
@@ -423,9 +427,10 @@ fn reconstruct_as<T: Coordinate>(
         Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
         _ => 0,
     };
-    let load = load.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls).with_fit(surface.fit);
+    let workload =
+        workload.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls).with_fit(surface.fit);
     let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
-    let load = load.with_buckets(&points);
+    let workload = workload.with_buckets(&points);
     let points_of_slab = |number: u32| {
         let buckets = buckets_of(slices_of(number, smooth, solid.cells[1]));
         points[buckets.start as usize..(buckets.end as usize).min(points.len())].iter().sum::<u64>()
@@ -436,8 +441,8 @@ fn reconstruct_as<T: Coordinate>(
     progress.learn(|known| known.triangles = 2 * faces);
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Surface, Some(faces));
-    let memory = context.memory.with_surface(&load, means)?;
-    let jobs = memory.slab_jobs(&load, means)?;
+    let memory = context.memory.with_surface(&workload, means)?;
+    let jobs = memory.slab_jobs(&workload, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
     let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, cloud.schema().clone(), memory.mesh_quota);
     let frame = Frame { origin, precision: T::PRECISION };
@@ -455,7 +460,7 @@ fn reconstruct_as<T: Coordinate>(
         slabs as usize,
         |number| {
             // Slabs differ: a narrow one that kept a wide one's room would hold it while the next wide one is made.
-            let size = load.slabs()[number];
+            let size = workload.slabs()[number];
             let room = written.take().filter(|room| room.suits(size));
             let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
             SlabMesh::make(number as u32, solid, &sampled, surface, frame, jobs, room)

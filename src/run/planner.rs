@@ -20,12 +20,12 @@ use crate::input::BLOCK_RECORDS;
 use crate::mesh::check::job::Need;
 use crate::resources::memory::{Keepable, Kept, MemoryPlan, SlabJobs};
 use crate::resources::workers::Workers;
-use crate::run::workload::{Load, PointLoad};
+use crate::run::workload::{PointWorkload, Workload};
 use crate::sign;
 use crate::solid::heightfield;
 use crate::stitch::slab::Size;
 
-/// What the program takes from the heap whatever it does: the sketch, files, words.
+/// What the program takes from the heap whatever it does: the coarse grid, files, words.
 const HEAP: u64 = 3 << 20;
 
 /// What it has beside that: data, and what the allocator keeps to itself; and for each thread its stack and its part of that.
@@ -64,8 +64,8 @@ impl MemoryPlan {
     ///
     /// # Errors
     /// [`Error::Budget`] with the least budget that would do.
-    pub fn for_budget(budget: u64, load: &Load, threads: usize) -> Result<MemoryPlan> {
-        let least = Self::least(load, threads);
+    pub fn for_budget(budget: u64, workload: &Workload, threads: usize) -> Result<MemoryPlan> {
+        let least = Self::least(workload, threads);
         if budget < least {
             return Err(Error::Budget {
                 given: ByteSize(budget),
@@ -73,7 +73,7 @@ impl MemoryPlan {
                 what: "the smallest plan for this cloud",
             });
         }
-        Self::share_out(budget, load, threads.max(1), 0, None)
+        Self::share_out(budget, workload, threads.max(1), 0, None)
     }
 
     /// The same plan, when the faces of all slabs have been counted, and each needs `means` bytes for means of cells: what is not yet given
@@ -81,9 +81,9 @@ impl MemoryPlan {
     ///
     /// # Errors
     /// [`Error::Budget`] if a slab is too much, with the least budget that would do.
-    pub fn with_surface(&self, load: &Load, means: u64) -> Result<MemoryPlan> {
+    pub fn with_surface(&self, workload: &Workload, means: u64) -> Result<MemoryPlan> {
         let kept = Kept { buckets: self.buckets_quota, slices: self.slices_quota() };
-        Self::share_out(self.budget, load, self.threads, means, Some((self.keepable, kept)))
+        Self::share_out(self.budget, workload, self.threads, means, Some((self.keepable, kept)))
     }
 
     /// Bytes that all stores of slices together may take.
@@ -93,7 +93,7 @@ impl MemoryPlan {
 
     fn share_out(
         budget: u64,
-        load: &Load,
+        workload: &Workload,
         threads: usize,
         means: u64,
         already: Option<(Keepable, Kept)>,
@@ -102,25 +102,25 @@ impl MemoryPlan {
         let mut left = budget.saturating_sub(process);
         // Kept in memory only what leaves the passes the larger part, and twice the least: a slab may turn out to have more faces than
         // expected, and the budget that is then named must not be eaten up by what it would allow to keep.
-        let spare = 2 * (Self::least(load, threads) - process);
+        let spare = 2 * (Self::least(workload, threads) - process);
         let (keepable, kept) = already.unwrap_or_else(|| {
-            let slices = load.slice_bytes().max(1 << 20) * 3 / 2;
-            let keepable = Keepable { buckets: load.bucket_bytes(), slices, spare };
+            let slices = workload.slice_bytes().max(1 << 20) * 3 / 2;
+            let keepable = Keepable { buckets: workload.bucket_bytes(), slices, spare };
             (keepable, keepable.within(left))
         });
         left = left.saturating_sub(kept.buckets + kept.slices);
-        let mesh = load.mesh_bytes();
+        let mesh = workload.mesh_bytes();
         let mesh_quota = if mesh <= left / 3 && mesh + spare <= left { mesh } else { 0 };
         let working = left - mesh_quota;
 
         let jobs = |per_job: u64, share: u64, most: usize| ((share / per_job.max(1)) as usize).clamp(1, most);
-        let blocks_in_flight = jobs(load.block_job() + (CHUNK << CHUNK_DOUBLINGS), working / 2, 2 * threads);
-        let for_buffers = working.saturating_sub(blocks_in_flight as u64 * load.block_job());
+        let blocks_in_flight = jobs(workload.block_job() + (CHUNK << CHUNK_DOUBLINGS), working / 2, 2 * threads);
+        let for_buffers = working.saturating_sub(blocks_in_flight as u64 * workload.block_job());
         // A job that sorts a block holds a chunk, too. Of what is kept in memory, larger chunks would leave more of each bucket's last one empty.
-        let doublings = (for_buffers / 16 * 15 / (load.buckets() + blocks_in_flight as u64) / CHUNK).max(1).ilog2();
+        let doublings = (for_buffers / 16 * 15 / (workload.buckets() + blocks_in_flight as u64) / CHUNK).max(1).ilog2();
         let bucket_buffer = CHUNK << doublings.min(if kept.buckets > 0 { 1 } else { CHUNK_DOUBLINGS });
-        let chunks_in_flight = jobs(Self::chunk_job(load), working, 2 * threads);
-        let for_points = (working / 2 / threads as u64).saturating_sub(load.fitting_raster());
+        let chunks_in_flight = jobs(Self::chunk_job(workload), working, 2 * threads);
+        let for_points = (working / 2 / threads as u64).saturating_sub(workload.fitting_raster());
         let mut plan = MemoryPlan {
             budget,
             threads,
@@ -130,13 +130,13 @@ impl MemoryPlan {
             buckets_quota: kept.buckets,
             store_quota: kept.slices / STORES,
             mesh_quota,
-            piece_points: piece_in(load, for_points).clamp(PIECE.1, PIECE.0) as usize,
+            piece_points: piece_in(workload, for_points).clamp(PIECE.1, PIECE.0) as usize,
             working,
             predicted: 0,
             predicted_disk: 0,
             keepable,
         };
-        (plan.predicted, plan.predicted_disk) = plan.predict(load, means)?;
+        (plan.predicted, plan.predicted_disk) = plan.predict(workload, means)?;
         Ok(plan)
     }
 
@@ -153,80 +153,86 @@ impl MemoryPlan {
     }
 
     /// The most memory and the most temporary disk that are going to be used.
-    fn predict(&self, load: &Load, means: u64) -> Result<(u64, u64)> {
-        let blocks = (self.blocks_in_flight as u64).min(load.points.div_ceil(BLOCK_RECORDS as u64));
-        let chunks = load.buckets() + blocks;
-        let buckets = self.buckets_quota.min(load.bucket_bytes());
+    fn predict(&self, workload: &Workload, means: u64) -> Result<(u64, u64)> {
+        let blocks = (self.blocks_in_flight as u64).min(workload.points.div_ceil(BLOCK_RECORDS as u64));
+        let chunks = workload.buckets() + blocks;
+        let buckets = self.buckets_quota.min(workload.bucket_bytes());
         // An open chunk is whole as memory goes, once it was another's.
-        let open = (chunks * self.bucket_buffer / 15 * 16).min(load.bucket_bytes());
-        let bucketing = blocks * load.block_job() + if buckets > 0 { open / 2 } else { open };
+        let open = (chunks * self.bucket_buffer / 15 * 16).min(workload.bucket_bytes());
+        let bucketing = blocks * workload.block_job() + if buckets > 0 { open / 2 } else { open };
 
-        let sealing = load.slice_bytes().min(self.slices_quota());
-        let standing = load.standing_slice_bytes().min(self.slices_quota());
-        let mesh = self.mesh_quota.min(load.mesh_bytes());
-        let slices = self.chunks_in_flight as u64 * Self::chunk_job(load);
-        let jobs = self.slab_jobs(load, means)?;
-        let slabs = jobs.bytes(load, means);
+        let sealing = workload.slice_bytes().min(self.slices_quota());
+        let standing = workload.standing_slice_bytes().min(self.slices_quota());
+        let mesh = self.mesh_quota.min(workload.mesh_bytes());
+        let slices = self.chunks_in_flight as u64 * Self::chunk_job(workload);
+        let jobs = self.slab_jobs(workload, means)?;
+        let slabs = jobs.bytes(workload, means);
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
         // A mesh that lies in memory is written meanwhile.
         let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
-        let check = mesh + checking(load, self.threads).within(self.working).bytes() + filling;
-        let passes =
-            [buckets + bucketing, held + sealing + slices.max(deciding(load)), held + standing + mesh + slabs, check];
+        let check = mesh + checking(workload, self.threads).within(self.working).bytes() + filling;
+        let passes = [
+            buckets + bucketing,
+            held + sealing + slices.max(deciding(workload)),
+            held + standing + mesh + slabs,
+            check,
+        ];
         let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
         if self.is_roomy(memory) {
             memory += memory / KEPT_BACK;
         }
 
-        let bucketed = load.bucket_bytes() - buckets;
-        let sealing = if self.store_quota > 0 { 0 } else { load.slice_bytes() };
-        let standing = if self.store_quota > 0 { 0 } else { load.standing_slice_bytes() };
-        let surface = standing + load.mesh_bytes() - mesh;
+        let bucketed = workload.bucket_bytes() - buckets;
+        let sealing = if self.store_quota > 0 { 0 } else { workload.slice_bytes() };
+        let standing = if self.store_quota > 0 { 0 } else { workload.standing_slice_bytes() };
+        let surface = standing + workload.mesh_bytes() - mesh;
         Ok((memory, bucketed + sealing.max(surface)))
     }
 
-    /// The least budget for a load on `threads` threads, in bytes.
-    pub fn least(load: &Load, threads: usize) -> u64 {
-        let chunks = load.buckets() + 1;
-        let bucketing = load.block_job() + chunks * CHUNK / 15 * 16;
-        let slices = Self::chunk_job(load);
-        let slab = SlabJobs::one(PIECE.1).bytes(load, load.means_to_expect());
+    /// The least budget for a workload on `threads` threads, in bytes.
+    pub fn least(workload: &Workload, threads: usize) -> u64 {
+        let chunks = workload.buckets() + 1;
+        let bucketing = workload.block_job() + chunks * CHUNK / 15 * 16;
+        let slices = Self::chunk_job(workload);
+        let slab = SlabJobs::one(PIECE.1).bytes(workload, workload.means_to_expect());
         process(threads)
             + (2 << 20)
-            + bucketing.max(slices).max(deciding(load)).max(slab).max(checking(load, threads).jobs)
+            + bucketing.max(slices).max(deciding(workload)).max(slab).max(checking(workload, threads).jobs)
     }
 
     /// Bytes of a job over a chunk of slices with the smallest ball, and with columns, if there are any.
-    fn chunk_job(load: &Load) -> u64 {
-        job_bytes(1, load.cells)
-            + load.columns.map_or(0, |columns| heightfield::bytes(columns.of_slice, columns.bridge, load.smooth))
+    fn chunk_job(workload: &Workload) -> u64 {
+        job_bytes(1, workload.cells)
+            + workload
+                .columns
+                .map_or(0, |columns| heightfield::bytes(columns.of_slice, columns.bridge, workload.smooth))
     }
 
     /// Slabs that may be in the making and waiting at a time, when each needs `means` bytes for means of cells.
     ///
     /// # Errors
     /// [`Error::Budget`] if one in the making and one at its seam are too much.
-    pub fn slab_jobs(&self, load: &Load, means: u64) -> Result<SlabJobs> {
+    pub fn slab_jobs(&self, workload: &Workload, means: u64) -> Result<SlabJobs> {
         // As many as there are threads, and finished slabs that wait for their turn; then fewer.
         let beside = [self.threads.div_ceil(2), 0].map(|ahead| (self.threads, ahead));
         let fewer = (1..self.threads).rev().map(|running| (running, 0));
         for (running, ahead) in beside.into_iter().chain(fewer) {
             let jobs = SlabJobs { running, ahead, piece_points: 0 };
-            let room = self.working.saturating_sub(jobs.bytes(load, means)) / running as u64;
+            let room = self.working.saturating_sub(jobs.bytes(workload, means)) / running as u64;
             // What other stages need more than fitting is room for points, too.
             let fits =
-                |piece: &u64| SlabJobs { piece_points: *piece as usize, ..jobs }.bytes(load, means) <= self.working;
+                |piece: &u64| SlabJobs { piece_points: *piece as usize, ..jobs }.bytes(workload, means) <= self.working;
             let doubled = std::iter::successors(Some(PIECE.1), |piece| Some(2 * piece));
             let beside = doubled.take_while(|piece| *piece <= PIECE.0 && fits(piece)).last().unwrap_or(0);
-            let piece_points = piece_in(load, room).max(beside).min(self.piece_points as u64);
+            let piece_points = piece_in(workload, room).max(beside).min(self.piece_points as u64);
             // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
             let enough = if running > 1 { GOOD_PIECE } else { PIECE.1 };
-            if piece_points >= enough.min(self.piece_points as u64).min(load.whole_piece()) {
+            if piece_points >= enough.min(self.piece_points as u64).min(workload.whole_piece()) {
                 return Ok(SlabJobs { piece_points: piece_points as usize, ..jobs });
             }
         }
         // With a larger budget more would be kept.
-        let least = self.keepable.least_beside(SlabJobs::one(PIECE.1).bytes(load, means));
+        let least = self.keepable.least_beside(SlabJobs::one(PIECE.1).bytes(workload, means));
         Err(Error::Budget {
             given: ByteSize(self.budget),
             needed: ByteSize((process(self.threads) + least).next_multiple_of(1 << 20)),
@@ -254,36 +260,36 @@ fn jobs_of_all(threads: usize) -> u64 {
 }
 
 /// Bytes of the level that inside and outside are told apart on; a surface that is not closed needs none.
-fn deciding(load: &Load) -> u64 {
-    if load.columns.is_some() { 0 } else { sign::bytes(load.cells) }
+fn deciding(workload: &Workload) -> u64 {
+    if workload.columns.is_some() { 0 } else { sign::bytes(workload.cells) }
 }
 
 /// What the check takes.
-fn checking(load: &Load, threads: usize) -> Need {
-    Need::of(load.vertices(), load.triangles(), threads)
+fn checking(workload: &Workload, threads: usize) -> Need {
+    Need::of(workload.vertices(), workload.triangles(), threads)
 }
 
 /// Bytes of the points that are held at once when a slab is fitted in pieces of `piece`: those round a plane, sorted, with as many cells at most; and a bucket's share
 /// of them while it is sorted.
-fn piece_bytes(load: &Load, piece: u64) -> u64 {
-    let PointLoad { bucket, window } = load.points_near();
-    let share = piece / u64::from(buckets_round(halo(load.smooth)));
-    (window.min(piece) + bucket.min(share)) * sorted_bytes(load)
+fn piece_bytes(workload: &Workload, piece: u64) -> u64 {
+    let PointWorkload { bucket, window } = workload.points_near();
+    let share = piece / u64::from(buckets_round(halo(workload.smooth)));
+    (window.min(piece) + bucket.min(share)) * sorted_bytes(workload)
 }
 
 /// Bytes of a point among others that are sorted, with the number of its cell or of those before it.
-fn sorted_bytes(load: &Load) -> u64 {
-    load.coordinates() + 4
+fn sorted_bytes(workload: &Workload) -> u64 {
+    workload.coordinates() + 4
 }
 
 /// The most points that can be held at once in `room` bytes: all of them, or a piece.
-fn piece_in(load: &Load, room: u64) -> u64 {
-    let whole = load.whole_piece();
-    if piece_bytes(load, whole) <= room {
+fn piece_in(workload: &Workload, room: u64) -> u64 {
+    let whole = workload.whole_piece();
+    if piece_bytes(workload, whole) <= room {
         return whole;
     }
-    let buckets = u64::from(buckets_round(halo(load.smooth)));
-    room / sorted_bytes(load) * buckets / (buckets + 1)
+    let buckets = u64::from(buckets_round(halo(workload.smooth)));
+    room / sorted_bytes(workload) * buckets / (buckets + 1)
 }
 
 impl SlabJobs {
@@ -292,15 +298,15 @@ impl SlabJobs {
         SlabJobs { running: 1, ahead: 0, piece_points: piece_points as usize }
     }
 
-    /// The most bytes of all slabs of a load at a time, with the points round a plane, as far as they are held at once, and `means`.
-    fn bytes(&self, load: &Load, means: u64) -> u64 {
-        let of = load.made();
-        let points = load.fitting_raster() + piece_bytes(load, self.piece_points as u64);
+    /// The most bytes of all slabs of a workload at a time, with the points round a plane, as far as they are held at once, and `means`.
+    fn bytes(&self, workload: &Workload, means: u64) -> u64 {
+        let of = workload.made();
+        let points = workload.fitting_raster() + piece_bytes(workload, self.piece_points as u64);
         let size = |slab: &Size| {
             let mesh = slab.bytes(&of);
             (mesh, slab.bytes_making(&of, points, means) - mesh)
         };
-        let slabs = load.slabs();
+        let slabs = workload.slabs();
         let in_flight = self.in_flight().min(slabs.len());
         // For hundreds of threads, as if the widest slabs were side by side.
         let widest = (slabs.len() * in_flight > MOST_LOOKED_AT).then(|| {
@@ -348,19 +354,19 @@ mod tests {
     use crate::grid::partition::slab_count;
     use crate::points::Precision;
 
-    fn load(points: u64, s: u32) -> Load {
-        Load::in_cells(points, Precision::Single, [s; 3], 1)
+    fn load(points: u64, s: u32) -> Workload {
+        Workload::in_cells(points, Precision::Single, [s; 3], 1)
     }
 
     #[test]
     fn the_least_budget_is_accepted_and_one_byte_less_is_refused_with_it() {
         for (points, s) in [(1, 1), (36_000, 132), (100_000_000, 1856), (1_000_000_000, 4000)] {
-            let load = load(points, s);
+            let workload = load(points, s);
             for threads in [1, 2, 64] {
-                MemoryPlan::for_budget(MemoryPlan::least(&load, threads), &load, threads).unwrap();
+                MemoryPlan::for_budget(MemoryPlan::least(&workload, threads), &workload, threads).unwrap();
             }
-            let least = MemoryPlan::least(&load, 2);
-            let Err(Error::Budget { needed, .. }) = MemoryPlan::for_budget(least - 1, &load, 2) else {
+            let least = MemoryPlan::least(&workload, 2);
+            let Err(Error::Budget { needed, .. }) = MemoryPlan::for_budget(least - 1, &workload, 2) else {
                 panic!("a budget below the least was accepted")
             };
             assert!(needed.0 >= least && needed.0 < least + (1 << 20));
@@ -380,9 +386,9 @@ mod tests {
 
     #[test]
     fn faces_that_are_known_sharpen_the_plan() {
-        let load = load(20_000_000, 1085);
+        let workload = load(20_000_000, 1085);
         let slabs = slab_count(1, 1085);
-        let with = |faces: u64| load.with_faces(vec![faces; slabs as usize], false);
+        let with = |faces: u64| workload.with_faces(vec![faces; slabs as usize], false);
         let plan = MemoryPlan::for_budget(400 << 20, &with(300_000), 2).unwrap();
         let sharper = plan.with_surface(&with(250_000), 0).unwrap();
         assert!(sharper.predicted < plan.predicted && sharper.predicted_disk < plan.predicted_disk);
@@ -416,22 +422,22 @@ mod tests {
     #[test]
     fn slabs_are_made_side_by_side_while_there_is_room() {
         // More than telling inside and outside apart takes.
-        let load = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
-        let jobs = |budget: u64| MemoryPlan::for_budget(budget, &load, 2).unwrap().slab_jobs(&load, 0).unwrap();
-        let (least, large) = (jobs(MemoryPlan::least(&load, 2)), jobs(4 << 30));
+        let workload = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
+        let jobs = |budget: u64| MemoryPlan::for_budget(budget, &workload, 2).unwrap().slab_jobs(&workload, 0).unwrap();
+        let (least, large) = (jobs(MemoryPlan::least(&workload, 2)), jobs(4 << 30));
         assert_eq!((least.running, least.in_flight()), (1, 1));
         assert_eq!((large.running, large.in_flight()), (2, 3));
         assert!(least.piece_points < large.piece_points);
-        assert_eq!(large.piece_points as u64, load.whole_piece());
+        assert_eq!(large.piece_points as u64, workload.whole_piece());
     }
 
     #[test]
     fn more_memory_never_means_smaller_shares() {
-        let load = load(20_000_000, 1085);
-        let small = MemoryPlan::for_budget(128 << 20, &load, 2).unwrap();
-        let large = MemoryPlan::for_budget(8 << 30, &load, 2).unwrap();
+        let workload = load(20_000_000, 1085);
+        let small = MemoryPlan::for_budget(128 << 20, &workload, 2).unwrap();
+        let large = MemoryPlan::for_budget(8 << 30, &workload, 2).unwrap();
         assert_eq!(small.buckets_quota, 0, "240 MB of points do not fit into 128 MiB");
-        assert!(large.buckets_quota >= load.bucket_bytes());
+        assert!(large.buckets_quota >= workload.bucket_bytes());
         assert!(large.piece_points >= small.piece_points);
     }
 }

@@ -14,7 +14,7 @@ use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
 use crate::settings::Settings;
 use crate::settings::open::{Kind, Open};
-use crate::storage::atomic_file::WholeFile;
+use crate::storage::atomic_file::AtomicFile;
 use crate::storage::spool::Workspace;
 
 /// Memory for a preview, unless less is there: more would let it be drawn at once instead of in a few bands, and take longer to clear.
@@ -45,20 +45,20 @@ impl Preview {
 
 /// A preview that is going to be drawn.
 pub struct PlannedPreview {
-    file: WholeFile,
+    file: AtomicFile,
     options: render::Options,
 }
 
 /// A preview that is drawn, but has no name yet.
 pub struct DrawnPreview {
-    file: WholeFile,
+    file: AtomicFile,
     picture: render::Picture,
 }
 
 impl PlannedPreview {
     /// A preview of what `settings` make of a cloud, whose coordinates are in `measure`.
     pub fn new(
-        file: WholeFile,
+        file: AtomicFile,
         settings: &Settings,
         bounds: &Bounds,
         schema: &Schema,
@@ -84,7 +84,7 @@ impl PlannedPreview {
     /// Draws it, in as much of `memory` bytes as is of use.
     ///
     /// # Errors
-    /// Those of [`render::render`].
+    /// Errors of [`render::render`].
     pub fn draw(
         self,
         mesh: &dyn MeshSource,

@@ -16,7 +16,7 @@ use console::style;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
-use crate::error::words::{duration, rough, thousands};
+use crate::error::words::{as_options, duration, rough, thousands};
 use crate::input::Unpacked;
 use crate::run::forecast::Known;
 use crate::run::phase::{Forecast, Phase};
@@ -42,9 +42,9 @@ pub struct Update {
     pub stage: Phase,
     /// What the stage counts: "points", "faces".
     pub unit: &'static str,
-    /// So many of them are done.
+    /// How many of them are done.
     pub done: u64,
-    /// So many there are in all, if that is known.
+    /// How many there are in all, if that is known.
     pub total: Option<u64>,
     /// The part of the whole run that is done, from 0 to 1, if that can be told. It never falls.
     pub fraction: Option<f64>,
@@ -237,7 +237,7 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// So many units of the phase are done in all.
+    /// How many units of the phase are done in all.
     pub fn set(&mut self, done: u64) {
         let before = self.current.as_ref().map_or(0, |current| current.done);
         self.add(done.saturating_sub(before));
@@ -364,8 +364,8 @@ impl<'a> Progress<'a> {
             observer.note(words);
         }
         match self.show {
-            Show::Json => self.object("note", json!({ "message": words })),
-            _ => self.line(words),
+            Show::Json => self.object("note", json!({ "message": as_options(words) })),
+            _ => self.line(&as_options(words)),
         }
     }
 

@@ -25,7 +25,7 @@ use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
 use crate::solid::close::{How, PartingNothing};
 use crate::solid::component::Components;
-use crate::solid::heightfield::Found as Columns;
+use crate::solid::heightfield::ColumnCounts as Columns;
 use crate::stitch::Counts;
 use crate::surface::thickness::Shell;
 
@@ -41,6 +41,7 @@ const MANY_COMPONENTS: u64 = 10;
 
 /// Everything about a finished run.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Report {
     /// The program's version.
     pub version: &'static str,
@@ -76,6 +77,7 @@ pub struct Report {
 
 /// One file read.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct InputReport {
     /// The file.
     pub path: PathBuf,
@@ -89,6 +91,7 @@ pub struct InputReport {
 
 /// What was asked for.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Parameters {
     /// The paper's k, if that set the grid.
     pub k: Option<f64>,
@@ -114,6 +117,7 @@ pub struct Parameters {
 
 /// The points.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct PointsReport {
     /// Finite points.
     pub count: u64,
@@ -133,6 +137,7 @@ pub struct PointsReport {
 
 /// The grid.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct GridReport {
     /// The slicing axis.
     pub axis: char,
@@ -148,6 +153,7 @@ pub struct GridReport {
 
 /// The closing.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Closing {
     /// The ball's radius, in cells, where one was asked for.
     pub radius: Option<u32>,
@@ -188,6 +194,7 @@ pub struct FitReport {
 
 /// A patch of samples that have the same side on both sides.
 #[derive(Debug, Clone, Copy, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct PatchReport {
     /// The part of the samples' cells that it has.
     pub share: f64,
@@ -207,6 +214,7 @@ fn bounds_of(grid: &Grid, [low, high]: [[f64; 3]; 2]) -> Bounds {
 
 /// The mesh file.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct OutputReport {
     /// The file; none of a mesh in memory.
     pub path: Option<PathBuf>,
@@ -228,6 +236,7 @@ pub struct OutputReport {
 
 /// Memory and disk, planned and used.
 #[derive(Debug, Clone, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct MemoryReport {
     /// The plan.
     pub plan: MemoryPlan,
@@ -261,7 +270,7 @@ impl PointsReport {
             dropped: surveyed.survey.dropped,
             filtered: surveyed.survey.filtered,
             attributes: cloud.schema().attributes().iter().map(|a| a.name.clone()).collect(),
-            precision: surveyed.load.precision,
+            precision: surveyed.workload.precision,
             bounds: surveyed.survey.bounds,
             sampling_distance: surveyed.sampling,
         }
@@ -276,7 +285,7 @@ impl GridReport {
             slices: grid.cells()[1],
             raster: grid.raster(),
             cell_size: grid.cell_size(),
-            unfolded: grid.is_folded().then(|| grid.raw_raster()),
+            unfolded: grid.has_gaps().then(|| grid.raw_raster()),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The load: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
+//! The workload: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
 
 use crate::grid::partition::plane_halo;
 use crate::grid::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices};
@@ -15,7 +15,7 @@ const COLUMN: (u64, u64) = (17, 5);
 
 /// What the plan is made from.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Load {
+pub struct Workload {
     /// Number of points.
     pub points: u64,
     /// Precision of the cloud.
@@ -33,42 +33,42 @@ pub struct Load {
     /// Whether a ball falls, which takes more stores of slices.
     falls: bool,
     /// The most points of a bucket, and of those round a plane, if they have been counted.
-    counted: Option<PointLoad>,
+    counted: Option<PointWorkload>,
     /// The columns of a surface that is seen from one side.
-    pub(crate) columns: Option<ColumnLoad>,
+    pub(crate) columns: Option<ColumnWorkload>,
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PointLoad {
-    /// Of one.
+pub struct PointWorkload {
+    /// The most points of one bucket.
     pub bucket: u64,
-    /// Of [`buckets_round`] the halo.
+    /// The most points of [`buckets_round`] the halo.
     pub window: u64,
 }
 
 /// What the plan must know of columns.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ColumnLoad {
+pub struct ColumnWorkload {
     /// Columns of a slice.
     pub of_slice: u32,
     /// Radius of the disc that bridges holes, in cells.
     pub bridge: u32,
 }
 
-impl Load {
-    /// The load of `points` points on `grid`, with the faces of a surface round the whole box, and a third more for its slopes.
-    pub fn new(points: u64, precision: Precision, grid: &Grid, smooth: u32) -> Load {
-        Load::in_cells(points, precision, grid.cells(), smooth)
+impl Workload {
+    /// The workload of `points` points on `grid`, with the faces of a surface round the whole box, and a third more for its slopes.
+    pub fn new(points: u64, precision: Precision, grid: &Grid, smooth: u32) -> Workload {
+        Workload::in_cells(points, precision, grid.cells(), smooth)
     }
 
-    /// [`Load::new`] for a grid of so many cells along x, slices and rows.
-    pub fn in_cells(points: u64, precision: Precision, cells: Cell, smooth: u32) -> Load {
+    /// [`Workload::new`] for a grid of so many cells along x, slices and rows.
+    pub fn in_cells(points: u64, precision: Precision, cells: Cell, smooth: u32) -> Workload {
         let [x, y, z] = cells.map(u64::from);
         let faces = (2 * (x * y + y * z + z * x) * 4 / 3).min(x.saturating_mul(y).saturating_mul(z).saturating_mul(6));
         let slabs = slab_count(smooth, cells[1]);
         let share = faces.div_ceil(u64::from(slabs));
-        Load {
+        Workload {
             points,
             precision,
             attributes: 0,
@@ -82,23 +82,23 @@ impl Load {
         }
     }
 
-    /// The load of a surface that is seen from one side.
-    pub fn with_columns(self, columns: ColumnLoad) -> Load {
-        Load { columns: Some(columns), ..self }
+    /// The workload of a surface that is seen from one side.
+    pub fn with_columns(self, columns: ColumnWorkload) -> Workload {
+        Workload { columns: Some(columns), ..self }
     }
 
-    /// The same load with other numbers of faces, one for each slab; `falls` says whether a ball falls to close the cells.
+    /// The same workload with other numbers of faces, one for each slab; `falls` says whether a ball falls to close the cells.
     ///
     /// # Panics
     /// If there are not as many numbers as slabs.
-    pub fn with_faces(&self, slabs: Vec<u64>, falls: bool) -> Load {
+    pub fn with_faces(&self, slabs: Vec<u64>, falls: bool) -> Workload {
         assert_eq!(slabs.len(), self.slabs.len(), "a number of faces for each slab");
         let slabs = slabs.into_iter().map(|faces| Size::even(faces, self.smooth)).collect();
-        Load { slabs, falls, ..self.clone() }
+        Workload { slabs, falls, ..self.clone() }
     }
 
-    /// The same load for a body that stands on a flat bottom: it is expected to have upright walls at either end of the slices.
-    pub fn with_walls_at_ends(self) -> Load {
+    /// The same workload for a body that stands on a flat bottom: it is expected to have upright walls at either end of the slices.
+    pub fn with_walls_at_ends(self) -> Workload {
         let mut slabs = self.slabs.clone();
         let wall = u64::from(self.cells[0]) * u64::from(self.cells[2]);
         let last = slabs.len() - 1;
@@ -106,36 +106,36 @@ impl Load {
             let slab = &mut slabs[number];
             (slab.faces, slab.round, slab.layer) = (slab.faces + wall, slab.round + wall, slab.layer + wall);
         }
-        Load { slabs, ..self }
+        Workload { slabs, ..self }
     }
 
-    /// The same load when the faces of all slices are known; `falls` as in [`Load::with_faces`].
+    /// The same workload when the faces of all slices are known; `falls` as in [`Workload::with_faces`].
     ///
     /// # Panics
     /// If there are not as many numbers as slices.
-    pub fn with_faces_of_slices(&self, faces: &[u32], falls: bool) -> Load {
+    pub fn with_faces_of_slices(&self, faces: &[u32], falls: bool) -> Workload {
         assert_eq!(faces.len(), self.cells[1] as usize, "a number of faces for each slice");
         let slabs = (0..slab_count(self.smooth, self.cells[1])).map(|number| Size::counted(faces, number, self.smooth));
-        Load { slabs: slabs.collect(), falls, ..self.clone() }
+        Workload { slabs: slabs.collect(), falls, ..self.clone() }
     }
 
-    /// The same load with vertices that are moved onto something else than their nearest points.
-    pub fn with_fit(self, fit: Fit) -> Load {
-        Load { fit, ..self }
+    /// The same workload with vertices that are moved onto something else than their nearest points.
+    pub fn with_fit(self, fit: Fit) -> Workload {
+        Workload { fit, ..self }
     }
 
-    /// The same load when the points of each bucket are known.
-    pub fn with_buckets(self, points: &[u64]) -> Load {
+    /// The same workload when the points of each bucket are known.
+    pub fn with_buckets(self, points: &[u64]) -> Workload {
         let most = |buckets: usize| {
             points.windows(buckets.clamp(1, points.len().max(1))).map(|some| some.iter().sum()).max().unwrap_or(0)
         };
-        let counted = PointLoad { bucket: most(1), window: most(buckets_round(halo(self.smooth)) as usize) };
-        Load { counted: Some(counted), ..self }
+        let counted = PointWorkload { bucket: most(1), window: most(buckets_round(halo(self.smooth)) as usize) };
+        Workload { counted: Some(counted), ..self }
     }
 
-    /// The same load with attributes of so many bytes on every point.
-    pub fn with_attributes(self, bytes: usize) -> Load {
-        Load { attributes: bytes as u64, ..self }
+    /// The same workload with attributes of so many bytes on every point.
+    pub fn with_attributes(self, bytes: usize) -> Workload {
+        Workload { attributes: bytes as u64, ..self }
     }
 
     /// Bytes of a point's coordinates.
@@ -186,7 +186,7 @@ impl Load {
         (if self.falls { sealing * 3 } else { sealing }) + y * self.columns_of_slice() * COLUMN.0
     }
 
-    /// Of these, the bytes that remain while slabs are made: occupied and solid cells.
+    /// The part of these bytes that remains while slabs are made: occupied and solid cells.
     pub(crate) fn standing_slice_bytes(&self) -> u64 {
         let [_, y, z] = self.cells.map(u64::from);
         y * z * 8 + self.faces() * 6 + y * self.columns_of_slice() * COLUMN.1
@@ -238,12 +238,12 @@ impl Load {
     }
 
     /// Points of buckets: as counted, or to expect if points lie where faces do.
-    pub(crate) fn points_near(&self) -> PointLoad {
+    pub(crate) fn points_near(&self) -> PointWorkload {
         self.counted.unwrap_or_else(|| {
             let share = self.faces_of_widest() as f64 / self.faces().max(1) as f64;
             let slices = |buckets: u32| f64::from(buckets * BUCKET_SLICES) / f64::from(slab_slices(self.smooth));
             let points = |buckets: u32| ((self.points as f64 * share * slices(buckets)) as u64 + 1).min(self.points);
-            PointLoad { bucket: points(1), window: points(buckets_round(halo(self.smooth))) }
+            PointWorkload { bucket: points(1), window: points(buckets_round(halo(self.smooth))) }
         })
     }
 

@@ -1,12 +1,13 @@
-//! What is asked of the closing: which holes are closed, and which components are kept.
+//! Options of the closing: which holes are closed, and which components are kept.
 
 use std::str::FromStr;
 
-/// How holes are closed.
+/// How holes are closed. Lengths are in the unit of the coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Sealing {
-    /// As wide as they are, where samples on their rims say so ([`crate::sign`]).
+    /// However wide they are: the outside and the inside are told apart by the samples on both sides of a hole's rim.
     #[default]
     Auto,
     /// By a ball of this radius, in cells.
@@ -20,9 +21,10 @@ pub enum Sealing {
 /// Which components are kept.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Least {
-    /// All but specks: components of fewer than [`SPECK`](crate::solid::component::SPECK) cells and less than a thousandth of the largest, if all of them together have less than a
-    /// fiftieth of the cells. More are no accident: then all are kept.
+    /// All but specks: components of fewer than 64 cells and less than a thousandth of the largest's. If these together have a fiftieth of all cells or more,
+    /// they are no accident, and all are kept.
     #[default]
     Auto,
     /// Those of at least so many cells.

@@ -1,4 +1,4 @@
-//! What is asked of a reconstruction: plain values, that every stage may look at. None of them says where, or with how much memory and how many threads.
+//! Settings of a reconstruction: plain values that every stage may read. Files, memory and threads are not among them.
 
 pub mod closing;
 pub mod open;
@@ -44,13 +44,13 @@ pub enum Fineness {
     /// The paper's k = 4, but cells no smaller than `--cell-size auto` would make them: of smaller ones too many are empty by chance.
     #[default]
     Default,
-    /// As told.
+    /// The resolution that is given.
     Given(Resolution),
     /// Cells tied to the sampling distance.
     Sampling,
 }
 
-/// What is asked of the reconstruction, apart from files and means.
+/// All settings of a reconstruction, but for files and resources.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// How fine the grid is.
@@ -93,22 +93,28 @@ impl Settings {
     /// Checks what can be checked without the input.
     ///
     /// # Errors
-    /// [`Error::Usage`].
+    /// [`Error::InvalidSetting`].
     pub fn validate(&self) -> Result<()> {
         if let Some(window) = self.window
             && (window < 3 || window % 2 == 0)
         {
-            return Err(Error::Usage(format!("--window {window}: the window is an odd number of slices, at least 3")));
+            return Err(Error::setting(
+                "window",
+                format!("`window` {window}: the window is an odd number of slices, at least 3"),
+            ));
         }
         if self.min_points == 0 {
-            return Err(Error::Usage("--min-points 0: a cell without points is never occupied; at least 1".into()));
+            return Err(Error::setting(
+                "min_points",
+                "`min_points` 0: a cell without points is never occupied; at least 1".into(),
+            ));
         }
         if self.surface.smooth > 100 {
-            return Err(Error::Usage(format!("--smooth {}: at most 100 steps", self.surface.smooth)));
+            return Err(Error::setting("smooth", format!("`smooth` {}: at most 100 steps", self.surface.smooth)));
         }
         if self.open.is_some() && self.min_component.is_some_and(|least| least != Least::Auto) {
-            let message = "--min-component: a surface that is seen from one side has no components; --min-points thins out strays";
-            return Err(Error::Usage(message.into()));
+            let message = "`min_component`: a surface that is seen from one side has no components; `min_points` thins out strays";
+            return Err(Error::setting("min_component", message.into()));
         }
         Ok(())
     }

@@ -1,21 +1,23 @@
-//! Surfaces that are not closed: what is asked of them, and the grid they need.
+//! Options of open surfaces.
 
 use std::str::FromStr;
 
 use crate::points::bounds::{Axis, Bounds};
 
-/// What a surface that is not closed is of.
+/// The kind of an open surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Kind {
-    /// Of what was scanned from one side.
+    /// Something that was scanned from one side.
     Sheet,
-    /// Of ground, seen from above.
+    /// Ground, buildings and trees, seen from above.
     Terrain,
 }
 
 /// Where a surface was seen from.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Facing {
     /// From far along an axis of the file's coordinates.
     Along {
@@ -106,6 +108,7 @@ impl serde::Serialize for Facing {
 /// The width of a hole.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Hole {
     /// In cells.
     Cells(u32),
@@ -135,10 +138,11 @@ impl FromStr for Hole {
     }
 }
 
-/// What is asked of a surface that is not closed.
+/// Options of an open surface.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Open {
-    /// What it is of.
+    /// The kind of surface.
     pub kind: Kind,
     /// From where it was seen.
     pub facing: Facing,
@@ -151,6 +155,11 @@ pub struct Open {
 impl Open {
     /// Terrain with the usual widest hole.
     pub const TERRAIN: Open = Open { kind: Kind::Terrain, facing: Facing::UP, max_hole: Hole::DEFAULT, base: None };
+
+    /// A sheet that was seen from `facing`, with the usual widest hole.
+    pub const fn sheet(facing: Facing) -> Open {
+        Open { kind: Kind::Sheet, facing, max_hole: Hole::DEFAULT, base: None }
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
-//! What is asked of the surface of every slab.
+//! Options of the surface: smoothing, diagonals, fitting.
 
-/// What is done to the surface of every slab.
+/// Options of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct SurfaceOptions {
     /// Steps of smoothing: the first is Eq. 4, each further one smooths without shrinking.
@@ -15,6 +15,7 @@ pub struct SurfaceOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Fit {
     /// Planes where the points are noisy, else the nearest points.
     #[default]
@@ -42,6 +43,7 @@ impl Fit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Diagonals {
     /// The one that maximises the smallest angle.
     #[default]

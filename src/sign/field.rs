@@ -13,7 +13,7 @@ pub const BARE: f64 = 0.25;
 /// What a face weighs if one of its cells lies between two occupied ones: a gap in a wall, as sparse sampling leaves.
 const GAP: f32 = 0.1;
 
-/// So many cells are looked at by one thread at a time.
+/// The number of cells that one thread takes at a time.
 const ALONE: usize = 1 << 14;
 
 /// Fewer enclosed cells are no cavity.
@@ -29,7 +29,7 @@ pub struct Field<'a> {
     gaps: Vec<bool>,
     /// Cells that are outside, whatever the field.
     outside: Vec<bool>,
-    /// Of each cell, what a face to an equally open one weighs; 0 where u is not looked for.
+    /// The weight of a face between each cell and an equally open one; 0 where u is not looked for.
     open: Vec<f32>,
     /// The u of each cell in which it is looked for.
     pub(super) u: Vec<f32>,

@@ -99,10 +99,8 @@ impl Seen {
 pub struct Signed {
     /// The cells, some more on every side.
     pub block: Block,
-    /// Of each cell of the block.
+    /// The side of each cell of the block.
     pub sides: Vec<Side>,
-    /// Occupied cells that belong to no surface, as indices of the block.
-    pub outliers: Vec<u32>,
     /// Number of walls: occupied cells that have free cells on both sides.
     pub walls: u64,
     /// How many of them have the same side on both sides.
@@ -148,7 +146,7 @@ impl Signed {
     }
 
     fn found(seen: Seen, context: &Context) -> Result<Signed> {
-        let Seen { block, occupied, walls, outliers, finest } = seen;
+        let Seen { block, occupied, walls, outliers: _, finest } = seen;
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
@@ -192,17 +190,12 @@ impl Signed {
         }
         let [open, filled] =
             [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
-        Ok(Signed { walls: two_sided.len() as u64, part_nothing, part_outside, open, filled, block, sides, outliers })
+        Ok(Signed { walls: two_sided.len() as u64, part_nothing, part_outside, open, filled, block, sides })
     }
 
     /// The side of a cell of the level; beyond it, all is outside.
     pub fn side(&self, cell: [i64; 3]) -> Side {
         self.block.at(cell).map_or(Side::Outside, |index| self.sides[index])
-    }
-
-    /// Cells of the level along x, slices, rows.
-    pub fn cells(&self) -> Cell {
-        self.block.cells
     }
 }
 

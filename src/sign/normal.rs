@@ -16,7 +16,7 @@ pub const WEIGHT: f32 = 4.0;
 /// How far a wall's sides are looked for, in half cells.
 const REACH: i32 = 8;
 
-/// So many walls are looked at by one thread at a time.
+/// The number of walls that one thread takes at a time.
 const TOGETHER: usize = 1024;
 
 /// An occupied cell with the nearest free cells on both of its sides, as indices of the block.
@@ -60,9 +60,9 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
 
 /// The rows of a ball whose radius is less than three cells.
 struct Rows {
-    /// Of each row, its slice and its row from the middle, the step to its own middle, and the bits of its cells as [`Block::five`] has them.
+    /// For each row: its slice and row counted from the middle, the step to its own middle, and the bits of its cells as [`Block::five`] has them.
     rows: Vec<([i64; 2], isize, u8)>,
-    /// Of each pattern of bits, how many there are, the sum of their offsets, and of their squares.
+    /// For each pattern of bits: their number, the sum of their offsets, and the sum of the squares.
     sums: Vec<[i64; 3]>,
 }
 

@@ -20,7 +20,7 @@ const GROUP: usize = 8;
 /// If fewer cells are left, they are no surface either, and nothing is taken out.
 const FEWEST: usize = 27;
 
-/// So many cells are looked at by one thread at a time.
+/// The number of cells that one thread takes at a time.
 const TOGETHER: usize = 1024;
 
 /// Takes the outliers out of the occupied cells, and gives them. The work is dealt out to the pool that it is called in.

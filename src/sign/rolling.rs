@@ -12,7 +12,7 @@ use crate::grid::slice::{Bits, clip};
 /// The radius from which a coarser copy will do.
 const ROUND: f64 = 24.0;
 
-/// Of each cell of the block, whether a ball of `radius` cells covers it that touches no occupied cell and can be moved there from far off. Memory: a few bits for each cell
+/// Whether a ball of `radius` cells covers each cell of the block, if it touches no occupied cell and can be moved there from far off. Memory: a few bits for each cell
 /// of a box that is larger by the ball on every side.
 pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {
     let mut level = 0u32;

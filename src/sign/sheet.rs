@@ -70,7 +70,7 @@ const SMOOTH: f32 = 0.85;
 /// The part of the walls round a wall that part nothing, from which on it belongs to a sheet.
 const MOST: f64 = 0.5;
 
-/// So many walls are looked at by one thread at a time.
+/// The number of walls that one thread takes at a time.
 const TOGETHER: usize = 256;
 
 /// What a sheet's wall weighs, as a part of what it weighed.

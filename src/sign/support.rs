@@ -27,7 +27,7 @@ const LARGE: f64 = 30.0;
 /// What of the inside is bare.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Bare {
-    /// Of each cell of the block, whether it belongs to a component that is bare, or a part of one.
+    /// Whether each cell of the block belongs to a bare component, or to a bare part of one.
     pub cells: Vec<bool>,
     /// As `cells`, of whole components only.
     pub whole: Vec<bool>,
@@ -64,7 +64,7 @@ pub fn bare(field: &Field<'_>, walls: &[Wall]) -> Option<Bare> {
     }
 }
 
-/// Of each cell, whether it belongs to one of those whose border is as asked; none if there is no such one.
+/// Whether each cell belongs to a component whose border passes `is`; `None` if none does.
 fn marked(of: &[u32], borders: &[Border], is: impl Fn(&Border) -> bool) -> Option<Vec<bool>> {
     let is: Vec<bool> = borders.iter().map(is).collect();
     is.contains(&true).then(|| of.par_iter().with_min_len(ALONE).map(|&number| is[number as usize]).collect())
@@ -126,7 +126,7 @@ fn parts(field: &Field<'_>) -> (Vec<u32>, u32) {
     (of, count)
 }
 
-/// So many cells are looked at by one thread at a time.
+/// The number of cells that one thread takes at a time.
 const ALONE: usize = 1 << 14;
 
 /// Numbers the components of some cells, none of which lies at the block's border, from 1 on, in the order of their first cells; and tells how many there are. Cells that share a face belong together. Runs of

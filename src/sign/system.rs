@@ -39,11 +39,11 @@ struct Across {
 #[derive(Debug)]
 pub struct System<'a> {
     block: &'a Block,
-    /// Of each cell, what the face to a cell as open weighs; of two cells the lesser counts. 0 where u is not looked for.
+    /// The weight of a face between each cell and an equally open one; between two cells the lesser weight counts. 0 where u is not looked for.
     open: &'a [f32],
-    /// Of each slice, ranges of cells that hold all in which u is looked for.
+    /// For each slice: ranges that hold all cells in which u is looked for.
     spans: Vec<Vec<Range<usize>>>,
-    /// Of each slice, its terms across walls.
+    /// The terms across walls, slice by slice.
     across: Vec<Vec<Across>>,
     diagonal: Vec<f32>,
     right: Vec<f32>,

@@ -25,7 +25,7 @@ use crate::solid::seal::Pyramid;
 use crate::solid::watershed;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
 
-pub use crate::solid::seal::Closing;
+pub use crate::solid::seal::ClosingBall;
 
 impl Sealing {
     /// The radius asked for, in cells of `cell_size`, at least 1; none if it is to be found.
@@ -39,9 +39,9 @@ impl Sealing {
     }
 }
 
-/// What is asked of the closing.
+/// Options of the closing.
 #[derive(Debug, Clone, Copy)]
-pub struct Asked {
+pub struct ClosingOptions {
     /// How holes are closed.
     pub seal: Sealing,
     /// The window's slices, which bound a closing radius that is given: ρ ≤ (W − 1) / 2.
@@ -80,7 +80,7 @@ impl Closed {
 #[derive(Debug, Clone, PartialEq)]
 pub enum How {
     /// By a ball.
-    Ball(Closing),
+    Ball(ClosingBall),
     /// By the sign of a field.
     Sign(Parted),
 }
@@ -109,7 +109,7 @@ pub struct PartingNothing {
     pub cells: [[f64; 3]; 2],
 }
 
-/// One wall in so many that parts nothing is too many for a sealed body.
+/// A body is not sealed if one wall in so many parts nothing.
 const SEALED: u64 = 50;
 
 impl Parted {
@@ -173,7 +173,7 @@ fn slices_of_falls(slices: u32, level: u32, first: u32, last: impl Fn(u32) -> u3
     (0..=level).rev().map(of_level).sum()
 }
 
-/// Passes after those of a ball's fall: the solid, its hollows, what cannot be resolved, lone cells, components. With a ball that is given, the first three
+/// Passes after those of a ball's fall: the solid, its dents, what cannot be resolved, lone cells, components. With a ball that is given, the first three
 /// are one.
 const AFTER_THE_FALL: [u64; 2] = [5, 3];
 
@@ -186,7 +186,7 @@ const AFTER_THE_FALL: [u64; 2] = [5, 3];
 pub fn close(
     occupancy: Occupancy,
     cell_size: f64,
-    asked: Asked,
+    asked: ClosingOptions,
     context: &Context,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<Closed> {
@@ -195,21 +195,22 @@ pub fn close(
     let given = asked.seal.radius(cell_size);
     let longest = occupancy.cells.into_iter().max().unwrap_or(1);
     if let Some(radius) = given.filter(|radius| *radius > 1 && 2 * u64::from(*radius) > u64::from(longest)) {
-        return Err(Error::Usage(format!(
-            "--seal: a radius of {radius} cells is more than half of the longest side, {longest} cells"
-        )));
+        return Err(Error::setting(
+            "seal",
+            format!("`seal`: a radius of {radius} cells is more than half of the longest side, {longest} cells"),
+        ));
     }
     let (solid, occupancy, how, falls) = match given {
         None => close_signed(occupancy, asked, context, progress)?,
         Some(_) => {
-            let wanted = given.map(Closing::with_radius).expect("a radius is given");
+            let wanted = given.map(ClosingBall::with_radius).expect("a radius is given");
             let falls = slices_of_falls(slices, wanted.level, squared(wanted.radius), seal::last);
             progress.expect(falls + AFTER_THE_FALL[1] * u64::from(slices));
             let pyramid = Pyramid::over(&occupancy, wanted.level, context)?;
             let most = asked.window.map_or(u32::MAX, |w| (w - 1) / 2);
             // A ball that the window bounds does not seal: there are no sides to tell apart, and nothing to fall to.
             let falls = wanted.rho() > 1 && wanted.rho() <= most;
-            let closing = if wanted.rho() <= most { wanted } else { Closing { level: 0, radius: most } };
+            let closing = if wanted.rho() <= most { wanted } else { ClosingBall { level: 0, radius: most } };
             let solid = if closing == wanted {
                 pyramid.close(closing, context, |slices| progress.done(slices))?
             } else {
@@ -219,7 +220,7 @@ pub fn close(
             (solid, occupancy, How::Ball(closing), falls)
         }
     };
-    let solid = solid.without_lone_cells(context)?;
+    let solid = solid.without_isolated_cells(context)?;
     progress.done(slices);
     let (solid, occupancy, components) = match asked.min_component {
         None => (solid, occupancy, None),
@@ -227,7 +228,10 @@ pub fn close(
             let (solid, occupancy, components) = component::keep(solid, occupancy, least, context)?;
             if components.dropped == components.found {
                 let largest = components.largest;
-                return Err(Error::Usage(format!("--min-component: the largest component has {largest} cells only")));
+                return Err(Error::setting(
+                    "min_component",
+                    format!("`min_component`: the largest component has {largest} cells only"),
+                ));
             }
             (solid, occupancy, Some(components))
         }
@@ -244,7 +248,7 @@ pub fn close_below(
     occupancy: Occupancy,
     grid: &Grid,
     open: &Open,
-    asked: Asked,
+    asked: ClosingOptions,
     smooth: u32,
     context: &Context,
     mut progress: impl FnMut(u64, u64),
@@ -252,7 +256,7 @@ pub fn close_below(
     let slices = u64::from(grid.cells()[1]);
     progress(0, slices);
     let ball = open.ball(asked.seal, asked.window, grid.cell_size());
-    let ground = heightfield::Asked {
+    let ground = heightfield::HeightFieldOptions {
         up: open.up(grid),
         bridge: open.bridge(grid),
         ball,
@@ -262,7 +266,7 @@ pub fn close_below(
     };
     let solid = heightfield::solid(&occupancy, ground, context)?;
     progress(slices, slices);
-    let how = How::Ball(Closing { level: 0, radius: ball.radius() });
+    let how = How::Ball(ClosingBall { level: 0, radius: ball.radius() });
     Ok(Closed { solid, occupancy, how, falls: false, components: None })
 }
 
@@ -296,7 +300,7 @@ fn side_in_samples(filling: f64) -> f64 {
 /// Closes the occupied cells by the sign of a field on a coarse level ([`crate::sign`]), and finer levels by what that says.
 fn close_signed(
     mut occupancy: Occupancy,
-    asked: Asked,
+    asked: ClosingOptions,
     context: &Context,
     progress: &mut Passes,
 ) -> Result<(Solid, Occupancy, How, bool)> {
@@ -359,7 +363,7 @@ fn close_signed(
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     progress.done(slices);
-    let solid = solid.without_hollows(&occupancy, context)?;
+    let solid = solid.without_dents(&occupancy, context)?;
     progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
     progress.done(slices);

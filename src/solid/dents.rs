@@ -1,4 +1,4 @@
-//! Hollows: where the ball fell too far between sparse points, the dent it left is filled.
+//! Dents: where the ball fell too far between sparse points, the dent it left is filled.
 //!
 //! The steps of the fall are the same everywhere. Where points lie farther apart than the last balls are wide, these sink between them:
 //!
@@ -9,7 +9,7 @@
 //!   + + + + + + + + + +
 //! ```
 //!
-//! So the local spacing need not be measured: a hollow's own lining tells whether it was sampled.
+//! So the local spacing need not be measured: a dent's own lining tells whether it was sampled.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -24,42 +24,42 @@ use crate::solid::change::Change;
 use crate::solid::exterior::{Padded, invert};
 use crate::solid::{Solid, move_back};
 
-/// Squared radius of the ball that does not reach a hollow. With 4 to 9, dents stay between points of a half thinned to a tenth; with 25, the bunny's mean
+/// Squared radius of the ball that does not reach a dent. With 4 to 9, dents stay between points of a half thinned to a tenth; with 25, the bunny's mean
 /// squared error at k = 4 is an eighth larger.
 const REACHES: u32 = 16;
 
-/// The verdicts on hollows.
+/// The verdicts on dents.
 const OPEN: u8 = 0;
 const FILLED: u8 = 1;
 
 impl Solid {
-    /// The same solid with those hollows filled that hardly any point lines.
+    /// The same solid with those dents filled that hardly any point lines.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn without_hollows(&self, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
+    pub fn without_dents(&self, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
         let ball = Ball::squared(REACHES);
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.cells[1]);
         context.workers.in_order(
             context.jobs(2 * ball.radius() + 5, self.cells),
             || Ok(jobs.next()),
-            |slices| self.hollows(occupancy, ball, slices),
+            |slices| self.dents(occupancy, ball, slices),
             |parts: Parts<Lining>| labeller.add(parts),
         )?;
         let labels = labeller.finish()?.judged(context, |lining| lining.verdict())?;
         self.changed(&labels, FILLED, Change::Filled, context)
     }
 
-    /// The hollows of some slices, as far as they hang together there, with the lining of each.
-    fn hollows(&self, occupancy: &Occupancy, ball: Ball, slices: std::ops::Range<u32>) -> Result<Parts<Lining>> {
+    /// The dents of some slices, as far as they hang together there, with the lining of each.
+    fn dents(&self, occupancy: &Occupancy, ball: Ball, slices: std::ops::Range<u32>) -> Result<Parts<Lining>> {
         let padded = Padded::new(self.cells, ball.radius());
         let Padded { pad, .. } = padded;
         let [width, _, rows] = self.cells;
         let mut near_solid = padded.dilation(ball, slices.end + pad + ball.radius());
         let mut covered = padded.dilation(ball, slices.end + pad);
         let mut around = [(); 2].map(|()| Window::new(3, || Bits::new(width, rows)));
-        let (mut runs, mut hollow) = (Runs::default(), Bits::new(width, rows));
+        let (mut runs, mut dent) = (Runs::default(), Bits::new(width, rows));
         let (mut held, mut linings) = (Vec::with_capacity(slices.len()), Vec::new());
         for y in slices.map(i64::from) {
             let covered = covered.slide_to(y + i64::from(pad), |y, room| {
@@ -76,25 +76,25 @@ impl Solid {
                 window.slide_to(y - 1, |y, bits| store.paint(y, bits, &mut runs))?;
             }
             let solid = around[0].get(y);
-            hollow.clear();
+            dent.clear();
             for z in 0..rows {
-                let row = hollow.row_mut(z);
+                let row = dent.row_mut(z);
                 move_back(covered.row(z + pad), pad, row);
                 row.iter_mut().zip(solid.row(z)).for_each(|(covered, solid)| *covered = !(*covered | solid));
                 clip(row, width);
             }
-            let hollow = Runs::from_bits(&hollow);
+            let dent = Runs::from_bits(&dent);
             for z in 0..rows {
-                linings.extend(hollow.row(z).iter().map(|run| Lining::of(&around, y, z, *run)));
+                linings.extend(dent.row(z).iter().map(|run| Lining::of(&around, y, z, *run)));
             }
-            held.push(hollow);
+            held.push(dent);
         }
         let mut linings = linings.into_iter();
         Ok(Parts::of(held, |_, _, _| linings.next().expect("every run has its lining")))
     }
 }
 
-/// What a hollow's faces turn to.
+/// What a dent's faces turn to.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Zeroable, Pod)]
 #[repr(C)]
 pub struct Lining {

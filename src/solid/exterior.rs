@@ -58,8 +58,6 @@ impl Padded {
 pub struct Exterior {
     /// The box.
     pub padded: Padded,
-    /// Whether there are free cells that are not exterior.
-    pub encloses: bool,
     labels: Labels,
 }
 
@@ -95,20 +93,8 @@ impl Exterior {
             |chunk| free_parts(occupancy, ball, padded, chunk),
             |parts: Parts<AtBorder>| labeller.add(parts),
         )?;
-        let mut encloses = false;
-        let labels = labeller.finish()?.judged(context, |at_border| {
-            encloses |= at_border.verdict() == ENCLOSED;
-            at_border.verdict()
-        })?;
-        Ok(Exterior { padded, encloses, labels })
-    }
-
-    /// Sets the free cells of padded slice `y`, exterior or enclosed, in `bits`, which is cleared first.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn paint_free(&self, y: u32, bits: &mut Bits, scratch: &mut Scratch) -> Result<()> {
-        self.labels.paint_all(y, bits, scratch)
+        let labels = labeller.finish()?.judged(context, |at_border| at_border.verdict())?;
+        Ok(Exterior { padded, labels })
     }
 
     /// Sets the exterior cells of padded slice `y` in `bits`, which is cleared first. `scratch` is overwritten.

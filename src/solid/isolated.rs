@@ -18,7 +18,7 @@ impl Solid {
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn without_lone_cells(self, context: &Context) -> Result<Solid> {
+    pub fn without_isolated_cells(self, context: &Context) -> Result<Solid> {
         let mut store = SliceStore::new(&context.workspace, context.memory.store_quota);
         let (mut volume, slices) = (0, self.cells[1]);
         let mut jobs = chunks(slices);

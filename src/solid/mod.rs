@@ -17,7 +17,7 @@ pub mod unresolved;
 pub mod watershed;
 
 use self::exterior::{Exterior, Padded, Scratch};
-use self::heightfield::columns::Ground;
+use self::heightfield::columns::HeightField;
 use self::watershed::Sides;
 use crate::error::Result;
 use crate::grid::Cell;
@@ -35,10 +35,10 @@ pub struct Solid {
     pub store: SliceStore,
     /// Number of solid cells.
     pub volume: u64,
-    /// Of each slice: the faces that the slice owns (on its lower plane and within it).
+    /// The number of faces that each slice owns: those on its lower plane and those within it.
     pub faces: Vec<u32>,
     /// The columns, if it is the ground below a surface that is not closed.
-    pub ground: Option<Ground>,
+    pub ground: Option<HeightField>,
 }
 
 struct Chunk {
@@ -78,7 +78,7 @@ impl Solid {
     /// The cells that are left when the exterior, which was found with `ball`, is grown back.
     ///
     /// # Errors
-    /// As [`Solid::close`].
+    /// The same as [`Solid::close`].
     pub fn outside_of(exterior: &Exterior, occupancy: &Occupancy, ball: &Ball, context: &Context) -> Result<Solid> {
         Solid::grown(occupancy, Grown::Exterior(exterior), ball, context)
     }
@@ -87,7 +87,7 @@ impl Solid {
     /// one; the rest is solid.
     ///
     /// # Errors
-    /// As [`Solid::close`].
+    /// The same as [`Solid::close`].
     pub fn between(occupancy: &Occupancy, sides: &Sides, ball: &Ball, context: &Context) -> Result<Solid> {
         Solid::grown(occupancy, Grown::Outside(sides), ball, context)
     }

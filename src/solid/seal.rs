@@ -21,14 +21,14 @@ const FALLS_FROM: u32 = 5;
 
 /// The ball that tells inside and outside apart, on a level of the pyramid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
-pub struct Closing {
+pub struct ClosingBall {
     /// The level: 0 is the grid itself; each level has cells twice as large.
     pub level: u32,
     /// The closing radius, in cells of the level.
     pub radius: u32,
 }
 
-impl Closing {
+impl ClosingBall {
     /// The closing radius ρ in cells of the grid.
     pub fn rho(&self) -> u32 {
         self.radius << self.level
@@ -36,9 +36,9 @@ impl Closing {
 
     /// A closing with a given radius, in cells of the grid, on the level that has the smallest ball of 5 cells or more; rounded up to whole cells of
     /// that level.
-    pub fn with_radius(rho: u32) -> Closing {
+    pub fn with_radius(rho: u32) -> ClosingBall {
         let level = (rho / FALLS_FROM).max(1).ilog2();
-        Closing { level, radius: rho.div_ceil(1 << level) }
+        ClosingBall { level, radius: rho.div_ceil(1 << level) }
     }
 }
 
@@ -72,13 +72,13 @@ impl<'a> Pyramid<'a> {
         if level == 0 { self.finest } else { &self.coarser[level as usize - 1] }
     }
 
-    /// The solid of the grid that the ball of `closing` and its fall ([`crate::solid::watershed`]) leave, without the hollows ([`crate::solid::dents`]) that
+    /// The solid of the grid that the ball of `closing` and its fall ([`crate::solid::watershed`]) leave, without the dents ([`crate::solid::dents`]) that
     /// no points line.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn close(&self, closing: Closing, context: &Context, mut progress: impl FnMut(u32)) -> Result<Solid> {
-        let Closing { level, radius } = closing;
+    pub fn close(&self, closing: ClosingBall, context: &Context, mut progress: impl FnMut(u32)) -> Result<Solid> {
+        let ClosingBall { level, radius } = closing;
         let exterior = Exterior::find(self.level(level), &Ball::new(radius), context)?;
         if closing.rho() == 1 {
             return Solid::outside_of(&exterior, self.finest, &Ball::new(1), context);
@@ -94,7 +94,7 @@ impl<'a> Pyramid<'a> {
         }
         let solid = Solid::between(self.finest, &sides, &Ball::new(1), context)?;
         drop(sides);
-        let solid = solid.without_hollows(self.finest, context)?;
+        let solid = solid.without_dents(self.finest, context)?;
         progress(solid.cells[1]);
         Ok(solid)
     }

@@ -163,7 +163,7 @@ impl Walls {
         Walls { near: padded.dilation(ball, end), touching, rows }
     }
 
-    /// Of slice `y`; `y` must grow.
+    /// The cells of slice `y`. Calls must come with growing `y`.
     fn near(&mut self, y: i64, padded: Padded, occupancy: &Occupancy, next_to: &SliceStore) -> Result<&Bits> {
         let (touching, rows, mut runs) = (&mut self.touching, &self.rows, Runs::default());
         let near = self.near.slide_to(y, |y, walls| {

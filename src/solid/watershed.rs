@@ -212,7 +212,7 @@ impl Sides {
         Ok(Sides { padded, outside, inside, squared })
     }
 
-    /// Of some slices: the sides with the newly free cells that lie next to one of them only; the newly free cells that do not; and the cells
+    /// For some slices: the sides, with the newly free cells that lie next to one of them only; the other newly free cells; and the cells
     /// next to either side, in the ball round one of its cells, and not occupied. `balls`: that of the step before, and this step's.
     fn next_to_one_side(
         &self,

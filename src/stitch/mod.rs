@@ -10,7 +10,7 @@
 //!
 //! A vertex's number is the count of surviving vertices before it. What the seam above slab k takes away lies in the
 //! upper half of slab k, so the numbers in its lower half, which slab k - 1's triangles name, are final in time. A retreat mostly reaches a few cells;
-//! those vertices of slab k up to the last that is named are *settled*, and a round that would move one of them is not done.
+//! those vertices of slab k up to the last that is named are *frozen*, and a round that would move one of them is not done.
 
 pub mod seam;
 pub mod slab;
@@ -26,9 +26,9 @@ use crate::grid::Grid;
 use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
 use crate::points::Coordinate;
-use crate::surface::untangle::broad_phase::Near;
-use crate::surface::untangle::retreat;
-use crate::surface::vertex_state::Fate;
+use crate::surface::untangle::broad_phase::BroadPhase;
+use crate::surface::untangle::untangle;
+use crate::surface::vertex_state::VertexState;
 
 /// The largest number of vertices: what a PLY file's `int` can index.
 pub const VERTEX_LIMIT: u64 = i32::MAX as u64;
@@ -43,7 +43,7 @@ pub struct Stitcher<'a, T> {
     /// Slices either side of a seam within which vertices of both slabs can have the same point.
     halo: u32,
     frame: Frame,
-    near: Near,
+    broad_phase: BroadPhase,
     mesh: MeshSpool,
     waiting: Option<SlabMesh<T>>,
     /// The number of the waiting slab's first vertex.
@@ -52,8 +52,8 @@ pub struct Stitcher<'a, T> {
     before: Vec<u32>,
     /// What is left out, if the surface is not closed.
     trim: Option<Trim>,
-    /// The waiting slab's vertices `0..settled` must stay as they are: the slab before names them.
-    settled: u32,
+    /// The waiting slab's vertices `0..frozen` must stay as they are: the slab before names them.
+    frozen: u32,
     vertices: Vec<[f64; 3]>,
     attributes: Vec<u8>,
     faces: Vec<FaceRecord>,
@@ -87,15 +87,15 @@ pub struct Counts {
 
 impl Counts {
     /// Counts a vertex that is written, or that was contracted.
-    fn count(&mut self, fate: Fate) {
-        let count = match fate {
-            Fate::Gone => &mut self.contracted,
-            Fate::Fitted => &mut self.fitted,
-            Fate::Projected => &mut self.projected,
-            Fate::Bridged => &mut self.bridged,
-            Fate::Pulled => &mut self.pulled,
-            Fate::Stays => &mut self.unfitted,
-            Fate::Back(_) | Fate::Rest => &mut self.retreated,
+    fn count(&mut self, state: VertexState) {
+        let count = match state {
+            VertexState::Contracted => &mut self.contracted,
+            VertexState::Fitted => &mut self.fitted,
+            VertexState::Projected => &mut self.projected,
+            VertexState::Bridged => &mut self.bridged,
+            VertexState::Attracted => &mut self.pulled,
+            VertexState::Unfitted => &mut self.unfitted,
+            VertexState::Backtracked(_) | VertexState::AtRest => &mut self.retreated,
         };
         *count += 1;
     }
@@ -109,13 +109,13 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             grid,
             halo,
             frame,
-            near: Near::new(grid, frame.origin),
+            broad_phase: BroadPhase::new(grid, frame.origin),
             mesh,
             waiting: None,
             base: 0,
             before: Vec::new(),
             trim: trimmed.then(Trim::default),
-            settled: 0,
+            frozen: 0,
             vertices: Vec::new(),
             attributes: Vec::new(),
             faces: Vec::new(),
@@ -130,12 +130,12 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     pub fn add(&mut self, mut slab: SlabMesh<T>) -> Result<Option<SlabMesh<T>>> {
         let mut lower = self.waiting.take();
         if let Some(lower) = &mut lower {
-            let mut seam = Seam::of(lower, &mut slab, self.settled, self.frame, self.near.scale());
+            let mut seam = Seam::of(lower, &mut slab, self.frozen, self.frame, self.broad_phase.quantizer());
             let mut changed = seam.close();
             changed.extend(seam.choose_fitted(self.grid, self.halo));
             changed.extend(seam.strayed(self.grid));
-            let suspects = seam.triangles_around(changed);
-            self.counts.tangled += retreat(&mut seam, &mut self.near, Some(suspects));
+            let dirty = seam.triangles_around(changed);
+            self.counts.tangled += untangle(&mut seam, &mut self.broad_phase, Some(dirty));
             seam.give_back_blocks();
             self.write(lower, Some(&slab))?;
         }
@@ -146,7 +146,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     /// Writes the last slab and gives the mesh.
     ///
     /// # Errors
-    /// As [`Stitcher::add`].
+    /// The same as [`Stitcher::add`].
     pub fn finish(mut self) -> Result<(MeshSpool, Counts)> {
         if let Some(last) = self.waiting.take() {
             self.write(&last, None)?;
@@ -158,31 +158,32 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
         self.counts.tangled += slab.tangled;
         self.counts.bridged_area += bridged_area(slab, next);
         let after = if let Some(trim) = &mut self.trim {
-            let Trimmed { written, triangles, settled } = trim.slab(slab, next, self.base as u32);
+            let Trimmed { written, triangles, frozen } = trim.slab(slab, next, self.base as u32);
             let after = self.number_after(written.iter().filter(|written| **written).count())?;
-            for ((v, written), fate) in (0..).zip(written).zip(&slab.fate) {
+            for ((v, written), state) in (0..).zip(written).zip(&slab.state) {
                 if written {
                     self.put_vertex(slab, v)?;
                 }
-                if written || *fate == Fate::Gone {
-                    self.counts.count(*fate);
+                if written || *state == VertexState::Contracted {
+                    self.counts.count(*state);
                 }
             }
             triangles.into_iter().try_for_each(|triangle| self.put_face(triangle))?;
-            self.settled = settled;
+            self.frozen = frozen;
             after
         } else {
-            let after = self.number_after(slab.fate.iter().filter(|fate| **fate != Fate::Gone).count())?;
-            let numbers = number(&slab.fate, self.base);
-            for (v, fate) in (0..).zip(&slab.fate) {
-                self.counts.count(*fate);
-                if *fate != Fate::Gone {
+            let after =
+                self.number_after(slab.state.iter().filter(|state| **state != VertexState::Contracted).count())?;
+            let numbers = number(&slab.state, self.base);
+            for (v, state) in (0..).zip(&slab.state) {
+                self.counts.count(*state);
+                if *state != VertexState::Contracted {
                     self.put_vertex(slab, v)?;
                 }
             }
             let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
-            self.settled = named.map_or(0, |v| v - slab.own() + 1);
-            let numbers_after = next.map_or_else(Vec::new, |next| number(&next.fate[..self.settled as usize], after));
+            self.frozen = named.map_or(0, |v| v - slab.own() + 1);
+            let numbers_after = next.map_or_else(Vec::new, |next| number(&next.state[..self.frozen as usize], after));
             for triangle in slab.triangles_left() {
                 self.put_face(triangle.map(|v| {
                     if v >= BEFORE {
@@ -244,7 +245,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
 fn bridged_area<T: Coordinate>(slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> f64 {
     let place = |v: u32| -> Option<DVec3> {
         let (mesh, v) = if v < slab.own() { (slab, v) } else { (next?, v.checked_sub(slab.own())?) };
-        let stays = matches!(mesh.fate.get(v as usize)?, Fate::Stays | Fate::Bridged);
+        let stays = matches!(mesh.state.get(v as usize)?, VertexState::Unfitted | VertexState::Bridged);
         stays.then(|| DVec3::from(mesh.position(v)))
     };
     let corners = slab.triangles_written().filter_map(|[a, b, c]| Some([place(a)?, place(b)?, place(c)?]));
@@ -252,13 +253,13 @@ fn bridged_area<T: Coordinate>(slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -
 }
 
 /// The numbers of vertices, given what became of them, counted from `base`; those of contracted ones mean nothing.
-fn number(fates: &[Fate], base: u64) -> Vec<u32> {
+fn number(states: &[VertexState], base: u64) -> Vec<u32> {
     let mut next = base as u32;
-    fates
+    states
         .iter()
-        .map(|fate| {
+        .map(|state| {
             let number = next;
-            next += u32::from(*fate != Fate::Gone);
+            next += u32::from(*state != VertexState::Contracted);
             number
         })
         .collect()

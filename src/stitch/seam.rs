@@ -12,12 +12,12 @@ use crate::mesh::spool::Frame;
 use crate::points::{Coordinate, bits};
 use crate::stitch::slab::{BEFORE, SlabMesh};
 use crate::storage::seeds::SeededMap;
-use crate::surface::contract::{Fans, Groups, NONE, contract, is_gone};
-use crate::surface::untangle::broad_phase::{BLOCK, Places};
+use crate::surface::contract::{Groups, NONE, Stars, contract, is_gone};
+use crate::surface::untangle::broad_phase::{BLOCK, TriangleSet};
 use crate::surface::untangle::cluster;
-use crate::surface::untangle::quantized::{Extent, Scale, Spot};
-use crate::surface::untangle::submesh::Piece;
-use crate::surface::vertex_state::Fate;
+use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint, Quantizer};
+use crate::surface::untangle::submesh::Submesh;
+use crate::surface::vertex_state::VertexState;
 
 /// The two slabs at a seam, seen as one mesh.
 ///
@@ -27,26 +27,26 @@ use crate::surface::vertex_state::Fate;
 pub struct Seam<'a, T> {
     lower: &'a mut SlabMesh<T>,
     upper: &'a mut SlabMesh<T>,
-    /// Vertices `0..settled` must stay as they are.
-    settled: u32,
+    /// Vertices `0..frozen` must stay as they are.
+    frozen: u32,
     frame: Frame,
-    scale: Scale,
+    quantizer: Quantizer,
     /// Both slabs' blocks.
-    blocks: Vec<Extent>,
+    blocks: Vec<PackedBox>,
 }
 
 impl<'a, T: Coordinate> Seam<'a, T> {
-    /// The seam of two slabs, with the first `settled` vertices of the lower one to stay as they are.
+    /// The seam of two slabs, with the first `frozen` vertices of the lower one to stay as they are.
     pub fn of(
         lower: &'a mut SlabMesh<T>,
         upper: &'a mut SlabMesh<T>,
-        settled: u32,
+        frozen: u32,
         frame: Frame,
-        scale: Scale,
+        quantizer: Quantizer,
     ) -> Seam<'a, T> {
         let mut blocks = std::mem::take(&mut lower.blocks);
         blocks.append(&mut upper.blocks);
-        Seam { lower, upper, settled, frame, scale, blocks }
+        Seam { lower, upper, frozen, frame, quantizer, blocks }
     }
 
     /// Gives the upper slab its blocks' boxes: it is the next seam's lower one. Those of the lower one are no longer needed.
@@ -98,7 +98,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         let plane = f64::from(self.upper.slices.start);
         // In cells; what is just about on the plane counts as beyond it, whichever way it was rounded.
         let height = |slab: &SlabMesh<T>, v: u32| grid.height_of(slab.position(v)) - plane;
-        let lives = |slab: &SlabMesh<T>, v: &u32| slab.fate[*v as usize] != Fate::Gone;
+        let lives = |slab: &SlabMesh<T>, v: &u32| slab.state[*v as usize] != VertexState::Contracted;
         let of_lower = self.lower.on_highest(TRAVEL).filter(|v| lives(self.lower, v) && height(self.lower, *v) > -0.01);
         let of_upper = self.upper.on_lowest(TRAVEL).filter(|v| lives(self.upper, v) && height(self.upper, *v) < 0.01);
         of_lower.chain(of_upper.map(|v| self.lower.own() + v)).collect()
@@ -111,7 +111,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         }
         let (slab, v) = self.slab_of(v);
         let v = v as usize;
-        slab.fate[v].is_on_point().then(|| bits(slab.fitted.target[v]))
+        slab.state[v].is_on_point().then(|| bits(slab.fitted.target[v]))
     }
 
     fn distance(&self, v: u32) -> f64 {
@@ -148,14 +148,14 @@ impl<'a, T: Coordinate> Seam<'a, T> {
             while member != NONE {
                 last = member;
                 let also = self.also(member);
-                self.put(member, survivor, also, Fate::Gone);
+                self.put(member, survivor, also, VertexState::Contracted);
                 member = also;
             }
-            self.put(last, survivor, self.also(survivor), Fate::Gone);
-            self.put(survivor, survivor, dead, self.fate(survivor));
+            self.put(last, survivor, self.also(survivor), VertexState::Contracted);
+            self.put(survivor, survivor, dead, self.state(survivor));
             changed.push(survivor);
         }
-        changed.retain(|&v| self.fate(v) != Fate::Gone);
+        changed.retain(|&v| self.state(v) != VertexState::Contracted);
         changed
     }
 
@@ -164,7 +164,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         if joined.is_empty() {
             return Vec::new();
         }
-        // The fans of the joined vertices, as a mesh of their own; its vertices are numbered in the order of the whole mesh's.
+        // The stars of the joined vertices, as a mesh of their own; its vertices are numbered in the order of the whole mesh's.
         let mut patch: Vec<u32> = joined.iter().flat_map(|&v| self.triangles_at(v)).collect();
         patch.sort_unstable();
         patch.dedup();
@@ -185,13 +185,13 @@ impl<'a, T: Coordinate> Seam<'a, T> {
             }
         }
         let mut triangles: Vec<[u32; 3]> = patch.iter().map(|&t| self.triangle(t).map(|v| local[&v])).collect();
-        let mut fans = Fans::new(&triangles, vertices.len(), vertices.len(), Fans::default());
+        let mut stars = Stars::new(&triangles, vertices.len(), vertices.len(), Stars::default());
         let is_trimmed = !(self.lower.kept.is_empty() && self.upper.kept.is_empty());
         let kept: Vec<bool> = patch.iter().filter(|_| is_trimmed).map(|&t| self.is_kept(t)).collect();
         let distance = |v: u32| self.distance(vertices[v as usize]);
         let groups = Groups { group: &group, distance, kept: &kept };
         let mut out = Vec::new();
-        contract(&mut triangles, &mut fans, groups, |dead, survivor| {
+        contract(&mut triangles, &mut stars, groups, |dead, survivor| {
             out.push((vertices[dead as usize], vertices[survivor as usize]));
         });
         out
@@ -204,7 +204,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         // A vertex of the other slab can have the same point only if the point lies this near to the seam, and a vertex lies as near to its point.
         let near = seam.saturating_sub(halo)..seam + halo;
         let mut out: [Vec<u32>; 3] = Default::default();
-        for v in vertices.filter(|&v| mesh.fate[v as usize] == Fate::Fitted) {
+        for v in vertices.filter(|&v| mesh.state[v as usize] == VertexState::Fitted) {
             let slice = grid.slice_of(mesh.fitted.target[v as usize].map(Into::into));
             if near.contains(&slice) {
                 out[usize::from(slice + 1 >= seam) + usize::from(slice > seam)].push(v);
@@ -230,10 +230,10 @@ impl<'a, T: Coordinate> Seam<'a, T> {
             }
         }
         for &v in &changed {
-            let (frame, scale) = (self.frame, self.scale);
+            let (frame, quantizer) = (self.frame, self.quantizer);
             let (slab, v) = self.slab_of_mut(v);
-            slab.fate[v as usize] = Fate::Pulled;
-            slab.spots[v as usize] = scale.spot(frame.place(slab.position(v)));
+            slab.state[v as usize] = VertexState::Attracted;
+            slab.quantized[v as usize] = quantizer.quantized_point(frame.place(slab.position(v)));
         }
         changed
     }
@@ -251,7 +251,7 @@ fn common<K: Eq + Hash>(
     other.filter_map(|(key, u)| Some((*one.get(&key)?, u))).collect()
 }
 
-impl<T: Coordinate> Places for Seam<'_, T> {
+impl<T: Coordinate> TriangleSet for Seam<'_, T> {
     fn stretches(&self) -> [Range<u32>; 2] {
         let first = self.upper_triangles();
         [0..self.lower.triangles.len() as u32, first..first + self.upper.triangles.len() as u32]
@@ -280,17 +280,17 @@ impl<T: Coordinate> Places for Seam<'_, T> {
     }
 
     #[inline]
-    fn spot(&self, v: u32) -> Spot {
+    fn quantized_point(&self, v: u32) -> QuantizedPoint {
         let (slab, v) = self.slab_of(v);
-        slab.spots[v as usize]
+        slab.quantized[v as usize]
     }
 
-    fn blocks(&mut self) -> &mut [Extent] {
+    fn blocks(&mut self) -> &mut [PackedBox] {
         &mut self.blocks
     }
 }
 
-impl<T: Coordinate> Piece for Seam<'_, T> {
+impl<T: Coordinate> Submesh for Seam<'_, T> {
     fn vertices(&self) -> u32 {
         self.lower.own() + self.upper.own()
     }
@@ -306,7 +306,7 @@ impl<T: Coordinate> Piece for Seam<'_, T> {
         let first = 3 * self.upper_triangles();
         let own = self.lower.own();
         let of_upper = if (own..BEFORE).contains(&v) { v - own } else { NONE };
-        self.lower.fans.corners(v).chain(self.upper.fans.corners(of_upper).map(move |corner| first + corner))
+        self.lower.stars.corners(v).chain(self.upper.stars.corners(of_upper).map(move |corner| first + corner))
     }
 
     fn also(&self, v: u32) -> u32 {
@@ -314,7 +314,7 @@ impl<T: Coordinate> Piece for Seam<'_, T> {
             return NONE;
         }
         let (slab, at) = self.slab_of(v);
-        match slab.fans.also[at as usize] {
+        match slab.stars.also[at as usize] {
             NONE => NONE,
             also if v < self.lower.own() => also,
             also => self.named_by_upper(also),
@@ -325,8 +325,8 @@ impl<T: Coordinate> Piece for Seam<'_, T> {
         self.is_known([v; 3]) && (v >= self.lower.seam() || self.lower.slices.start == 0)
     }
 
-    fn is_settled(&self, v: u32) -> bool {
-        v < self.settled || v >= BEFORE
+    fn is_frozen(&self, v: u32) -> bool {
+        v < self.frozen || v >= BEFORE
     }
 
     fn is_kept(&self, t: u32) -> bool {
@@ -334,12 +334,12 @@ impl<T: Coordinate> Piece for Seam<'_, T> {
         if t < first { self.lower.is_kept(t) } else { self.upper.is_kept(t - first) }
     }
 
-    fn fate(&self, v: u32) -> Fate {
+    fn state(&self, v: u32) -> VertexState {
         let (slab, v) = self.slab_of(v);
-        slab.fate[v as usize]
+        slab.state[v as usize]
     }
 
-    fn put(&mut self, v: u32, survivor: u32, also: u32, fate: Fate) {
+    fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState) {
         let first = 3 * self.upper_triangles();
         let corners: Vec<u32> = self.corners(v).collect();
         for corner in corners {
@@ -350,10 +350,10 @@ impl<T: Coordinate> Piece for Seam<'_, T> {
             }
         }
         let also = if v < self.lower.own() || also == NONE { also } else { self.name_to_upper(also) };
-        let (frame, scale) = (self.frame, self.scale);
+        let (frame, quantizer) = (self.frame, self.quantizer);
         let (slab, v) = self.slab_of_mut(v);
-        slab.fans.also[v as usize] = also;
-        slab.fate[v as usize] = fate;
-        slab.spots[v as usize] = scale.spot(frame.place(slab.position(v)));
+        slab.stars.also[v as usize] = also;
+        slab.state[v as usize] = state;
+        slab.quantized[v as usize] = quantizer.quantized_point(frame.place(slab.position(v)));
     }
 }

@@ -16,16 +16,16 @@ use crate::resources::workers::refill;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::Solid;
 use crate::surface::attributes::{self, attributes};
-use crate::surface::contract::{self, Fans, Groups, NONE, contract, is_gone};
+use crate::surface::contract::{self, Groups, NONE, Stars, contract, is_gone};
 use crate::surface::extract::{Kind, Surface, Triangles};
 use crate::surface::fit::{Fitted, Task, fit};
 use crate::surface::plane::{self, project};
 use crate::surface::smooth::{self, smooth};
-use crate::surface::untangle::broad_phase::{BLOCK, Near, Places};
-use crate::surface::untangle::quantized::{Extent, Scale, Spot};
-use crate::surface::untangle::submesh::Piece;
-use crate::surface::untangle::{self, retreat};
-use crate::surface::vertex_state::{Fate, SHARES};
+use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase, TriangleSet};
+use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint, Quantizer};
+use crate::surface::untangle::submesh::Submesh;
+use crate::surface::untangle::{self, untangle};
+use crate::surface::vertex_state::{SHARES, VertexState};
 
 /// The mesh of one slab, of points of precision `T`.
 ///
@@ -35,28 +35,28 @@ use crate::surface::vertex_state::{Fate, SHARES};
 pub struct SlabMesh<T> {
     /// The slab's slices.
     pub slices: Range<u32>,
-    /// Of each vertex: its smoothed position, in file axes.
+    /// The smoothed position of each vertex, in file axes.
     pub smoothed: Vec<[f64; 3]>,
-    /// Of each vertex: its position after one step of smoothing, to which it may retreat. Empty if that is the smoothed one.
+    /// The position of each vertex at rest: after one step of smoothing. Empty if that is the smoothed one.
     pub rest: Vec<[f64; 3]>,
-    /// Of each vertex: its point.
+    /// The point of each vertex.
     pub fitted: Fitted<T>,
-    /// Of each vertex: the record of its attributes.
+    /// The record of each vertex's attributes.
     pub attributes: Vec<u8>,
-    /// Of each vertex: what became of it.
-    pub fate: Vec<Fate>,
-    /// Of each triangle, whether it is written in the end; empty if all are.
+    /// The state of each vertex.
+    pub state: Vec<VertexState>,
+    /// Whether each triangle is written in the end; empty if all are.
     pub kept: Vec<bool>,
     /// Triangles, in order; where contraction took one away, two of its corners are the same.
     pub triangles: Vec<[u32; 3]>,
     /// The triangles at each of the slab's vertices and of the next slab's that it names.
-    pub fans: Fans,
-    /// Of each of its planes, from the lowest on, the first vertex; then [`SlabMesh::own`].
+    pub stars: Stars,
+    /// The first vertex of each plane, from the lowest on; then [`SlabMesh::own`].
     pub planes: Vec<u32>,
-    /// Of each vertex: its spot, where it is now.
-    pub spots: Vec<Spot>,
+    /// The quantized position of each vertex, where it is now.
+    pub quantized: Vec<QuantizedPoint>,
     /// The boxes of [`BLOCK`] triangles each.
-    pub blocks: Vec<Extent>,
+    pub blocks: Vec<PackedBox>,
     /// Pairs of its own triangles that still intersect.
     pub tangled: u64,
 }
@@ -100,7 +100,7 @@ const SMALL: usize = 1 << 12;
 const LAYER: usize = 3;
 
 impl Size {
-    /// Of a slab of so many faces, if they lie evenly in its slices.
+    /// The size of a slab of so many faces, if they lie evenly in its slices.
     pub fn even(faces: u64, smooth: u32) -> Size {
         let slices = u64::from(slab_slices(smooth));
         let layer = (faces * LAYER as u64).div_ceil(slices);
@@ -108,7 +108,7 @@ impl Size {
         Size { faces, round: faces + (faces * beside).div_ceil(slices), layer, ends: [layer; 2] }
     }
 
-    /// Of slab `number`, where the faces of all slices are known.
+    /// The size of slab `number`, where the faces of all slices are known.
     pub fn counted(faces: &[u32], number: u32, smooth: u32) -> Size {
         let sum = |slices: &[u32]| slices.iter().map(|faces| u64::from(*faces)).sum::<u64>();
         let slices = slices_of(number, smooth, faces.len() as u32);
@@ -132,7 +132,7 @@ impl Size {
         faces + 8
     }
 
-    /// Triangles likewise, with those that middles add.
+    /// Triangles likewise, with those that midpoints add.
     fn triangles(self) -> u64 {
         2 * Size::vertices(self.faces)
     }
@@ -144,14 +144,14 @@ impl Size {
         // After one step of smoothing, the places of the plane above are in it still.
         let (smoothed, rest) = if of.smooth > 1 { (own, own) } else { (Size::vertices(self.round), 0) };
         let rest = if of.smooth == 0 { smoothed } else { rest };
-        let of_vertex = of.attributes + (size_of::<Fate>() + size_of::<Spot>()) as u64;
+        let of_vertex = of.attributes + (size_of::<VertexState>() + size_of::<QuantizedPoint>()) as u64;
         let of_triangle = (size_of::<[u32; 3]>() + usize::from(of.trimmed)) as u64;
         (smoothed + rest) * place
             + Fitted::<f64>::bytes(own, of.coordinates)
             + own * of_vertex
             + triangles * of_triangle
-            + Fans::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
-            + triangles / BLOCK as u64 * size_of::<Extent>() as u64
+            + Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
+            + triangles / BLOCK as u64 * size_of::<PackedBox>() as u64
     }
 
     /// The most bytes while it is made, with the `points` that are held for fitting and, for fitting to planes, `means`.
@@ -162,7 +162,7 @@ impl Size {
         let planes = u64::from(slab_slices(of.smooth) + 2 * smooth_halo(of.smooth) + 1);
         let [width, _, rows] = of.cells;
         let slices = 3 * Bits::bytes(width + 2, rows + 2) + (planes + 2) * of.columns;
-        // Places of planes beside the slab, which are dropped with the surface.
+        // TriangleSet of planes beside the slab, which are dropped with the surface.
         let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
         let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
         let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping.max(2 * beside);
@@ -179,7 +179,7 @@ impl Size {
         let fitting = Surface::bytes_of_vertices(round) + beside + moved + second;
         let carrying = if of.attributes > 0 { attributes::bytes(own, of.attributes) + second } else { 0 };
         let contracting = contract::bytes(own);
-        let near = Near::bytes(self.faces, self.layer);
+        let near = BroadPhase::bytes(self.faces, self.layer);
         let retreating = own * of.coordinates + untangle::bytes(own, near);
         mesh + extracting.max(fitting).max(carrying).max(contracting).max(retreating)
     }
@@ -188,7 +188,7 @@ impl Size {
     pub fn bytes_at_seam(self, above: Size, of: &Made) -> u64 {
         let both = Size::vertices(self.faces) + Size::vertices(above.faces);
         let meeting = self.ends[1] + above.ends[0];
-        let near = Near::bytes(meeting, meeting);
+        let near = BroadPhase::bytes(meeting, meeting);
         let common = attributes::bytes_of_table::<([u64; 3], u32)>(Size::vertices(self.ends[1].min(above.ends[0])));
         let retreating = untangle::bytes(both, near).max(common);
         // Numbers of the vertices, those of the slab before, and which are written.
@@ -203,7 +203,7 @@ pub const BEFORE: u32 = 1 << 31;
 impl<T: Coordinate> SlabMesh<T> {
     /// Number of the slab's own vertices, contracted ones included.
     pub fn own(&self) -> u32 {
-        self.fate.len() as u32
+        self.state.len() as u32
     }
 
     /// The slab's vertices on its lowest plane: `0..seam()`.
@@ -229,10 +229,10 @@ impl<T: Coordinate> SlabMesh<T> {
             // Each further step of smoothing takes new memory.
             smoothed: Vec::with_capacity(if smooth > 1 { 0 } else { Size::vertices(size.round) as usize }),
             fitted: Fitted { point: Vec::with_capacity(vertices), target: Vec::with_capacity(vertices) },
-            fate: Vec::with_capacity(vertices),
+            state: Vec::with_capacity(vertices),
             triangles: Vec::with_capacity(triangles),
-            fans: Fans::with_room(vertices, triangles),
-            spots: Vec::with_capacity(vertices),
+            stars: Stars::with_room(vertices, triangles),
+            quantized: Vec::with_capacity(vertices),
             ..SlabMesh::default()
         }
     }
@@ -293,8 +293,8 @@ impl<T: Coordinate> SlabMesh<T> {
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
         end_stage();
-        let mut fate = room.fate;
-        refill(&mut fate, own.len(), Fate::Stays);
+        let mut state = room.state;
+        refill(&mut state, own.len(), VertexState::Unfitted);
         let reach = halo(options.smooth);
         let slices_near = planes.start.saturating_sub(reach)..(planes.end + reach).min(solid.cells[1]);
         let nearest = |room| {
@@ -310,9 +310,9 @@ impl<T: Coordinate> SlabMesh<T> {
             Fit::Plane => {
                 let mut fitted = Fitted::none(own.len(), room.fitted);
                 let places = project(sampled, solid, &surface, &q, planes.clone(), options.smooth)?;
-                for ((fate, target), place) in fate.iter_mut().zip(&mut fitted.target).zip(places) {
+                for ((state, target), place) in state.iter_mut().zip(&mut fitted.target).zip(places) {
                     if let Some(place) = place {
-                        (*fate, *target) = (Fate::Projected, grid.position(place).map(T::from_f64));
+                        (*state, *target) = (VertexState::Projected, grid.position(place).map(T::from_f64));
                     }
                 }
                 fitted
@@ -328,7 +328,7 @@ impl<T: Coordinate> SlabMesh<T> {
                 if let Some(height) = columns.bridge(vertex.corner).filter(|_| matches!(vertex.kind, Kind::Sheet(_))) {
                     q[columns.up().axis] = height;
                     fitted.put(v, grid.position(q).map(T::from_f64));
-                    fate[v] = Fate::Bridged;
+                    state[v] = VertexState::Bridged;
                 }
             }
         }
@@ -340,21 +340,21 @@ impl<T: Coordinate> SlabMesh<T> {
             _ => attributes(sampled, slices_near, nearest.as_ref().unwrap_or(&fitted), &smoothed, &triangles)?,
         };
         drop(nearest);
-        let fans = Fans::new(&triangles, named as usize, own.len(), room.fans);
-        let (spots, mut blocks, tangled) = (room.spots, room.blocks, 0);
-        refill(&mut blocks, triangles.len().div_ceil(BLOCK), Extent::EMPTY);
+        let stars = Stars::new(&triangles, named as usize, own.len(), room.stars);
+        let (quantized, mut blocks, tangled) = (room.quantized, room.blocks, 0);
+        refill(&mut blocks, triangles.len().div_ceil(BLOCK), PackedBox::EMPTY);
         let mut mesh = SlabMesh {
             slices,
             smoothed,
             rest,
             fitted,
             attributes,
-            fate,
+            state,
             kept,
             triangles,
-            fans,
+            stars,
             planes: starts,
-            spots,
+            quantized,
             blocks,
             tangled,
         };
@@ -363,28 +363,29 @@ impl<T: Coordinate> SlabMesh<T> {
             mesh.choose_fitted();
         }
         end_stage();
-        mesh.retreat_inside(frame, &mut Near::new(grid, frame.origin));
+        mesh.retreat_inside(frame, &mut BroadPhase::new(grid, frame.origin));
         end_stage();
         Ok(mesh)
     }
 
-    /// Phase 1: contracts all vertices but those of the seam below (whose fans are not complete here); those of the seam above belong to
+    /// Phase 1: contracts all vertices but those of the seam below (whose stars are not complete here); those of the seam above belong to
     /// the next slab.
     fn contract_inside(&mut self) {
         let mut group = self.fitted.point.clone();
         if self.slices.start > 0 {
             group[..self.seam() as usize].fill(NONE);
         }
-        let SlabMesh { triangles, fans, fitted, smoothed, kept, fate, .. } = self;
+        let SlabMesh { triangles, stars, fitted, smoothed, kept, state, .. } = self;
         let distance = |v: u32| fitted.distance(v as usize, smoothed[v as usize]);
         let groups = Groups { group: &group, distance, kept };
-        contract(triangles, fans, groups, |dead, _| fate[dead as usize] = Fate::Gone);
+        contract(triangles, stars, groups, |dead, _| state[dead as usize] = VertexState::Contracted);
     }
 
-    /// Of the vertices that have the same point, the nearest takes its place; the others are pulled.
+    /// The nearest of the vertices that have the same point takes its place; the others are attracted.
     fn choose_fitted(&mut self) {
         // By point, then by number.
-        let lives = |v: &u32| self.fate[*v as usize] != Fate::Gone && self.fitted.point[*v as usize] != NONE;
+        let lives =
+            |v: &u32| self.state[*v as usize] != VertexState::Contracted && self.fitted.point[*v as usize] != NONE;
         let key = |v: u32| u64::from(self.fitted.point[v as usize]) << 32 | u64::from(v);
         let mut on_points: Vec<u64> = Vec::with_capacity(self.own() as usize);
         on_points.extend((0..self.own()).filter(lives).map(key));
@@ -392,25 +393,25 @@ impl<T: Coordinate> SlabMesh<T> {
         for same in on_points.chunk_by(|a, b| a >> 32 == b >> 32) {
             let mut nearest = same[0] as u32;
             for v in same.iter().map(|key| *key as u32) {
-                self.fate[v as usize] = Fate::Pulled;
+                self.state[v as usize] = VertexState::Attracted;
                 if self.distance(v) < self.distance(nearest) {
                     nearest = v;
                 }
             }
-            self.fate[nearest as usize] = Fate::Fitted;
+            self.state[nearest as usize] = VertexState::Fitted;
         }
     }
 
     /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above.
-    fn retreat_inside(&mut self, frame: Frame, near: &mut Near) {
+    fn retreat_inside(&mut self, frame: Frame, near: &mut BroadPhase) {
         let first = if self.slices.start > 0 { self.seam() } else { 0 };
-        let scale = near.scale();
+        let quantizer = near.quantizer();
         let places: Vec<[T; 3]> = (0..self.own()).map(|v| frame.place(self.position(v)).map(T::from_f64)).collect();
-        self.spots.clear();
-        self.spots.reserve_exact(places.len());
-        self.spots.extend(places.iter().map(|place| scale.spot(place.map(Into::into))));
-        let mut inside = Inside { first, places, frame, scale, slab: self };
-        let tangled = retreat(&mut inside, near, None);
+        self.quantized.clear();
+        self.quantized.reserve_exact(places.len());
+        self.quantized.extend(places.iter().map(|place| quantizer.quantized_point(place.map(Into::into))));
+        let mut inside = Inside { first, places, frame, quantizer, slab: self };
+        let tangled = untangle(&mut inside, near, None);
         self.tangled = tangled;
     }
 
@@ -423,12 +424,12 @@ impl<T: Coordinate> SlabMesh<T> {
     /// The final position of vertex `v`, in file axes.
     pub fn position(&self, v: u32) -> [f64; 3] {
         let (smoothed, target) = (self.smoothed[v as usize], self.fitted.target[v as usize].map(Into::into));
-        match self.fate[v as usize] {
-            Fate::Fitted | Fate::Projected | Fate::Bridged => target,
-            Fate::Pulled => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
-            Fate::Stays | Fate::Gone => smoothed,
-            Fate::Rest => self.rest_of(v),
-            Fate::Back(step) => {
+        match self.state[v as usize] {
+            VertexState::Fitted | VertexState::Projected | VertexState::Bridged => target,
+            VertexState::Attracted => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
+            VertexState::Unfitted | VertexState::Contracted => smoothed,
+            VertexState::AtRest => self.rest_of(v),
+            VertexState::Backtracked(step) => {
                 let (rest, share) = (self.rest_of(v), SHARES[usize::from(step)]);
                 std::array::from_fn(|a| rest[a] + share * (target[a] - rest[a]))
             }
@@ -462,12 +463,12 @@ struct Inside<'a, T> {
     slab: &'a mut SlabMesh<T>,
     first: u32,
     frame: Frame,
-    scale: Scale,
-    /// Of each vertex: where it is now, as it is going to be written.
+    quantizer: Quantizer,
+    /// The position of each vertex where it is now, as it is going to be written.
     places: Vec<[T; 3]>,
 }
 
-impl<T: Coordinate> Places for Inside<'_, T> {
+impl<T: Coordinate> TriangleSet for Inside<'_, T> {
     fn stretches(&self) -> [Range<u32>; 2] {
         let end = self.slab.triangles.len().next_multiple_of(BLOCK) as u32;
         [0..self.slab.triangles.len() as u32, end..end]
@@ -490,16 +491,16 @@ impl<T: Coordinate> Places for Inside<'_, T> {
     }
 
     #[inline]
-    fn spot(&self, v: u32) -> Spot {
-        self.slab.spots[v as usize]
+    fn quantized_point(&self, v: u32) -> QuantizedPoint {
+        self.slab.quantized[v as usize]
     }
 
-    fn blocks(&mut self) -> &mut [Extent] {
+    fn blocks(&mut self) -> &mut [PackedBox] {
         &mut self.slab.blocks
     }
 }
 
-impl<T: Coordinate> Piece for Inside<'_, T> {
+impl<T: Coordinate> Submesh for Inside<'_, T> {
     fn vertices(&self) -> u32 {
         self.slab.own()
     }
@@ -510,19 +511,19 @@ impl<T: Coordinate> Piece for Inside<'_, T> {
     }
 
     fn corners(&self, v: u32) -> impl Iterator<Item = u32> {
-        self.slab.fans.corners(v)
+        self.slab.stars.corners(v)
     }
 
     #[inline]
     fn also(&self, v: u32) -> u32 {
-        self.slab.fans.also.get(v as usize).copied().unwrap_or(NONE)
+        self.slab.stars.also.get(v as usize).copied().unwrap_or(NONE)
     }
 
     fn is_whole(&self, v: u32) -> bool {
         (self.first..self.slab.own()).contains(&v)
     }
 
-    fn is_settled(&self, _: u32) -> bool {
+    fn is_frozen(&self, _: u32) -> bool {
         false
     }
 
@@ -531,19 +532,19 @@ impl<T: Coordinate> Piece for Inside<'_, T> {
         self.slab.is_kept(t)
     }
 
-    fn fate(&self, v: u32) -> Fate {
-        self.slab.fate[v as usize]
+    fn state(&self, v: u32) -> VertexState {
+        self.slab.state[v as usize]
     }
 
-    fn put(&mut self, v: u32, survivor: u32, also: u32, fate: Fate) {
-        let SlabMesh { fans, triangles, .. } = &mut *self.slab;
-        for corner in fans.corners(v) {
+    fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState) {
+        let SlabMesh { stars, triangles, .. } = &mut *self.slab;
+        for corner in stars.corners(v) {
             triangles.as_flattened_mut()[corner as usize] = survivor;
         }
-        fans.also[v as usize] = also;
-        self.slab.fate[v as usize] = fate;
+        stars.also[v as usize] = also;
+        self.slab.state[v as usize] = state;
         let place = self.frame.place(self.slab.position(v));
         self.places[v as usize] = place.map(T::from_f64);
-        self.slab.spots[v as usize] = self.scale.spot(place);
+        self.slab.quantized[v as usize] = self.quantizer.quantized_point(place);
     }
 }

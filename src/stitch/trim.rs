@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!     left out   /  next slab                a slab's triangles name vertices of the next (o): whether those are written, and with what numbers, must not
-//!   ------------o----o----                   change any more, so with them all vertices round them (x) are settled
+//!   ------------o----o----                   change any more, so with them all vertices round them (x) are frozen
 //!              / \  / \
 //!   kept      x   x    x
 //! ```
@@ -14,18 +14,18 @@ use crate::surface::contract::{NONE, is_gone};
 /// What is written of a slab.
 #[derive(Debug)]
 pub struct Trimmed {
-    /// Of each of the slab's vertices, whether it is written.
+    /// Whether each of the slab's vertices is written.
     pub written: Vec<bool>,
     /// Its kept triangles.
     pub triangles: Vec<[u32; 3]>,
-    /// The next slab's vertices `0..settled` must stay as they are.
-    pub settled: u32,
+    /// The next slab's vertices `0..frozen` must stay as they are.
+    pub frozen: u32,
 }
 
 /// What is known from slab to slab.
 #[derive(Debug, Default)]
 pub struct Trim {
-    /// Of the slab's first vertices, whether kept triangles of the one below name them.
+    /// Whether kept triangles of the slab below name each of the slab's first vertices.
     named: Vec<bool>,
     /// Numbers of the vertices of the slab before.
     before: Vec<u32>,
@@ -39,8 +39,8 @@ fn kept<T: Coordinate>(slab: &SlabMesh<T>) -> impl Iterator<Item = [u32; 3]> + '
 /// The triangles of `next` that are left at its vertex `v`, and the vertices that have become `v`, of `slab`'s or its own.
 fn around<T: Coordinate>(next: &SlabMesh<T>, v: u32) -> impl Iterator<Item = [u32; 3]> + '_ {
     let own = |v: &u32| *v != NONE && *v < BEFORE;
-    let cluster = std::iter::successors(Some(v), move |v| next.fans.also.get(*v as usize).copied().filter(own));
-    let triangles = cluster.flat_map(|v| next.fans.corners(v)).map(|corner| next.triangles[corner as usize / 3]);
+    let cluster = std::iter::successors(Some(v), move |v| next.stars.also.get(*v as usize).copied().filter(own));
+    let triangles = cluster.flat_map(|v| next.stars.corners(v)).map(|corner| next.triangles[corner as usize / 3]);
     triangles.filter(|triangle| !is_gone(*triangle))
 }
 
@@ -65,14 +65,14 @@ impl Trim {
         let named = slab.triangles_left().flatten().filter(names_next).max().map_or(0, |v| v - own + 1);
         self.named = vec![false; named as usize];
         kept(slab).flatten().filter(names_next).for_each(|v| self.named[(v - own) as usize] = true);
-        let mut settled = named;
+        let mut frozen = named;
         let mut after = Vec::with_capacity(named as usize);
         if let Some(next) = next {
             let mut all = self.named.clone();
             kept(next).flatten().filter(|v| *v < named).for_each(|v| all[v as usize] = true);
             after.extend(all.into_iter().map(count));
             let corners = (0..named).flat_map(|v| around(next, v)).flatten().filter(|u| *u < next.own());
-            settled = corners.map(|u| u + 1).fold(settled, u32::max);
+            frozen = corners.map(|u| u + 1).fold(frozen, u32::max);
         }
 
         let name = |v: u32| {
@@ -86,6 +86,6 @@ impl Trim {
         };
         let triangles = kept(slab).map(|triangle| triangle.map(name)).collect();
         self.before = numbers;
-        Trimmed { written, triangles, settled }
+        Trimmed { written, triangles, frozen }
     }
 }

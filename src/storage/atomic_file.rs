@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 
 /// What happens to a file that has the name already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Overwrite {
     /// It stays; the work is refused.
     Refuse,
@@ -27,7 +28,7 @@ pub enum Overwrite {
 
 /// A file in the making. Dropping it removes it.
 #[derive(Debug)]
-pub struct WholeFile {
+pub struct AtomicFile {
     file: File,
     /// Its hidden name, where it needs one.
     hidden: Option<TempPath>,
@@ -38,17 +39,17 @@ pub struct WholeFile {
     through: bool,
 }
 
-impl WholeFile {
+impl AtomicFile {
     /// A report: it replaces an older one, and is written to a pipe or a device as it is.
     ///
     /// # Errors
-    /// As [`WholeFile::create`]; [`Error::Io`] for a pipe that nobody reads.
-    pub fn report(path: &Path) -> Result<WholeFile> {
+    /// The same as [`AtomicFile::create`]; [`Error::Io`] for a pipe that nobody reads.
+    pub fn report(path: &Path) -> Result<AtomicFile> {
         use std::os::unix::fs::FileTypeExt;
         let through =
             path.metadata().is_ok_and(|there| there.file_type().is_fifo() || there.file_type().is_char_device());
         if !through {
-            return WholeFile::create(path, Overwrite::Replace);
+            return AtomicFile::create(path, Overwrite::Replace);
         }
         // Opening a pipe must not wait for a reader; writing to it may.
         let flags = rustix::fs::OFlags::NONBLOCK.bits() as i32;
@@ -60,14 +61,14 @@ impl WholeFile {
         };
         let file = open().map_err(Error::io(path, "write to"))?;
         let path = path.to_path_buf();
-        Ok(WholeFile { file, hidden: None, path, overwrite: Overwrite::Replace, synced: false, through: true })
+        Ok(AtomicFile { file, hidden: None, path, overwrite: Overwrite::Replace, synced: false, through: true })
     }
 
     /// Creates the temporary file, with the permissions any new file gets. What a link leads to is replaced, and the link stays.
     ///
     /// # Errors
     /// [`Error::OutputExists`]; [`Error::Usage`] if something of that name is no file, or a link to nothing; [`Error::Io`] if the folder cannot be written to.
-    pub fn create(path: &Path, overwrite: Overwrite) -> Result<WholeFile> {
+    pub fn create(path: &Path, overwrite: Overwrite) -> Result<AtomicFile> {
         let linked;
         let mut path = path;
         if let Ok(there) = path.symlink_metadata() {
@@ -97,7 +98,7 @@ impl WholeFile {
                 (file, Some(hidden))
             }
         };
-        Ok(WholeFile { file, hidden, path: path.to_path_buf(), overwrite, synced: true, through: false })
+        Ok(AtomicFile { file, hidden, path: path.to_path_buf(), overwrite, synced: true, through: false })
     }
 
     /// Creates a file in a folder of this process's own, where nothing else is and nobody looks before the folder has its name. Whoever gives it that sees to
@@ -105,11 +106,11 @@ impl WholeFile {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn within(path: &Path) -> Result<WholeFile> {
+    pub fn within(path: &Path) -> Result<AtomicFile> {
         let file = OpenOptions::new().read(true).write(true).create_new(true).open(path);
         let file = file.map_err(Error::io(path, "create"))?;
         let hidden = Some(TempPath::try_from_path(path).map_err(Error::io(path, "create"))?);
-        Ok(WholeFile {
+        Ok(AtomicFile {
             file,
             hidden,
             path: path.to_path_buf(),
@@ -377,10 +378,10 @@ mod tests {
         let path = dir.path().join("out.ply");
         let count = || std::fs::read_dir(dir.path()).unwrap().count();
 
-        drop(WholeFile::create(&path, Overwrite::Refuse).unwrap());
+        drop(AtomicFile::create(&path, Overwrite::Refuse).unwrap());
         assert_eq!(count(), 0, "an abandoned file is removed");
 
-        let whole = WholeFile::create(&path, Overwrite::Refuse).unwrap();
+        let whole = AtomicFile::create(&path, Overwrite::Refuse).unwrap();
         whole.file().write_all(b"one").unwrap();
         assert!(!path.exists());
         whole.finish().unwrap();
@@ -391,8 +392,8 @@ mod tests {
         assert_eq!(mode(&path), mode(&any), "the permissions of any new file");
         std::fs::remove_file(any).unwrap();
 
-        assert!(matches!(WholeFile::create(&path, Overwrite::Refuse), Err(Error::OutputExists(_))));
-        let whole = WholeFile::create(&path, Overwrite::Replace).unwrap();
+        assert!(matches!(AtomicFile::create(&path, Overwrite::Refuse), Err(Error::OutputExists(_))));
+        let whole = AtomicFile::create(&path, Overwrite::Replace).unwrap();
         whole.file().write_all(b"two").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"one");
         whole.finish().unwrap();
@@ -406,8 +407,8 @@ mod tests {
         let path = |name: &str| dir.path().join(name);
         std::fs::write(path("old"), b"old").unwrap();
         std::os::unix::fs::symlink("old", path("link")).unwrap();
-        assert!(matches!(WholeFile::create(&path("link"), Overwrite::Refuse), Err(Error::OutputExists(_))));
-        let whole = WholeFile::create(&path("link"), Overwrite::Replace).unwrap();
+        assert!(matches!(AtomicFile::create(&path("link"), Overwrite::Refuse), Err(Error::OutputExists(_))));
+        let whole = AtomicFile::create(&path("link"), Overwrite::Replace).unwrap();
         whole.file().write_all(b"new").unwrap();
         whole.finish().unwrap();
         assert!(path("link").is_symlink());
@@ -418,13 +419,13 @@ mod tests {
         rustix::fs::mkfifoat(rustix::fs::CWD, path("pipe"), rustix::fs::Mode::from_raw_mode(0o600)).unwrap();
         for (name, what) in [("dangling", "leads to no file"), ("folder", "is a folder"), ("pipe", "a pipe")] {
             for overwrite in [Overwrite::Refuse, Overwrite::Replace] {
-                let error = WholeFile::create(&path(name), overwrite).unwrap_err().to_string();
+                let error = AtomicFile::create(&path(name), overwrite).unwrap_err().to_string();
                 assert!(error.contains(what), "{error}");
             }
         }
-        assert!(WholeFile::report(&path("pipe")).is_err(), "a pipe that nobody reads");
+        assert!(AtomicFile::report(&path("pipe")).is_err(), "a pipe that nobody reads");
         assert!(path("dangling").is_symlink() && path("folder").is_dir() && !path("pipe").is_file());
-        let null = WholeFile::report(Path::new("/dev/null")).unwrap();
+        let null = AtomicFile::report(Path::new("/dev/null")).unwrap();
         null.file().write_all(b"gone").unwrap();
         null.finish().unwrap();
         assert!(!Path::new("/dev/null").is_file());
@@ -434,16 +435,16 @@ mod tests {
     fn a_file_that_came_up_meanwhile_is_kept() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("out.ply");
-        let whole = WholeFile::create(&path, Overwrite::Refuse).unwrap();
+        let whole = AtomicFile::create(&path, Overwrite::Refuse).unwrap();
         std::fs::write(&path, b"theirs").unwrap();
         assert!(matches!(whole.finish(), Err(Error::OutputExists(_))));
         assert_eq!(std::fs::read(&path).unwrap(), b"theirs");
     }
 
     /// As on a file system that makes no files without names.
-    fn with_hidden_name(path: &Path, overwrite: Overwrite) -> WholeFile {
+    fn with_hidden_name(path: &Path, overwrite: Overwrite) -> AtomicFile {
         let (file, name) = hidden(path).unwrap();
-        WholeFile { file, hidden: Some(name), path: path.to_path_buf(), overwrite, synced: true, through: false }
+        AtomicFile { file, hidden: Some(name), path: path.to_path_buf(), overwrite, synced: true, through: false }
     }
 
     fn names(folder: &Path) -> Vec<String> {
@@ -457,7 +458,7 @@ mod tests {
     fn in_the_making_it_has_no_name_where_the_system_can() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("out.ply");
-        let whole = WholeFile::create(&path, Overwrite::Refuse).unwrap();
+        let whole = AtomicFile::create(&path, Overwrite::Refuse).unwrap();
         assert_eq!(whole.hidden.is_some(), nameless(dir.path()).is_none());
         assert_eq!(names(dir.path()).len(), usize::from(whole.hidden.is_some()));
     }
@@ -474,7 +475,7 @@ mod tests {
         std::fs::create_dir(dir.path().join(".out.ply.d4E5f6.tmp")).unwrap();
         std::fs::write(dir.path().join(".out.ply.d4E5f6.tmp/1_2.ply"), "left").unwrap();
         let before = names(dir.path());
-        let whole = WholeFile::create(&path, Overwrite::Replace).unwrap();
+        let whole = AtomicFile::create(&path, Overwrite::Replace).unwrap();
         let gone: Vec<String> = before.into_iter().filter(|name| !names(dir.path()).contains(name)).collect();
         assert_eq!(gone, [".out.ply.a1B2c3.tmp", ".out.ply.d4E5f6.tmp"]);
         whole.file().write_all(b"one").unwrap();
@@ -509,7 +510,7 @@ mod tests {
         let path = dir.path().join("city.tiles");
         let make = |overwrite, content: &str| {
             let folder = WholeFolder::create(&path, overwrite).unwrap();
-            let file = WholeFile::within(&folder.place().join("a")).unwrap();
+            let file = AtomicFile::within(&folder.place().join("a")).unwrap();
             file.file().write_all(content.as_bytes()).unwrap();
             file.finish().unwrap();
             folder

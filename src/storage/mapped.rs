@@ -22,7 +22,7 @@ use memmap2::{Advice, Mmap, MmapOptions, UncheckedAdvice};
 
 use super::bus;
 use crate::error::{Error, Result};
-use crate::storage::spool::Temporary;
+use crate::storage::spool::ScratchFile;
 
 /// Linux maps pages round a fault in aligned windows of this size (`fault_around_bytes`), so pages are given back in
 /// such windows too; smaller pieces would be mapped in again by the neighbouring block.
@@ -38,7 +38,7 @@ pub struct Content {
 /// A stretch of a temporary file.
 #[derive(Debug, Clone)]
 struct Unpacked {
-    file: Arc<Temporary>,
+    file: Arc<ScratchFile>,
     /// A multiple of [`FAULT_WINDOW`].
     start: u64,
     len: u64,
@@ -51,7 +51,7 @@ impl Content {
     }
 
     /// What was unpacked from the file that messages call `name`: `len` bytes from `start` on, a multiple of [`FAULT_WINDOW`].
-    pub fn unpacked(name: &Path, file: Arc<Temporary>, start: u64, len: u64) -> Content {
+    pub fn unpacked(name: &Path, file: Arc<ScratchFile>, start: u64, len: u64) -> Content {
         Content { name: name.to_path_buf(), unpacked: Some(Unpacked { file, start, len }) }
     }
 
@@ -87,7 +87,7 @@ impl Content {
     /// Opens it for plain reads only: the fallback of [`Content::open`], and the choice for a look at a few places.
     ///
     /// # Errors
-    /// As [`Content::open`].
+    /// The same as [`Content::open`].
     pub fn unmapped(&self) -> Result<Mapped> {
         if let Some(Unpacked { file, start, len }) = &self.unpacked {
             return Ok(Mapped {
@@ -165,7 +165,7 @@ impl Mapped {
     /// The bytes of `range` by a plain read.
     ///
     /// # Errors
-    /// As [`Mapped::bytes`].
+    /// The same as [`Mapped::bytes`].
     pub fn read(&self, range: Range<u64>) -> Result<Vec<u8>> {
         let mut bytes = vec![0; (range.end - range.start) as usize];
         self.file.read_exact_at(&mut bytes, self.start + range.start).map_err(|e| match e.kind() {

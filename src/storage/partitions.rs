@@ -1,8 +1,8 @@
-//! Records on piles, in one spool: a pile is a chain of pages, each with the place of the one before.
+//! Records in partitions, in one spool: a partition is a chain of pages, each with the place of the one before.
 //!
 //! ```text
-//!  spool   | end  aaaa | end  bbbb | 0  aaaa | 2  aaaa | 1  bbbb |     pile a: pages 0, 2, 3; pile b: 1, 4
-//!  memory  a: aa   b: bbb   c: c                                       at most a page of each pile
+//!  spool   | end  aaaa | end  bbbb | 0  aaaa | 2  aaaa | 1  bbbb |     partition a: pages 0, 2, 3; partition b: 1, 4
+//!  memory  a: aa   b: bbb   c: c                                       at most a page of each partition
 //! ```
 
 use std::marker::PhantomData;
@@ -17,45 +17,45 @@ const END: u64 = u64::MAX;
 /// Bytes of a page before its records.
 const LINK: usize = size_of::<u64>();
 
-/// Piles of records. Memory: a page for each pile, and what the spool keeps.
-pub(crate) struct Piles<T> {
-    piles: Vec<Pile>,
+/// Partitions of records. Memory: a page for each partition, and what the spool keeps.
+pub(crate) struct Partitions<T> {
+    partitions: Vec<Partition>,
     /// Records of a page.
     page: usize,
     spool: Spool,
     records: PhantomData<T>,
 }
 
-struct Pile {
+struct Partition {
     records: u64,
     /// The page in the making, its link first.
     buffer: Vec<u8>,
 }
 
-impl<T: Pod> Piles<T> {
-    /// So many empty piles, whose pages take about `pages` bytes together; `in_memory` bytes of full pages stay in memory.
-    pub fn new(count: usize, pages: u64, in_memory: u64, workspace: &Workspace) -> Piles<T> {
+impl<T: Pod> Partitions<T> {
+    /// So many empty partitions, whose pages take about `pages` bytes together; `in_memory` bytes of full pages stay in memory.
+    pub fn new(count: usize, pages: u64, in_memory: u64, workspace: &Workspace) -> Partitions<T> {
         let page = (pages / count.max(1) as u64 / size_of::<T>() as u64).clamp(8, 512) as usize;
-        let piles = (0..count).map(|_| Pile { records: 0, buffer: END.to_ne_bytes().to_vec() }).collect();
-        Piles { piles, page, spool: workspace.spool(in_memory), records: PhantomData }
+        let partitions = (0..count).map(|_| Partition { records: 0, buffer: END.to_ne_bytes().to_vec() }).collect();
+        Partitions { partitions, page, spool: workspace.spool(in_memory), records: PhantomData }
     }
 
-    /// The number of piles.
+    /// The number of partitions.
     pub fn count(&self) -> usize {
-        self.piles.len()
+        self.partitions.len()
     }
 
-    /// The number of records on a pile.
-    pub fn records(&self, pile: usize) -> u64 {
-        self.piles[pile].records
+    /// The number of records in a partition.
+    pub fn records(&self, partition: usize) -> u64 {
+        self.partitions[partition].records
     }
 
-    /// Puts a record on a pile.
+    /// Puts a record into a partition.
     ///
     /// # Errors
     /// [`crate::Error::Io`] if the work directory is full.
-    pub fn push(&mut self, pile: usize, record: &T) -> Result<()> {
-        let Pile { records, buffer } = &mut self.piles[pile];
+    pub fn push(&mut self, partition: usize, record: &T) -> Result<()> {
+        let Partition { records, buffer } = &mut self.partitions[partition];
         if *records > 0 && records.is_multiple_of(self.page as u64) {
             let at = self.spool.append(buffer)?;
             buffer.clear();
@@ -66,12 +66,12 @@ impl<T: Pod> Piles<T> {
         Ok(())
     }
 
-    /// Visits a pile's records, the last first.
+    /// Visits a partition's records, the last first.
     ///
     /// # Errors
     /// What `visit` gives, or [`crate::Error::Io`].
-    pub fn read(&self, pile: usize, mut visit: impl FnMut(&T) -> Result<()>) -> Result<()> {
-        let mut page = self.piles[pile].buffer.clone();
+    pub fn read(&self, partition: usize, mut visit: impl FnMut(&T) -> Result<()>) -> Result<()> {
+        let mut page = self.partitions[partition].buffer.clone();
         loop {
             let (link, records) = page.split_at(LINK);
             each(records).rev().try_for_each(|record| visit(&record))?;
@@ -81,12 +81,12 @@ impl<T: Pod> Piles<T> {
         }
     }
 
-    /// Takes the last page off a pile and adds its records to `out`; `false` if the pile is empty. Others may be pushed meanwhile.
+    /// Takes the last page off a partition and adds its records to `out`; `false` if the partition is empty. Others may be pushed meanwhile.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn take(&mut self, pile: usize, out: &mut Vec<T>) -> Result<bool> {
-        let Pile { records, buffer } = &mut self.piles[pile];
+    pub fn take(&mut self, partition: usize, out: &mut Vec<T>) -> Result<bool> {
+        let Partition { records, buffer } = &mut self.partitions[partition];
         if *records == 0 {
             return Ok(false);
         }
@@ -98,7 +98,7 @@ impl<T: Pod> Piles<T> {
                 buffer.resize(LINK + self.page * size_of::<T>(), 0);
                 self.spool.read_at(before, buffer)?;
             }
-            // Its memory goes, too: most piles that were emptied stay so.
+            // Its memory goes, too: most partitions that were emptied stay so.
             None => *buffer = END.to_ne_bytes().to_vec(),
         }
         Ok(true)
@@ -125,29 +125,29 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let workspace = Workspace::new(dir.path()).unwrap();
         for in_memory in [0, 1 << 20] {
-            let mut piles = Piles::<[u32; 3]>::new(3, 1, in_memory, &workspace);
+            let mut partitions = Partitions::<[u32; 3]>::new(3, 1, in_memory, &workspace);
             for i in 0..100 {
-                piles.push(i as usize % 2, &[i, 7, i]).unwrap();
+                partitions.push(i as usize % 2, &[i, 7, i]).unwrap();
             }
             let mut seen = Vec::new();
             let see = |record: &[u32; 3]| {
                 seen.push(record[0]);
                 Ok(())
             };
-            piles.read(1, see).unwrap();
+            partitions.read(1, see).unwrap();
             assert_eq!(seen, (0..50).rev().map(|i| 2 * i + 1).collect::<Vec<_>>());
-            assert_eq!([0, 1, 2].map(|pile| piles.records(pile)), [50, 50, 0]);
+            assert_eq!([0, 1, 2].map(|partition| partitions.records(partition)), [50, 50, 0]);
             let (mut taken, mut pushed) = (Vec::new(), 0);
-            while piles.take(0, &mut taken).unwrap() {
-                piles.push(2, &[pushed, 0, 0]).unwrap();
+            while partitions.take(0, &mut taken).unwrap() {
+                partitions.push(2, &[pushed, 0, 0]).unwrap();
                 pushed += 1;
             }
             taken.sort_unstable();
             assert_eq!(taken, (0..50).map(|i| [2 * i, 7, 2 * i]).collect::<Vec<_>>());
-            assert_eq!([0, 2].map(|pile| piles.records(pile)), [0, 7]);
-            piles.push(0, &[1, 2, 3]).unwrap();
+            assert_eq!([0, 2].map(|partition| partitions.records(partition)), [0, 7]);
+            partitions.push(0, &[1, 2, 3]).unwrap();
             taken.clear();
-            assert!(piles.take(0, &mut taken).unwrap() && !piles.take(0, &mut taken).unwrap());
+            assert!(partitions.take(0, &mut taken).unwrap() && !partitions.take(0, &mut taken).unwrap());
             assert_eq!(taken, [[1, 2, 3]]);
         }
     }

@@ -1,6 +1,6 @@
 //! Temporary storage: append-only byte stores that begin in memory and move to disk when they outgrow it.
 //!
-//! A [`Workspace`] names the folder; a [`Spool`] is one store in it, written by one thread, [`Slots`] is one that all
+//! A [`Workspace`] names the folder; a [`Spool`] is one store in it, written by one thread, [`PageFile`] is one that all
 //! threads write to, and [`Temporary`] is a file as such. Files are unlinked as soon as they are opened, so
 //! nothing is left behind on success, on error, on Ctrl-C or when the process is killed. What a spool holds is private
 //! to the process that wrote it: native byte order, no version. Results never depend on where the bytes lay.
@@ -99,8 +99,8 @@ impl Workspace {
     ///
     /// # Errors
     /// [`Error::Io`] if no file can be created.
-    pub fn slots(&self, slot: usize) -> Result<Slots> {
-        Ok(Slots {
+    pub fn page_file(&self, slot: usize) -> Result<PageFile> {
+        Ok(PageFile {
             file: self.file()?,
             workspace: self.clone(),
             slot,
@@ -113,8 +113,8 @@ impl Workspace {
     ///
     /// # Errors
     /// [`Error::Io`] if no file can be created.
-    pub fn temporary(&self) -> Result<Temporary> {
-        Ok(Temporary {
+    pub fn scratch_file(&self) -> Result<ScratchFile> {
+        Ok(ScratchFile {
             file: self.file()?,
             workspace: self.clone(),
             written: AtomicU64::new(0),
@@ -234,9 +234,9 @@ fn hold(held: &mut Vec<Vec<u8>>, mut bytes: &[u8]) {
     }
 }
 
-/// Slots of equal size in an unlinked file, written and read by several threads at once.
+/// Pages of equal size in an unlinked file, written and read by several threads at once.
 #[derive(Debug)]
-pub struct Slots {
+pub struct PageFile {
     workspace: Workspace,
     file: File,
     slot: usize,
@@ -244,7 +244,7 @@ pub struct Slots {
     on_disk: AtomicU64,
 }
 
-impl Slots {
+impl PageFile {
     /// Puts `parts`, one behind the other, into a slot of their own and returns its number.
     ///
     /// # Panics
@@ -283,7 +283,7 @@ impl Slots {
     }
 }
 
-impl Drop for Slots {
+impl Drop for PageFile {
     fn drop(&mut self) {
         self.workspace.on_disk.fetch_sub(*self.on_disk.get_mut(), Ordering::Relaxed);
     }
@@ -294,7 +294,7 @@ const LOOK: u64 = 16 << 20;
 
 /// A file without a name whose length nobody knows beforehand. It takes what is free on its disk, and stops before it is full.
 #[derive(Debug)]
-pub struct Temporary {
+pub struct ScratchFile {
     workspace: Workspace,
     file: File,
     written: AtomicU64,
@@ -302,7 +302,7 @@ pub struct Temporary {
     promised: AtomicU64,
 }
 
-impl Temporary {
+impl ScratchFile {
     /// Writes at a position; each is written once.
     ///
     /// # Errors
@@ -344,7 +344,7 @@ fn promise(available: u64, more: u64) -> Option<u64> {
     (available >= more + LOOK).then(|| more.max(LOOK.min(available - LOOK)))
 }
 
-impl Drop for Temporary {
+impl Drop for ScratchFile {
     fn drop(&mut self) {
         self.workspace.on_disk.fetch_sub(*self.written.get_mut(), Ordering::Relaxed);
     }
@@ -399,7 +399,7 @@ mod tests {
     fn slots_filled_by_several_threads_are_read_back() {
         let dir = tempfile::tempdir().unwrap();
         let workspace = Workspace::new(dir.path()).unwrap();
-        let slots = workspace.slots(100).unwrap();
+        let slots = workspace.page_file(100).unwrap();
         let fill = |thread: u8| {
             (0..50u8)
                 .map(|i| {
@@ -434,7 +434,7 @@ mod tests {
     fn a_temporary_file_is_counted_and_leaves_the_disk_some_room() {
         let dir = tempfile::tempdir().unwrap();
         let workspace = Workspace::new(dir.path()).unwrap();
-        let file = workspace.temporary().unwrap();
+        let file = workspace.scratch_file().unwrap();
         file.write_at(b"abc", 0).unwrap();
         file.write_at(b"de", 100).unwrap();
         let mut back = [0; 2];

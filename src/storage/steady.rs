@@ -71,10 +71,10 @@ impl Steady {
         Steady(paths.into_iter().filter_map(|path| Some((path.clone(), Stamp::of(path)?))).collect())
     }
 
-    /// As [`settle`].
+    /// The same as [`settle`].
     ///
     /// # Errors
-    /// As [`settle`].
+    /// The same as [`settle`].
     pub fn settle<R>(&self, outcome: Result<R>) -> Result<R> {
         settle(self.0.iter().map(|(path, stamp)| (path.as_path(), *stamp)), outcome)
     }

@@ -81,12 +81,12 @@ pub fn bytes_of_table<E>(entries: u64) -> u64 {
 /// The records of the points that vertices were fitted to.
 struct Found {
     stride: usize,
-    /// Of the points' coordinates, by their bits: the point's number.
+    /// The number of a point, by the bits of its coordinates.
     numbers: SeededMap<[u64; 3], u32>,
     filter: BloomFilter,
-    /// Of each point: its record.
+    /// The record of each point.
     records: Vec<u8>,
-    /// Of each point: whether a record was found yet.
+    /// Whether a record was found yet, for each point.
     known: Vec<bool>,
 }
 
@@ -123,7 +123,7 @@ impl Found {
         &self.records[number * self.stride..][..self.stride]
     }
 
-    /// Of each vertex: itself if it has a point.
+    /// For each vertex: itself if it has a point.
     fn of_vertices<T>(&self, fitted: &Fitted<T>) -> Vec<u32> {
         fitted.point.iter().zip(0..).map(|(point, v)| if *point == NONE { NONE } else { v }).collect()
     }

@@ -22,42 +22,42 @@ pub fn is_gone([a, b, c]: [u32; 3]) -> bool {
 /// For each vertex, the corners (3 × triangle + position) at which triangles touched it before any contraction, as linked lists; and
 /// the vertices that were contracted into it, likewise.
 ///
-/// A contraction writes the survivor into the dead vertex's corners and joins the two lists of vertices, so that the survivor's fan is those of all
+/// A contraction writes the survivor into the dead vertex's corners and joins the two lists of vertices, so that the survivor's star is those of all
 /// vertices of its list, and the contraction can be taken back.
 #[derive(Debug, Default)]
-pub struct Fans {
+pub struct Stars {
     head: Vec<u32>,
     next: Vec<u32>,
-    /// Of each vertex, the next one of its cluster.
+    /// The next vertex of each vertex's cluster.
     pub also: Vec<u32>,
 }
 
-impl Fans {
-    /// Fans with room for so many vertices and triangles.
-    pub fn with_room(vertices: usize, triangles: usize) -> Fans {
+impl Stars {
+    /// Stars with room for so many vertices and triangles.
+    pub fn with_room(vertices: usize, triangles: usize) -> Stars {
         let (head, next) = (Vec::with_capacity(vertices), Vec::with_capacity(3 * triangles));
-        Fans { head, next, also: Vec::with_capacity(vertices) }
+        Stars { head, next, also: Vec::with_capacity(vertices) }
     }
 
-    /// The fans of `vertices` vertices of a mesh of `triangles`, in the memory of `room`; of those, the first `own` may be contracted.
-    pub fn new(triangles: &[[u32; 3]], vertices: usize, own: usize, room: Fans) -> Fans {
-        let mut fans = room;
-        refill(&mut fans.head, vertices, NONE);
-        refill(&mut fans.next, 3 * triangles.len(), NONE);
-        refill(&mut fans.also, own, NONE);
+    /// The stars of `vertices` vertices of a mesh of `triangles`, in the memory of `room`; of those, the first `own` may be contracted.
+    pub fn new(triangles: &[[u32; 3]], vertices: usize, own: usize, room: Stars) -> Stars {
+        let mut stars = room;
+        refill(&mut stars.head, vertices, NONE);
+        refill(&mut stars.next, 3 * triangles.len(), NONE);
+        refill(&mut stars.also, own, NONE);
         for (corner, &v) in triangles.as_flattened().iter().enumerate() {
-            fans.next[corner] = fans.head[v as usize];
-            fans.head[v as usize] = corner as u32;
+            stars.next[corner] = stars.head[v as usize];
+            stars.head[v as usize] = corner as u32;
         }
-        fans
+        stars
     }
 
-    /// Bytes of the fans of `vertices` vertices and `triangles` triangles.
+    /// Bytes of the stars of `vertices` vertices and `triangles` triangles.
     pub fn bytes(vertices: u64, triangles: u64) -> u64 {
         (2 * vertices + 3 * triangles) * size_of::<u32>() as u64
     }
 
-    /// The corners that were vertex `v`'s before any contraction; none for vertices beyond those that have a fan.
+    /// The corners that were vertex `v`'s before any contraction; none for vertices beyond those that have a star.
     pub fn corners(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
         let first = self.head.get(v as usize).copied();
         std::iter::successors(first.filter(|c| *c != NONE), |c| Some(self.next[*c as usize]).filter(|c| *c != NONE))
@@ -97,7 +97,7 @@ pub struct Groups<'a, D> {
     pub group: &'a [u32],
     /// The squared distance of a vertex that has a group to its point.
     pub distance: D,
-    /// Of each triangle, whether it is kept; empty if all are. Where kept triangles meet others lies the *rim*.
+    /// Whether each triangle is kept; empty if all are. The *rim* lies where kept triangles meet others.
     pub kept: &'a [bool],
 }
 
@@ -111,10 +111,10 @@ pub fn bytes(vertices: u64) -> u64 {
 /// Vertices are visited in order; at each, as long as it lives, its lowest neighbour of the same group that can be
 /// contracted with it is. `merged(dead, survivor)` is told of each contraction.
 ///
-/// Every grouped vertex's fan must be complete. Keeps a closed 2-manifold one, and its Euler number.
+/// Every grouped vertex's star must be complete. Keeps a closed 2-manifold one, and its Euler number.
 pub fn contract<D: Fn(u32) -> f64>(
     triangles: &mut [[u32; 3]],
-    fans: &mut Fans,
+    stars: &mut Stars,
     groups: Groups<'_, D>,
     mut merged: impl FnMut(u32, u32),
 ) {
@@ -126,7 +126,7 @@ pub fn contract<D: Fn(u32) -> f64>(
     candidates.extend((0..vertices).filter(|&v| {
         let group = groups.group[v as usize];
         group != NONE
-            && fans.at(v, triangles).any(|(t, p)| {
+            && stars.at(v, triangles).any(|(t, p)| {
                 let next = triangles[t][(p + 1) % 3];
                 next < vertices && groups.group[next as usize] == group
             })
@@ -135,12 +135,12 @@ pub fn contract<D: Fn(u32) -> f64>(
         let mut changed = false;
         for &v in &candidates {
             while alive[v as usize] {
-                let Some(u) = first_contractible(triangles, fans, groups.group, groups.kept, v, &mut scratch) else {
+                let Some(u) = first_contractible(triangles, stars, groups.group, groups.kept, v, &mut scratch) else {
                     break;
                 };
                 let key = |x: u32| ((groups.distance)(x), x);
                 let (survivor, dead) = if key(u) < key(v) { (u, v) } else { (v, u) };
-                contract_edge(triangles, fans, survivor, dead);
+                contract_edge(triangles, stars, survivor, dead);
                 alive[dead as usize] = false;
                 merged(dead, survivor);
                 changed = true;
@@ -163,52 +163,52 @@ struct Neighbourhoods {
 
 fn first_contractible(
     triangles: &[[u32; 3]],
-    fans: &Fans,
+    stars: &Stars,
     group_of: &[u32],
     kept: &[bool],
     v: u32,
     scratch: &mut Neighbourhoods,
 ) -> Option<u32> {
     let Neighbourhoods { of_v, of_u, same_group } = scratch;
-    collect_neighbours(triangles, fans, v, of_v);
+    collect_neighbours(triangles, stars, v, of_v);
     let group = group_of[v as usize];
     same_group.clear();
     same_group.extend(of_v.iter().filter(|&&u| group_of.get(u as usize) == Some(&group)));
     same_group.sort_unstable();
     same_group.iter().copied().find(|&u| {
-        collect_neighbours(triangles, fans, u, of_u);
+        collect_neighbours(triangles, stars, u, of_u);
         let common = of_u.iter().filter(|x| of_v.contains(x)).count();
-        common == 2 && !(of_u.len() == 3 && of_v.len() == 3) && keeps_rim(triangles, fans, kept, u, v)
+        common == 2 && !(of_u.len() == 3 && of_v.len() == 3) && keeps_rim(triangles, stars, kept, u, v)
     })
 }
 
 /// Whether a contraction leaves the rim one line: not if both ends lie on it, and the edge between them does not.
-fn keeps_rim(triangles: &[[u32; 3]], fans: &Fans, kept: &[bool], u: u32, v: u32) -> bool {
+fn keeps_rim(triangles: &[[u32; 3]], stars: &Stars, kept: &[bool], u: u32, v: u32) -> bool {
     if kept.is_empty() {
         return true;
     }
     let on_rim = |v: u32| {
-        let mut at = fans.at(v, triangles).map(|(t, _)| kept[t]);
+        let mut at = stars.at(v, triangles).map(|(t, _)| kept[t]);
         let first = at.next();
         at.any(|kept| Some(kept) != first)
     };
-    let at_edge = || fans.at(v, triangles).filter(|(t, _)| triangles[*t].contains(&u)).map(|(t, _)| kept[t]);
+    let at_edge = || stars.at(v, triangles).filter(|(t, _)| triangles[*t].contains(&u)).map(|(t, _)| kept[t]);
     at_edge().any(|kept| kept) && at_edge().any(|kept| !kept) || !(on_rim(u) && on_rim(v))
 }
 
-/// The neighbours of `v`: in a closed fan each is the next corner of exactly one triangle.
-fn collect_neighbours(triangles: &[[u32; 3]], fans: &Fans, v: u32, out: &mut Vec<u32>) {
+/// The neighbours of `v`: in a closed star each is the next corner of exactly one triangle.
+fn collect_neighbours(triangles: &[[u32; 3]], stars: &Stars, v: u32, out: &mut Vec<u32>) {
     out.clear();
-    out.extend(fans.at(v, triangles).map(|(t, p)| triangles[t][(p + 1) % 3]));
+    out.extend(stars.at(v, triangles).map(|(t, p)| triangles[t][(p + 1) % 3]));
 }
 
-fn contract_edge(triangles: &mut [[u32; 3]], fans: &mut Fans, survivor: u32, dead: u32) {
+fn contract_edge(triangles: &mut [[u32; 3]], stars: &mut Stars, survivor: u32, dead: u32) {
     let mut last = dead;
-    for member in fans.cluster(dead) {
-        for corner in fans.corners(member) {
+    for member in stars.cluster(dead) {
+        for corner in stars.corners(member) {
             triangles[corner as usize / 3][corner as usize % 3] = survivor;
         }
         last = member;
     }
-    fans.also[last as usize] = std::mem::replace(&mut fans.also[survivor as usize], dead);
+    stars.also[last as usize] = std::mem::replace(&mut stars.also[survivor as usize], dead);
 }

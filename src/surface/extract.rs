@@ -42,7 +42,7 @@ pub enum Kind {
     /// The sheet of this number.
     Sheet(u8),
     /// The middle of the doubled edge along this axis.
-    Middle(u8),
+    Midpoint(u8),
 }
 
 /// The surface's corners on one plane, ready for look-up.
@@ -50,15 +50,15 @@ pub enum Kind {
 struct Plane {
     /// Rows of bits: is (i, k) a corner of the surface?
     corners: Bits,
-    /// Of each word of `corners`: the corners before it.
+    /// The number of corners before each word of `corners`.
     before: Vec<u32>,
-    /// Of each corner: its mask, and the number of its first vertex.
+    /// The mask of each corner, and the number of its first vertex.
     masks: Vec<u8>,
     first: Vec<u32>,
-    /// Of each row: the corners before it.
+    /// The number of corners before each row.
     rows: Vec<u32>,
-    /// Middles that belong to the plane, by (lower corner, axis). Nearly always empty.
-    middles: Vec<((u32, u32, u8), u32)>,
+    /// Midpoints that belong to the plane, by (lower corner, axis). Nearly always empty.
+    midpoints: Vec<((u32, u32, u8), u32)>,
 }
 
 /// The vertices of a slab's planes, with the look-ups that faces and smoothing need.
@@ -69,7 +69,7 @@ pub struct Surface {
     planes: Vec<Plane>,
     /// The lowest plane.
     lowest: u32,
-    /// Of each plane: the vertices before it; one entry more than planes.
+    /// The number of vertices before each plane; one entry more than planes.
     starts: Vec<u32>,
     /// The columns of the slices round the planes, if it is not closed: only corners of live ones are there.
     columns: Option<Columns>,
@@ -80,7 +80,7 @@ pub struct Surface {
 pub struct Triangles {
     /// Their vertices.
     pub corners: Vec<[u32; 3]>,
-    /// Of each, whether it is written in the end; empty if all are.
+    /// Whether each triangle is written in the end; empty if all are.
     pub kept: Vec<bool>,
 }
 
@@ -196,8 +196,8 @@ impl Surface {
         // Each middle cuts two triangles in two; those on the plane above lie on edges of these faces, too.
         let above = (slices.end.min(*self.planes().end()) - self.lowest) as usize;
         let below = (slices.start - self.lowest) as usize;
-        let middles: usize = self.planes[below..=above].iter().map(|plane| plane.middles.len()).sum();
-        let triangles = 2 * (faces + middles);
+        let midpoints: usize = self.planes[below..=above].iter().map(|plane| plane.midpoints.len()).sum();
+        let triangles = 2 * (faces + midpoints);
         let trimmed = self.columns.as_ref().filter(|columns| columns.trimmed());
         let kept = if trimmed.is_some() { Vec::with_capacity(triangles) } else { Vec::new() };
         let mut out = Triangles { corners: room, kept };
@@ -286,18 +286,18 @@ impl Surface {
         }
         let plane = &self.planes[(lower[1] - self.lowest) as usize];
         let key = (lower[2], lower[0], m as u8);
-        plane.middles.iter().find(|(place, _)| *place == key).map(|(_, vertex)| *vertex)
+        plane.midpoints.iter().find(|(place, _)| *place == key).map(|(_, vertex)| *vertex)
     }
 }
 
-/// Of each slice, as many rectangles as count for its memory: no fewer than its own faces with those that middles add, and than the vertices on its
+/// As many rectangles for each slice as count for its memory: no fewer than its own faces with those that midpoints add, and than the vertices on its
 /// lower plane; on the last one, on both planes. Memory for each job: three slices of bits.
 ///
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
 pub fn weights(solid: &Solid, context: &Context) -> Result<Vec<u32>> {
     let [_, slices, _] = solid.cells;
-    // Of each plane: its vertices, and how many of them are middles.
+    // Of each plane: its vertices, and how many of them are midpoints.
     let mut planes: Vec<[u32; 2]> = Vec::with_capacity(slices as usize + 1);
     let mut jobs = chunks(slices);
     context.workers.in_order(
@@ -316,7 +316,7 @@ pub fn weights(solid: &Solid, context: &Context) -> Result<Vec<u32>> {
     Ok((0..slices as usize).map(own).collect())
 }
 
-/// Of each plane: its vertices, and how many of them are middles.
+/// The number of vertices on each plane, and how many of them are midpoints.
 fn counts(solid: &Solid, planes: std::ops::Range<u32>) -> Result<Vec<[u32; 2]>> {
     let [width, _, rows] = solid.cells;
     let (lowest, end) = (i64::from(planes.start), i64::from(planes.end));
@@ -329,15 +329,15 @@ fn counts(solid: &Solid, planes: std::ops::Range<u32>) -> Result<Vec<[u32; 2]>> 
         let y = i64::from(j);
         window.slide_to(y - 1, |y, bits| solid.paint(y, bits, &mut runs))?;
         let around = [window.get(y - 1), window.get(y), window.get(y + 1)];
-        let (mut sheets, mut middles) = (0, 0);
+        let (mut sheets, mut midpoints) = (0, 0);
         each_corner(around, j, trimmed, |corner, mask| {
             let kind = &CORNERS[usize::from(mask)];
             sheets += u32::from(kind.sheets);
             if kind.doubled & DOUBLED_UPWARDS != 0 {
-                middles += (0..3).filter(|m| has_middle(around, corner, mask, *m, trimmed)).count() as u32;
+                midpoints += (0..3).filter(|m| has_midpoint(around, corner, mask, *m, trimmed)).count() as u32;
             }
         });
-        out.push([sheets + middles, middles]);
+        out.push([sheets + midpoints, midpoints]);
     }
     Ok(out)
 }
@@ -373,7 +373,7 @@ impl Plane {
             masks: Vec::new(),
             first: Vec::new(),
             rows: vec![0],
-            middles: Vec::new(),
+            midpoints: Vec::new(),
         };
         let words = out.corners.row(0).len();
         for k in 0..rows {
@@ -414,12 +414,12 @@ impl Plane {
             }
             out.rows.push(out.masks.len() as u32);
         }
-        out.add_middles(around, trimmed, vertices);
+        out.add_midpoints(around, trimmed, vertices);
         out
     }
 
-    /// Appends the middles of doubled edges whose lower end lies in the plane: along x and z first, then along y.
-    fn add_middles(&mut self, around: [&Bits; 3], trimmed: Option<&Columns>, vertices: &mut Vec<Vertex>) {
+    /// Appends the midpoints of doubled edges whose lower end lies in the plane: along x and z first, then along y.
+    fn add_midpoints(&mut self, around: [&Bits; 3], trimmed: Option<&Columns>, vertices: &mut Vec<Vertex>) {
         let doubled: Vec<usize> = (0..self.masks.len())
             .filter(|&o| CORNERS[usize::from(self.masks[o])].doubled & DOUBLED_UPWARDS != 0)
             .collect();
@@ -427,10 +427,10 @@ impl Plane {
             for &ordinal in &doubled {
                 let vertex = vertices[self.first[ordinal] as usize];
                 for &axis in axes {
-                    if has_middle(around, vertex.corner, vertex.mask, usize::from(axis), trimmed) {
+                    if has_midpoint(around, vertex.corner, vertex.mask, usize::from(axis), trimmed) {
                         let [i, _, k] = vertex.corner;
-                        self.middles.push(((k, i, axis), vertices.len() as u32));
-                        vertices.push(Vertex { kind: Kind::Middle(axis), ..vertex });
+                        self.midpoints.push(((k, i, axis), vertices.len() as u32));
+                        vertices.push(Vertex { kind: Kind::Midpoint(axis), ..vertex });
                     }
                 }
             }
@@ -492,7 +492,7 @@ impl Live {
 const DOUBLED_UPWARDS: u8 = 0b10_1010;
 
 /// Whether the edge from a corner with this mask upwards along axis `m` is doubled, and both of its ends are made.
-fn has_middle(around: [&Bits; 3], corner: [u32; 3], mask: u8, m: usize, trimmed: Option<&Columns>) -> bool {
+fn has_midpoint(around: [&Bits; 3], corner: [u32; 3], mask: u8, m: usize, trimmed: Option<&Columns>) -> bool {
     let upper_mask = mask_at(around, corner, m);
     let both = CORNERS[usize::from(mask)].doubled >> (2 * m + 1) & CORNERS[usize::from(upper_mask)].doubled >> (2 * m);
     let mut upper = corner;

@@ -28,7 +28,7 @@ use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::{BUCKET_SLICES, PLANE_SIGHT, PLANE_TRAVEL, plane_halo};
-use crate::grid::rank_bitmap::Ranked;
+use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::slice::{Runs, words_for};
 use crate::grid::window::Window;
 use crate::points::Coordinate;
@@ -77,7 +77,7 @@ struct Sum {
 /// The means of one slice.
 #[derive(Debug)]
 struct SliceMeans {
-    cells: Ranked,
+    cells: RankBitmap,
     means: Vec<Mean>,
 }
 
@@ -99,7 +99,7 @@ pub fn project<T: Coordinate>(
     let [width, slices, rows] = sampled.grid.cells();
     let halo = i64::from(plane_halo(smooth));
     let mut window =
-        Window::new(2 * halo as usize, || SliceMeans { cells: Ranked::new(width, rows), means: Vec::new() });
+        Window::new(2 * halo as usize, || SliceMeans { cells: RankBitmap::new(width, rows), means: Vec::new() });
     let outward = Outward::of_cells(solid);
     let mut reader = MeansReader { sampled, outward, bucket: None, sums: Vec::new(), runs: Runs::default() };
     let mut corners = Outward::of_corners(solid);
@@ -123,7 +123,7 @@ pub fn project<T: Coordinate>(
             // The middle of a doubled edge lies between two sides.
             let outward = match vertex.kind {
                 Kind::Sheet(_) => corners.at(vertex.corner[0], i64::from(plane), vertex.corner[2]),
-                Kind::Middle(_) => [0.0; 3],
+                Kind::Midpoint(_) => [0.0; 3],
             };
             near.projected(q[v as usize], outward)
         }));
@@ -158,7 +158,7 @@ struct MeansReader<'a, T> {
     /// The bucket at hand.
     bucket: Option<u32>,
     /// Its slices' cells and sums.
-    sums: Vec<(Ranked, Vec<Sum>)>,
+    sums: Vec<(RankBitmap, Vec<Sum>)>,
     runs: Runs,
 }
 
@@ -190,7 +190,7 @@ impl<T: Coordinate> MeansReader<'_, T> {
         let Sampled { buckets, occupied, grid, .. } = self.sampled;
         let [width, slices, rows] = grid.cells();
         let first = bucket * BUCKET_SLICES;
-        self.sums.resize_with(BUCKET_SLICES as usize, || (Ranked::new(width, rows), Vec::new()));
+        self.sums.resize_with(BUCKET_SLICES as usize, || (RankBitmap::new(width, rows), Vec::new()));
         for (y, (cells, sums)) in (first..slices).zip(&mut self.sums) {
             occupied.read(y, &mut self.runs)?;
             sums.clear();

@@ -51,7 +51,7 @@ pub fn smooth(surface: &Surface, steps: u32, room: Vec<[f64; 3]>) -> Vec<[f64; 3
         *q = std::array::from_fn(|a| f64::from(vertex.corner[a]) + q[a]);
     }
     for (i, vertex) in vertices.iter().enumerate() {
-        if let Kind::Middle(axis) = vertex.kind
+        if let Kind::Midpoint(axis) = vertex.kind
             && ends_are_held(surface, vertex, axis)
         {
             let [a, b] = surface.ends(vertex, axis).map(|end| q[end as usize]);

@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::BUCKET_SLICES;
-use crate::grid::rank_bitmap::Ranked;
+use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::slice::{Bits, Runs};
 use crate::points::Coordinate;
 use crate::solid::Solid;
@@ -148,7 +148,7 @@ fn of_slice<T: Coordinate>(sampled: &Sampled<'_, T>, solid: &Solid, y: u32) -> R
     let (mut blocks, mut directions) = (Vec::new(), Vec::new());
     let mut outward = Outward::of_cells(solid);
     for y in i64::from(y) - far..=i64::from(y) + far {
-        let (mut ranked, mut occupied) = (Ranked::new(width, rows), Ranked::new(width, rows));
+        let (mut ranked, mut occupied) = (RankBitmap::new(width, rows), RankBitmap::new(width, rows));
         let mut here = Vec::new();
         if near(y) {
             outward.slide_to(y)?;

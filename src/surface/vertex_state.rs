@@ -1,43 +1,47 @@
-//! Fate: what becomes of a vertex between smoothing and the finished mesh.
+//! What becomes of a vertex between smoothing and the finished mesh.
 
-/// What becomes of a vertex.
+/// The state of a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fate {
-    /// It stays where smoothing put it.
-    Stays,
+pub enum VertexState {
+    /// It has no point near enough: it stays where smoothing put it.
+    Unfitted,
     /// It takes its point's place.
     Fitted,
     /// It moves into the plane of the points round it.
     Projected,
     /// It lies where a hole is bridged, at the height that is interpolated there.
     Bridged,
-    /// Another vertex took the point's place; it goes most of the way.
-    Pulled,
+    /// Another vertex took its point's place: it goes 90 % of the way there.
+    Attracted,
     /// It was contracted into another.
-    Gone,
-    /// It has gone back from its point so many steps of the way to rest ([`SHARES`]).
-    Back(u8),
+    Contracted,
+    /// It has gone back towards rest, so many steps ([`SHARES`]).
+    Backtracked(u8),
     /// It went all the way back to rest, where no triangles intersect.
-    Rest,
+    AtRest,
 }
 
 /// The share of the way from rest to its point that a vertex keeps after a step of retreat; after the last it is at rest. With quarters instead of
 /// tenths, the mean squared error of a horse's mesh is 0.064 instead of 0.052, for two per cent less time.
 pub const SHARES: [f64; 9] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1];
 
-impl Fate {
-    /// What becomes of a vertex whose triangles intersect others.
-    pub fn after_retreat(self) -> Fate {
+impl VertexState {
+    /// The state after one step back towards rest.
+    pub fn backtracked(self) -> VertexState {
         match self {
-            Fate::Fitted | Fate::Projected | Fate::Bridged | Fate::Pulled => Fate::Back(0),
-            Fate::Back(step) if usize::from(step) + 1 < SHARES.len() => Fate::Back(step + 1),
-            Fate::Back(_) | Fate::Stays | Fate::Rest => Fate::Rest,
-            Fate::Gone => Fate::Gone,
+            VertexState::Fitted | VertexState::Projected | VertexState::Bridged | VertexState::Attracted => {
+                VertexState::Backtracked(0)
+            }
+            VertexState::Backtracked(step) if usize::from(step) + 1 < SHARES.len() => {
+                VertexState::Backtracked(step + 1)
+            }
+            VertexState::Backtracked(_) | VertexState::Unfitted | VertexState::AtRest => VertexState::AtRest,
+            VertexState::Contracted => VertexState::Contracted,
         }
     }
 
     /// Whether the vertex may be contracted with others on its point.
     pub fn is_on_point(self) -> bool {
-        matches!(self, Fate::Fitted | Fate::Pulled)
+        matches!(self, VertexState::Fitted | VertexState::Attracted)
     }
 }

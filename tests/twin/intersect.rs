@@ -1,4 +1,4 @@
-//! Do two triangles meet where they should not? By exact sums of products, from the definition in `ARCHITECTURE.md`.
+//! Do two triangles meet where they should not? By exact sums of products, from the definition in `docs/algorithm.md`.
 
 type Point = [f64; 3];
 

@@ -1,4 +1,4 @@
-//! The naive twin: the whole reconstruction in memory, written for obviousness from `ARCHITECTURE.md` alone.
+//! The naive twin: the whole reconstruction in memory, written for obviousness from `docs/algorithm.md` alone.
 //!
 //! It shares no code with the crate. Everything is dense or a map, every definition is applied as it reads, nothing is
 //! looked up in a table; a cloud of some hundred points in a dozen slices is what it is for. The streaming

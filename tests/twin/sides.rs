@@ -31,12 +31,12 @@ pub fn solid(occupied: &Cells, level: u32, rho: u32) -> Cells {
             solid.set(cell);
         }
     }
-    without_hollows(&solid, occupied)
+    without_dents(&solid, occupied)
 }
 
 /// With those hollows filled that hardly any point lines: components of cells that are not solid and in no ball of squared radius 16 that is
 /// free of solid cells.
-fn without_hollows(solid: &Cells, occupied: &Cells) -> Cells {
+fn without_dents(solid: &Cells, occupied: &Cells) -> Cells {
     let ball = ball_squared(16);
     let is_room = |cell: [i32; 3]| !ball.iter().any(|&d| solid.get(plus(cell, d)));
     let mut room = Cells::none(solid.cells, 5);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::shared::{InUnit, MeansArguments, TalkArguments, coordinates_only, in_unit, overwrite};
+use super::shared::{InUnit, ResourceArguments, TalkArguments, coordinates_only, in_unit, overwrite};
 use crate::compare;
 use crate::generate::densify;
 use crate::input::Layout;
@@ -30,7 +30,7 @@ pub struct CheckArguments {
     pub talk: TalkArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
-    pub means: MeansArguments,
+    pub resources: ResourceArguments,
 }
 
 /// Arguments of `compare`.
@@ -64,7 +64,7 @@ pub struct CompareArguments {
     pub talk: TalkArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
-    pub means: MeansArguments,
+    pub resources: ResourceArguments,
 }
 
 /// Arguments of `densify`.
@@ -88,7 +88,7 @@ pub struct DensifyArguments {
     pub talk: TalkArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
-    pub means: MeansArguments,
+    pub resources: ResourceArguments,
 }
 
 /// Arguments of `render`.
@@ -129,7 +129,7 @@ pub struct RenderArguments {
     pub talk: TalkArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
-    pub means: MeansArguments,
+    pub resources: ResourceArguments,
 }
 
 impl RenderArguments {
@@ -160,7 +160,7 @@ impl CompareArguments {
                 let (max, unit) = (max.map(|max| max.value), max.and_then(|max| max.unit));
                 compare::HeatMap { path, max, unit, overwrite }
             }),
-            means: self.means.means(),
+            resources: self.resources.resources(),
         }
     }
 }
@@ -174,7 +174,7 @@ impl DensifyArguments {
             input: coordinates_only(&self.layout),
             output: self.output.clone(),
             overwrite: overwrite(self.overwrite),
-            means: self.means.means(),
+            resources: self.resources.resources(),
         }
     }
 }

@@ -1,15 +1,17 @@
 //! The flags: name, type, help and default, each in one place; README's table is tested against this.
 
+mod examples;
 mod meshes;
 mod shared;
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
 
 pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments};
 use self::shared::in_unit;
-pub use self::shared::{InUnit, MeansArguments, ProgressWord, TalkArguments, overwrite};
+pub use self::shared::{InUnit, ProgressWord, ResourceArguments, TalkArguments, overwrite};
 use super::sizes;
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
@@ -22,7 +24,7 @@ use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::run::preview::Preview;
 use crate::run::progress::Show;
-use crate::run::{Check, Job, Means, Units};
+use crate::run::{Check, Job, Resources, Units};
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Facing, Hole, Kind, Open};
@@ -33,11 +35,12 @@ use crate::settings::{Fineness, Settings};
 
 /// Turns point clouds too large for memory into watertight triangle meshes, without normals.
 ///
-/// Points are sorted into slices on disk; a sliding window of slices streams through dilation, surface extraction, smoothing
-/// and fitting. The mesh is always closed, oriented and 2-manifold, and the same bytes for any memory and threads.
+/// Points are sorted into slices on disk; a sliding window of slices streams through closing, extraction, smoothing and
+/// fitting. The mesh is closed, oriented and 2-manifold, or with --surface a 2-manifold with a boundary; it is checked, and it has
+/// the same bytes for any memory and threads. docs/guide.md has recipes for objects, terrain and noisy scans.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, arg_required_else_help = true)]
-#[command(after_help = shared::exit_codes())]
+#[command(after_help = examples::of_the_command())]
 pub struct Arguments {
     /// What to do instead of reconstructing.
     #[command(subcommand)]
@@ -59,6 +62,7 @@ impl Arguments {
             Some(Command::Densify(densify)) => densify.talk.show(),
             Some(Command::Render(render)) => render.talk.show(),
             Some(Command::Generate(generate)) => generate.talk.show(),
+            Some(Command::Completions(_) | Command::Man(_)) => Show::Nothing,
         }
     }
 }
@@ -66,21 +70,49 @@ impl Arguments {
 /// What to do instead of reconstructing.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    #[command(after_help = examples::PLAN)]
     /// Show what a reconstruction would take (memory, disk, slices, triangles, tiles), without doing it
     Plan(PlanArguments),
+    #[command(after_help = examples::INFO)]
     /// Show what is in the input: layout, points and how densely they lie, reference system and its unit, box, classes and returns, grid
     Info(InfoArguments),
+    #[command(after_help = examples::CHECK)]
     /// Check a mesh: closed, oriented, manifold, free of self-intersections, Euler number, components, volume, area (exit
     /// code 4 if it is no closed oriented 2-manifold or intersects itself)
     Check(CheckArguments),
+    #[command(after_help = examples::COMPARE)]
     /// Measure how far a mesh lies from a reference, a mesh or a cloud, and the reference from it
     Compare(CompareArguments),
+    #[command(after_help = examples::DENSIFY)]
     /// Add the centroids of a mesh's triangles to a cloud
     Densify(DensifyArguments),
+    #[command(after_help = examples::RENDER)]
     /// Draw a picture of a mesh
     Render(RenderArguments),
     /// Write a test cloud of any size
+    #[command(after_help = examples::GENERATE)]
     Generate(GenerateArguments),
+    /// Print what a shell needs to complete this command's options
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(CompletionsArguments),
+    /// Print the manual page of this command, or of a subcommand
+    #[command(after_help = examples::MAN)]
+    Man(ManArguments),
+}
+
+/// Arguments of `completions`.
+#[derive(Debug, Args)]
+pub struct CompletionsArguments {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: Shell,
+}
+
+/// Arguments of `man`.
+#[derive(Debug, Args)]
+pub struct ManArguments {
+    /// The subcommand: check, compare and so on [default: the command itself]
+    pub command: Option<String>,
 }
 
 /// Which coordinates a mesh has.
@@ -128,7 +160,7 @@ pub struct ReconstructArguments {
     pub verbose: bool,
     /// Memory, disk, threads.
     #[command(flatten)]
-    pub means: MeansArguments,
+    pub resources: ResourceArguments,
 }
 
 /// The cloud and how it is meshed.
@@ -251,7 +283,7 @@ pub struct PlanArguments {
     pub cloud: CloudArguments,
     /// Memory, disk, threads.
     #[command(flatten)]
-    pub means: MeansArguments,
+    pub resources: ResourceArguments,
 }
 
 /// Arguments of `info`.
@@ -267,10 +299,10 @@ pub struct InfoArguments {
     #[command(flatten)]
     pub cloud: CloudArguments,
     /// Worker threads [default: one for each processor]
-    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Means")]
+    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Resources")]
     pub threads: Option<u16>,
     /// Folder for temporary files [default: TMPDIR, else the mesh's folder]
-    #[arg(long, value_name = "DIR", help_heading = "Means")]
+    #[arg(long, value_name = "DIR", help_heading = "Resources")]
     pub temp_dir: Option<PathBuf>,
 }
 
@@ -426,7 +458,7 @@ fn triple(text: &str) -> std::result::Result<Coordinates, String> {
 }
 
 impl CloudArguments {
-    /// What is asked of a surface that is not closed.
+    /// Options of an open surface.
     fn open(&self) -> Result<Option<Open>> {
         let wrong = |message: &str| Err(Error::Usage(message.into()));
         let max_hole = self.max_hole.map_or(Hole::DEFAULT, |hole| hole.value);
@@ -540,7 +572,7 @@ impl ReconstructArguments {
             overwrite: overwrite(self.overwrite),
             positions,
             check,
-            ..tiled(job(&self.cloud, self.means.means())?, self.tile)
+            ..tiled(job(&self.cloud, self.resources.resources())?, self.tile)
         })
     }
 }
@@ -549,9 +581,9 @@ impl PlanArguments {
     /// The job they describe.
     ///
     /// # Errors
-    /// As [`ReconstructArguments::job`].
+    /// The same as [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
-        Ok(tiled(job(&self.cloud, self.means.means())?, self.tile))
+        Ok(tiled(job(&self.cloud, self.resources.resources())?, self.tile))
     }
 }
 
@@ -565,23 +597,23 @@ impl InfoArguments {
     /// The job they describe.
     ///
     /// # Errors
-    /// As [`ReconstructArguments::job`].
+    /// The same as [`ReconstructArguments::job`].
     pub fn job(&self) -> Result<Job> {
         let (threads, temp_dir) = (self.threads.map(usize::from), self.temp_dir.clone());
-        job(&self.cloud, Means { threads, temp_dir, ..Means::default() })
+        job(&self.cloud, Resources { threads, temp_dir, ..Resources::default() })
     }
 }
 
 impl GenerateArguments {
     /// What may be used.
-    pub fn means(&self) -> Means {
-        Means { threads: self.threads.map(usize::from), ..Means::default() }
+    pub fn resources(&self) -> Resources {
+        Resources { threads: self.threads.map(usize::from), ..Resources::default() }
     }
 }
 
-fn job(cloud: &CloudArguments, means: Means) -> Result<Job> {
+fn job(cloud: &CloudArguments, resources: Resources) -> Result<Job> {
     let (input, settings, units) = (cloud.input()?, cloud.settings()?, cloud.units());
-    Ok(Job { input, settings, units, means, ..Job::new(&cloud.inputs) })
+    Ok(Job { input, settings, units, resources, ..Job::new(&cloud.inputs) })
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use crate::error::Kind;
 use crate::input::{InputOptions, Layout};
 use crate::points::attribute::Wanted;
 use crate::points::unit::Unit;
-use crate::run::Means;
+use crate::run::Resources;
 use crate::run::progress::Show;
 use crate::settings::open::Hole;
 use crate::storage::atomic_file::Overwrite;
@@ -58,22 +58,26 @@ impl TalkArguments {
 
 /// Memory, disk, threads: nothing of it shows in the mesh.
 #[derive(Debug, Args)]
-pub struct MeansArguments {
+pub struct ResourceArguments {
     /// Memory to work in, such as 512M or 2G [default: a quarter of the machine's]
-    #[arg(long, value_name = "SIZE", value_parser = sizes::size, help_heading = "Means")]
+    #[arg(long, value_name = "SIZE", value_parser = sizes::size, help_heading = "Resources")]
     pub max_memory: Option<u64>,
     /// Worker threads [default: one for each processor]
-    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Means")]
+    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Resources")]
     pub threads: Option<u16>,
     /// Folder for temporary files [default: TMPDIR, else the mesh's folder]
-    #[arg(long, value_name = "DIR", help_heading = "Means")]
+    #[arg(long, value_name = "DIR", help_heading = "Resources")]
     pub temp_dir: Option<PathBuf>,
 }
 
-impl MeansArguments {
+impl ResourceArguments {
     /// The means of a run.
-    pub fn means(&self) -> Means {
-        Means { max_memory: self.max_memory, threads: self.threads.map(usize::from), temp_dir: self.temp_dir.clone() }
+    pub fn resources(&self) -> Resources {
+        Resources {
+            max_memory: self.max_memory,
+            threads: self.threads.map(usize::from),
+            temp_dir: self.temp_dir.clone(),
+        }
     }
 }
 

@@ -331,10 +331,10 @@ fn pose(pose: Element<'_>) -> Result<([[f64; 3]; 3], [f64; 3]), String> {
 pub struct Reading {
     /// The fields that are needed, and how they are stored.
     pub fields: Vec<(usize, Stored)>,
-    /// Of these, the coordinates: x, y, z, or range, azimuth, elevation.
+    /// Which of the columns are coordinates: x, y, z, or range, azimuth, elevation.
     coordinates: [usize; 3],
     spherical: bool,
-    /// Of these, the one that is 0 where there are coordinates.
+    /// Which of the columns is 0 where there are coordinates.
     valid: Option<usize>,
     pose: Option<([[f64; 3]; 3], [f64; 3])>,
     attributes: Vec<(Option<Made>, Scalar)>,

@@ -141,7 +141,7 @@ pub(crate) fn read(input: &Input, workspace: &Workspace, in_memory: u64, wanted:
     let (json, binary) = chunks(input)?;
     let room = (in_memory / JSON_IN_MEMORY).max(SHORT_JSON);
     if json.end - json.start > room {
-        let expected = format!("JSON of at most {room} bytes, for which there is room in the budget (--max-memory)");
+        let expected = format!("JSON of at most {room} bytes, for which there is room in the budget (`max_memory`)");
         return Err(Error::malformed(input.path, "the JSON chunk", expected, json.end - json.start));
     }
     let mut text = vec![0; json.end as usize - json.start as usize];

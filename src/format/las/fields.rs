@@ -141,7 +141,7 @@ enum Derived {
 }
 
 impl Decoding {
-    /// Of records of so many bytes with these fields.
+    /// How records of `record` bytes with these fields are decoded.
     pub fn new(record: usize, transform: Transform, fields: &[Field], schema: &Schema) -> Decoding {
         let mut derived = Vec::new();
         let mut behind = record;

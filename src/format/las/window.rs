@@ -17,7 +17,7 @@ pub struct Window {
     next: u64,
     end: u64,
     bytes: Option<Bytes>,
-    /// Of the window, what has been read.
+    /// The part of the window that has been read.
     read: usize,
 }
 

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::ptr;
 use std::sync::OnceLock;
 
+use crate::error::words::as_options;
 use crate::error::{Error, Kind};
 
 thread_local! {
@@ -37,9 +38,9 @@ pub fn told<R>(path: &Path, work: impl FnOnce() -> R) -> R {
         path,
         "a chunk of points",
         "compressed points",
-        "a stream without end (the decompressor has used up its stack); --attributes none reads no GPS times",
+        "a stream without end (the decompressor has used up its stack); `attributes` none reads no GPS times",
     );
-    let words = format!("asra-stream: {error}\n");
+    let words = as_options(&format!("asra-stream: {error}\n"));
     let before = WORDS.replace((words.as_ptr(), words.len()));
     let _restored = Restored(before);
     work()

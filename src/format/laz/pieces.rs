@@ -39,7 +39,7 @@ pub struct Cutter {
 enum State {
     /// The next chunk is to be looked at.
     Between,
-    /// Of a chunk of so many bytes, so many points are given out to jobs.
+    /// A chunk of `bytes` bytes, of which `given` points are given out to jobs.
     Parted { chunk: Chunk, bytes: u64, given: u64 },
     /// A chunk is decompressed here.
     Running(Running),

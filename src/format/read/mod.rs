@@ -40,7 +40,7 @@ pub fn open(path: &Path, workspace: &Workspace, in_memory: u64) -> Result<Box<dy
 /// attributes, whatever is wanted.
 ///
 /// # Errors
-/// As [`open`]; [`Error::Usage`] if the mesh lacks one that is wanted by name: it lists those that are there.
+/// The same as [`open`]; [`Error::Usage`] if the mesh lacks one that is wanted by name: it lists those that are there.
 pub fn open_with(path: &Path, workspace: &Workspace, in_memory: u64, wanted: &Wanted) -> Result<Box<dyn MeshSource>> {
     let input = Input::open(path)?;
     match input.format()? {
@@ -106,7 +106,7 @@ fn named(text: &str) -> Option<Crs> {
     Crs::parse(code).filter(|crs| crs.epsg.is_some()).or_else(|| Crs::parse(text))
 }
 
-/// Of the attributes that are there, those that are wanted.
+/// The wanted ones of the attributes that are there.
 pub(crate) fn chosen(path: &Path, wanted: &Wanted, there: &Schema) -> Result<Schema> {
     let find = |name: &String| -> Result<Attribute> {
         let found = there.attributes().iter().find(|attribute| attribute.name == *name);

@@ -20,7 +20,7 @@ use crate::storage::mapped::{Bytes, Content, Mapped};
 const HEADER: u64 = 84;
 const FACET: usize = 50;
 
-/// Of a facet, the bytes before its corners.
+/// The bytes of a facet before its corners.
 const NORMAL: usize = 12;
 
 /// The end of a text that is searched for `endsolid NAME`.

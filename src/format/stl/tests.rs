@@ -44,7 +44,7 @@ fn corners_have_zeros_where_other_files_have_attributes() {
     let cloud = crate::input::Cloud::open(&[stl, pcd], &crate::input::InputOptions::default()).unwrap();
     let mut blocks = cloud.blocks(crate::input::Carried::Attributes);
     let mut batch = Batch::new(Precision::Single);
-    blocks.next().unwrap().unwrap().decode(&mut batch).unwrap();
+    blocks.next_block().unwrap().unwrap().decode(&mut batch).unwrap();
     assert_eq!((batch.points.len(), batch.attributes), (3, vec![0; 12]));
 }
 

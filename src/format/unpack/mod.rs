@@ -20,7 +20,7 @@ use rustix::event::{PollFd, PollFlags, Timespec};
 use crate::error::{Error, Result};
 use crate::resources::workers::Workers;
 use crate::storage::mapped::{Content, FAULT_WINDOW, Mapped};
-use crate::storage::spool::{Temporary, Workspace};
+use crate::storage::spool::{ScratchFile, Workspace};
 
 /// The argument that stands for standard input.
 pub const STANDARD_INPUT: &str = "-";
@@ -60,7 +60,7 @@ pub struct Unpacked {
 /// Puts contents into a temporary file, which is made when the first comes.
 pub struct Unpacking<'a> {
     opening: Opening<'a>,
-    file: Option<Arc<Temporary>>,
+    file: Option<Arc<ScratchFile>>,
     /// Where the next content begins, and how many bytes there are so far.
     end: u64,
     bytes: u64,
@@ -123,7 +123,7 @@ impl<'a> Unpacking<'a> {
     pub fn begin(&mut self) -> Result<Stretch<'_, 'a>> {
         let file = match &self.file {
             Some(file) => Arc::clone(file),
-            None => Arc::clone(self.file.insert(Arc::new(self.opening.workspace.temporary()?))),
+            None => Arc::clone(self.file.insert(Arc::new(self.opening.workspace.scratch_file()?))),
         };
         let start = self.end;
         Ok(Stretch { unpacking: self, file, start })
@@ -132,7 +132,7 @@ impl<'a> Unpacking<'a> {
     /// All of standard input.
     ///
     /// # Errors
-    /// Those of reading it and of [`Stretch::append`].
+    /// Errors of reading it and of [`Stretch::append`].
     pub fn standard_input(&mut self) -> Result<Content> {
         let input = std::io::stdin();
         let failed = |e: rustix::io::Errno| Error::io("standard input", "read")(e.into());
@@ -157,7 +157,7 @@ impl<'a> Unpacking<'a> {
 /// A content in the making.
 pub struct Stretch<'a, 'b> {
     unpacking: &'a mut Unpacking<'b>,
-    file: Arc<Temporary>,
+    file: Arc<ScratchFile>,
     start: u64,
 }
 
@@ -376,7 +376,7 @@ impl Unpack for Frames {
 
     fn expected(&self, error: &std::io::Error) -> String {
         if error.to_string().contains("too much memory") {
-            format!("a window of at most {} (half of --max-memory)", ByteSize(1 << self.window))
+            format!("a window of at most {} (half of `max_memory`)", ByteSize(1 << self.window))
         } else {
             "Zstandard data".to_string()
         }

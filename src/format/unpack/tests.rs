@@ -158,7 +158,7 @@ fn windows_are_bounded_by_memory() {
         Cloud::open_in(std::slice::from_ref(&path), &InputOptions::default(), opening)
     };
     let error = open(32 << 20).unwrap_err().to_string();
-    assert!(error.contains("expected a window of at most 16.0 MiB (half of --max-memory)"), "{error}");
+    assert!(error.contains("expected a window of at most 16.0 MiB (half of `max_memory`)"), "{error}");
     assert!(open(128 << 20).is_ok());
 }
 

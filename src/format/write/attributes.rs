@@ -70,7 +70,7 @@ pub fn properties(job: &Job<'_>) -> Result<Vec<Property>> {
 /// The attributes that all vertices of a mesh have with the same bits, and their values. A colour that changes in one of its three numbers changes.
 ///
 /// # Errors
-/// Those of reading the mesh; [`crate::Error::Interrupted`].
+/// Errors of reading the mesh; [`crate::Error::Interrupted`].
 pub fn constant(mesh: &MeshSpool, workers: &Workers) -> Result<Vec<(String, f64)>> {
     let (schema, vertices) = (mesh.schema(), mesh.vertex_count());
     let stride = schema.stride();

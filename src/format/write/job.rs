@@ -46,6 +46,7 @@ impl Format {
 /// Which coordinates vertices are written with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Positions {
     /// The mesh's own, in the input's precision, less the origin.
     Shifted,
@@ -62,10 +63,13 @@ impl Positions {
     pub fn of(path: &Path, chosen: Option<Positions>) -> Result<Positions> {
         let format = Format::from_path(path)?;
         match (chosen, format) {
-            (Some(Positions::Absolute), Format::Stl | Format::Glb) => Err(Error::Usage(format!(
-                "--coordinates input: {} has coordinates of 32 bits, which do not hold the input's own; .ply and .obj do",
-                path.display()
-            ))),
+            (Some(Positions::Absolute), Format::Stl | Format::Glb) => Err(Error::setting(
+                "coordinates",
+                format!(
+                    "`coordinates` input: {} has coordinates of 32 bits, which do not hold the input's own; .ply and .obj do",
+                    path.display()
+                ),
+            )),
             (Some(chosen), _) => Ok(chosen),
             (None, Format::Ply) => Ok(Positions::Absolute),
             (None, _) => Ok(Positions::Shifted),

@@ -29,7 +29,7 @@ use crate::format::{glb, obj, ply, stl};
 use crate::mesh::MeshHeader;
 use crate::mesh::spool::MeshSpool;
 use crate::resources::workers::Workers;
-use crate::storage::atomic_file::{Overwrite, WholeFile};
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
 
 /// The names of the side-cars that a mesh may have beside it, by its format.
 pub fn beside(mesh: &Path) -> Vec<PathBuf> {
@@ -54,7 +54,7 @@ pub struct Written {
 #[derive(Debug)]
 pub struct Target {
     format: Format,
-    file: WholeFile,
+    file: AtomicFile,
     overwrite: Overwrite,
     positions: Positions,
 }
@@ -63,7 +63,7 @@ impl Target {
     /// Creates the temporary file beside `path`.
     ///
     /// # Errors
-    /// [`Error::Usage`] for an unknown extension, and absolute positions in formats of 32 bits; those of [`WholeFile::create`], also for
+    /// [`Error::Usage`] for an unknown extension, and absolute positions in formats of 32 bits; those of [`AtomicFile::create`], also for
     /// the side-cars that the format may need.
     pub fn prepare(path: &Path, overwrite: Overwrite, positions: Positions) -> Result<Target> {
         let format = Format::from_path(path)?;
@@ -74,12 +74,12 @@ impl Target {
         {
             return Err(Error::OutputExists(there));
         }
-        Ok(Target { format, file: WholeFile::create(path, overwrite)?, overwrite, positions })
+        Ok(Target { format, file: AtomicFile::create(path, overwrite)?, overwrite, positions })
     }
 
-    /// Creates the file in a folder that has no name yet, as [`WholeFile::within`] does.
+    /// Creates the file in a folder that has no name yet, as [`AtomicFile::within`] does.
     fn within(path: &Path, format: Format, positions: Positions) -> Result<Target> {
-        Ok(Target { format, file: WholeFile::within(path)?, overwrite: Overwrite::Refuse, positions })
+        Ok(Target { format, file: AtomicFile::within(path)?, overwrite: Overwrite::Refuse, positions })
     }
 
     /// Writes the mesh; the file has no name yet. `progress` is told the number of vertices and triangles written so far.
@@ -121,8 +121,8 @@ impl Target {
 /// A mesh file that is whole, but for its name. Dropping it removes it.
 #[derive(Debug)]
 pub struct Filled {
-    file: WholeFile,
-    beside: Vec<WholeFile>,
+    file: AtomicFile,
+    beside: Vec<AtomicFile>,
     /// Side-cars that must not stay.
     stale: Vec<PathBuf>,
     written: Written,
@@ -135,7 +135,7 @@ impl Filled {
     /// [`Error::OutputExists`] if a file of that name has come up meanwhile; [`Error::Io`].
     pub fn finish(self) -> Result<Written> {
         self.file.finish()?;
-        self.beside.into_iter().try_for_each(WholeFile::finish)?;
+        self.beside.into_iter().try_for_each(AtomicFile::finish)?;
         for path in self.stale.iter().filter(|path| path.symlink_metadata().is_ok_and(|there| !there.is_dir())) {
             std::fs::remove_file(path).map_err(Error::io(path, "remove the older mesh's side-car"))?;
         }
@@ -143,10 +143,11 @@ impl Filled {
     }
 }
 
-/// [`Target::prepare`], [`Target::fill`] and [`Filled::finish`] in one.
+/// [`Target::prepare`], [`Target::fill`] and [`Filled::finish`] in one, for tests and benchmarks.
 ///
 /// # Errors
 /// As these.
+#[cfg(any(test, feature = "internals"))]
 pub fn write(
     mesh: &MeshSpool,
     header: &MeshHeader,

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::format::sidecar::Sidecar;
 use crate::points::Precision;
 use crate::points::scalar::Scalar;
-use crate::storage::atomic_file::{Overwrite, WholeFile};
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
 
 /// The formats that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,14 +73,14 @@ pub struct Description {
     pub comment: String,
     /// Number of points.
     pub points: u64,
-    /// Of the coordinates.
+    /// The precision of the coordinates.
     pub precision: Precision,
 }
 
 /// A cloud's file in the making.
 #[derive(Debug)]
 pub struct CloudTarget {
-    file: WholeFile,
+    file: AtomicFile,
     kind: FileKind,
     cloud: Description,
     overwrite: Overwrite,
@@ -99,7 +99,7 @@ impl CloudTarget {
             return Err(Error::OutputExists(sidecar));
         }
         let header = kind.header(&cloud);
-        let file = WholeFile::create(path, overwrite)?;
+        let file = AtomicFile::create(path, overwrite)?;
         let mut target = CloudTarget { file, kind, cloud, overwrite, bytes: 0 };
         target.append(header.as_bytes())?;
         Ok(target)
@@ -132,7 +132,7 @@ impl CloudTarget {
                 Precision::Double => Scalar::F64,
             };
             let path = Sidecar::path_for(self.file.path());
-            let file = WholeFile::create(&path, self.overwrite)?;
+            let file = AtomicFile::create(&path, self.overwrite)?;
             writeln!(file.file(), "{}", Sidecar::describing(scalar, self.cloud.points))
                 .map_err(Error::io(&path, "write"))?;
             file.finish()?;

@@ -7,7 +7,7 @@ use super::job::{Format, Positions};
 use crate::error::{Error, Result};
 use crate::mesh::MeshHeader;
 use crate::points::crs::Crs;
-use crate::storage::atomic_file::{Overwrite, WholeFile};
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
 
 /// The names of the side-cars of a mesh: of its reference system, and of its origin. Other programs look for these.
 pub fn paths(mesh: &Path) -> [PathBuf; 2] {
@@ -24,7 +24,7 @@ pub fn needed(format: Format) -> bool {
 ///
 /// # Errors
 /// [`Error::OutputExists`]; [`Error::Io`].
-pub fn write(mesh: &Path, header: &MeshHeader, positions: Positions, overwrite: Overwrite) -> Result<Vec<WholeFile>> {
+pub fn write(mesh: &Path, header: &MeshHeader, positions: Positions, overwrite: Overwrite) -> Result<Vec<AtomicFile>> {
     let [prj, offset] = paths(mesh);
     let [x, y, z] = header.origin;
     let place = (header.origin != [0.0; 3] && positions == Positions::Shifted).then(|| format!("{x} {y} {z}\n"));
@@ -32,7 +32,7 @@ pub fn write(mesh: &Path, header: &MeshHeader, positions: Positions, overwrite: 
     let mut files = Vec::new();
     for (path, text) in texts {
         if let Some(text) = text {
-            let file = WholeFile::create(&path, overwrite)?;
+            let file = AtomicFile::create(&path, overwrite)?;
             file.file().write_all(text.as_bytes()).map_err(Error::io(&path, "write"))?;
             files.push(file);
         }

@@ -203,8 +203,8 @@ fn where_a_mesh_lies_is_told_in_it_or_beside_it() {
     let (own, faces) = elements(&mesh);
     let moved: Vec<[f64; 3]> = own.iter().map(|p| [0, 1, 2].map(|a| p[a] + header.origin[a])).collect();
     assert_eq!(absolute, (moved, faces));
-    assert!(matches!(write("a.glb", Positions::Absolute), Err(Error::Usage(_))));
-    assert!(matches!(write("a.stl", Positions::Absolute), Err(Error::Usage(_))));
+    assert!(matches!(write("a.glb", Positions::Absolute), Err(Error::InvalidSetting { name: "coordinates", .. })));
+    assert!(matches!(write("a.stl", Positions::Absolute), Err(Error::InvalidSetting { name: "coordinates", .. })));
     write("b.obj", Positions::Absolute).unwrap();
     assert_eq!(elements(&*open(&dir.path().join("b.obj"), &workspace, 1 << 20).unwrap()), absolute);
     assert!(dir.path().join("b.prj").exists() && !dir.path().join("b_offset.xyz").exists());
@@ -388,9 +388,9 @@ fn tiles_hold_every_triangle_once_with_the_same_bits() {
     write(1e3, Overwrite::Replace, 3, 1 << 30).unwrap();
     assert!(contents() == first, "the same bytes for any threads");
     let error = write(1e9, Overwrite::Replace, 2, 1 << 20).unwrap_err().to_string();
-    assert!(error.contains("make tiles smaller or --max-memory larger"), "{error}");
+    assert!(error.contains("make tiles smaller or `max_memory` larger"), "{error}");
     assert!(contents() == first, "what was there stays");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "nothing else is left");
     let obj = Tiles::prepare(&dir.path().join("a.obj"), 1.0, Overwrite::Refuse, Positions::Shifted);
-    assert!(matches!(obj, Err(Error::Usage(_))));
+    assert!(matches!(obj, Err(Error::InvalidSetting { name: "tile", .. })));
 }

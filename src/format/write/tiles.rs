@@ -61,9 +61,10 @@ pub fn check_number(side: f64, tiles: u64) -> Result<()> {
     // Rounded up to two digits.
     let step = libm::pow(10.0, libm::log10(least).floor() - 1.0);
     let (least, tiles, most) = (short((least / step).ceil() * step), thousands(tiles), thousands(MOST_TILES));
-    Err(Error::Usage(format!(
-        "--tile {side}: makes about {tiles} tiles, and {most} is the limit; pass --tile {least} or more"
-    )))
+    Err(Error::setting(
+        "tile",
+        format!("`tile` {side}: makes about {tiles} tiles, and {most} is the limit; pass `tile` {least} or more"),
+    ))
 }
 
 /// A folder of tiles that is going to be.
@@ -88,7 +89,7 @@ impl Tiles {
     pub fn prepare(output: &Path, side: f64, overwrite: Overwrite, positions: Positions) -> Result<Tiles> {
         let format = Format::from_path(output)?;
         if !matches!(format, Format::Ply | Format::Glb) {
-            return Err(Error::Usage(format!("--tile: {} names no PLY or GLB files", output.display())));
+            return Err(Error::setting("tile", format!("`tile`: {} names no PLY or GLB files", output.display())));
         }
         let positions = Positions::of(output, Some(positions))?;
         let path = Self::path(output);
@@ -128,10 +129,13 @@ impl Tiles {
             let triangles: u64 = stretches.iter().map(|(_, count)| u64::from(*count)).sum();
             if triangles * PER_TRIANGLE > memory {
                 let needed = bytesize::ByteSize(triangles * PER_TRIANGLE);
-                return Err(Error::Usage(format!(
-                    "--tile {}: a tile has {triangles} triangles, which take {needed} of memory; make tiles smaller or --max-memory larger",
-                    self.side
-                )));
+                return Err(Error::setting(
+                    "tile",
+                    format!(
+                        "`tile` {}: a tile has {triangles} triangles, which take {needed} of memory; make tiles smaller or `max_memory` larger",
+                        self.side
+                    ),
+                ));
             }
             let tile = self.tile(mesh, &spool, &stretches, workspace)?;
             let name = format!("{x}_{y}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
@@ -199,11 +203,14 @@ impl Tiles {
             }
             match tiles.len() as u64 {
                 ..=MOST_TILES => Ok(()),
-                _ => Err(Error::Usage(format!(
-                    "--tile {}: makes more than {} tiles, which is the limit; make tiles larger",
-                    self.side,
-                    thousands(MOST_TILES)
-                ))),
+                _ => Err(Error::setting(
+                    "tile",
+                    format!(
+                        "`tile` {}: makes more than {} tiles, which is the limit; make tiles larger",
+                        self.side,
+                        thousands(MOST_TILES)
+                    ),
+                )),
             }
         })?;
         Ok((spool, tiles))
@@ -277,7 +284,7 @@ mod tests {
         assert!(check_number(1.0, MOST_TILES).is_ok());
         for (side, tiles) in [(0.01, 643_843), (2.0, 100_001), (1e-9, 1 << 60)] {
             let error = check_number(side, tiles).unwrap_err().to_string();
-            let advised: f64 = error.split("pass --tile ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+            let advised: f64 = error.split("pass `tile` ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
             let made = tiles as f64 * (side / advised).powi(2);
             assert!(made <= MOST_TILES as f64 && made > 0.8 * MOST_TILES as f64, "{error}");
         }

@@ -55,7 +55,7 @@ impl Blocks {
     /// Visits every triangle that may touch `vertices`, in order, with its number; degenerate ones are left out.
     ///
     /// # Errors
-    /// As [`MeshSource::read_faces`].
+    /// The same as [`MeshSource::read_faces`].
     pub fn scan(
         &self,
         mesh: &dyn MeshSource,
@@ -103,7 +103,7 @@ impl<T: Copy + Default> Stars<T> {
     /// (or those of one vertex, if they are more); where the range has more it is scanned in several parts.
     ///
     /// # Errors
-    /// As [`MeshSource::read_faces`].
+    /// The same as [`MeshSource::read_faces`].
     pub fn visit(
         &mut self,
         mesh: &dyn MeshSource,

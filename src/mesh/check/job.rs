@@ -33,7 +33,7 @@ pub(crate) struct Need {
 }
 
 impl Need {
-    /// Of a mesh of so many vertices and triangles.
+    /// What the check of a mesh of so many vertices and triangles needs.
     pub(crate) fn of(vertices: u64, triangles: u64, threads: usize) -> Need {
         let jobs = Plan::in_flight(threads) as u64;
         let group = triangles.min(GROUP as u64);

@@ -32,7 +32,7 @@ use self::vertices::Bounds;
 use super::measure::Sums;
 use super::{MeshSource, check_vertex_count};
 use crate::error::Result;
-pub use crate::mesh::intersections::{Intersection, Intersections, intersections};
+pub use crate::mesh::intersections::intersections;
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::spool::Workspace;
 
@@ -60,7 +60,7 @@ pub fn check(
 /// [`check`] for a mesh whose triangles name vertices near each other, as those do that this program makes: takes no more than that needs.
 ///
 /// # Errors
-/// As [`check`].
+/// The same as [`check`].
 pub(crate) fn check_near(
     mesh: &dyn MeshSource,
     budget: u64,

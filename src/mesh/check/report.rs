@@ -9,6 +9,7 @@ use crate::mesh::intersections::Intersections;
 /// Topology is that of vertex numbers alone: equal positions do not make vertices one. Triangles that repeat a vertex number
 /// (*degenerate*) are counted and otherwise left out.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct CheckReport {
     /// Vertices of the mesh.
     pub vertices: u64,

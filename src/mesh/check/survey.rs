@@ -10,7 +10,7 @@ use crate::resources::workers::Spares;
 pub(super) struct Survey {
     pub blocks: Blocks,
     pub degenerate: u64,
-    /// Of each group; `None` if it is far, until that has been measured.
+    /// The sums of each group; `None` for a far one until it has been measured.
     pub sums: Vec<Option<Sums>>,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  sample      boxes of triangles, evenly over their numbers -> cells with about as many triangles each (cells)
-//!  distribute  every triangle, with its corners, to each cell that its box touches (piles, on disk if need be)
+//!  distribute  every triangle, with its corners, to each cell that its box touches (partitions, on disk if need be)
 //!  search      cell by cell, in parallel: cut on in memory, then each triangle with each (pairs)
 //!              a cell that is too full is sampled and distributed in its turn
 //! ```
@@ -30,12 +30,12 @@ use crate::mesh::intersect::FARTHEST;
 use crate::mesh::measure::{Corners, is_degenerate, span};
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::resources::workers::Workers;
-use crate::storage::partitions::Piles;
+use crate::storage::partitions::Partitions;
 use crate::storage::spool::Workspace;
 
 /// Distributions within each other at most: each makes cells smaller by up to [`CELLS`] times, so that more would not help.
 const DEEPEST: u32 = 4;
-/// Bytes for a triangle of a far batch: see [`Corners::fill`], the triangle, and its record on its way to the piles.
+/// Bytes for a triangle of a far batch: see [`Corners::fill`], the triangle, and its record on its way to the partitions.
 const FAR_BYTES: u64 = 122 + 12 + 100;
 
 /// The triangles that intersect, as [`crate::mesh::intersect`] defines it.
@@ -48,7 +48,7 @@ pub struct Intersections {
     /// Whether all pairs were looked at. The search ends after 1,000,000 pairs, or when far more boxes of triangles overlap
     /// than in any sensible mesh.
     pub complete: bool,
-    /// Of the pairs found, that with the lowest numbers.
+    /// The pair with the lowest numbers.
     pub first: Option<Intersection>,
 }
 
@@ -99,10 +99,10 @@ impl Search<'_> {
         } else {
             Tree::new(Cell::SPACE, self.sample()?, self.limits.cells_for(triangles))
         };
-        let mut piles = self.piles(tree.cells().len(), 0);
-        self.distribute(&tree, &mut piles, &mut |done| progress(done / 2))?;
+        let mut partitions = self.partitions(tree.cells().len(), 0);
+        self.distribute(&tree, &mut partitions, &mut |done| progress(done / 2))?;
         let mut found = Found { complete: true, ..Found::default() };
-        self.search(&tree, piles, 0, &mut found, &mut |done| progress(triangles / 2 + done / 2))?;
+        self.search(&tree, partitions, 0, &mut found, &mut |done| progress(triangles / 2 + done / 2))?;
         progress(triangles);
 
         let Found { pairs, mut involved, first, complete, .. } = found;
@@ -111,10 +111,10 @@ impl Search<'_> {
         Ok(Intersections { pairs: pairs.min(self.limits.pairs), triangles: involved.len() as u64, complete, first })
     }
 
-    /// Piles for so many cells; those within other cells share what these have left over.
-    fn piles(&self, cells: usize, depth: u32) -> Piles<Record> {
+    /// Partitions for so many cells; those within other cells share what these have left over.
+    fn partitions(&self, cells: usize, depth: u32) -> Partitions<Record> {
         let share = self.budget >> depth;
-        Piles::new(cells, share / 8, share / 8, self.check.workspace)
+        Partitions::new(cells, share / 8, share / 8, self.check.workspace)
     }
 
     /// The boxes of triangles at even distances.
@@ -136,16 +136,16 @@ impl Search<'_> {
         Ok(sample)
     }
 
-    /// Some triangles of a pile, chosen by their numbers: the order in which they lie there depends on means.
-    fn sample_pile(&self, piles: &Piles<Record>, pile: usize) -> Result<Vec<Record>> {
+    /// Some triangles of a partition, chosen by their numbers: the order in which they lie there depends on means.
+    fn sample_pile(&self, partitions: &Partitions<Record>, partition: usize) -> Result<Vec<Record>> {
         // Multiples of the golden ratio's fraction of 2^64 are spread evenly; folded and multiplied once more, they are even
         // for rows of numbers, too.
         const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
         let spread = |number: u64| number.wrapping_mul(GOLDEN);
-        let share = self.limits.sample as f64 / piles.records(pile) as f64;
+        let share = self.limits.sample as f64 / partitions.records(partition) as f64;
         let below = (share * u64::MAX as f64) as u64;
         let mut sample = Vec::new();
-        piles.read(pile, |record| {
+        partitions.read(partition, |record| {
             let first = spread(record.number);
             if spread(first ^ first >> 32) <= below {
                 sample.push(*record);
@@ -155,8 +155,13 @@ impl Search<'_> {
         Ok(sample)
     }
 
-    /// Puts every sound triangle on the piles of its cells.
-    fn distribute(&self, tree: &Tree, piles: &mut Piles<Record>, progress: &mut dyn FnMut(u64)) -> Result<()> {
+    /// Puts every sound triangle on the partitions of its cells.
+    fn distribute(
+        &self,
+        tree: &Tree,
+        partitions: &mut Partitions<Record>,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<()> {
         let Check { mesh, plan, workers, .. } = self.check;
         let block = plan.block as u64;
         let blocks = mesh.face_count().div_ceil(block);
@@ -171,8 +176,8 @@ impl Search<'_> {
             done += numbers as u64 * block;
             progress(done.min(mesh.face_count()));
             records.iter().try_for_each(|(cell, record)| match cell {
-                Some(cell) => piles.push(*cell as usize, record),
-                None => push_to_all(piles, tree, record),
+                Some(cell) => partitions.push(*cell as usize, record),
+                None => push_to_all(partitions, tree, record),
             })
         };
 
@@ -230,27 +235,27 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Searches the cells' piles: those that fit in memory first, the others by distributing them in their turn.
+    /// Searches the cells' partitions: those that fit in memory first, the others by distributing them in their turn.
     fn search(
         &self,
         tree: &Tree,
-        piles: Piles<Record>,
+        partitions: Partitions<Record>,
         depth: u32,
         found: &mut Found,
         progress: &mut dyn FnMut(u64),
     ) -> Result<()> {
         let Check { plan, workers, mesh, .. } = self.check;
         let (held, full): (Vec<usize>, Vec<usize>) =
-            (0..tree.cells().len()).partition(|&pile| piles.records(pile) <= self.limits.held);
+            (0..tree.cells().len()).partition(|&partition| partitions.records(partition) <= self.limits.held);
         let pool = Mutex::new(Vec::<Pairs>::new());
-        let look = |pile: usize| {
+        let look = |partition: usize| {
             let mut pairs = pool.lock().expect("no job panics while it takes memory").pop().unwrap_or_default();
             pairs.records.clear();
-            piles.read(pile, |record| {
+            partitions.read(partition, |record| {
                 pairs.records.push(*record);
                 Ok(())
             })?;
-            let found = pairs.find(tree.cells()[pile], &self.limits);
+            let found = pairs.find(tree.cells()[partition], &self.limits);
             pool.lock().expect("no job panics while it returns memory").push(pairs);
             Ok(found)
         };
@@ -271,37 +276,37 @@ impl Search<'_> {
         drop(pool);
 
         found.complete &= done == held.len() as u128;
-        for pile in full {
+        for partition in full {
             if depth == DEEPEST || found.enough(&self.limits) {
                 found.complete = false;
                 continue;
             }
             workers.check_cancelled()?;
-            let sample = self.sample_pile(&piles, pile)?;
+            let sample = self.sample_pile(&partitions, partition)?;
             let boxes = sample.iter().map(|record| Cuboid::around(record.corners)).collect();
-            let parts = Tree::new(tree.cells()[pile], boxes, self.limits.cells_for(piles.records(pile)));
+            let parts = Tree::new(tree.cells()[partition], boxes, self.limits.cells_for(partitions.records(partition)));
             if parts.cells().len() == 1 {
                 // So many boxes on one another that their pairs are beyond every limit: a look at some has to do.
                 let mut pairs = Pairs::default();
                 pairs.records = sample;
-                found.add(pairs.find(tree.cells()[pile], &self.limits));
+                found.add(pairs.find(tree.cells()[partition], &self.limits));
                 found.complete = false;
                 continue;
             }
-            let mut within = self.piles(parts.cells().len(), depth + 1);
-            piles.read(pile, |record| push_to_all(&mut within, &parts, record))?;
+            let mut within = self.partitions(parts.cells().len(), depth + 1);
+            partitions.read(partition, |record| push_to_all(&mut within, &parts, record))?;
             self.search(&parts, within, depth + 1, found, &mut |_| ())?;
         }
         Ok(())
     }
 }
 
-/// Puts a record on the piles of all cells that its triangle's box touches.
-fn push_to_all(piles: &mut Piles<Record>, tree: &Tree, record: &Record) -> Result<()> {
+/// Puts a record on the partitions of all cells that its triangle's box touches.
+fn push_to_all(partitions: &mut Partitions<Record>, tree: &Tree, record: &Record) -> Result<()> {
     let mut result = Ok(());
     tree.visit(&Cuboid::around(record.corners), &mut |cell| {
         if result.is_ok() {
-            result = piles.push(cell as usize, record);
+            result = partitions.push(cell as usize, record);
         }
     });
     result

@@ -8,7 +8,7 @@ use crate::mesh::check::{CheckReport, check, intersections};
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::Precision;
-use crate::points::attribute::Schema;
+use crate::points::attribute::{Attribute, Schema};
 use crate::points::crs::Crs;
 use crate::points::scalar::Scalar;
 use crate::resources::workers::Workers;
@@ -46,13 +46,13 @@ pub trait MeshSink {
     /// Takes the next vertices, in the points' coordinates.
     ///
     /// # Errors
-    /// As [`MeshSink::begin`].
+    /// The same as [`MeshSink::begin`].
     fn vertices(&mut self, positions: &[[f64; 3]]) -> Result<()>;
 
     /// Takes the next values of the attribute of this number, from 0. All of one attribute come before those of the next.
     ///
     /// # Errors
-    /// As [`MeshSink::begin`].
+    /// The same as [`MeshSink::begin`].
     fn attribute(&mut self, number: usize, values: &[f64]) -> Result<()> {
         let _ = (number, values);
         Ok(())
@@ -61,7 +61,7 @@ pub trait MeshSink {
     /// Takes the next triangles: numbers of vertices, counter-clockwise seen from outside.
     ///
     /// # Errors
-    /// As [`MeshSink::begin`].
+    /// The same as [`MeshSink::begin`].
     fn triangles(&mut self, triangles: &[[u32; 3]]) -> Result<()>;
 }
 
@@ -101,7 +101,7 @@ impl Mesh {
     /// All vertices less the [`Mesh::origin`], in single precision: a copy of 12 bytes each, for graphics.
     ///
     /// # Errors
-    /// As [`Mesh::vertices`].
+    /// The same as [`Mesh::vertices`].
     pub fn local_vertices(&self) -> Result<Vec<[f32; 3]>> {
         let mut out = Vec::with_capacity(self.vertex_count());
         self.each_vertices(|vertices| {
@@ -114,7 +114,7 @@ impl Mesh {
     /// All triangles, each three numbers of vertices, counter-clockwise seen from outside: a copy of 12 bytes each.
     ///
     /// # Errors
-    /// As [`Mesh::vertices`].
+    /// The same as [`Mesh::vertices`].
     pub fn triangles(&self) -> Result<Vec<[u32; 3]>> {
         let mut out = vec![[0; 3]; self.triangle_count()];
         self.spool.read_faces(0, &mut out)?;
@@ -137,7 +137,7 @@ impl Mesh {
     /// The values of an attribute at the vertices in their own type, one after the other in the machine's byte order.
     ///
     /// # Errors
-    /// As [`Mesh::attribute`].
+    /// The same as [`Mesh::attribute`].
     pub fn attribute_bytes(&self, name: &str) -> Result<(Scalar, Vec<u8>)> {
         let schema = self.spool.schema();
         let column = schema.column(name);
@@ -155,8 +155,13 @@ impl Mesh {
     }
 
     /// The attributes of its vertices, which they have from their points.
-    pub fn schema(&self) -> &Schema {
-        self.spool.schema()
+    pub fn attributes(&self) -> &[Attribute] {
+        self.spool.schema().attributes()
+    }
+
+    /// The precision of its vertices, which is that of the points.
+    pub fn precision(&self) -> Precision {
+        self.spool.precision()
     }
 
     /// What is taken off the vertices where they are kept: zero, but for double precision far from zero.
@@ -190,7 +195,7 @@ impl Mesh {
     /// [`Mesh::save`], in the place of a file that is there, say, or with coordinates other than usual for the format.
     ///
     /// # Errors
-    /// As [`Mesh::save`].
+    /// The same as [`Mesh::save`].
     pub fn save_as(&self, path: impl AsRef<Path>, overwrite: Overwrite, positions: Option<Positions>) -> Result<()> {
         let positions = Positions::of(path.as_ref(), positions)?;
         let target = Target::prepare(path.as_ref(), overwrite, positions)?;
@@ -221,7 +226,7 @@ impl Mesh {
             sink.vertices(vertices)
         })?;
         let mut values = vec![0.0; PIECE];
-        for number in 0..self.schema().attributes().len() {
+        for number in 0..self.attributes().len() {
             for first in (0..self.vertex_count()).step_by(PIECE) {
                 let values = &mut values[..PIECE.min(self.vertex_count() - first)];
                 self.spool.read_attribute(number, first as u64, values)?;

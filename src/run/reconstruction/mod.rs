@@ -11,11 +11,13 @@ use crossbeam_channel::RecvTimeoutError;
 
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
-use crate::input::{Arrays, Cloud, Filter, PointSlice, PointSource, Values};
+use crate::input::{Arrays, Cloud, Depth, Filter, Layout, PointSlice, PointSource, Values};
 use crate::mesh::MeshSource;
 use crate::mesh::check::check_near;
 use crate::points::attribute::Wanted;
+use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
+use crate::points::scalar::Endian;
 use crate::resources::workers::Workers;
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
@@ -23,12 +25,12 @@ use crate::run::phase::Phase;
 use crate::run::pipeline::reconstruct;
 use crate::run::progress::{Observer, Progress};
 use crate::run::report::OutputReport;
-use crate::run::{self, Check, Job};
+use crate::run::{self, Check, Finished, Job};
 use crate::settings::Fineness;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::Open;
-use crate::settings::surface::Fit;
+use crate::settings::surface::{Diagonals, Fit};
 use crate::settings::{AxisChoice, Resolution};
 use crate::storage::spool::Workspace;
 
@@ -109,7 +111,9 @@ impl<'a> Reconstruction<'a> {
         Reconstruction { points, job: Job::new(inputs), observer: None, refused: None }
     }
 
-    /// All settings of a job at once, in the place of those before, and its means: not its inputs, nor its output.
+    /// All settings of a job at once, in the place of those before, and its resources: not its inputs, nor its output.
+    #[cfg(feature = "internals")]
+    #[doc(hidden)]
     pub fn job(mut self, job: Job) -> Self {
         let inputs = std::mem::take(&mut self.job.inputs);
         self.job = Job { inputs, ..job };
@@ -155,9 +159,9 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
-    /// The axis that is sliced: the longest by default.
-    pub fn axis(mut self, axis: AxisChoice) -> Self {
-        self.job.settings.axis = axis;
+    /// The axis that is sliced: that of the box's longest side by default.
+    pub fn axis(mut self, axis: Axis) -> Self {
+        self.job.settings.axis = AxisChoice::Fixed(axis);
         self
     }
 
@@ -203,6 +207,12 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
+    /// Which diagonal cuts a quadrilateral into two triangles: the one that leaves the larger smallest angle by default.
+    pub fn diagonals(mut self, diagonals: Diagonals) -> Self {
+        self.job.settings.surface.diagonals = diagonals;
+        self
+    }
+
     /// Makes an open surface, of terrain or of what was scanned from one side, and not a closed one.
     pub fn open(mut self, open: Open) -> Self {
         self.job.settings.open = Some(open);
@@ -221,6 +231,30 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
+    /// The record layout of raw binary files, such as `"xyz:f64,intensity:u16".parse()?`. By default a side-car file tells, or it is detected.
+    pub fn layout(mut self, layout: Layout) -> Self {
+        self.job.input.layout = Some(layout);
+        self
+    }
+
+    /// Bytes before the first record of raw binary files: 0 by default.
+    pub fn skip_bytes(mut self, bytes: u64) -> Self {
+        self.job.input.skip_bytes = Some(bytes);
+        self
+    }
+
+    /// The byte order of raw binary files: detected by default.
+    pub fn endian(mut self, endian: Endian) -> Self {
+        self.job.input.endian = Some(endian);
+        self
+    }
+
+    /// Takes the files in the folders of folders, too, where [`Reconstruction::from_files`] names a folder.
+    pub fn recursive(mut self) -> Self {
+        self.job.input.depth = Depth::Recursive;
+        self
+    }
+
     /// The coordinate reference system, whatever files say.
     pub fn crs(mut self, crs: Option<Crs>) -> Self {
         self.job.input.crs = Some(crs);
@@ -229,19 +263,19 @@ impl<'a> Reconstruction<'a> {
 
     /// The memory that the run may take, in bytes, the mesh included as long as it is held. A quarter of the machine's by default.
     pub fn max_memory(mut self, bytes: u64) -> Self {
-        self.job.means.max_memory = Some(bytes);
+        self.job.resources.max_memory = Some(bytes);
         self
     }
 
     /// Worker threads: one for each processor by default.
     pub fn threads(mut self, threads: usize) -> Self {
-        self.job.means.threads = Some(threads);
+        self.job.resources.threads = Some(threads);
         self
     }
 
     /// The folder for temporary files: the system's by default.
     pub fn temp_dir(mut self, folder: impl Into<PathBuf>) -> Self {
-        self.job.means.temp_dir = Some(folder.into());
+        self.job.resources.temp_dir = Some(folder.into());
         self
     }
 
@@ -259,7 +293,7 @@ impl<'a> Reconstruction<'a> {
         if let Some(refused) = self.refused {
             return Err(Error::Usage(refused));
         }
-        let workers = self.job.means.workers()?;
+        let workers = self.job.resources.workers()?;
         watched(self.observer, &workers, || {
             let mut progress = Progress::told(self.observer);
             match &self.points {
@@ -280,7 +314,7 @@ impl<'a> Reconstruction<'a> {
     /// Makes the mesh, checks it, and hands it on piece by piece.
     ///
     /// # Errors
-    /// As [`Reconstruction::run`]; what the sink says.
+    /// The same as [`Reconstruction::run`]; what the sink says.
     pub fn run_into(self, sink: &mut dyn MeshSink) -> Result<crate::run::report::Report> {
         let mesh = self.run()?;
         mesh.send(sink)?;
@@ -315,7 +349,7 @@ fn of_files(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Mes
 }
 
 fn workspace(job: &Job, workers: &Workers) -> Result<Workspace> {
-    let folder = job.means.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
+    let folder = job.resources.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
     Ok(Workspace::new(folder)?.stopped_with(workers))
 }
 
@@ -330,7 +364,7 @@ fn made(
 ) -> Result<Mesh> {
     let job = &job.measured_as(cloud)?;
     let (surveyed, settings) = run::surveyed(cloud, &job.settings, workers, progress)?;
-    let (surveyed, context) = run::planned(surveyed, &settings, workers, workspace, job.means.budget(), progress)?;
+    let (surveyed, context) = run::planned(surveyed, &settings, workers, workspace, job.resources.budget(), progress)?;
     let made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
     if settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
@@ -358,7 +392,17 @@ fn made(
         coordinates: Positions::Shifted,
     };
     let seconds = start.elapsed().as_secs_f64();
-    let report = run::report(cloud, &surveyed, &settings, &made, checked, output, (progress, seconds), workspace);
+    let report = run::report(Finished {
+        cloud,
+        surveyed: &surveyed,
+        settings: &settings,
+        made: &made,
+        check: checked,
+        output,
+        progress,
+        seconds,
+        workspace,
+    });
     Ok(Mesh::new(made.mesh, header, report, workers.clone(), workspace.clone()))
 }
 

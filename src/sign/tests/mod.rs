@@ -18,7 +18,7 @@ use crate::grid::context::Context;
 use crate::points::Precision;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::workload::Load;
+use crate::run::workload::Workload;
 use crate::storage::spool::Workspace;
 
 /// Numbers that look random and are the same for the same seed.
@@ -73,8 +73,8 @@ pub fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
 }
 
 fn context(dir: &Path, cells: Cell) -> Context {
-    let load = Load::in_cells(1000, Precision::Single, cells, 1);
-    let memory = MemoryPlan::for_budget(1 << 30, &load, 2).unwrap();
+    let workload = Workload::in_cells(1000, Precision::Single, cells, 1);
+    let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
     Context { workers: Workers::new(1).unwrap(), workspace: Workspace::new(dir).unwrap(), memory }
 }
 

@@ -88,7 +88,7 @@ proptest! {
         let mut numbers = Numbers::new(seed);
         let body = Body::sheet(&mut numbers, longest);
         let signed = sampled(&body, missing, &mut numbers);
-        for cell in level(signed.cells()).filter(|cell| body.height(*cell) > 4.0) {
+        for cell in level(signed.block.cells).filter(|cell| body.height(*cell) > 4.0) {
             prop_assert_eq!(signed.side(cell.map(|c| c as i64)), Side::Outside, "{:?} {:?}", cell, body);
         }
     }

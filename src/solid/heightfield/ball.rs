@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::columns::{Asked, DATA, Ground, KEPT, LIVE_COLUMN, Lines};
+use super::columns::{DATA, HeightField, HeightFieldOptions, KEPT, LIVE_COLUMN, Lines};
 use super::heights::without_pinches;
 use crate::error::Result;
 use crate::grid::Cell;
@@ -12,10 +12,10 @@ use crate::grid::slice::{Bits, Slices, set_range};
 /// The cells of some slices when the ball has rolled over the columns, their number, and each slice's faces.
 pub fn filled(
     levels: &Lines<u32>,
-    ground: &Ground,
+    ground: &HeightField,
     slices: Range<u32>,
     cells: Cell,
-    asked: Asked,
+    asked: HeightFieldOptions,
 ) -> Result<(Slices, u64, Vec<u32>, Vec<u8>)> {
     let (columns, reach) = (levels.width, i64::from(asked.ball.radius()));
     // A slice below the first, for its faces; and as many as tell what is cut off.
@@ -139,7 +139,7 @@ fn closed(tops: &[u32], width: usize, ball: Ball) -> Vec<u32> {
     lower.chunks_exact(wide).flat_map(|line| &line[pad..pad + width]).copied().collect()
 }
 
-/// Of each column, what `best` makes of those within the ball and its height there; without as many lines as the ball reaches at either end. Of as
+/// For each column: what `best` makes of the columns within the ball and the ball's height there. The lines that the ball reaches beyond at either end are left out. Of as
 /// many columns at the ends of lines it is not the true one.
 fn rolled(tops: &[u32], width: usize, ball: Ball, best: impl Fn(u32, u32, u32) -> u32, start: u32) -> Vec<u32> {
     let reach = ball.radius() as usize;

@@ -46,7 +46,7 @@ impl Up {
 
 /// What is asked of the ground.
 #[derive(Debug, Clone, Copy)]
-pub struct Asked {
+pub struct HeightFieldOptions {
     /// From where it is seen.
     pub up: Up,
     /// Radius of the disc that bridges holes, in cells.
@@ -70,7 +70,7 @@ pub const LIVE_COLUMN: u8 = 4;
 
 /// The columns of a cloud, slice by slice.
 #[derive(Debug)]
-pub struct Ground {
+pub struct HeightField {
     /// From where it is seen.
     pub up: Up,
     /// Whether faces are left out: those of columns that are not kept. Else the mesh is closed.
@@ -81,12 +81,12 @@ pub struct Ground {
     pub(super) heights: Lines<f32>,
     pub(super) flags: Lines<u8>,
     /// What was found.
-    pub found: Found,
+    pub found: ColumnCounts,
 }
 
 /// Numbers of columns.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Found {
+pub struct ColumnCounts {
     /// Columns with points.
     pub data: u64,
     /// Columns without points that are bridged.
@@ -144,7 +144,7 @@ pub struct Columns {
     flags: Vec<u8>,
 }
 
-impl Ground {
+impl HeightField {
     /// The columns of slices `slices`; those that do not exist have nothing in them.
     ///
     /// # Errors

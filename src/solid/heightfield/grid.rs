@@ -3,7 +3,7 @@
 use super::columns::{Up, margin};
 use crate::error::{Error, Result};
 use crate::grid::dilate::Ball;
-use crate::grid::{Cell, Grid, Turn};
+use crate::grid::{Cell, Grid, Rotation};
 use crate::points::bounds::{Axis, Bounds};
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Facing, Hole, Kind, Open};
@@ -14,12 +14,12 @@ impl Facing {
     ///
     /// # Errors
     /// [`Error::Usage`] if that is no direction.
-    pub fn turn(self, bounds: &Bounds) -> Result<Option<Turn>> {
+    pub fn turn(self, bounds: &Bounds) -> Result<Option<Rotation>> {
         if matches!(self, Facing::Along { .. }) {
             return Ok(None);
         }
-        let turn = Turn::up(self.direction(bounds))
-            .ok_or_else(|| Error::Usage(format!("--facing {self}: is no direction from the points")))?;
+        let turn = Rotation::up(self.direction(bounds))
+            .ok_or_else(|| Error::setting("facing", format!("`facing` {self}: is no direction from the points")))?;
         Ok(Some(turn))
     }
 }
@@ -50,11 +50,14 @@ impl Open {
         let (up, positive) = self.facing.axis();
         let axis = match choice {
             AxisChoice::Fixed(axis) if axis == up => {
-                return Err(Error::Usage(format!(
-                    "--axis {}: a slice must hold whole columns of what is seen from {}; choose another axis",
-                    axis.letter(),
-                    self.facing
-                )));
+                return Err(Error::setting(
+                    "axis",
+                    format!(
+                        "`axis` {}: a slice must hold whole columns of what is seen from {}; choose another axis",
+                        axis.letter(),
+                        self.facing
+                    ),
+                ));
             }
             AxisChoice::Fixed(axis) => axis,
             AxisChoice::Longest => {
@@ -69,7 +72,10 @@ impl Open {
         if let Some(base) = self.base {
             let lowest = bounds.min[up.index()];
             if !base.is_finite() || base > lowest {
-                return Err(Error::Usage(format!("--base {base}: must not lie above the lowest point, {lowest}")));
+                return Err(Error::setting(
+                    "base",
+                    format!("`base` {base}: must not lie above the lowest point, {lowest}"),
+                ));
             }
             bounds.min[up.index()] = base;
         }
@@ -126,7 +132,10 @@ mod tests {
         assert_eq!((terrain.axis(), terrain.cells()), (Axis::Y, [3 + 2 * m, 5 + 2 * m, 40 + m]));
         assert_eq!(Open::TERRAIN.up(&terrain), Up { axis: 2, positive: true });
         assert_eq!(terrain.cell_of([0.5; 3]), [m; 3]);
-        assert!(matches!(grid(Open::TERRAIN, AxisChoice::Fixed(Axis::Z)), Err(Error::Usage(_))));
+        assert!(matches!(
+            grid(Open::TERRAIN, AxisChoice::Fixed(Axis::Z)),
+            Err(Error::InvalidSetting { name: "axis", .. })
+        ));
 
         let sheet = Open { kind: Kind::Sheet, facing: "-x".parse().unwrap(), ..Open::TERRAIN };
         let across = grid(sheet, AxisChoice::Longest).unwrap();

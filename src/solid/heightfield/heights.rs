@@ -1,6 +1,6 @@
 //! Heights of columns: which are kept, and those interpolated where there are no points, on a lattice of ever coarser cells.
 
-use super::columns::{Asked, DATA, Found, KEPT, LIVE_COLUMN, NOTHING, live_reach};
+use super::columns::{ColumnCounts, DATA, HeightFieldOptions, KEPT, LIVE_COLUMN, NOTHING, live_reach};
 
 /// The columns of a job's slices, and of a coarsest cell's more on either side.
 pub struct Patch {
@@ -14,7 +14,7 @@ pub struct Patch {
 
 impl Patch {
     /// Heights, tops and flags of the first `slices` slices behind the first side.
-    pub fn of(&self, slices: usize, asked: Asked) -> (Vec<f32>, Vec<u32>, Vec<u8>, Found) {
+    pub fn of(&self, slices: usize, asked: HeightFieldOptions) -> (Vec<f32>, Vec<u32>, Vec<u8>, ColumnCounts) {
         let (width, rows) = (self.width, self.extents.len() / self.width);
         let own = self.side * width..(self.side + slices) * width;
         let is_data = |i: usize| self.extents[i][0] != NOTHING;
@@ -38,7 +38,7 @@ impl Patch {
         let mut heights = Vec::with_capacity(own.len());
         let mut tops = Vec::with_capacity(own.len());
         let mut flags = Vec::with_capacity(own.len());
-        let mut found = Found::default();
+        let mut found = ColumnCounts::default();
         for i in own {
             let (row, x) = (i / width, i % width);
             let padded = row * wide + pad + x;

@@ -1,4 +1,4 @@
-//! Ground: the columns of a surface that is seen from one side, how high each is, and which of them are kept.
+//! HeightField: the columns of a surface that is seen from one side, how high each is, and which of them are kept.
 //!
 //! ```text
 //!   up ^        ###          a column's *top* is its highest occupied cell, its *floor* the lowest
@@ -21,7 +21,9 @@ mod grid;
 mod heights;
 
 use self::ball::filled;
-pub use self::columns::{Asked, Columns, DATA, Found, Ground, KEPT, LIVE_COLUMN, Up, is_touched, live_reach, margin};
+pub use self::columns::{
+    ColumnCounts, Columns, HeightField, HeightFieldOptions, KEPT, LIVE_COLUMN, Up, is_touched, live_reach, margin,
+};
 use self::columns::{Lines, NOTHING};
 use self::heights::Patch;
 use crate::error::Result;
@@ -36,18 +38,18 @@ use crate::solid::Solid;
 ///
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-pub fn solid(occupancy: &Occupancy, asked: Asked, context: &Context) -> Result<Solid> {
+pub fn solid(occupancy: &Occupancy, asked: HeightFieldOptions, context: &Context) -> Result<Solid> {
     let cells = occupancy.cells;
     let (up, across) = (asked.up, asked.up.across());
     let (columns, cells_up) = (cells[across], cells[up.axis]);
     let extents = extents(occupancy, up, context)?;
-    let mut ground = Ground {
+    let mut ground = HeightField {
         up,
         trimmed: !asked.base,
         cells_up,
         heights: Lines::new(columns, context),
         flags: Lines::new(columns, context),
-        found: Found::default(),
+        found: ColumnCounts::default(),
     };
     let mut levels: Lines<u32> = Lines::new(columns, context);
     let side = lattice_side(asked.bridge, asked.smooth);
@@ -89,7 +91,7 @@ pub fn solid(occupancy: &Occupancy, asked: Asked, context: &Context) -> Result<S
             solid.store.extend(&slices)
         },
     )?;
-    solid.ground = Some(Ground { flags, ..ground });
+    solid.ground = Some(HeightField { flags, ..ground });
     Ok(solid)
 }
 
@@ -109,7 +111,7 @@ fn job_slices(side: u32) -> u32 {
     side * (64 / side).max(1)
 }
 
-/// Of each slice's columns, the lowest occupied cell and the one behind the highest, as heights above the bottom.
+/// The lowest occupied cell of each column of each slice, and the one behind the highest, as heights above the bottom.
 fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<[u32; 2]>> {
     let cells = occupancy.cells;
     let (columns, cells_up) = (cells[up.across()], cells[up.axis]);

@@ -95,7 +95,7 @@ struct Group {
     cells: u64,
     /// Eight times χ with the group less χ without it.
     change: i64,
-    /// Of a pit: its faces to the occupied cells, and to other solid cells.
+    /// A pit's faces to occupied cells, and to other solid cells.
     lining: Lining,
 }
 

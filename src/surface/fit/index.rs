@@ -14,7 +14,7 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::{BUCKET_SLICES, buckets_of, buckets_round};
-use crate::grid::rank_bitmap::Ranked;
+use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::slice::Runs;
 use crate::grid::window::Window;
 use crate::points::Coordinate;
@@ -39,7 +39,7 @@ pub struct Index<'a, T> {
 #[derive(Debug)]
 struct Sorting<T> {
     points: Vec<[T; 3]>,
-    /// Of each of them: the number of its cell, or [`NONE`].
+    /// The number of each point's cell, or [`NONE`].
     cells: Vec<u32>,
     runs: Runs,
 }
@@ -47,7 +47,7 @@ struct Sorting<T> {
 /// The points of a bucket, sorted by cell.
 struct BucketIndex<T> {
     slices: Vec<SliceCells>,
-    /// Of each occupied cell: the points before it; then all of them.
+    /// The number of points before each occupied cell; then the number of all.
     first: Vec<u32>,
     points: Vec<[T; 3]>,
     /// The number of the first point.
@@ -56,7 +56,7 @@ struct BucketIndex<T> {
 
 /// The occupied cells of a slice.
 struct SliceCells {
-    ranked: Ranked,
+    ranked: RankBitmap,
     /// Cells of the bucket's slices below.
     before: u32,
     /// Its own; the others hold nothing if there are none.
@@ -79,7 +79,7 @@ impl<'a, T: Coordinate> Index<'a, T> {
     /// An index of nothing yet, for the points in `slices`, as far as `halo` slices either side of a plane.
     pub fn new(sampled: &'a Sampled<'a, T>, slices: Range<u32>, halo: u32) -> Index<'a, T> {
         let [width, _, rows] = sampled.grid.cells();
-        let slice = || SliceCells { ranked: Ranked::new(width, rows), before: 0, count: 0 };
+        let slice = || SliceCells { ranked: RankBitmap::new(width, rows), before: 0, count: 0 };
         let bucket = || BucketIndex {
             slices: std::iter::repeat_with(slice).take(BUCKET_SLICES as usize).collect(),
             first: vec![0],

@@ -31,7 +31,7 @@ use crate::surface::extract::{Kind, Surface};
 /// The nearest points of a slab's vertices.
 #[derive(Debug, Clone, Default)]
 pub struct Fitted<T> {
-    /// Of each vertex, a number of its point, or [`NONE`]. Equal numbers mean equal coordinates, and the reverse, within the slab.
+    /// A number for each vertex's point, or [`NONE`]. Within the slab, equal numbers mean equal coordinates, and the reverse.
     pub point: Vec<u32>,
     /// The point's coordinates, in file axes.
     pub target: Vec<[T; 3]>,
@@ -129,7 +129,7 @@ impl<T: Coordinate> Search<'_, T> {
     /// Searches the points of the slices `around` a vertex's plane, as many below it as above.
     fn vertex(&mut self, v: u32, around: &[SlicePoints<'_, T>]) {
         let vertex = &self.task.surface.vertices[v as usize];
-        if let Kind::Middle(_) = vertex.kind {
+        if let Kind::Midpoint(_) = vertex.kind {
             return;
         }
         let q = self.task.q[v as usize];

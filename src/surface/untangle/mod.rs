@@ -1,4 +1,4 @@
-//! Retreat: vertices of triangles that intersect go back to rest, until no two triangles intersect.
+//! Untangling: vertices of triangles that intersect go back towards rest, until no two triangles intersect.
 //!
 //! *At rest* a vertex is where one step of smoothing puts it. The surface with all vertices at rest, nothing contracted, is free of
 //! intersections (`tests/rest.rs`), so a retreat comes to an end. Each round looks only at what the one before has changed.
@@ -20,41 +20,41 @@ pub mod submesh;
 
 use std::cell::Cell;
 
-use self::broad_phase::{Near, Suspects};
-use self::star::{Fan, all_fans, fan_is_free};
-use self::submesh::Piece;
+use self::broad_phase::{BroadPhase, Dirty};
+use self::star::{Star, all_stars, star_is_free};
+use self::submesh::Submesh;
 use crate::mesh::intersect::intersect;
 use crate::points::vector::{cross, minus};
 use crate::surface::contract::{NONE, is_gone};
-use crate::surface::vertex_state::Fate;
+use crate::surface::vertex_state::VertexState;
 
 /// Bytes of a list of vertices before it is worth while to look for those that are in it twice.
 const LIST: usize = 1 << 16;
 
-/// Bytes that [`retreat`] needs for a piece of so many vertices, but for what it lists of those that move, and for `near`, whose bytes those are.
+/// Bytes that [`untangle`] needs for a submesh of so many vertices, but for what it lists of those that move, and for the broad phase, whose bytes `near` are.
 pub fn bytes(vertices: u64, near: u64) -> u64 {
     let moving = (LIST * size_of::<u32>()) as u64 + vertices * size_of::<u32>() as u64;
-    star::bytes(vertices).max(vertices * size_of::<Fan>() as u64 + near + moving)
+    star::bytes(vertices).max(vertices * size_of::<Star>() as u64 + near + moving)
 }
 
-/// Lets vertices retreat until no two known triangles intersect, given that only pairs with a suspect can. The number of pairs that still do:
-/// not zero only if cells are too small for the precision of coordinates, or if a settled vertex would have to move.
-pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Vec<u32>>) -> u64 {
+/// Lets vertices retreat until no two known triangles intersect, given that only pairs with a dirty triangle can. The number of pairs that still do:
+/// not zero only if cells are too small for the precision of coordinates, or if a frozen vertex would have to move.
+pub fn untangle<P: Submesh>(submesh: &mut P, broad_phase: &mut BroadPhase, mut dirty: Option<Vec<u32>>) -> u64 {
     let mut left = 0;
-    let fans = match suspects {
-        None => all_fans(piece),
-        Some(_) => vec![Cell::new(Fan::Unknown); piece.vertices() as usize],
+    let stars = match dirty {
+        None => all_stars(submesh),
+        Some(_) => vec![Cell::new(Star::Unknown); submesh.vertices() as usize],
     };
-    let is_ring = |v: u32| fans[v as usize].get() == Fan::Ring;
+    let is_ring = |v: u32| stars[v as usize].get() == Star::Ring;
     loop {
         let mut tangled: Vec<u32> = Vec::new();
         let mut room = LIST;
         let mut pairs = 0;
-        let looked_at = suspects.as_deref().map_or(Suspects::All, Suspects::Some);
-        near.pairs(piece, looked_at, is_ring, |piece, a, b| {
-            if !are_apart(piece, &fans, a, b) {
+        let looked_at = dirty.as_deref().map_or(Dirty::All, Dirty::Some);
+        broad_phase.pairs(submesh, looked_at, is_ring, |submesh, a, b| {
+            if !are_apart(submesh, &stars, a, b) {
                 pairs += 1;
-                let moves = |v: &u32| piece.fate(*v) != Fate::Rest;
+                let moves = |v: &u32| submesh.state(*v) != VertexState::AtRest;
                 let before = tangled.len();
                 tangled.extend(a.iter().chain(&b).copied().filter(moves));
                 left += u64::from(tangled.len() == before);
@@ -71,35 +71,35 @@ pub fn retreat<P: Piece>(piece: &mut P, near: &mut Near, mut suspects: Option<Ve
         if tangled.is_empty() {
             return left;
         }
-        let Some(moved) = step_back(piece, &tangled) else { return left + pairs };
-        let members = moved.iter().flat_map(|&v| cluster(piece, v));
-        let mut changed: Vec<u32> = members.flat_map(|v| piece.corners(v)).map(|corner| corner / 3).collect();
-        changed.retain(|&t| !is_gone(piece.triangle(t)) && piece.is_known(piece.triangle(t)));
+        let Some(moved) = step_back(submesh, &tangled) else { return left + pairs };
+        let members = moved.iter().flat_map(|&v| cluster(submesh, v));
+        let mut changed: Vec<u32> = members.flat_map(|v| submesh.corners(v)).map(|corner| corner / 3).collect();
+        changed.retain(|&t| !is_gone(submesh.triangle(t)) && submesh.is_known(submesh.triangle(t)));
         changed.sort_unstable();
         changed.dedup();
         // A vertex's ring has triangles that do not touch it: the other halves of rectangles.
-        for v in changed.iter().flat_map(|&t| [piece.known(t), piece.known(t ^ 1)]).flatten().flatten() {
-            fans[v as usize].set(Fan::Unknown);
+        for v in changed.iter().flat_map(|&t| [submesh.known(t), submesh.known(t ^ 1)]).flatten().flatten() {
+            stars[v as usize].set(Star::Unknown);
         }
-        suspects = Some(changed);
+        dirty = Some(changed);
     }
 }
 
-/// Whether two triangles whose boxes meet do not intersect: by the fan of a vertex they share, by a plane between them, or else in full.
-fn are_apart<P: Piece>(piece: &P, fans: &[Cell<Fan>], a: [u32; 3], b: [u32; 3]) -> bool {
+/// Whether two triangles whose boxes meet do not intersect: by the star of a vertex they share, by a plane between them, or else in full.
+fn are_apart<P: Submesh>(submesh: &P, stars: &[Cell<Star>], a: [u32; 3], b: [u32; 3]) -> bool {
     for v in a {
         if v != b[0] && v != b[1] && v != b[2] {
             continue;
         }
-        let fan = &fans[v as usize];
-        if fan.get() == Fan::Unknown {
-            fan.set(if fan_is_free(piece, v) { Fan::Free } else { Fan::Doubtful });
+        let star = &stars[v as usize];
+        if star.get() == Star::Unknown {
+            star.set(if star_is_free(submesh, v) { Star::Free } else { Star::Doubtful });
         }
-        if fan.get() >= Fan::Free {
+        if star.get() >= Star::Free {
             return true;
         }
     }
-    let (pa, pb) = (a.map(|v| piece.place(v)), b.map(|v| piece.place(v)));
+    let (pa, pb) = (a.map(|v| submesh.place(v)), b.map(|v| submesh.place(v)));
     let beside = lies_beside(pa, a.map(|v| b.contains(&v)), pb) || lies_beside(pb, b.map(|v| a.contains(&v)), pa);
     beside || !intersect(a, pa, b, pb)
 }
@@ -125,22 +125,22 @@ fn lies_beside(one: [[f64; 3]; 3], shared: [bool; 3], [a, b, c]: [[f64; 3]; 3]) 
 /// Moves the vertices one step back. Where that is to rest, takes their clusters apart, and whatever other clusters this makes unsound: all
 /// vertices of these are put to rest. Gives the vertices moved.
 ///
-/// If one of them is settled, nothing is done, and there is no result.
-fn step_back<P: Piece>(piece: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
+/// If one of them is frozen, nothing is done, and there is no result.
+fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
     let mut moved = Vec::new();
     let mut apart = Vec::new();
-    // What was: vertex, survivor, next of its cluster, fate.
+    // What was: vertex, survivor, next of its cluster, state.
     let mut before = Vec::new();
     for &v in vertices {
-        if cluster(piece, v).any(|member| piece.is_settled(member)) {
-            take_back(piece, &before);
+        if cluster(submesh, v).any(|member| submesh.is_frozen(member)) {
+            take_back(submesh, &before);
             return None;
         }
-        match piece.fate(v).after_retreat() {
-            Fate::Rest => apart.push(v),
-            fate => {
-                before.push((v, v, piece.also(v), piece.fate(v)));
-                piece.put(v, v, piece.also(v), fate);
+        match submesh.state(v).backtracked() {
+            VertexState::AtRest => apart.push(v),
+            state => {
+                before.push((v, v, submesh.also(v), submesh.state(v)));
+                submesh.put(v, v, submesh.also(v), state);
                 moved.push(v);
             }
         }
@@ -148,27 +148,27 @@ fn step_back<P: Piece>(piece: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
     while !apart.is_empty() {
         let first = moved.len();
         for &survivor in &apart {
-            let members: Vec<u32> = cluster(piece, survivor).collect();
-            if members.iter().any(|&member| piece.is_settled(member)) {
-                take_back(piece, &before);
+            let members: Vec<u32> = cluster(submesh, survivor).collect();
+            if members.iter().any(|&member| submesh.is_frozen(member)) {
+                take_back(submesh, &before);
                 return None;
             }
             for member in members {
-                before.push((member, survivor, piece.also(member), piece.fate(member)));
-                piece.put(member, member, NONE, Fate::Rest);
+                before.push((member, survivor, submesh.also(member), submesh.state(member)));
+                submesh.put(member, member, NONE, VertexState::AtRest);
                 moved.push(member);
             }
         }
         let mut near: Vec<u32> = moved[first..]
             .iter()
-            .flat_map(|&v| piece.corners(v))
-            .flat_map(|corner| piece.triangle(corner / 3))
+            .flat_map(|&v| submesh.corners(v))
+            .flat_map(|corner| submesh.triangle(corner / 3))
             .collect();
         near.sort_unstable();
         near.dedup();
         apart.clear();
         for v in near {
-            find_unsound(piece, v, &mut apart);
+            find_unsound(submesh, v, &mut apart);
         }
         apart.sort_unstable();
         apart.dedup();
@@ -176,45 +176,45 @@ fn step_back<P: Piece>(piece: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
     Some(moved)
 }
 
-fn take_back<P: Piece>(piece: &mut P, before: &[(u32, u32, u32, Fate)]) {
-    for &(v, survivor, also, fate) in before.iter().rev() {
-        piece.put(v, survivor, also, fate);
+fn take_back<P: Submesh>(submesh: &mut P, before: &[(u32, u32, u32, VertexState)]) {
+    for &(v, survivor, also, state) in before.iter().rev() {
+        submesh.put(v, survivor, also, state);
     }
 }
 
 /// The vertices that have become `v`, with it as the first.
-pub fn cluster<P: Piece>(piece: &P, v: u32) -> impl Iterator<Item = u32> {
-    std::iter::successors(Some(v), |v| Some(piece.also(*v)).filter(|v| *v != NONE))
+pub fn cluster<P: Submesh>(submesh: &P, v: u32) -> impl Iterator<Item = u32> {
+    std::iter::successors(Some(v), |v| Some(submesh.also(*v)).filter(|v| *v != NONE))
 }
 
 /// If the link of `v` is not one simple cycle of at least three vertices, or kept triangles are more than one stretch of it, appends the clusters to blame: its own, and those that occur in the link
 /// more than once, or all if it is too short.
-fn find_unsound<P: Piece>(piece: &P, v: u32, out: &mut Vec<u32>) {
+fn find_unsound<P: Submesh>(submesh: &P, v: u32, out: &mut Vec<u32>) {
     let mut link: Vec<(u32, u32)> = Vec::new();
     // Where a kept triangle begins and ends, seen from the other side of its edges.
     let (mut begins, mut ends): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
     let mut member = v;
     while member != NONE {
-        for corner in piece.corners(member) {
-            let triangle = piece.triangle(corner / 3);
+        for corner in submesh.corners(member) {
+            let triangle = submesh.triangle(corner / 3);
             if !is_gone(triangle) {
                 let at = corner as usize % 3;
                 link.push((triangle[(at + 1) % 3], triangle[(at + 2) % 3]));
-                if piece.is_kept(corner / 3) {
+                if submesh.is_kept(corner / 3) {
                     begins.push(triangle[(at + 1) % 3]);
                     ends.push(triangle[(at + 2) % 3]);
                 }
             }
         }
-        member = piece.also(member);
+        member = submesh.also(member);
     }
     link.sort_unstable();
-    let is_cluster = |v: &u32| piece.also(*v) != NONE;
+    let is_cluster = |v: &u32| submesh.also(*v) != NONE;
     let before = out.len();
     let twice = link.windows(2).filter(|pair| pair[0].0 == pair[1].0).map(|pair| pair[0].0);
     out.extend(twice.filter(is_cluster));
     let mut sound = out.len() == before;
-    if sound && piece.is_whole(v) && !link.is_empty() {
+    if sound && submesh.is_whole(v) && !link.is_empty() {
         if link.len() < 3 {
             out.extend(link.iter().map(|(u, _)| *u).filter(is_cluster));
             sound = false;

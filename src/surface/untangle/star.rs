@@ -1,7 +1,7 @@
-//! Fans: the triangles round a vertex, seen along an axis. If they all turn the same way there and go round once, no two of them intersect.
+//! Stars: the triangles round a vertex, seen along an axis. If they all turn the same way there and go round once, no two of them intersect.
 //!
 //! ```text
-//!     c---b---a       the *fan* of v are the triangles at v, its *ring* the rectangles at v: both their triangles. If the rectangles are
+//!     c---b---a       the *star* of v are the triangles at v, its *ring* the rectangles at v: both their triangles. If the rectangles are
 //!     |\  |   |       convex, too, each lies within its sector at v (between d and b, for one), and no two triangles of the ring intersect.
 //!     | \ |   |       On a smooth surface nearly all vertices have such a ring, so that nothing that touches them need be looked at again.
 //!     d---v---h
@@ -16,24 +16,24 @@ use robust::{Coord, orient2d};
 use crate::points::vector::{cross, minus};
 use crate::surface::contract::{NONE, is_gone};
 use crate::surface::untangle::broad_phase::corners;
-use crate::surface::untangle::submesh::Piece;
+use crate::surface::untangle::submesh::Submesh;
 
 /// What is known of the triangles at a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Fan {
+pub enum Star {
     /// Nothing.
     Unknown,
     /// Each pair has to be looked at.
     Doubtful,
-    /// No two of its fan intersect.
+    /// No two of its star intersect.
     Free,
     /// No two of its ring intersect.
     Ring,
 }
 
-/// Bytes that [`all_fans`] needs for so many vertices.
+/// Bytes that [`all_stars`] needs for so many vertices.
 pub fn bytes(vertices: u64) -> u64 {
-    vertices * (size_of::<u64>() + size_of::<Fan>()) as u64
+    vertices * (size_of::<u64>() + size_of::<Star>()) as u64
 }
 
 /// What is to be said of all vertices, in one pass over the triangles. May be in doubt, or say less, where a closer look would not.
@@ -43,21 +43,21 @@ pub fn bytes(vertices: u64) -> u64 {
 ///   bits 6-11   the same of some rectangle, whichever of its diagonals cuts it
 ///   bits 16-63  sixteen for each axis: crossings of the ray
 /// ```
-pub fn all_fans<P: Piece>(piece: &P) -> Vec<Cell<Fan>> {
-    let mut seen = vec![0u64; piece.vertices() as usize];
-    for first in piece.stretches().into_iter().flat_map(|stretch| stretch.step_by(2)) {
-        let both = [piece.known(first), piece.known(first + 1)];
+pub fn all_stars<P: Submesh>(submesh: &P) -> Vec<Cell<Star>> {
+    let mut seen = vec![0u64; submesh.vertices() as usize];
+    for first in submesh.stretches().into_iter().flat_map(|stretch| stretch.step_by(2)) {
+        let both = [submesh.known(first), submesh.known(first + 1)];
         let mut not = [0; 2];
         for ((triangle, not), t) in both.into_iter().zip(&mut not).zip(first..) {
             match triangle {
-                Some(triangle) => *not = add(&mut seen, triangle, triangle.map(|v| piece.place(v))),
-                None => leave_open(&mut seen, piece, t),
+                Some(triangle) => *not = add(&mut seen, triangle, triangle.map(|v| submesh.place(v))),
+                None => leave_open(&mut seen, submesh, t),
             }
         }
         match (corners(both), both) {
             (Some(around), [Some(_), Some(_)]) => {
                 // Each diagonal's triangles make the rectangle; the fourth is looked at, too, so that rounding is no matter.
-                let [p0, p1, p2, p3] = around.map(|v| piece.place(v));
+                let [p0, p1, p2, p3] = around.map(|v| submesh.place(v));
                 let [a, b, c, d] = [[p0, p1, p2], [p0, p2, p3], [p0, p1, p3], [p1, p2, p3]].map(|t| turns(t).1);
                 around.into_iter().for_each(|v| seen[v as usize] |= (a | b | c | d) << RING);
             }
@@ -70,11 +70,11 @@ pub fn all_fans<P: Piece>(piece: &P) -> Vec<Cell<Fan>> {
     let turns_one_way = |seen: u64, a: usize| seen >> (2 * a) & 3 != 3 && seen >> (16 * (a + 1)) & 0xffff == 1;
     let said = |seen: u64| {
         if (0..3).any(|a| turns_one_way(seen | seen >> RING & NEITHER, a)) {
-            Fan::Ring
+            Star::Ring
         } else if (0..3).any(|a| turns_one_way(seen, a)) {
-            Fan::Free
+            Star::Free
         } else {
-            Fan::Doubtful
+            Star::Doubtful
         }
     };
     seen.into_iter().map(|seen| Cell::new(said(seen))).collect()
@@ -84,7 +84,7 @@ pub fn all_fans<P: Piece>(piece: &P) -> Vec<Cell<Fan>> {
 const NEITHER: u64 = 0b11_1111;
 const RING: u32 = 6;
 
-/// Adds a triangle to the fans of its corners. Gives its turns.
+/// Adds a triangle to the stars of its corners. Gives its turns.
 #[inline]
 fn add(seen: &mut [u64], triangle: [u32; 3], places: [[f64; 3]; 3]) -> u64 {
     let (normal, not) = turns(places);
@@ -120,9 +120,9 @@ fn turns(places: [[f64; 3]; 3]) -> ([f64; 3], u64) {
 }
 
 /// If triangle `t` is left, but not known, nothing is said of the vertices it touches.
-fn leave_open<P: Piece>(seen: &mut [u64], piece: &P, t: u32) {
-    if piece.stretches().iter().any(|stretch| stretch.contains(&t)) && !is_gone(piece.triangle(t)) {
-        for v in piece.triangle(t) {
+fn leave_open<P: Submesh>(seen: &mut [u64], submesh: &P, t: u32) {
+    if submesh.stretches().iter().any(|stretch| stretch.contains(&t)) && !is_gone(submesh.triangle(t)) {
+        for v in submesh.triangle(t) {
             if let Some(seen) = seen.get_mut(v as usize) {
                 *seen |= NEITHER | NEITHER << RING;
             }
@@ -132,33 +132,33 @@ fn leave_open<P: Piece>(seen: &mut [u64], piece: &P, t: u32) {
 
 /// Whether, seen along some axis, all triangles at `v` turn the same way and go round it once: then no two of them intersect.
 ///
-/// Exact, as the turns are. Of a fan with a triangle that is not known nothing is said.
-pub fn fan_is_free<P: Piece>(piece: &P, v: u32) -> bool {
-    let centre = piece.place(v);
-    let mut link: [([f64; 3], [f64; 3]); MOST_IN_FAN] = [([0.0; 3], [0.0; 3]); MOST_IN_FAN];
+/// Exact, as the turns are. Of a star with a triangle that is not known nothing is said.
+pub fn star_is_free<P: Submesh>(submesh: &P, v: u32) -> bool {
+    let centre = submesh.place(v);
+    let mut link: [([f64; 3], [f64; 3]); MOST_IN_STAR] = [([0.0; 3], [0.0; 3]); MOST_IN_STAR];
     let mut count = 0;
     let mut member = v;
     while member != NONE {
-        for corner in piece.corners(member) {
-            let triangle = piece.triangle(corner / 3);
+        for corner in submesh.corners(member) {
+            let triangle = submesh.triangle(corner / 3);
             if is_gone(triangle) {
                 continue;
             }
-            if count == MOST_IN_FAN || !piece.is_known(triangle) {
+            if count == MOST_IN_STAR || !submesh.is_known(triangle) {
                 return false;
             }
             let at = corner as usize % 3;
-            link[count] = (piece.place(triangle[(at + 1) % 3]), piece.place(triangle[(at + 2) % 3]));
+            link[count] = (submesh.place(triangle[(at + 1) % 3]), submesh.place(triangle[(at + 2) % 3]));
             count += 1;
         }
-        member = piece.also(member);
+        member = submesh.also(member);
     }
     let link = &link[..count];
     (0..3).any(|axis| goes_round_once(centre, link, axis))
 }
 
-/// Fans with more triangles are rare, and looked at pair by pair.
-const MOST_IN_FAN: usize = 24;
+/// Stars with more triangles are rare, and looked at pair by pair.
+const MOST_IN_STAR: usize = 24;
 
 fn goes_round_once(centre: [f64; 3], link: &[([f64; 3], [f64; 3])], axis: usize) -> bool {
     let flat = |p: [f64; 3]| Coord { x: p[(axis + 1) % 3], y: p[(axis + 2) % 3] };

@@ -12,7 +12,7 @@
 //! each other, sixteen ways in a square of four by four, over which means are taken then, of pixels at about the same depth: so a few looks do for each pixel, and single ones do
 //! not show.
 
-use super::light::Pixel;
+use super::shading::Pixel;
 
 /// Lines through a pixel.
 const LINES: usize = 4;
@@ -35,7 +35,7 @@ pub struct Openness {
     width: usize,
     height: usize,
     reach: f32,
-    /// Of each pixel of the square, of each line, of each step: columns and rows to go, and the distance's inverse.
+    /// For each pixel of the square, each line and each step: columns and rows to go, and the inverse of the distance.
     looks: Vec<(i32, i32, f32)>,
 }
 

@@ -14,7 +14,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use crate::error::{Error, Result};
-use crate::storage::atomic_file::{Overwrite, WholeFile};
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
 
 /// The longest side of a picture, in pixels.
 pub const LONGEST: u32 = 16384;
@@ -86,9 +86,9 @@ impl FromStr for Background {
 /// A part of the picture, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cell {
-    /// Of its first column.
+    /// The pixel of its first column.
     pub left: usize,
-    /// Of its first row.
+    /// The pixel of its first row.
     pub top: usize,
     /// Columns.
     pub width: usize,
@@ -122,7 +122,7 @@ pub fn cells(size: Size, extents: &[(f64, f64)]) -> Result<Vec<Cell>> {
         }
     }
     let Some((_, columns)) = best else {
-        return Err(Error::Usage(format!("--size {width}x{height}: too small for {views} views")));
+        return Err(Error::setting("size", format!("`size` {width}x{height}: too small for {views} views")));
     };
     let rows = views.div_ceil(columns);
     let cell = |view: usize| {
@@ -176,8 +176,8 @@ impl Picture {
     /// Writes it as PNG and gives the file its name.
     ///
     /// # Errors
-    /// [`Error::Io`]; those of [`WholeFile::finish`].
-    pub fn write(&self, file: WholeFile) -> Result<()> {
+    /// [`Error::Io`]; those of [`AtomicFile::finish`].
+    pub fn write(&self, file: AtomicFile) -> Result<()> {
         let write = || -> std::io::Result<()> {
             let mut out = BufWriter::new(file.file());
             let mut encoder = png::Encoder::new(&mut out, self.size.width, self.size.height);
@@ -198,12 +198,12 @@ impl Picture {
 /// The file that a picture goes to, made before the work.
 ///
 /// # Errors
-/// [`Error::Usage`] if its name does not end in .png; those of [`WholeFile::create`].
-pub fn picture_file(path: &Path, overwrite: Overwrite) -> Result<WholeFile> {
+/// [`Error::Usage`] if its name does not end in .png; those of [`AtomicFile::create`].
+pub fn picture_file(path: &Path, overwrite: Overwrite) -> Result<AtomicFile> {
     if path.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("png")) {
         return Err(Error::Usage(format!("{}: pictures are .png", path.display())));
     }
-    WholeFile::create(path, overwrite)
+    AtomicFile::create(path, overwrite)
 }
 
 #[cfg(test)]

@@ -1,0 +1,85 @@
+//! Examples below the help of each command.
+
+use super::shared;
+
+const RECONSTRUCT: &str = "\
+Examples:
+  asra-stream scan.ply                                    an object: writes scan.mesh.ply
+  asra-stream 'scans/*.las' --max-memory 2G -o all.glb    many files as one cloud, in at most 2 GB
+  asra-stream tile.laz --surface terrain --cell-size auto -o tile.ply
+                                                          ground, buildings and trees, seen from above
+  asra-stream scan.e57 --fit plane --cell-size 5mm        a noisy scan
+  asra-stream plan scan.ply --max-memory 2G               what it would take, without doing it";
+
+pub const PLAN: &str = "\
+Examples:
+  asra-stream plan scans/ --max-memory 4G     does it fit, and how many triangles will it have?
+  asra-stream plan city.laz --tile 100m --json";
+
+pub const INFO: &str = "\
+Examples:
+  asra-stream info scan.bin     which layout, how many points, how densely they lie
+  asra-stream info tiles/*.laz --json";
+
+pub const CHECK: &str = "\
+Examples:
+  asra-stream check mesh.ply                         exit code 4 if it is not sound
+  asra-stream check terrain.ply --open --report check.json";
+
+pub const COMPARE: &str = "\
+Examples:
+  asra-stream compare mesh.ply scan.ply              distances both ways
+  asra-stream compare mesh.ply true.stl --heatmap heat.ply --heatmap-max 1cm";
+
+pub const DENSIFY: &str = "\
+Examples:
+  asra-stream densify scan.ply mesh.ply -o dense.ply";
+
+pub const RENDER: &str = "\
+Examples:
+  asra-stream render mesh.ply                        six views beside each other: writes mesh.png
+  asra-stream render mesh.ply --view x,z --size 1600x800 -o views.png";
+
+pub const GENERATE: &str = "\
+Examples:
+  asra-stream generate sphere 2M -o sphere.bin";
+
+pub const COMPLETIONS: &str = "\
+Examples:
+  asra-stream completions bash > ~/.local/share/bash-completion/completions/asra-stream
+  asra-stream completions zsh > ~/.zfunc/_asra-stream
+  asra-stream completions fish > ~/.config/fish/completions/asra-stream.fish";
+
+pub const MAN: &str = "\
+Examples:
+  asra-stream man > asra-stream.1
+  asra-stream man check > asra-stream-check.1";
+
+/// The text below the command's own help: examples, and the table of exit codes in short.
+pub fn of_the_command() -> String {
+    format!("{RECONSTRUCT}\n\n{}", shared::exit_codes())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::super::Arguments;
+    use super::*;
+
+    #[test]
+    fn examples_are_what_the_command_takes() {
+        let all = [RECONSTRUCT, PLAN, INFO, CHECK, COMPARE, DENSIFY, RENDER, GENERATE, COMPLETIONS, MAN];
+        for text in all {
+            let commands: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("  asra-stream ")).collect();
+            assert!(!commands.is_empty(), "{text}");
+            for command in commands {
+                // What follows is what it means, or where the shell puts it.
+                let typed = command.split("  ").next().unwrap_or_default().split(" > ").next().unwrap_or_default();
+                let words = typed.split_whitespace().map(|word| word.trim_matches('\''));
+                Arguments::try_parse_from(["asra-stream"].into_iter().chain(words))
+                    .unwrap_or_else(|e| panic!("{command}: {e}"));
+            }
+        }
+    }
+}
