@@ -223,7 +223,7 @@ fn cases() -> impl Strategy<Value = Case> {
         Just(Cloud::Uneven)
     ];
     let surfaces = prop_oneof![2 => Just(None), 1 => Just(Some(Kind::Terrain)), 1 => Just(Some(Kind::Sheet))];
-    let fits = prop_oneof![Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
+    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
     let smooth = prop_oneof![1 => Just(0), 3 => Just(1), 1 => Just(3)];
     let noise = prop_oneof![Just(0.0), Just(0.002), Just(0.01)];
     (clouds, 2_000..60_000usize, noise, 2.0..7.0, surfaces, fits, smooth, 1..5usize, any::<bool>(), 1.0..3.0).prop_map(

@@ -21,9 +21,11 @@ use crate::mesh::check::job::Need;
 use crate::resources::memory::{Keepable, Kept, MemoryPlan, SlabJobs};
 use crate::resources::workers::Workers;
 use crate::run::workload::{PointWorkload, Workload};
+use crate::settings::surface::Fit;
 use crate::sign;
 use crate::solid::heightfield;
 use crate::stitch::slab::Size;
+use crate::surface::thickness;
 
 /// What the program takes from the heap whatever it does: the coarse grid, files, words.
 const HEAP: u64 = 3 << 20;
@@ -165,6 +167,8 @@ impl MemoryPlan {
         let standing = workload.standing_slice_bytes().min(self.slices_quota());
         let mesh = self.mesh_quota.min(workload.mesh_bytes());
         let slices = self.chunks_in_flight as u64 * Self::chunk_job(workload);
+        let measuring = measuring(workload);
+        let measuring = measuring * self.jobs_of(measuring).min(self.threads) as u64;
         let jobs = self.slab_jobs(workload, means)?;
         let slabs = jobs.bytes(workload, means);
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
@@ -173,7 +177,7 @@ impl MemoryPlan {
         let check = mesh + checking(workload, self.threads).within(self.working).bytes() + filling;
         let passes = [
             buckets + bucketing,
-            held + sealing + slices.max(deciding(workload)),
+            held + sealing + slices.max(deciding(workload)).max(measuring),
             held + standing + mesh + slabs,
             check,
         ];
@@ -197,7 +201,12 @@ impl MemoryPlan {
         let slab = SlabJobs::one(PIECE.1).bytes(workload, workload.means_to_expect());
         process(threads)
             + (2 << 20)
-            + bucketing.max(slices).max(deciding(workload)).max(slab).max(checking(workload, threads).jobs)
+            + bucketing
+                .max(slices)
+                .max(deciding(workload))
+                .max(measuring(workload))
+                .max(slab)
+                .max(checking(workload, threads).jobs)
     }
 
     /// Bytes of a job over a chunk of slices with the smallest ball, and with columns, if there are any.
@@ -257,6 +266,11 @@ pub fn beside_the_heap(threads: usize) -> u64 {
 /// Jobs at a time of a pass that asks for little memory: one more than threads.
 fn jobs_of_all(threads: usize) -> u64 {
     threads as u64 + 1
+}
+
+/// Bytes of the one job at least that measures how noisy points are.
+fn measuring(workload: &Workload) -> u64 {
+    if workload.fit == Fit::Auto { thickness::bytes(workload.cells) } else { 0 }
 }
 
 /// Bytes of the level that inside and outside are told apart on; a surface that is not closed needs none.

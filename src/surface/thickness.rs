@@ -9,14 +9,14 @@
 //! of a slot. A cell with no inside behind it says nothing: both walls of a plate that is as thin as the cells look like noise. Sums are of integers, so the points' order cannot show.
 
 use crate::error::Result;
+use crate::grid::Cell;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::BUCKET_SLICES;
-use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::slice::{Bits, Runs};
 use crate::points::Coordinate;
 use crate::solid::Solid;
-use crate::surface::outward::Outward;
+use crate::surface::outward::{self, Outward};
 use crate::surface::plane::{agreement, variance_across};
 
 /// Slices that are looked at, and cells in each.
@@ -99,7 +99,7 @@ impl Shell {
 
 /// Measures the shell; none where too few places tell.
 ///
-/// Memory: for each job in flight, five slices of numbered cells, and the sums of the cells of [`CELLS`] blocks.
+/// Memory: [`bytes`] for each job in flight.
 ///
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
@@ -111,7 +111,7 @@ pub fn measure<T: Coordinate>(sampled: &Sampled<'_, T>, solid: &Solid, context: 
     let mut variances: [Vec<f64>; 2] = Default::default();
     let mut looked_at = 0;
     context.workers.in_order_range(
-        context.memory.chunks_in_flight.min(context.workers.threads()),
+        context.memory.jobs_of(bytes(solid.cells)).min(context.workers.threads()),
         chosen.len(),
         |i| of_slice(sampled, solid, chosen[i]),
         |(cells, found)| {
@@ -132,116 +132,116 @@ pub fn measure<T: Coordinate>(sampled: &Sampled<'_, T>, solid: &Solid, context: 
     Ok(Some(Shell { thickness, wider }))
 }
 
+/// Bytes that [`measure`] needs for each slice that it looks at: slices of the solid, and the sums of the blocks' cells.
+pub fn bytes([width, _, rows]: Cell) -> u64 {
+    let side = 2 * BLOCKS[1] as u64 + 1;
+    let of_slice = (CELLS as u64 * side * side).min(u64::from(width) * u64::from(rows));
+    // The cells of the slice at hand are listed block by block first, in a vector that grows.
+    let listed = CELLS as u64 * side * side * 2 * size_of::<[u32; 2]>() as u64;
+    let cells = side * of_slice * size_of::<BlockCell>() as u64;
+    outward::bytes([width, 0, rows]) + 2 * Bits::bytes(width + 2, rows + 2) + listed + cells
+}
+
+/// An occupied cell of a block.
+struct BlockCell {
+    /// Its x and row.
+    at: [u32; 2],
+    outward: [f64; 3],
+    moments: Moments,
+}
+
 /// The cells of slice `y` that were looked at, and the variances of the blocks round those that tell.
 fn of_slice<T: Coordinate>(sampled: &Sampled<'_, T>, solid: &Solid, y: u32) -> Result<(usize, Vec<[f64; 2]>)> {
     let [width, slices, rows] = solid.cells;
-    let far = BLOCKS[1];
     let mut runs = Runs::default();
-    sampled.occupied.read(y, &mut runs)?;
-    let cells: Vec<[u32; 2]> = (0..runs.row_count())
-        .flat_map(|z| runs.row(z).iter().flat_map(move |run| (run.start..run.end).map(move |x| [x, z])))
-        .collect();
-    let step = cells.len().div_ceil(CELLS).max(1);
-    let chosen: Vec<[u32; 2]> = cells.iter().copied().step_by(step).collect();
-    let near = |y: i64| (0..i64::from(slices)).contains(&y);
-    // The occupied cells of the blocks, with what is outward of them.
-    let (mut blocks, mut directions) = (Vec::new(), Vec::new());
+    let chosen = chosen_cells(sampled, y, &mut runs)?;
+    let (y, far) = (i64::from(y), BLOCKS[1]);
+    let first = (y - far).max(0);
+    let block_slices = first..=(y + far).min(i64::from(slices) - 1);
+
+    // The occupied cells of the blocks, slice by slice, in order.
     let mut outward = Outward::of_cells(solid);
-    for y in i64::from(y) - far..=i64::from(y) + far {
-        let (mut ranked, mut occupied) = (RankBitmap::new(width, rows), RankBitmap::new(width, rows));
-        let mut here = Vec::new();
-        if near(y) {
-            outward.slide_to(y)?;
-            sampled.occupied.read(y as u32, &mut runs)?;
-            occupied.replace(&runs);
-            for [x, z] in &chosen {
-                for z in i64::from(*z) - far..=i64::from(*z) + far {
-                    for x in i64::from(*x) - far..=i64::from(*x) + far {
-                        let inside = (0..i64::from(width)).contains(&x) && (0..i64::from(rows)).contains(&z);
-                        if inside && occupied.at(x as u32, z as u32).is_some() {
-                            ranked.set(x as u32, z as u32);
-                        }
-                    }
-                }
-            }
-            let count = ranked.number();
-            here.reserve_exact(count as usize);
-            for z in 0..rows {
-                for x in 0..width {
-                    if ranked.at(x, z).is_some() {
-                        here.push(outward.at(x, y, z));
-                    }
-                }
-            }
-        } else {
-            ranked.number();
+    let mut bits = Bits::new(width, rows);
+    let mut blocks: Vec<Vec<BlockCell>> = Vec::new();
+    for y in block_slices.clone() {
+        outward.slide_to(y)?;
+        sampled.occupied.paint(y, &mut bits, &mut runs)?;
+        let mut cells: Vec<[u32; 2]> = Vec::new();
+        for [x, z] in &chosen {
+            let beside = (i64::from(*z) - far..=i64::from(*z) + far)
+                .flat_map(|z| (i64::from(*x) - far..=i64::from(*x) + far).map(move |x| (x, z)));
+            cells.extend(beside.filter(|(x, z)| bits.get(*x, *z)).map(|(x, z)| [x as u32, z as u32]));
         }
-        let count = here.len();
-        directions.push(here);
-        blocks.push((ranked, vec![Moments::default(); count]));
+        cells.sort_unstable();
+        cells.dedup();
+        let cell = |at: [u32; 2]| BlockCell { at, outward: outward.at(at[0], y, at[1]), moments: Moments::default() };
+        blocks.push(cells.into_iter().map(cell).collect());
     }
-    let first = i64::from(y) - far;
-    let lowest = first.max(0) as u32;
-    let highest = (i64::from(y) + far).min(i64::from(slices) - 1) as u32;
-    for bucket in lowest / BUCKET_SLICES..=highest / BUCKET_SLICES {
+    let found = |cells: &[BlockCell], at: [u32; 2]| cells.binary_search_by(|cell| cell.at.cmp(&at)).ok();
+    for bucket in *block_slices.start() as u32 / BUCKET_SLICES..=*block_slices.end() as u32 / BUCKET_SLICES {
         sampled.buckets.read(bucket as usize, |points| {
             for point in points {
                 let ([x, y, z], within) = sampled.grid.place_of(point.map(Into::into));
-                if let Some((ranked, moments)) = blocks.get_mut((i64::from(y) - first) as usize)
-                    && let Some(number) = ranked.at(x, z)
+                let cells = usize::try_from(i64::from(y) - first).ok().and_then(|number| blocks.get_mut(number));
+                if let Some(cells) = cells
+                    && let Some(number) = found(cells, [x, z])
                 {
-                    moments[number].add(within.map(|c| (c * QUANTA) as i64));
+                    cells[number].moments.add(within.map(|c| (c * QUANTA) as i64));
                 }
             }
             Ok(())
         })?;
     }
-    let behind = BEHIND as i64;
-    let mut inside = Vec::new();
-    for y in i64::from(y) - behind..=i64::from(y) + behind {
-        let mut bits = Bits::new(width + 2, rows + 2);
-        if near(y) {
-            solid.paint(y, &mut bits, &mut runs)?;
+
+    // Of the chosen cells, those with the inside behind them.
+    let own = |at: &[u32; 2]| {
+        let cells = &blocks[(y - first) as usize];
+        cells[found(cells, *at).expect("a chosen cell is in its own block")].outward
+    };
+    let mut bits = Bits::new(width + 2, rows + 2);
+    let mut telling = vec![false; chosen.len()];
+    for dy in -(BEHIND as i64)..=BEHIND as i64 {
+        solid.paint(y + dy, &mut bits, &mut runs)?;
+        for (at, telling) in chosen.iter().zip(&mut telling) {
+            let own = own(at);
+            let back = own.map(|c| -(c * BEHIND).round() as i64);
+            let place = [i64::from(at[0]) + 1 + back[0], i64::from(at[1]) + 1 + back[2]];
+            *telling |= own != [0.0; 3] && back[1] == dy && bits.get(place[0], place[1]);
         }
-        inside.push(bits);
     }
-    let looked_at = chosen.len();
-    let mut out = Vec::new();
-    for [x, z] in chosen {
-        let centre = &blocks[far as usize].0;
-        let number = centre.at(x, z).expect("a chosen cell is in its own block");
-        let own = directions[far as usize][number];
-        let back = own.map(|c| -(c * BEHIND).round() as i64);
-        let is_inside = inside[(behind + back[1]) as usize].get(i64::from(x) + 1 + back[0], i64::from(z) + 1 + back[2]);
-        if own == [0.0; 3] || !is_inside {
-            continue;
-        }
-        let mut found = [0.0; 2];
-        let mut enough = true;
-        for (r, found) in BLOCKS.into_iter().zip(&mut found) {
-            let mut sum = Moments::default();
-            for dy in -r..=r {
-                let ((ranked, moments), directions) = (&blocks[(far + dy) as usize], &directions[(far + dy) as usize]);
-                for dz in -r..=r {
-                    for dx in -r..=r {
-                        let (x, z) = (i64::from(x) + dx, i64::from(z) + dz);
-                        let inside = (0..i64::from(width)).contains(&x) && (0..i64::from(rows)).contains(&z);
-                        let Some(number) = inside.then(|| ranked.at(x as u32, z as u32)).flatten() else { continue };
-                        let there = directions[number];
-                        if agreement(own, there) > 0.0 {
-                            sum.add_from(&moments[number], [dx, dy, dz]);
-                        }
+
+    let variance = |at: &[u32; 2], reach: i64| {
+        let mut sum = Moments::default();
+        for dy in -reach..=reach {
+            let Some(cells) = usize::try_from(y + dy - first).ok().and_then(|number| blocks.get(number)) else {
+                continue;
+            };
+            for dx in -reach..=reach {
+                for dz in -reach..=reach {
+                    let place = [i64::from(at[0]) + dx, i64::from(at[1]) + dz].map(u32::try_from);
+                    let [Ok(x), Ok(z)] = place else { continue };
+                    let Some(number) = found(cells, [x, z]) else { continue };
+                    if agreement(own(at), cells[number].outward) > 0.0 {
+                        sum.add_from(&cells[number].moments, [dx, dy, dz]);
                     }
                 }
             }
-            enough &= sum.points >= LEAST;
-            if enough {
-                *found = sum.variance();
-            }
         }
-        if enough {
-            out.push(found);
+        (sum.points >= LEAST).then(|| sum.variance())
+    };
+    let mut out = Vec::new();
+    for (at, _) in chosen.iter().zip(&telling).filter(|(_, telling)| **telling) {
+        if let (Some(small), Some(large)) = (variance(at, BLOCKS[0]), variance(at, BLOCKS[1])) {
+            out.push([small, large]);
         }
     }
-    Ok((looked_at, out))
+    Ok((chosen.len(), out))
+}
+
+/// Occupied cells of a slice, x and row, as evenly as can be, [`CELLS`] at most.
+fn chosen_cells<T>(sampled: &Sampled<'_, T>, y: u32, runs: &mut Runs) -> Result<Vec<[u32; 2]>> {
+    sampled.occupied.read(y, runs)?;
+    let step = (runs.cell_count() as usize).div_ceil(CELLS).max(1);
+    let row = |z: u32| runs.row(z).iter().flat_map(move |run| (run.start..run.end).map(move |x| [x, z]));
+    Ok((0..runs.row_count()).flat_map(row).step_by(step).collect())
 }
