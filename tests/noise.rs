@@ -9,6 +9,7 @@ use asra_stream::internals::settings::Resolution;
 use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
 use asra_stream::internals::settings::{Fineness, Settings};
 use asra_stream::internals::storage::spool::Workspace;
+use proptest::prelude::*;
 
 /// Cells along the diameter of the sphere without noise.
 const CELLS: f64 = 60.0;
@@ -61,5 +62,36 @@ fn planes_take_most_of_the_noise_away() {
         assert!(plane < noise / 3.0, "noise {noise}: {plane} cells off, with the nearest points {nearest}");
         assert!(plane < nearest / 3.0, "noise {noise}: {plane} cells off, with the nearest points {nearest}");
         assert!(turned < 5.0, "noise {noise}: triangles {turned} degrees askew");
+    }
+}
+
+/// Shapes with n points, turned, with noise of so many sampling distances; what their vertices are moved onto.
+fn chosen(shape: Shape, points: u64, noise: f64, seed: u64) -> Fit {
+    let dir = tempfile::tempdir().unwrap();
+    let cloud = dir.path().join("cloud.bin");
+    let workers = Workers::new(2).unwrap();
+    let options = Options { seed, noise, ..Options::new(shape, points, &cloud) };
+    generate(&options, &workers, &mut |_| ()).unwrap();
+    let means = Means { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+    let job = Job { output: Some(dir.path().join("mesh.ply")), means, ..Job::new([&cloud]) };
+    run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap().fit.onto
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn planes_are_chosen_where_points_are_noisy_and_nowhere_else(
+        shape in prop_oneof![Just(Shape::Sphere), Just(Shape::Torus), Just(Shape::Box), Just(Shape::Knot)],
+        points in 20_000u64..60_000,
+        seed in 1u64..1000,
+    ) {
+        // The sampling distance of shapes that are 1 to 2 across, nearly.
+        let distance = 1.5 / (points as f64).sqrt();
+        prop_assert_eq!(chosen(shape, points, 0.0, seed), Fit::Nearest);
+        // The knot's tube is so thin that its curvature hides the noise.
+        if shape != Shape::Knot {
+            prop_assert_eq!(chosen(shape, points, 0.4 * distance, seed), Fit::Plane);
+        }
     }
 }

@@ -160,6 +160,7 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
             Diagonals::First => twin::Diagonals::First,
         },
         fit: match settings.surface.fit {
+            Fit::Auto => twin::Fit::Auto,
             Fit::Nearest => twin::Fit::Nearest,
             Fit::Plane => twin::Fit::Plane,
             Fit::None => twin::Fit::None,
@@ -192,7 +193,7 @@ fn settings() -> impl Strategy<Value = Settings> {
         Just(AxisChoice::Fixed(Axis::Z))
     ];
     let diagonals = prop_oneof![Just(Diagonals::Delaunay), Just(Diagonals::First), Just(Diagonals::Random)];
-    let fit = prop_oneof![4 => Just(Fit::Nearest), 2 => Just(Fit::Plane), 1 => Just(Fit::None)];
+    let fit = prop_oneof![2 => Just(Fit::Auto), 3 => Just(Fit::Nearest), 2 => Just(Fit::Plane), 1 => Just(Fit::None)];
     let smooth = prop_oneof![4 => Just(1u32), 1 => Just(0), 1 => Just(2), 1 => Just(3)];
     let min_points = prop_oneof![6 => Just(1u32), 1 => Just(2), 1 => Just(3)];
     let min_component = prop_oneof![
@@ -408,6 +409,44 @@ fn all_256_corners_give_the_twins_mesh_on_a_seam() {
             twin::check::check(run.mesh.0.len(), &run.mesh.1).unwrap_or_else(|e| panic!("mask {mask:08b}: {e}"));
             assert!(run.mesh == naive(&points, true, &settings, &run), "mask {mask:08b}, {fit:?}");
         }
+    }
+}
+
+/// A ball with its points off its surface by up to so many cells of 20 to its diameter.
+fn rough_ball(points: usize, off: f64, seed: u64) -> Vec<[f64; 3]> {
+    let mut state = seed;
+    let mut unit = move || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let point = |_| {
+        let (height, turn) = (2.0 * unit() - 1.0, std::f64::consts::TAU * unit());
+        let (s, r) = ((1.0 - height * height).sqrt(), 10.0 + off * (2.0 * unit() - 1.0));
+        [r * s * turn.cos(), r * s * turn.sin(), r * height].map(|c| f64::from(c as f32))
+    };
+    (0..points).map(point).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 6, ..ProptestConfig::default() })]
+
+    #[test]
+    fn noise_is_seen_as_the_twin_sees_it(off in 0.0f64..0.6, seed in any::<u64>()) {
+        let points = rough_ball(5000, off, seed);
+        let settings = Settings {
+            fineness: Fineness::Given(Resolution::Slices(20)),
+            seal: Sealing::Cells(2),
+            min_component: None,
+            surface: SurfaceOptions { fit: Fit::Auto, ..Settings::default().surface },
+            ..Settings::default()
+        };
+        let run = stream(&points, true, &settings, Means::Ample).unwrap();
+        let shell = run.made.shell.unwrap();
+        // A layer of 2 · off cells has a standard deviation of off / √3.
+        prop_assert!((shell.thickness - off / 3f64.sqrt()).abs() < 0.06, "{} of {off}", shell.thickness);
+        prop_assert_eq!(run.made.fit == Fit::Plane, shell.is_noisy());
+        prop_assert!(run.mesh == naive(&points, true, &settings, &run));
+        assert_means_do_not_show(&points, true, &settings, &run)?;
     }
 }
 

@@ -24,7 +24,9 @@ use self::pipeline::{Reconstructed, Sampling, Surveyed, context, reconstruct, re
 #[cfg(feature = "render")]
 use self::preview::{DrawnPreview, PlannedPreview, Preview};
 use self::progress::Progress;
-use self::report::{Closing, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report};
+use self::report::{
+    Closing, FitReport, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report,
+};
 use crate::error::defect;
 use crate::error::words::thousands;
 use crate::error::{Error, Result};
@@ -679,6 +681,7 @@ pub(crate) fn report(run: Finished<'_>) -> Report {
         grid: GridReport::of(&surveyed.grid),
         points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
         closing: Closing::of(made, &surveyed.grid),
+        fit: FitReport { onto: made.fit, shell: made.shell },
         vertices: made.counts,
         check,
         output,

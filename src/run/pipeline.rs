@@ -25,7 +25,7 @@ use crate::run::progress::Progress;
 use crate::run::workload::{ColumnWorkload, Workload};
 use crate::settings::Resolution;
 use crate::settings::open::{Facing, Open};
-use crate::settings::surface::Fit;
+use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
 use crate::solid::close;
 use crate::solid::close::{Closed, ClosingOptions, How};
@@ -36,6 +36,7 @@ use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
 use crate::storage::spool::Workspace;
 use crate::surface::extract;
 use crate::surface::plane;
+use crate::surface::thickness::{self, Shell};
 
 /// The cell size that `--cell-size auto` takes, in sampling distances: the finest that keeps handles and holes as they are.
 ///
@@ -323,6 +324,10 @@ pub struct Reconstructed {
     pub columns: Option<heightfield::ColumnCounts>,
     /// Solid cells.
     pub solid: u64,
+    /// What vertices were moved onto.
+    pub fit: Fit,
+    /// The shell of points, if it was to tell what they are moved onto.
+    pub shell: Option<Shell>,
     /// What became of the vertices.
     pub counts: Counts,
     /// The plan as it was when the solid was known.
@@ -397,17 +402,32 @@ fn reconstruct_as<T: Coordinate>(
     };
     let Closed { solid, occupancy, .. } = &closed;
 
-    let smooth = settings.surface.smooth;
+    let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {
+        Counted::Occupied
+    } else {
+        Counted::All
+    };
+    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
+    let shell = match settings.surface.fit {
+        Fit::Auto => thickness::measure(&sampled, solid, context)?,
+        _ => None,
+    };
+    let surface = SurfaceOptions {
+        fit: settings.surface.fit.chosen(shell.is_some_and(|shell| shell.is_noisy())),
+        ..settings.surface
+    };
+
+    let smooth = surface.smooth;
     let faces_of_slab = |number: u32| {
         let slab = slices_of(number, smooth, solid.cells[1]);
         solid.faces[slab.start as usize..slab.end as usize].iter().map(|f| u64::from(*f)).sum::<u64>()
     };
     let slabs = slab_count(smooth, solid.cells[1]);
-    let means = match settings.surface.fit {
+    let means = match surface.fit {
         Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
-        Fit::Nearest | Fit::None => 0,
+        _ => 0,
     };
-    let workload = workload.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls);
+    let workload = workload.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls).with_fit(surface.fit);
     let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
     let workload = workload.with_buckets(&points);
     let points_of_slab = |number: u32| {
@@ -423,12 +443,6 @@ fn reconstruct_as<T: Coordinate>(
     let memory = context.memory.with_surface(&workload, means)?;
     let jobs = memory.slab_jobs(&workload, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
-    let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {
-        Counted::Occupied
-    } else {
-        Counted::All
-    };
-    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, cloud.schema().clone(), memory.mesh_quota);
     let frame = Frame { origin, precision: T::PRECISION };
     let mut stitcher = Stitcher::new(
@@ -448,7 +462,7 @@ fn reconstruct_as<T: Coordinate>(
             let size = workload.slabs()[number];
             let room = written.take().filter(|room| room.suits(size));
             let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
-            SlabMesh::make(number as u32, solid, &sampled, settings.surface, frame, jobs, room)
+            SlabMesh::make(number as u32, solid, &sampled, surface, frame, jobs, room)
         },
         |slab| {
             let (faces, points) = (faces_of_slab(number), points_of_slab(number));
@@ -473,6 +487,8 @@ fn reconstruct_as<T: Coordinate>(
         components: closed.components,
         columns: closed.solid.ground.as_ref().map(|ground| ground.found),
         solid: closed.solid.volume,
+        fit: surface.fit,
+        shell,
         counts,
         memory,
     })

@@ -27,6 +27,7 @@ use crate::solid::close::{How, PartingNothing};
 use crate::solid::component::Components;
 use crate::solid::heightfield::ColumnCounts as Columns;
 use crate::stitch::Counts;
+use crate::surface::thickness::Shell;
 
 /// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
 /// hundred; of a cloud with one point a thousand times as far away as the others, nearly all points share a cell.
@@ -56,6 +57,8 @@ pub struct Report {
     pub points_to_a_cell: f64,
     /// The closing.
     pub closing: Closing,
+    /// What vertices were moved onto.
+    pub fit: FitReport,
     /// What became of the vertices.
     pub vertices: Counts,
     /// The mesh as the check found it, unless it was left out.
@@ -178,6 +181,15 @@ pub struct Closing {
     pub columns: Option<Columns>,
     /// Solid cells.
     pub solid_cells: u64,
+}
+
+/// What vertices were moved onto.
+#[derive(Debug, Clone, Copy, serde::Serialize)]
+pub struct FitReport {
+    /// That.
+    pub onto: Fit,
+    /// The shell of points, if it was to tell.
+    pub shell: Option<Shell>,
 }
 
 /// A patch of samples that have the same side on both sides.
@@ -498,10 +510,17 @@ impl Report {
         let closed =
             if check.closed { "closed".to_owned() } else { format!("open on purpose, {boundary} boundary {loops}") };
         let volume = check.volume.map_or_else(String::new, |volume| format!(", volume {}", short(volume)));
-        vec![
+        let mut lines = vec![
             format!("{size}; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components)),
             format!("         area {}{volume}", short(check.area)),
-        ]
+        ];
+        if let FitReport { onto: Fit::Plane, shell: Some(shell) } = self.fit {
+            lines.push(format!(
+                "         noisy points, {:.2} cells thick: the mesh lies amid them; --fit nearest puts it on points",
+                shell.thickness
+            ));
+        }
+        lines
     }
 
     fn detail_lines(&self) -> Vec<String> {

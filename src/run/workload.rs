@@ -249,7 +249,7 @@ impl Workload {
 
     /// Bytes for means of cells that fitting to planes needs, to expect: as if the widest slab's slices had an occupied cell for every face.
     pub(crate) fn means_to_expect(&self) -> u64 {
-        if self.fit != Fit::Plane {
+        if !matches!(self.fit, Fit::Plane | Fit::Auto) {
             return 0;
         }
         let window = 2 * u64::from(plane_halo(self.smooth));

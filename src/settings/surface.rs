@@ -17,13 +17,26 @@ pub struct SurfaceOptions {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Fit {
-    /// Their nearest input points.
+    /// Planes where the points are noisy, else the nearest points.
     #[default]
+    Auto,
+    /// Their nearest input points.
     Nearest,
     /// The planes of the points round them: for noisy points.
     Plane,
     /// Nothing: the smoothed surface stays.
     None,
+}
+
+impl Fit {
+    /// What it comes to with points that are noisy or not.
+    pub fn chosen(self, noisy: bool) -> Fit {
+        match self {
+            Fit::Auto if noisy => Fit::Plane,
+            Fit::Auto => Fit::Nearest,
+            given => given,
+        }
+    }
 }
 
 /// Which of a rectangle's diagonals makes its two triangles.

@@ -166,8 +166,10 @@ impl Size {
         let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
         let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
         let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping.max(2 * beside);
+        let planes = means + plane::bytes_of_places(own);
         let moved = match of.fit {
-            Fit::Plane => (means + plane::bytes_of_places(own)).max(if of.attributes > 0 { points } else { 0 }),
+            Fit::Auto => points.max(planes),
+            Fit::Plane => planes.max(if of.attributes > 0 { points } else { 0 }),
             Fit::Nearest => points,
             Fit::None if of.attributes > 0 => points,
             Fit::None => 0,
@@ -241,7 +243,8 @@ impl<T: Coordinate> SlabMesh<T> {
         (needed..=needed + needed / 8 + SMALL).contains(&room)
     }
 
-    /// Makes the mesh of slab `number`, as one of so many `jobs`, in the memory of `room`: of a slab that is done with.
+    /// Makes the mesh of slab `number`, as one of so many `jobs`, in the memory of `room`: of a slab that is done with. What vertices are moved onto has been
+    /// [chosen](Fit::chosen).
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -306,7 +309,7 @@ impl<T: Coordinate> SlabMesh<T> {
             Fit::None => Fitted::none(own.len(), room.fitted),
             Fit::Plane => {
                 let mut fitted = Fitted::none(own.len(), room.fitted);
-                let places = project(sampled, &surface, &q, planes.clone(), options.smooth)?;
+                let places = project(sampled, solid, &surface, &q, planes.clone(), options.smooth)?;
                 for ((state, target), place) in state.iter_mut().zip(&mut fitted.target).zip(places) {
                     if let Some(place) = place {
                         (*state, *target) = (VertexState::Projected, grid.position(place).map(T::from_f64));
@@ -314,7 +317,7 @@ impl<T: Coordinate> SlabMesh<T> {
                 }
                 fitted
             }
-            Fit::Nearest => nearest(room.fitted)?,
+            Fit::Nearest | Fit::Auto => nearest(room.fitted)?,
         };
         let stride = sampled.buckets.stride();
         // Vertices that are moved elsewhere, or not at all, have the attributes of their nearest points all the same.

@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
 
 use super::contract::Contraction;
+use super::corner::Corner;
 use super::grid::to_file;
-use super::plane::Means;
+use super::plane::{Means, outward};
 use super::retreat::retreat;
 use super::surface::Surface;
 use super::{Fit, Params, TwinMesh};
@@ -135,11 +136,16 @@ impl Fitting {
             .collect();
         let mut projected: Vec<Option<[f64; 3]>> = match params.fit {
             Fit::Plane => {
-                let means = Means::of(points, params);
-                let place = |&q: &[f64; 3]| means.projected(q).map(|q| as_input(to_file(q, params), params));
-                surface.positions.iter().map(place).collect()
+                let means = Means::of(points, &surface.solid, params);
+                // A corner lies half a cell before the middle of its cell; a middle of a doubled edge has no side.
+                let side = |corner: Corner| outward(&surface.solid, corner.map(|c| f64::from(c) - 0.5));
+                let place = |(&q, corner): (&[f64; 3], &Option<Corner>)| {
+                    means.projected(q, corner.map_or([0.0; 3], side)).map(|q| as_input(to_file(q, params), params))
+                };
+                surface.positions.iter().zip(&surface.corners).map(place).collect()
             }
             Fit::Nearest | Fit::None => vec![None; targets.len()],
+            Fit::Auto => panic!("chosen before"),
         };
         for (v, bridged) in surface.bridged.iter().enumerate() {
             if let Some(height) = bridged {

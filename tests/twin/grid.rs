@@ -156,3 +156,13 @@ pub fn to_file(q: [f64; 3], params: &Params) -> [f64; 3] {
         None => t,
     }
 }
+
+/// A point's place in its cell, from 0 to 1 along the grid's axes.
+pub fn place_in_cell(p: [f64; 3], params: &Params) -> [f64; 3] {
+    let raw = raw_cell_of(p, params);
+    let files = params.axis.permutation();
+    [0, 1, 2].map(|g| {
+        let along = (own(p, params)[files[g]] - params.min[files[g]]) * (1.0 / params.w);
+        (along - f64::from(raw[g])).clamp(0.0, 1.0)
+    })
+}

@@ -24,6 +24,7 @@ pub mod ground;
 pub mod intersect;
 pub mod plane;
 pub mod retreat;
+pub mod shell;
 pub mod sides;
 pub mod solid;
 pub mod surface;
@@ -48,6 +49,8 @@ pub enum Keep {
 /// What vertices are moved onto.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fit {
+    /// Planes where the shell of points is noise, else the nearest points.
+    Auto,
     /// Their nearest points.
     Nearest,
     /// The planes of the points round them.
@@ -122,11 +125,23 @@ pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
         surface.kept = surface.faces.iter().map(|face| ground.keeps(face)).collect();
         surface.bridged =
             surface.corners.iter().map(|corner| corner.and_then(|corner| ground.bridge(corner))).collect();
-        return fit::finish(&surface, &solid::counted(points, &solid, params), params);
+        return finish(&surface, &solid::counted(points, &solid, params), params);
     }
     let solid = solid::solid_cells(points, params);
     let surface = surface::surface(&solid, params.smooth, params.diagonals);
-    fit::finish(&surface, &solid::counted(points, &solid, params), params)
+    finish(&surface, &solid::counted(points, &solid, params), params)
+}
+
+/// Moves the vertices onto what they are to be moved onto.
+fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMesh {
+    let fit = match params.fit {
+        Fit::Auto => {
+            let noisy = shell::shell(points, &surface.solid, params).is_some_and(shell::is_noisy);
+            if noisy { Fit::Plane } else { Fit::Nearest }
+        }
+        given => given,
+    };
+    fit::finish(surface, points, &Params { fit, ..params.clone() })
 }
 
 /// The solid cells: cell (x, y, z) at `x + cells_x · (z + cells_z · y)`.

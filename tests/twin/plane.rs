@@ -3,12 +3,33 @@
 use std::collections::BTreeMap;
 
 use super::Params;
-use super::grid::{cell_of, own, raw_cell_of};
+use super::grid::{cell_of, place_in_cell};
+use super::solid::Cells;
 
-/// A cell's points: their mean, in cells along the grid's axes, and their number.
+/// A cell's points: their mean, in cells along the grid's axes, and their number; and what is outward of it.
 struct Cell {
     mean: [f64; 3],
     points: f64,
+    outward: [f64; 3],
+}
+
+/// The unit vector from the solid cells that are no farther than two cells along any axis from `centre`, in cells' numbers, by their directions over their
+/// distances; zero if that is short.
+pub fn outward(solid: &Cells, centre: [f64; 3]) -> [f64; 3] {
+    let near = |a: usize| ((centre[a] - 2.0).ceil() as i32)..=((centre[a] + 2.0).floor() as i32);
+    let mut push = [0.0; 3];
+    for y in near(1) {
+        for z in near(2) {
+            for x in near(0).filter(|&x| solid.get([x, y, z])) {
+                let d = [0, 1, 2].map(|a| f64::from([x, y, z][a]) - centre[a]);
+                if dot(d, d) > 0.0 {
+                    (0..3).for_each(|a| push[a] -= d[a] / dot(d, d));
+                }
+            }
+        }
+    }
+    let length = dot(push, push).sqrt();
+    if length < 2.5 { [0.0; 3] } else { push.map(|c| c / length) }
 }
 
 /// The cells that hold points, in the order in which they are summed.
@@ -16,31 +37,33 @@ pub struct Means(Vec<Cell>);
 
 const QUANTA: f64 = 1_048_576.0;
 
+/// One and a half times the cosine between two directions, from 0 to 1; 1 if there is none of either.
+pub fn agreement(u: [f64; 3], v: [f64; 3]) -> f64 {
+    if u == [0.0; 3] || v == [0.0; 3] { 1.0 } else { (1.5 * dot(u, v)).clamp(0.0, 1.0) }
+}
+
 impl Means {
     /// Sums the points by cell.
-    pub fn of(points: &[[f64; 3]], params: &Params) -> Means {
+    pub fn of(points: &[[f64; 3]], solid: &Cells, params: &Params) -> Means {
         // By slice, row, x: the number of points and the sums of their offsets.
         let mut sums: BTreeMap<[i32; 3], (u64, [u64; 3])> = BTreeMap::new();
-        let inv = 1.0 / params.w;
         for &p in points {
-            let (cell, raw) = (cell_of(p, params), raw_cell_of(p, params));
+            let cell = cell_of(p, params);
             let (count, offsets) = sums.entry([cell[1], cell[2], cell[0]]).or_default();
             *count += 1;
-            for (g, f) in params.axis.permutation().into_iter().enumerate() {
-                let within = (own(p, params)[f] - params.min[f]) * inv - f64::from(raw[g]);
-                offsets[g] += (within.clamp(0.0, 1.0) * QUANTA).floor() as u64;
-            }
+            let within = place_in_cell(p, params);
+            (0..3).for_each(|g| offsets[g] += (within[g] * QUANTA).floor() as u64);
         }
         let means = sums.into_iter().map(|([y, z, x], (count, offsets))| {
             let points = count as f64;
             let mean = |g: usize| f64::from([x, y, z][g]) + offsets[g] as f64 / points / QUANTA;
-            Cell { mean: [mean(0), mean(1), mean(2)], points }
+            Cell { mean: [mean(0), mean(1), mean(2)], points, outward: outward(solid, [x, y, z].map(f64::from)) }
         });
         Means(means.collect())
     }
 
-    /// Where a vertex at `q` goes; `None` if it finds no plane.
-    pub fn projected(&self, q: [f64; 3]) -> Option<[f64; 3]> {
+    /// Where a vertex at `q` goes whose corner has this outward; `None` if it finds no plane.
+    pub fn projected(&self, q: [f64; 3], outward: [f64; 3]) -> Option<[f64; 3]> {
         let mut at = q;
         let mut moved = false;
         let mut variance = 0.0;
@@ -50,7 +73,7 @@ impl Means {
                 1 => 4.0,
                 _ => f64::min(2.0 + 3.5 * variance, 4.0),
             };
-            let Some((mean, covariance)) = self.around(at, sight) else { break };
+            let Some((mean, covariance)) = self.around(at, outward, sight) else { break };
             let across = flattest(covariance);
             let mut next = at;
             for a in 0..3 {
@@ -71,8 +94,8 @@ impl Means {
         moved.then_some(at)
     }
 
-    /// Mean, seen from `at`, and covariance of the points within sight.
-    fn around(&self, at: [f64; 3], sight: f64) -> Option<([f64; 3], [[f64; 3]; 3])> {
+    /// Mean, seen from `at`, and covariance of the points within sight and on the vertex's side.
+    fn around(&self, at: [f64; 3], outward: [f64; 3], sight: f64) -> Option<([f64; 3], [[f64; 3]; 3])> {
         let mut weights = 0.0;
         let mut sums = [0.0; 3];
         let mut squares = [[0.0; 3]; 3];
@@ -83,7 +106,7 @@ impl Means {
                 continue;
             }
             let square = share * share;
-            let weight = square * square * cell.points;
+            let weight = square * square * cell.points * agreement(outward, cell.outward);
             weights += weight;
             for a in 0..3 {
                 sums[a] += weight * d[a];
@@ -111,7 +134,7 @@ fn dot(u: [f64; 3], v: [f64; 3]) -> f64 {
 }
 
 /// Nearly the projection onto the direction of least variance.
-fn flattest(covariance: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
+pub fn flattest(covariance: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     let mut c = covariance;
     for (a, row) in c.iter_mut().enumerate() {
         row[a] += 1.0 / 1024.0;

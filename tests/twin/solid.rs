@@ -11,7 +11,7 @@ use super::{Keep, Params};
 /// index of cell (x, y, z), each from −pad to cells + pad − 1:
 ///     (x + pad) + size_x · ((z + pad) + size_z · (y + pad)),   size_a = cells_a + 2 · pad
 /// ```
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Cells {
     /// Cells of the box along the grid's axes, without the padding.
     pub cells: [u32; 3],

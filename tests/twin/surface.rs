@@ -39,6 +39,8 @@ pub struct Surface {
     pub corners: Vec<Option<Corner>>,
     /// Where a vertex lies along the up axis if it bridges a hole.
     pub bridged: Vec<Option<f64>>,
+    /// The solid whose surface it is.
+    pub solid: Cells,
 }
 
 /// Who is who before there are triangles.
@@ -185,6 +187,7 @@ pub fn surface(solid: &Cells, smooth: u32, diagonals: Diagonals) -> Surface {
         middle: vec![false; count],
         corners: vec![None; count],
         bridged: vec![None; count],
+        solid: solid.clone(),
         ..Surface::default()
     };
     for ((corner, _), &number) in &vertices.number {

@@ -261,7 +261,7 @@ pub struct CloudArguments {
     /// Which diagonal cuts a rectangle into triangles
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
     pub diagonals: Diagonals,
-    /// What vertices are moved onto
+    /// What vertices are moved onto; the summary says so where points turn out to be noisy
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
     pub fit: Fit,
 }
