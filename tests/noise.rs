@@ -72,8 +72,8 @@ fn chosen(shape: Shape, points: u64, noise: f64, seed: u64) -> Fit {
     let workers = Workers::new(2).unwrap();
     let options = Options { seed, noise, ..Options::new(shape, points, &cloud) };
     generate(&options, &workers, &mut |_| ()).unwrap();
-    let means = Means { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
-    let job = Job { output: Some(dir.path().join("mesh.ply")), means, ..Job::new([&cloud]) };
+    let resources = Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+    let job = Job { output: Some(dir.path().join("mesh.ply")), resources, ..Job::new([&cloud]) };
     run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap().fit.onto
 }
 

@@ -35,6 +35,12 @@ impl RankBitmap {
         self.occupied.fill(0);
     }
 
+    /// Makes a cell occupied. Numbers hold once [`RankBitmap::number`] was called after the last.
+    #[inline]
+    pub fn set(&mut self, x: u32, z: u32) {
+        self.occupied[z as usize * self.words + x as usize / 64] |= 1 << (x % 64);
+    }
+
     /// Takes the cells of `runs` for its own, numbers them and gives their count.
     pub fn replace(&mut self, runs: &Runs) -> u32 {
         self.clear();

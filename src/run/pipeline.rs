@@ -427,7 +427,8 @@ fn reconstruct_as<T: Coordinate>(
         Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
         _ => 0,
     };
-    let workload = workload.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls).with_fit(surface.fit);
+    let workload =
+        workload.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls).with_fit(surface.fit);
     let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
     let workload = workload.with_buckets(&points);
     let points_of_slab = |number: u32| {
