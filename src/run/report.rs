@@ -185,10 +185,11 @@ pub struct Closing {
 
 /// What vertices were moved onto.
 #[derive(Debug, Clone, Copy, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct FitReport {
-    /// That.
+    /// Points, planes or nothing.
     pub onto: Fit,
-    /// The shell of points, if it was to tell.
+    /// The shell of points, if `fit` was `auto`, so that the shell decided.
     pub shell: Option<Shell>,
 }
 

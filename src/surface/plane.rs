@@ -120,7 +120,7 @@ pub fn project<T: Coordinate>(
         corners.slide_to(i64::from(plane))?;
         out.extend(surface.on_plane(plane).map(|v| {
             let vertex = &surface.vertices[v as usize];
-            // The middle of a doubled edge lies between two sides.
+            // The midpoint of a doubled edge lies between two sides.
             let outward = match vertex.kind {
                 Kind::Sheet(_) => corners.at(vertex.corner[0], i64::from(plane), vertex.corner[2]),
                 Kind::Midpoint(_) => [0.0; 3],

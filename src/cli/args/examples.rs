@@ -33,12 +33,12 @@ Examples:
 
 pub const DENSIFY: &str = "\
 Examples:
-  asra-stream densify scan.ply mesh.ply -o dense.ply";
+  asra-stream densify mesh.ply scan.ply -o dense.ply";
 
 pub const RENDER: &str = "\
 Examples:
   asra-stream render mesh.ply                        six views beside each other: writes mesh.png
-  asra-stream render mesh.ply --view x,z --size 1600x800 -o views.png";
+  asra-stream render mesh.ply --views front,top --size 1600x800 -o views.png";
 
 pub const GENERATE: &str = "\
 Examples:
