@@ -24,6 +24,7 @@ pub mod solid;
 pub mod stitch;
 pub mod storage;
 pub mod surface;
+mod system;
 
 pub use error::{Error, Result};
 pub use format::write::Positions;

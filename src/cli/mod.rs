@@ -16,7 +16,6 @@ use serde_json::json;
 use crate::error::defect;
 use crate::error::{Error, Kind, Result};
 use crate::run::progress::{Progress, Show};
-use crate::storage::bus;
 
 pub use args::{Arguments, Command};
 pub use commands::outcome;
@@ -37,7 +36,6 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         }
     };
     defect::keep_for_the_error();
-    bus::survive();
     let mut progress = Progress::new(arguments.show());
     match defect::caught(|| commands::execute(arguments, &mut progress)) {
         Ok(kind) => {
