@@ -82,6 +82,7 @@ mod solid;
 mod stitch;
 mod storage;
 mod surface;
+mod system;
 
 pub use error::{Error, Kind as ErrorKind, Result};
 pub use format::write::Positions;

@@ -326,3 +326,19 @@ fn points_that_come_in_pieces_are_those_of_one_piece() {
     let mut bare = PointSpool::new(Precision::Double, Vec::new(), 0, None).unwrap();
     assert!(bare.append(&source).unwrap_err().to_string().contains("other attributes"));
 }
+
+/// Says that work is to end, from the start.
+struct Ended;
+
+impl Observer for Ended {
+    fn is_cancelled(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn a_check_that_was_ended_leaves_a_mesh_that_can_be_checked() {
+    let mesh = Reconstruction::of(&sphere(5000, [0.0; 3])).run().unwrap();
+    assert!(matches!(mesh.check_observed(&Ended), Err(Error::Interrupted)));
+    assert_eq!(mesh.check().unwrap().intersections.unwrap().pairs, 0);
+}

@@ -107,7 +107,7 @@ impl CoreMesh {
 
     /// What a strict check finds, as JSON.
     fn check(&self, py: Python<'_>) -> PyResult<String> {
-        let report = py.detach(|| self.mesh.check()).map_err(|error| raised(py, error))?;
+        let report = drive(py, None, |observer| self.mesh.check_observed(observer))?;
         Ok(serde_json::to_string(&report).unwrap_or_default())
     }
 }

@@ -18,7 +18,6 @@ use crate::error::defect;
 use crate::error::words::as_options;
 use crate::error::{Error, Failure, Kind, Result};
 use crate::run::progress::{Progress, Show};
-use crate::storage::bus;
 
 pub use args::{Arguments, Command};
 pub use commands::outcome;
@@ -39,7 +38,6 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         }
     };
     defect::keep_for_the_error();
-    bus::survive();
     let mut progress = Progress::new(arguments.show());
     match defect::caught(|| commands::execute(arguments, &mut progress)) {
         Ok(kind) => {

@@ -3,7 +3,6 @@
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::Read;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::args::{Arguments, Command};
@@ -15,6 +14,7 @@ use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
 use crate::run;
 use crate::run::preview::Preview;
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
+use crate::system::file_number;
 
 /// Extensions of points that have no side-car.
 const WITHOUT_SIDECAR: [&str; 15] =
@@ -226,7 +226,9 @@ fn with_sidecar(input: PathBuf) -> Vec<PathBuf> {
 /// Whether two names are of one file, which need not be there.
 fn is_same(a: &Path, b: &Path) -> bool {
     match (fs::metadata(a), fs::metadata(b)) {
-        (Ok(a), Ok(b)) => (a.dev(), a.ino()) == (b.dev(), b.ino()),
+        (Ok(there), Ok(other)) => {
+            matches!((file_number(a, &there), file_number(b, &other)), (Some(a), Some(b)) if a == b)
+        }
         (Err(_), Err(_)) => resolved(a).is_some_and(|a| resolved(b) == Some(a)),
         _ => false,
     }

@@ -6,14 +6,12 @@ use std::sync::Arc;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+use signal_hook::consts::SIGINT;
 use signal_hook::flag;
 
 use crate::error::{Error, Result};
 use crate::resources::workers::Workers;
-
-/// The signals that end a run.
-const ENDING: [i32; 3] = [SIGHUP, SIGINT, SIGTERM];
+use crate::system;
 
 /// The first of them that came; 0 if none did.
 static CAME: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
@@ -27,14 +25,16 @@ pub fn stop(workers: &Workers) -> Result<()> {
     let ignored = ignored(&fs::read_to_string("/proc/self/status").unwrap_or_default());
     let (came, flag) = (CAME.get_or_init(Arc::default), workers.cancel_flag());
     let set = || -> io::Result<()> {
-        for signal in ENDING.into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0) {
+        for signal in system::ENDING.into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0) {
             // In this order: the first signal finds the flag unset.
             flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&flag))?;
             flag::register_usize(signal, Arc::clone(came), signal as usize)?;
             flag::register(signal, Arc::clone(&flag))?;
         }
         // A file that is longer than a limit allows is an error of writing, and no reason to die.
-        flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
+        for signal in system::WRITTEN_TOO_FAR {
+            flag::register(signal, Arc::new(AtomicBool::new(false)))?;
+        }
         Ok(())
     };
     set().map_err(Error::io("signals", "handle"))
@@ -54,6 +54,8 @@ fn ignored(status: &str) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use signal_hook::consts::SIGHUP;
+
     use super::*;
 
     #[test]

@@ -14,6 +14,8 @@ use std::path::{Path, PathBuf};
 
 use bytesize::ByteSize;
 
+use crate::system;
+
 /// The crate's result type.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -292,12 +294,9 @@ impl Kind {
     /// The kind of an error of the system, in an attempt to read or to write.
     fn of_system(action: &str, source: &io::Error) -> Kind {
         use io::ErrorKind as E;
-        /// What says that there are too many files, in the process and in the system: the standard library has no name for it.
-        const TOO_MANY_FILES: [i32; 2] =
-            [rustix::io::Errno::MFILE.raw_os_error(), rustix::io::Errno::NFILE.raw_os_error()];
         let writing =
             ["create", "write", "name", "remove", "open the folder"].iter().any(|verb| action.starts_with(verb));
-        if source.raw_os_error().is_some_and(|number| TOO_MANY_FILES.contains(&number)) {
+        if source.raw_os_error().is_some_and(|number| system::TOO_MANY_FILES.contains(&number)) {
             return Kind::Temporary;
         }
         match source.kind() {
@@ -324,7 +323,7 @@ impl Kind {
                     Kind::NoInput
                 }
             }
-            _ if source.raw_os_error() == Some(rustix::io::Errno::LOOP.raw_os_error()) => {
+            _ if source.raw_os_error() == Some(system::LINKS_IN_A_CIRCLE) => {
                 if writing {
                     Kind::NoOutput
                 } else {

@@ -463,7 +463,7 @@ mod tests {
         };
         pass(&mut || Ok(())).unwrap();
         let mut write = || {
-            use std::os::unix::fs::FileExt;
+            use crate::system::FileAt;
             file.write_all_at(&[0; 12], 12 * 199_999).map_err(Error::io("a.bin", "write"))
         };
         let error = pass(&mut write).unwrap_err();

@@ -3,10 +3,12 @@
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
+use crate::system;
+pub use crate::system::peak_resident;
+
 /// Memory that this process may use, in bytes: the machine's, or less if a control group limits it, its own or one above that.
 pub fn memory() -> u64 {
-    let info = rustix::system::sysinfo();
-    let physical = info.totalram as u64 * u64::from(info.mem_unit);
+    let physical = system::physical_memory();
     group_limit(Path::new("/")).map_or(physical, |limit| limit.min(physical))
 }
 
@@ -57,15 +59,6 @@ fn mounted(line: &str, kind: &str) -> Option<(String, String)> {
 /// Processors that this process may run on.
 pub fn processors() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
-}
-
-/// The most memory of the process that was resident at a time, in bytes. Pages of mapped input files count while they are
-/// resident, although the system can take them back at any time.
-pub fn peak_resident() -> Option<u64> {
-    let status = fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kibibytes << 10)
 }
 
 #[cfg(test)]

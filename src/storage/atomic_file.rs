@@ -4,17 +4,14 @@
 //! a hidden name beside its own, and is locked; what a process that was killed has left there, locked by nobody, goes when the next one of the same name is
 //! made.
 
-use std::fs::{File, OpenOptions, Permissions};
+use std::fs::{File, OpenOptions};
 use std::io::{self, Seek};
-use std::os::fd::AsRawFd;
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{AtFlags, CWD, FlockOperation, Mode, OFlags, RenameFlags, flock, linkat, renameat_with};
-use rustix::io::Errno;
 use tempfile::{Builder, TempDir, TempPath};
 
 use crate::error::{Error, Result};
+use crate::system::{self, Lock};
 
 /// What happens to a file that has the name already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,21 +42,11 @@ impl AtomicFile {
     /// # Errors
     /// The same as [`AtomicFile::create`]; [`Error::Io`] for a pipe that nobody reads.
     pub fn report(path: &Path) -> Result<AtomicFile> {
-        use std::os::unix::fs::FileTypeExt;
-        let through =
-            path.metadata().is_ok_and(|there| there.file_type().is_fifo() || there.file_type().is_char_device());
+        let through = path.metadata().is_ok_and(|there| system::is_pipe_or_device(there.file_type()));
         if !through {
             return AtomicFile::create(path, Overwrite::Replace);
         }
-        // Opening a pipe must not wait for a reader; writing to it may.
-        let flags = rustix::fs::OFlags::NONBLOCK.bits() as i32;
-        let open = || -> std::io::Result<File> {
-            let file = File::options().write(true).custom_flags(flags).open(path)?;
-            let set = rustix::fs::fcntl_getfl(&file)?;
-            rustix::fs::fcntl_setfl(&file, set - rustix::fs::OFlags::NONBLOCK)?;
-            Ok(file)
-        };
-        let file = open().map_err(Error::io(path, "write to"))?;
+        let file = system::open_pipe(path).map_err(Error::io(path, "write to"))?;
         let path = path.to_path_buf();
         Ok(AtomicFile { file, hidden: None, path, overwrite: Overwrite::Replace, synced: false, through: true })
     }
@@ -154,7 +141,7 @@ impl AtomicFile {
     fn name(&mut self) -> io::Result<()> {
         let hidden = match self.hidden.take() {
             Some(hidden) => hidden,
-            None => match link(&self.file, &self.path) {
+            None => match system::link(&self.file, &self.path) {
                 Ok(()) => return Ok(()),
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                     if self.overwrite == Overwrite::Refuse {
@@ -162,7 +149,7 @@ impl AtomicFile {
                     }
                     // Only a name takes a name's place at once.
                     let file = &self.file;
-                    beside(&self.path, |builder, folder| builder.make_in(folder, |path| link(file, path)))?
+                    beside(&self.path, |builder, folder| builder.make_in(folder, |path| system::link(file, path)))?
                         .into_temp_path()
                 }
                 // The system makes files without names, and then gives them none.
@@ -204,9 +191,11 @@ impl WholeFolder {
         }
         reap(path);
         let made = until_held(|| {
-            let permissions = Permissions::from_mode(0o777);
-            let folder = beside(path, |builder, folder| builder.permissions(permissions).tempdir_in(folder))?;
-            let handle = File::open(folder.path())?;
+            let folder = beside(path, |builder, folder| {
+                system::with_usual_permissions(builder, true);
+                builder.tempdir_in(folder)
+            })?;
+            let handle = system::open_folder(folder.path())?;
             Ok((folder, handle))
         });
         let (folder, handle) = made.map_err(Error::io(path, "create a folder beside"))?;
@@ -223,7 +212,7 @@ impl WholeFolder {
     /// # Errors
     /// [`Error::OutputExists`] if something of that name has come up meanwhile; [`Error::Io`].
     pub fn finish(self) -> Result<()> {
-        let synced = synced(rustix::fs::syncfs(&self.handle).map_err(io::Error::from));
+        let synced = synced(system::sync_all_of(&self.handle, self.place()));
         synced.map_err(Error::io(&self.path, "write"))?;
         let replaced = self.name().map_err(|error| match error.kind() {
             io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => Error::OutputExists(self.path.clone()),
@@ -243,10 +232,10 @@ impl WholeFolder {
     fn name(&self) -> io::Result<bool> {
         let (here, there) = (self.place(), &*self.path);
         let replaces = self.overwrite == Overwrite::Replace && there.symlink_metadata().is_ok();
-        let flags = if replaces { RenameFlags::EXCHANGE } else { RenameFlags::NOREPLACE };
-        match renameat_with(CWD, here, CWD, there, flags) {
+        let named = if replaces { system::exchange(here, there) } else { system::rename_new(here, there) };
+        match named {
             Ok(()) => Ok(replaces),
-            Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) if replaces => {
+            Err(error) if error.kind() == io::ErrorKind::Unsupported && replaces => {
                 // In two steps; if the second fails, the first is taken back.
                 let aside = here.with_extension("old");
                 std::fs::rename(there, &aside)?;
@@ -255,8 +244,8 @@ impl WholeFolder {
                 Ok(true)
             }
             // Onto a folder that is there, this works only if that is empty.
-            Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) => std::fs::rename(here, there).map(|()| false),
-            Err(error) => Err(error.into()),
+            Err(error) if error.kind() == io::ErrorKind::Unsupported => std::fs::rename(here, there).map(|()| false),
+            Err(error) => Err(error),
         }
     }
 }
@@ -281,28 +270,19 @@ fn beside<R>(path: &Path, make: impl FnOnce(&mut Builder, &Path) -> R) -> R {
 
 /// A file without a name that can be given one.
 fn nameless(folder: &Path) -> Option<File> {
-    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
-    // Less the process's umask, as for any file that is created.
-    let file = File::from(rustix::fs::open(folder, flags, Mode::from_raw_mode(0o666)).ok()?);
+    let file = system::nameless(folder)?;
     // For the moment in which it may have a hidden name.
-    let _ = flock(&file, FlockOperation::NonBlockingLockExclusive);
-    by_number(&file).symlink_metadata().is_ok().then_some(file)
-}
-
-/// An open file's place among those of the process.
-fn by_number(file: &File) -> PathBuf {
-    PathBuf::from(format!("/proc/self/fd/{}", file.as_raw_fd()))
-}
-
-fn link(file: &File, path: &Path) -> io::Result<()> {
-    Ok(linkat(CWD, by_number(file), CWD, path, AtFlags::SYMLINK_FOLLOW)?)
+    system::lock(&file);
+    Some(file)
 }
 
 /// A file under a hidden name.
 fn hidden(path: &Path) -> io::Result<(File, TempPath)> {
     let (name, file) = until_held(|| {
-        let permissions = Permissions::from_mode(0o666);
-        let made = beside(path, |builder, folder| builder.permissions(permissions).tempfile_in(folder))?;
+        let made = beside(path, |builder, folder| {
+            system::with_usual_permissions(builder, false);
+            builder.tempfile_in(folder)
+        })?;
         let (file, name) = made.into_parts();
         Ok((name, file))
     })?;
@@ -311,9 +291,7 @@ fn hidden(path: &Path) -> io::Result<(File, TempPath)> {
 
 /// Locks what was just made, unless the system knows no locks. False if someone else took it for a leftover before it was locked.
 fn held(file: &File) -> bool {
-    let locked = flock(file, FlockOperation::NonBlockingLockExclusive) != Err(Errno::WOULDBLOCK);
-    // Where the system does not tell, it is there as far as anyone knows.
-    locked && file.metadata().map_or(true, |there| there.nlink() > 0)
+    system::lock(file) != Lock::Taken && system::has_a_name(file)
 }
 
 /// Makes something until it is held; others that look for leftovers are not so many.
@@ -339,14 +317,12 @@ fn reap(path: &Path) {
             continue;
         }
         let Ok(kind) = entry.file_type() else { continue };
-        let mut options = OpenOptions::new();
-        options.read(true).write(kind.is_file()).custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
         if !kind.is_file() && !kind.is_dir() {
             continue;
         }
-        let Ok(left) = options.open(entry.path()) else { continue };
+        let Ok(left) = system::open_leftover(&entry.path(), kind.is_dir()) else { continue };
         // Who makes it holds its lock.
-        if flock(&left, FlockOperation::NonBlockingLockExclusive).is_ok() {
+        if system::lock(&left) == Lock::Held {
             let _ =
                 if kind.is_dir() { std::fs::remove_dir_all(entry.path()) } else { std::fs::remove_file(entry.path()) };
         }
@@ -369,6 +345,7 @@ fn sync_folder(path: &Path) {
 #[cfg(test)]
 mod tests {
     use std::io::Write;
+    use std::os::unix::fs::PermissionsExt;
 
     use super::*;
 

@@ -2,7 +2,7 @@
 //!
 //! A map lends pages of the file without copying them, at a price: if another program shortens the file meanwhile, touching a page that is gone raises
 //! SIGBUS. [`Mapped::bytes`] therefore asks the file's length before it lends anything, so a file that shrank between two
-//! blocks is an ordinary error; a cut made during the decoding of a block is seen to by [`super::bus`]. A file that is
+//! blocks is an ordinary error; a cut made during the decoding of a block is seen to by [`crate::system::bus`]. A file that is
 //! rewritten in place gives mixed points, as it would with plain reads: [`crate::storage::steady`] tells.
 //!
 //! A file's bytes are its [`Content`]: what lies under its name, or what was unpacked from that, and lies in a stretch of a temporary file.
@@ -10,19 +10,15 @@
 //!
 //! Resident memory: pages count as the process's own while they are mapped in. [`Bytes`] gives its pages back when it
 //! is dropped, so a pass over a file of any size holds about as many bytes as there are blocks in flight.
-#![allow(unsafe_code)]
 
 use std::fs::File;
 use std::ops::{Deref, Range};
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use memmap2::{Advice, Mmap, MmapOptions, UncheckedAdvice};
-
-use super::bus;
 use crate::error::{Error, Result};
 use crate::storage::spool::ScratchFile;
+use crate::system::{self, FileAt, Map, bus};
 
 /// Linux maps pages round a fault in aligned windows of this size (`fault_around_bytes`), so pages are given back in
 /// such windows too; smaller pieces would be mapped in again by the neighbouring block.
@@ -67,20 +63,10 @@ impl Content {
     pub fn open(&self) -> Result<Arc<Mapped>> {
         let mapped = self.unmapped()?;
         let Ok(len) = usize::try_from(mapped.len) else { return Ok(Arc::new(mapped)) };
-        let mut options = MmapOptions::new();
-        options.offset(mapped.start).len(len);
-        // SAFETY: the map is read-only and private to this module, which lends its bytes only as `Bytes` and after
-        // checking the file's present length. Soundness still rests on other processes not shortening or rewriting
-        // the file while a block is decoded; the module's introduction says what happens if they do. No bytes from
-        // the map are trusted: every decoder takes them for arbitrary data. Of a temporary file, no byte that is mapped is written again.
-        let map = unsafe { options.map(&mapped.file) }.ok();
+        let map = system::map(&mapped.file, mapped.start, len);
         // What is unpacked lies in a file of this process's own, which nobody cuts; but its disk may fail.
         let watched = map.as_ref().and_then(|map| bus::watch(&self.name, map));
         let map = map.filter(|_| watched.is_some());
-        if let Some(map) = &map {
-            // Only a hint for read-ahead: failure costs speed, not correctness.
-            drop(map.advise(Advice::Sequential));
-        }
         Ok(Arc::new(Mapped { _watched: watched, map, ..mapped }))
     }
 
@@ -123,7 +109,7 @@ pub struct Mapped {
     /// Goes before the map.
     _watched: Option<bus::Watched>,
     /// `None` where the file cannot be mapped: a pipe, an empty file, a file system without maps.
-    map: Option<Mmap>,
+    map: Option<Map>,
 }
 
 impl Mapped {
@@ -213,10 +199,7 @@ impl Drop for Bytes {
         let start = range.start / FAULT_WINDOW * FAULT_WINDOW;
         let end = if range.end as u64 == file.len { range.end } else { range.end / FAULT_WINDOW * FAULT_WINDOW };
         if start < end {
-            // SAFETY: the map is shared, read-only and backed by the file: a page given back is read from the file
-            // again when it is next touched, by whichever block still needs it, with the same content. Failure is
-            // harmless.
-            drop(unsafe { map.unchecked_advise_range(UncheckedAdvice::DontNeed, start, end - start) });
+            system::give_back(map, start, end - start);
         }
     }
 }

@@ -1,7 +1,6 @@
 //! What lies outside memory: temporary storage, files as memory, files that appear when they are whole.
 
 pub mod atomic_file;
-pub(crate) mod bus;
 pub(crate) mod mapped;
 pub(crate) mod partitions;
 pub(crate) mod queue;

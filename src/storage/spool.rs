@@ -6,8 +6,6 @@
 //! to the process that wrote it: native byte order, no version. Results never depend on where the bytes lay.
 
 use std::fs::File;
-use std::num::NonZeroU64;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -16,6 +14,7 @@ use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 use crate::resources::workers::Workers;
+use crate::system::{self, FileAt};
 
 /// The folder for temporary files and the account of what lies in it.
 ///
@@ -77,8 +76,7 @@ impl Workspace {
     /// # Errors
     /// [`Error::Io`].
     pub fn available(&self) -> Result<u64> {
-        let stat = rustix::fs::statvfs(self.dir()).map_err(|e| self.failed("read the free space")(e.into()))?;
-        Ok(stat.f_bavail * stat.f_frsize)
+        Ok(system::space(self.dir()).map_err(self.failed("read the free space"))?.available)
     }
 
     /// The size of the folder's file system.
@@ -86,8 +84,7 @@ impl Workspace {
     /// # Errors
     /// [`Error::Io`].
     pub fn capacity(&self) -> Result<u64> {
-        let stat = rustix::fs::statvfs(self.dir()).map_err(|e| self.failed("read the size")(e.into()))?;
-        Ok(stat.f_blocks * stat.f_frsize)
+        Ok(system::space(self.dir()).map_err(self.failed("read the size"))?.capacity)
     }
 
     /// A new store that keeps up to `in_memory` bytes in memory and goes to disk beyond.
@@ -268,9 +265,7 @@ impl PageFile {
 
     /// Says that slot `number` is going to be read: the system begins to fetch it.
     pub fn announce(&self, number: u32) {
-        let (at, bytes) = (u64::from(number) * self.slot as u64, NonZeroU64::new(self.slot as u64));
-        // Whether the system does so or not, the slot can be read.
-        let _ = rustix::fs::fadvise(&self.file, at, bytes, rustix::fs::Advice::WillNeed);
+        system::will_need(&self.file, u64::from(number) * self.slot as u64, self.slot as u64);
     }
 
     /// Fills `out` from byte `from` of slot `number` on.

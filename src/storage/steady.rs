@@ -1,23 +1,20 @@
 //! Whether inputs stay as they are while they are read: points or triangles of two states of a file would make a mesh of neither.
 
 use std::fs::Metadata;
-use std::io;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-
-use rustix::io::Errno;
+use std::time::SystemTime;
 
 use crate::error::{Error, Result};
-use crate::storage::bus;
+use crate::system::{self, bus};
 
 /// What tells one state of a file from another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stamp {
     length: u64,
-    /// Seconds and nanoseconds of the last change of its content.
-    changed: (i64, i64),
-    /// Device and number.
-    file: (u64, u64),
+    /// The last change of its content.
+    changed: Option<SystemTime>,
+    /// What tells it from other files.
+    file: Option<(u64, u64)>,
 }
 
 impl Stamp {
@@ -25,8 +22,8 @@ impl Stamp {
     pub fn of(path: &Path) -> Option<Stamp> {
         path.metadata().ok().filter(Metadata::is_file).map(|there| Stamp {
             length: there.len(),
-            changed: (there.mtime(), there.mtime_nsec()),
-            file: (there.dev(), there.ino()),
+            changed: there.modified().ok(),
+            file: system::file_number(path, &there),
         })
     }
 }
@@ -44,7 +41,7 @@ pub fn settle<'a, R>(files: impl Iterator<Item = (&'a Path, Stamp)>, outcome: Re
         let found = match Stamp::of(path) {
             Some(now) if now == before => {
                 if bus::lost(path) {
-                    return Err(Error::io(path, "read")(io::Error::from(Errno::IO)));
+                    return Err(Error::io(path, "read")(system::unreadable()));
                 }
                 continue;
             }
@@ -83,7 +80,6 @@ impl Steady {
 #[cfg(test)]
 mod tests {
     use std::fs::{self, File};
-    use std::time::SystemTime;
 
     use super::*;
 

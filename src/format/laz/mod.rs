@@ -13,11 +13,10 @@
 //!
 //! The decompressor (the crate `laz`) takes layers into memory as long as they claim to be, and fails badly at streams that begin with 32 set bits, which no
 //! encoder writes. So both are looked at beforehand. What cannot be seen from outside: its GPS times of layered chunks call themselves for every change of
-//! sequence, so that a file that was made for it can use up the stack (`overflow.rs`). For those of pointwise chunks see `gps.rs`.
+//! sequence, so that a file that was made for it can use up the stack (`system/stack.rs`). For those of pointwise chunks see `gps.rs`.
 
 pub(crate) mod gps;
 mod guard;
-mod overflow;
 pub mod pieces;
 mod table;
 
@@ -39,6 +38,7 @@ use crate::format::las::fields::{Field, length};
 use crate::format::las::header::Header;
 use crate::points::attribute::Schema;
 use crate::storage::mapped::Mapped;
+use crate::system::stack;
 
 /// The most extra bytes of a record: the decompressor has models of 10 KiB for each.
 const MAX_EXTRA: usize = 256;
@@ -277,7 +277,7 @@ impl Packed {
     fn guarded<R>(&self, work: impl FnOnce() -> IoResult<R>) -> IoResult<R> {
         match self.layers {
             None => guarded(work),
-            Some(_) => overflow::told(&self.path, || guarded(work)),
+            Some(_) => stack::told(&self.path, || guarded(work)),
         }
     }
 

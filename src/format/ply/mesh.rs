@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read};
-use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 
 use crate::error::{Error, Result};
@@ -14,6 +13,7 @@ use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::Precision;
 use crate::points::attribute::{Attribute, Schema, Wanted, canonical};
 use crate::storage::spool::Workspace;
+use crate::system::FileAt;
 
 /// Bytes read at once.
 const PIECE: usize = 1 << 16;

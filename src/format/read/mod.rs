@@ -11,7 +11,6 @@ pub(crate) mod text;
 pub(crate) mod weld;
 
 use std::fs::File;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use crate::error::{Error, Result};
@@ -22,6 +21,7 @@ use crate::points::attribute::{Attribute, Schema, Wanted};
 use crate::points::crs::Crs;
 use crate::points::scalar::Scalar;
 use crate::storage::spool::Workspace;
+use crate::system::FileAt;
 
 /// Opens a mesh: PLY and GLB by their first bytes, STL and OBJ by their extension.
 ///

@@ -15,21 +15,18 @@ use std::sync::Arc;
 
 use bytesize::ByteSize;
 use flate2::bufread::GzDecoder;
-use rustix::event::{PollFd, PollFlags, Timespec};
 
 use crate::error::{Error, Result};
 use crate::resources::workers::Workers;
 use crate::storage::mapped::{Content, FAULT_WINDOW, Mapped};
 use crate::storage::spool::{ScratchFile, Workspace};
+use crate::system::StandardInput;
 
 /// The argument that stands for standard input.
 pub const STANDARD_INPUT: &str = "-";
 
 /// Bytes that are read, unpacked and written at a time.
 const PIECE: usize = 256 << 10;
-
-/// How long standard input is waited for before somebody is asked whether to go on.
-const PATIENCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 
 /// The windows of Zstandard that are accepted, as powers of two, whatever the budget: less makes no sense, more does not exist.
 const WINDOWS: (u32, u32) = (20, 31);
@@ -134,21 +131,14 @@ impl<'a> Unpacking<'a> {
     /// # Errors
     /// Errors of reading it and of [`Stretch::append`].
     pub fn standard_input(&mut self) -> Result<Content> {
-        let input = std::io::stdin();
-        let failed = |e: rustix::io::Errno| Error::io("standard input", "read")(e.into());
+        let mut input = StandardInput::new();
         let mut piece = vec![0; PIECE];
         let mut stretch = self.begin()?;
         loop {
-            let mut ready = [PollFd::new(&input, PollFlags::IN)];
-            match rustix::event::poll(&mut ready, Some(&PATIENCE)) {
-                Ok(0) | Err(rustix::io::Errno::INTR) => stretch.watch()?,
-                Ok(_) => match rustix::io::read(&input, &mut piece) {
-                    Ok(0) => return Ok(stretch.finish(Path::new("standard input"))),
-                    Ok(bytes) => stretch.append(&piece[..bytes])?,
-                    Err(rustix::io::Errno::INTR | rustix::io::Errno::AGAIN) => {}
-                    Err(e) => return Err(failed(e)),
-                },
-                Err(e) => return Err(failed(e)),
+            match input.read(&mut piece).map_err(Error::io("standard input", "read"))? {
+                None => stretch.watch()?,
+                Some(0) => return Ok(stretch.finish(Path::new("standard input"))),
+                Some(bytes) => stretch.append(&piece[..bytes])?,
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::watched;
 use crate::error::{Error, Result};
 use crate::format::write::{Positions, Target};
 use crate::mesh::check::{CheckReport, check, intersections};
@@ -12,6 +13,7 @@ use crate::points::attribute::{Attribute, Schema};
 use crate::points::crs::Crs;
 use crate::points::scalar::Scalar;
 use crate::resources::workers::Workers;
+use crate::run::progress::Observer;
 use crate::run::report::Report;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
@@ -208,9 +210,23 @@ impl Mesh {
     /// # Errors
     /// [`Error::Io`].
     pub fn check(&self) -> Result<CheckReport> {
+        self.checked(&self.workers)
+    }
+
+    /// As [`Mesh::check`], unless an observer says that it is to end; how far it is, it is not told.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`]; [`Error::Io`].
+    pub fn check_observed(&self, observer: &dyn Observer) -> Result<CheckReport> {
+        // New ones, as those that were stopped once stay so.
+        let workers = Workers::new(self.workers.threads())?;
+        watched(Some(observer), &workers, || self.checked(&workers))
+    }
+
+    fn checked(&self, workers: &Workers) -> Result<CheckReport> {
         let memory = self.report.memory.plan.working;
-        let mut report = check(&self.spool, memory, &self.workers, &self.workspace, &mut |_| ())?;
-        report.intersections = Some(intersections(&self.spool, memory, &self.workers, &self.workspace, &mut |_| ())?);
+        let mut report = check(&self.spool, memory, workers, &self.workspace, &mut |_| ())?;
+        report.intersections = Some(intersections(&self.spool, memory, workers, &self.workspace, &mut |_| ())?);
         Ok(report)
     }
 

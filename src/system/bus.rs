@@ -41,8 +41,9 @@ static BEFORE: OnceLock<(usize, libc::sigaction)> = OnceLock::new();
 #[derive(Debug)]
 pub struct Watched(usize);
 
-/// Watches a map of `path`; `None` if there are too many.
+/// Watches a map of `path`, a page of which that is lost does not end the process any more; `None` if there are too many.
 pub fn watch(path: &Path, map: &[u8]) -> Option<Watched> {
+    survive();
     let slot = MAPS.iter().position(|slot| !slot.taken.swap(true, Ordering::AcqRel))?;
     {
         let paths = &mut PATHS.lock().unwrap_or_else(PoisonError::into_inner).0;
@@ -80,7 +81,7 @@ pub fn lost(path: &Path) -> bool {
 }
 
 /// From now on, a page of a watched map that is lost does not end the process. Where the system refuses that, it does.
-pub fn survive() {
+fn survive() {
     BEFORE.get_or_init(|| {
         // SAFETY: the structures are plain numbers, for which zero is a value, and as large as the system takes them to be; the handler is a function of the kind
         // that the flags promise, does nothing but what is allowed in one, and lives as long as the process.
@@ -131,12 +132,11 @@ mod tests {
     use std::fs::File;
     use std::sync::Arc;
 
-    use super::super::mapped::Content;
     use super::*;
+    use crate::storage::mapped::Content;
 
     #[test]
     fn a_file_cut_under_a_block_is_survived_and_remembered() {
-        survive();
         let dir = tempfile::tempdir().unwrap();
         let [path, other] = ["cut", "whole"].map(|name| dir.path().join(name));
         for path in [&path, &other] {

@@ -79,7 +79,7 @@ mod tests {
 
     /// Set where this test is its own child.
     const CHILD: &str = "ASRA_STREAM_TEST_OVERFLOW";
-    const NAME: &str = "format::laz::overflow::tests::a_stack_that_is_used_up_is_an_error_in_the_data";
+    const NAME: &str = "system::stack::tests::a_stack_that_is_used_up_is_an_error_in_the_data";
 
     fn deep(n: u64) -> u64 {
         let here = black_box([n; 64]);
