@@ -47,7 +47,7 @@ impl Field {
 }
 
 /// The items of a record, in order; `x`, `y` and `z` are there exactly once each, and the record is at most
-/// [`MAX_STRIDE`] bytes long.
+/// 4096 bytes long.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     fields: Vec<Field>,

@@ -89,7 +89,7 @@ impl Grid {
     /// The grid for `n` points in `bounds`.
     ///
     /// # Errors
-    /// [`Error::Raster`] if an axis would get more than [`CELLS_LIMIT`] cells, [`Error::Usage`] for a resolution that
+    /// [`Error::Raster`] if an axis would get more than [`CELLS_LIMIT`] cells, [`Error::InvalidSetting`] for a resolution that
     /// is not positive and finite or a box whose extent `f64` cannot express.
     pub fn new(n: u64, bounds: &Bounds, resolution: Resolution, choice: AxisChoice) -> Result<Grid> {
         let axis = match choice {

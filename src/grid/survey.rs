@@ -107,7 +107,7 @@ const MOST_BEHIND: u64 = 3;
 /// Two passes over the points; memory for a few numbers for each scan.
 ///
 /// # Errors
-/// [`Error::Usage`] if no file tells where its scans were taken from, or if a scan saw its points from elsewhere; those of reading the input; [`Error::Interrupted`].
+/// [`Error::InvalidSetting`] if no file tells where its scans were taken from, or if a scan saw its points from elsewhere; those of reading the input; [`Error::Interrupted`].
 pub fn seen_from(cloud: &Cloud, workers: &Workers, in_flight: usize) -> Result<[f64; 3]> {
     if cloud.stations().all(|stations| stations.is_empty()) {
         return Err(Error::setting("facing", 

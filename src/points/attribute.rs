@@ -18,7 +18,7 @@ use crate::points::scalar::{Column, Endian, Reader, Scalar, reader};
 /// One attribute.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Attribute {
-    /// Its name, as [`canonical`] has it.
+    /// Its name, the same whatever a file calls it: `intensity`, `red`, `classification`.
     pub name: String,
     /// Its type.
     pub scalar: Scalar,
@@ -107,7 +107,7 @@ impl Wanted {
     /// The wanted ones of the attributes that files have, each once, in a type that holds every file's values.
     ///
     /// # Errors
-    /// [`Error::Usage`] if one that is named is in no file, or if they take more than [`MOST_BYTES`].
+    /// [`Error::InvalidSetting`] if one that is named is in no file, or if they take more than [`MOST_BYTES`].
     pub fn of<'a>(&self, files: impl IntoIterator<Item = &'a [Attribute]>) -> Result<Schema> {
         let mut all: Vec<Attribute> = Vec::new();
         for attribute in files.into_iter().flatten() {

@@ -211,7 +211,7 @@ impl Crs {
     /// What `--crs` is told: `none`; an EPSG code; WKT, or a file that holds it.
     ///
     /// # Errors
-    /// [`Error::Usage`] if it is none of these.
+    /// [`Error::InvalidSetting`] if it is none of these.
     pub fn given(text: &str) -> Result<Option<Crs>> {
         if text.eq_ignore_ascii_case("none") {
             return Ok(None);

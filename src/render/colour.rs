@@ -173,7 +173,7 @@ impl Tint {
     /// Looks at the vertices as far as need be: up to twice. 100 KiB for each worker.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the mesh lacks what is asked for; those of reading it; [`Error::Interrupted`].
+    /// [`Error::InvalidSetting`] if the mesh lacks what is asked for; those of reading it; [`Error::Interrupted`].
     pub fn of(mesh: &dyn MeshSource, by: &ColourBy, up: Up, workers: &Workers) -> Result<Tint> {
         let number = |name: &str| {
             let there = mesh.schema().attributes();

@@ -99,7 +99,7 @@ pub struct Cell {
 /// The cells of views of which `extents` tells width and height in whatever unit, row by row.
 ///
 /// # Errors
-/// [`Error::Usage`] if the picture is too small for them.
+/// [`Error::InvalidSetting`] if the picture is too small for them.
 pub fn cells(size: Size, extents: &[(f64, f64)]) -> Result<Vec<Cell>> {
     let (width, height, views) = (size.width as usize, size.height as usize, extents.len());
     let gap = if views > 1 { (width.min(height) / 300).max(1) } else { 0 };

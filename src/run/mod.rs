@@ -130,7 +130,7 @@ impl Job {
     /// The job with all lengths in the unit of a cloud's coordinates.
     ///
     /// # Errors
-    /// [`Error::Usage`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
+    /// [`Error::InvalidSetting`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
     pub(crate) fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
         let Units { cell_size, seal, max_hole, base, tile } = self.units;
         let length = |setting: &'static str, length: f64, unit: Option<Unit>| {
@@ -187,7 +187,7 @@ impl Resources {
     /// The worker threads.
     ///
     /// # Errors
-    /// [`Error::Usage`] for more threads than any machine could use; as [`Workers::new`].
+    /// [`Error::InvalidSetting`] for more threads than any machine could use; as [`Workers::new`].
     pub fn workers(&self) -> Result<Workers> {
         let most = MOST_THREADS.max(4 * machine::processors());
         if let Some(threads) = self.threads.filter(|threads| *threads > most) {
@@ -475,7 +475,7 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
 /// Surveys a cloud, once it is told how its files were understood; with the settings as its points settle them.
 ///
 /// # Errors
-/// Errors of reading the input and of laying the grid; [`Error::Usage`] if its reference system contradicts its coordinates.
+/// Errors of reading the input and of laying the grid; [`Error::InvalidSetting`] if its reference system contradicts its coordinates.
 pub(crate) fn surveyed(
     cloud: &Cloud,
     settings: &Settings,

@@ -159,7 +159,7 @@ pub struct Closing {
     pub radius: Option<u32>,
     /// Whether the mesh encloses the inside: samples part inside and outside everywhere, and little of the surface bridges holes.
     pub sealed: bool,
-    /// Whether samples part inside and outside everywhere ([`crate::solid::close::Parted::is_sealed`]).
+    /// Whether samples part inside and outside everywhere: there are no patches, and `part_nothing` is below 2 %.
     pub parted: bool,
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
     pub bridged: Option<f64>,

@@ -30,7 +30,7 @@ pub enum Facing {
     Direction([f64; 3]),
     /// From a place: what is looked at is taken to lie in the direction of the middle of the points' box.
     Position([f64; 3]),
-    /// From where its files say that scans were taken: the direction is that of [`crate::grid::survey::seen_from`].
+    /// From where its files say that scans were taken, on average over the points.
     Poses,
 }
 

@@ -181,7 +181,7 @@ const AFTER_THE_FALL: [u64; 2] = [5, 3];
 /// slices of the passes that are done, and of all.
 ///
 /// # Errors
-/// [`Error::Usage`] for a radius of more than half the longest side, and if no component is as large as asked for; [`Error::Io`];
+/// [`Error::InvalidSetting`] for a radius of more than half the longest side, and if no component is as large as asked for; [`Error::Io`];
 /// [`Error::Interrupted`].
 pub fn close(
     occupancy: Occupancy,

@@ -59,7 +59,7 @@ impl Positions {
     /// formats of 32 bits, and in OBJ, which most programs read in 32 bits.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the format cannot hold what is chosen, or is unknown.
+    /// [`Error::InvalidSetting`] if the format cannot hold what is chosen; [`Error::Usage`] if it is unknown.
     pub fn of(path: &Path, chosen: Option<Positions>) -> Result<Positions> {
         let format = Format::from_path(path)?;
         match (chosen, format) {

@@ -52,7 +52,7 @@ type Stretch = (u64, u32);
 /// Refuses tiles that are too many by far.
 ///
 /// # Errors
-/// [`Error::Usage`], with the side that would do.
+/// [`Error::InvalidSetting`], with the side that would do.
 pub fn check_number(side: f64, tiles: u64) -> Result<()> {
     if tiles <= MOST_TILES {
         return Ok(());
@@ -85,7 +85,7 @@ impl Tiles {
     /// Creates a temporary folder beside the tiles' own, for squares of side `side`, in the input's units.
     ///
     /// # Errors
-    /// [`Error::Usage`] for formats that cannot be tiles; [`Error::OutputExists`]; [`Error::Io`].
+    /// [`Error::InvalidSetting`] for formats that cannot be tiles; [`Error::OutputExists`]; [`Error::Io`].
     pub fn prepare(output: &Path, side: f64, overwrite: Overwrite, positions: Positions) -> Result<Tiles> {
         let format = Format::from_path(output)?;
         if !matches!(format, Format::Ply | Format::Glb) {
@@ -106,7 +106,7 @@ impl Tiles {
     /// sorted, and written: in the end twice as many as there are.
     ///
     /// # Errors
-    /// [`Error::Usage`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::fill`] and [`super::Filled::finish`].
+    /// [`Error::InvalidSetting`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::fill`] and [`super::Filled::finish`].
     pub fn write(
         self,
         mesh: &MeshSpool,

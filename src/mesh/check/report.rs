@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::mesh::intersections::Intersections;
 
-/// The findings of [`super::check`].
+/// What a strict check of a mesh found.
 ///
 /// Topology is that of vertex numbers alone: equal positions do not make vertices one. Triangles that repeat a vertex number
 /// (*degenerate*) are counted and otherwise left out.

@@ -13,7 +13,7 @@ impl Facing {
     /// How the grid is turned, for points in `bounds`; none if it is not.
     ///
     /// # Errors
-    /// [`Error::Usage`] if that is no direction.
+    /// [`Error::InvalidSetting`] if that is no direction.
     pub fn turn(self, bounds: &Bounds) -> Result<Option<Rotation>> {
         if matches!(self, Facing::Along { .. }) {
             return Ok(None);
@@ -38,7 +38,7 @@ impl Open {
     /// The grid for `points` points in `bounds`, a box of the grid's own coordinates, with room round them.
     ///
     /// # Errors
-    /// Those of [`Grid::new`]; [`Error::Usage`] if slices would lie across what is seen, or if points lie below the base.
+    /// Those of [`Grid::new`]; [`Error::InvalidSetting`] if slices would lie across what is seen, or if points lie below the base.
     pub fn grid(
         &self,
         points: u64,
