@@ -400,6 +400,7 @@ fn reconstruct_as<T: Coordinate>(
         None => close::close(occupancy, grid.cell_size(), asked, context, done)?,
         Some(open) => close::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?,
     };
+    let closed = reopened(closed, &buckets, grid, context)?;
     let Closed { solid, occupancy, .. } = &closed;
 
     let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {
@@ -493,6 +494,18 @@ fn reconstruct_as<T: Coordinate>(
         counts,
         memory,
     })
+}
+
+/// What was closed by the sign of a field, with what that filled opened again where the points say so.
+fn reopened<T: Coordinate>(closed: Closed, buckets: &Buckets<T>, grid: &Grid, context: &Context) -> Result<Closed> {
+    if !matches!(closed.how, How::Sign(_)) {
+        return Ok(closed);
+    }
+    let Closed { solid, occupancy, .. } = closed;
+    let coarser = occupancy.coarser(context)?.occupied;
+    let side = close::side_in_samples(occupancy.occupied as f64 / coarser.max(1) as f64);
+    let solid = solid.reopened(&occupancy, buckets, grid, side, context)?;
+    Ok(Closed { solid, occupancy, ..closed })
 }
 
 /// The farthest that points in single precision may lie: corners of cells lie a few extents beyond them, and must be numbers, too.

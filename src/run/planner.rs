@@ -15,7 +15,7 @@ use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 use crate::grid::context::job_bytes;
-use crate::grid::partition::{buckets_round, halo};
+use crate::grid::partition::{buckets_round, halo, slab_slices};
 use crate::input::BLOCK_RECORDS;
 use crate::mesh::check::job::Need;
 use crate::resources::memory::{Keepable, Kept, MemoryPlan, SlabJobs};
@@ -24,6 +24,7 @@ use crate::run::workload::{PointWorkload, Workload};
 use crate::settings::surface::Fit;
 use crate::sign;
 use crate::solid::heightfield;
+use crate::solid::reopen;
 use crate::stitch::slab::Size;
 use crate::surface::thickness;
 
@@ -167,6 +168,8 @@ impl MemoryPlan {
         let standing = workload.standing_slice_bytes().min(self.slices_quota());
         let mesh = self.mesh_quota.min(workload.mesh_bytes());
         let slices = self.chunks_in_flight as u64 * Self::chunk_job(workload);
+        let reopening = reopening(workload);
+        let slices = slices.max(self.jobs_of(reopening) as u64 * reopening);
         let measuring = measuring(workload);
         let measuring = measuring * self.jobs_of(measuring).min(self.threads) as u64;
         let jobs = self.slab_jobs(workload, means)?;
@@ -188,6 +191,7 @@ impl MemoryPlan {
 
         let bucketed = workload.bucket_bytes() - buckets;
         let sealing = if self.store_quota > 0 { 0 } else { workload.slice_bytes() };
+        let sealing = sealing + reopening_records(workload).saturating_sub(self.store_quota);
         let standing = if self.store_quota > 0 { 0 } else { workload.standing_slice_bytes() };
         let surface = standing + workload.mesh_bytes() - mesh;
         Ok((memory, bucketed + sealing.max(surface)))
@@ -205,6 +209,7 @@ impl MemoryPlan {
                 .max(slices)
                 .max(deciding(workload))
                 .max(measuring(workload))
+                .max(reopening(workload))
                 .max(slab)
                 .max(checking(workload, threads).jobs)
     }
@@ -271,6 +276,20 @@ fn jobs_of_all(threads: usize) -> u64 {
 /// Bytes of the one job at least that measures how noisy points are.
 fn measuring(workload: &Workload) -> u64 {
     if workload.fit == Fit::Auto { thickness::bytes(workload.cells) } else { 0 }
+}
+
+/// Bytes of a job that opens again what the closing filled; a surface that is not closed has none.
+fn reopening(workload: &Workload) -> u64 {
+    if workload.columns.is_some() {
+        return 0;
+    }
+    let slices = u64::from(slab_slices(workload.smooth));
+    reopen::bytes_to_expect(workload.faces_of_widest() / slices + 1, workload.cells)
+}
+
+/// Bytes that are handed from pass to pass meanwhile.
+fn reopening_records(workload: &Workload) -> u64 {
+    if workload.columns.is_some() { 0 } else { reopen::records_to_expect(workload.faces().min(workload.points)) }
 }
 
 /// Bytes of the level that inside and outside are told apart on; a surface that is not closed needs none.

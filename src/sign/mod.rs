@@ -35,7 +35,7 @@ mod sheet;
 mod support;
 mod system;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use crate::error::Result;
 use crate::grid::Cell;

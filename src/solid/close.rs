@@ -278,7 +278,7 @@ const BALL: f64 = 1.5;
 
 /// The side of a cell in sampling distances, from how many occupied cells there are for each one twice as large. Of samples at random on a surface that is
 /// q = exp(-r²/1.5) of its cells empty by chance, 4 / ((1 + q) (1 + q²)).
-fn side_in_samples(filling: f64) -> f64 {
+pub(crate) fn side_in_samples(filling: f64) -> f64 {
     const TABLE: [(f64, f64); 11] = [
         (1.0, 0.1),
         (1.09, 0.3),

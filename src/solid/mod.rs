@@ -11,6 +11,7 @@ pub mod dents;
 pub mod exterior;
 pub mod heightfield;
 pub mod isolated;
+pub mod reopen;
 pub mod seal;
 pub mod side_votes;
 pub mod unresolved;

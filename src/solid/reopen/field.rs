@@ -1,0 +1,139 @@
+//! The winding number at free cells of the solid: near walls by their own sum, far ones by the labels.
+//!
+//! With c(r) = erfc(u / √2) + √(2/π) u exp(−u²/2), u = r/σ, the sum of n·(m − x) A c(r) / (4π r³) over all walls is 1 − G∗1 inside and −G∗1 outside: the winding number less
+//! what a Gaussian of standard deviation σ makes of the body. So with the labels in place of the body, near sum + G∗labels is the winding number, of which only walls
+//! within 3 σ have to be looked at; labels that are wrong at first are put right step by step.
+//!
+//! Source: P. P. Ewald, *Die Berechnung optischer und elektrostatischer Gitterpotentiale*, Annalen der Physik 369 (1921), for sums split by a Gaussian; P. Merriman, J. K. Bence
+//! and S. Osher, *Diffusion generated motion by mean curvature* (1992), for labels blurred and cut at a half.
+
+use std::f64::consts::{PI, SQRT_2};
+
+use super::layers::{Held, Stretch};
+use super::tile::Tile;
+use super::wall::Dipole;
+
+/// How far, in σ, walls and labels count.
+pub const RANGE: f64 = 3.0;
+
+/// Added to squared distances: a wall is no point.
+const SOFT: f64 = 0.16;
+
+/// Entries of the table for each squared cell.
+const FINENESS: f32 = 64.0;
+
+/// A cell is inside if the winding number there is more, and surely outside if it is less than the second.
+pub const INSIDE: f32 = 0.5;
+pub const SURE: f32 = 0.3;
+
+/// The Gaussian, and what a wall weighs by its distance.
+#[derive(Debug)]
+pub struct Kernel {
+    /// How far it reaches, in cells.
+    pub reach: i64,
+    /// By squared distance: what a wall of area 1 adds for each cell along its normal.
+    table: Vec<f32>,
+    /// The Gaussian's weights, from `-reach` to `reach`.
+    weights: Vec<f32>,
+}
+
+impl Kernel {
+    /// For a Gaussian of standard deviation `sigma`, in cells.
+    pub fn new(sigma: f64) -> Kernel {
+        let reach = (RANGE * sigma).ceil() as i64;
+        let table = (0..=(reach * reach) as usize * FINENESS as usize).map(|entry| {
+            let squared = entry as f64 / f64::from(FINENESS);
+            let u = squared.sqrt() / sigma;
+            let cut = libm::erfc(u / SQRT_2) + (2.0 / PI).sqrt() * u * libm::exp(-u * u / 2.0);
+            let soft = squared + SOFT;
+            (cut / (4.0 * PI * soft * soft.sqrt())) as f32
+        });
+        let weight = |d: i64| libm::exp(-(d * d) as f64 / (2.0 * sigma * sigma));
+        let sum: f64 = (-reach..=reach).map(weight).sum();
+        let weights = (-reach..=reach).map(|d| (weight(d) / sum) as f32).collect();
+        Kernel { reach, table: table.collect(), weights }
+    }
+
+    /// What the walls within reach add up to in the middle of a cell, by slice, row and x.
+    pub fn near(&self, [x, y, z]: [i64; 3], dipoles: &Held<Dipole>) -> f32 {
+        let mut sum = 0.0;
+        for slice in y - self.reach..=y + self.reach {
+            let (cells, values) = dipoles.slice(slice);
+            for row in z - self.reach..=z + self.reach {
+                for number in cells.range(row, x - self.reach..x + self.reach + 1) {
+                    let Dipole { mean, area, .. } = &values[number];
+                    let d = [
+                        (i64::from(cells.x(number)) - x) as f32 + (mean[0] - 0.5),
+                        (slice - y) as f32 + (mean[1] - 0.5),
+                        (row - z) as f32 + (mean[2] - 0.5),
+                    ];
+                    let at = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) * FINENESS;
+                    let entry = at as usize;
+                    if entry + 1 < self.table.len() {
+                        let (low, high) = (self.table[entry], self.table[entry + 1]);
+                        let weight = low + (at - entry as f32) * (high - low);
+                        sum += weight * (area[0] * d[0] + area[1] * d[1] + area[2] * d[2]);
+                    }
+                }
+            }
+        }
+        sum
+    }
+
+    /// The shares of the cells of a tile and its margin that are inside: the solid's free cells but for `opened` ones, and what walls say of theirs.
+    pub fn shares(&self, tile: &Tile, solid: &Stretch, opened: &Stretch, dipoles: &Held<Dipole>) -> Vec<f32> {
+        let mut shares = vec![0.0; tile.len()];
+        tile.paint(solid, 1.0, &mut shares);
+        tile.paint(opened, 0.0, &mut shares);
+        let [xs, ys, zs] = [0, 1, 2].map(|a| tile.low[a]..tile.low[a] + tile.size[a] as i64);
+        for y in ys {
+            let (cells, values) = dipoles.slice(y);
+            for z in zs.clone() {
+                for number in cells.range(z, xs.clone()) {
+                    shares[tile.place([i64::from(cells.x(number)), y, z])] = values[number].inside;
+                }
+            }
+        }
+        shares
+    }
+
+    /// Blurs the shares along x and along rows; what is left is a sum along slices, for the cells that are asked for ([`Kernel::along_slices`]). Cells of the margin have
+    /// no meaning along these two.
+    pub fn blur(&self, tile: &Tile, shares: &[f32]) -> Vec<f32> {
+        let [width, slices, rows] = tile.size;
+        let reach = self.reach as usize;
+        let (inner_x, inner_z) = (width - 2 * reach, rows - 2 * reach);
+        let mut along_x = vec![0.0f32; shares.len()];
+        for (from, to) in shares.chunks_exact(width).zip(along_x.chunks_exact_mut(width)) {
+            if from.iter().all(|share| *share == 0.0) {
+                continue;
+            }
+            let to = &mut to[reach..reach + inner_x];
+            for (d, weight) in self.weights.iter().enumerate() {
+                for (to, from) in to.iter_mut().zip(&from[d..d + inner_x]) {
+                    *to += weight * from;
+                }
+            }
+        }
+        let mut blurred = vec![0.0f32; shares.len()];
+        for slice in 0..slices {
+            for z in 0..inner_z {
+                let row = |z: usize| (slice * rows + z) * width + reach;
+                let to = row(z + reach);
+                for (d, weight) in self.weights.iter().enumerate() {
+                    let from = row(z + d);
+                    for x in 0..inner_x {
+                        blurred[to + x] += weight * along_x[from + x];
+                    }
+                }
+            }
+        }
+        blurred
+    }
+
+    /// The Gaussian's mean of the shares round a cell of the tile, of what [`Kernel::blur`] gave.
+    pub fn along_slices(&self, tile: &Tile, blurred: &[f32], [x, y, z]: [i64; 3]) -> f32 {
+        let places = (y - self.reach..=y + self.reach).map(|y| tile.place([x, y, z]));
+        self.weights.iter().zip(places).fold(0.0, |sum, (weight, place)| sum + weight * blurred[place])
+    }
+}

@@ -1,0 +1,929 @@
+//! Reopening: what the closing filled though the points say that it is outside is opened again.
+//!
+//! A ball does not enter a slot that is narrower than itself, so the solid fills it. But the walls on both sides of it have points, whose planes tell
+//! how the surface lies; and where walls are seen from the outside, these tell on which side of them it is:
+//!
+//! ```text
+//!    o o o o o o o o o        o outside, # occupied, + filled
+//!    # # # o o o # # #
+//!        # + + + #            1. every occupied cell gets a plane from the cells round it (plane)
+//!        # + + + #            2. cells that the outside is near to on one side get a sign; others are hidden (wall)
+//!        # + + + #            3. hidden cells get theirs from one another (signs)
+//!        # # # # #            4. the winding number of all that tells what is outside (field)
+//!                             5. which opens from the outside, and makes neither pieces nor tunnels (open)
+//! ```
+//!
+//! All passes go over chunks of slices and hold some slices more on either side; from pass to pass, what is known of each cell lies in spools. Only blocks of cells near
+//! *deep* occupied cells are looked at, which no cell outside the solid touches: where there are none, nothing was filled that has points round it.
+
+mod field;
+mod layers;
+mod open;
+mod plane;
+mod signs;
+mod tile;
+mod vector;
+mod wall;
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use bytemuck::{Pod, Zeroable};
+
+use self::field::{INSIDE, Kernel, RANGE};
+use self::layers::{Cells, Found, Held, Layers, Stretch};
+use self::plane::{Moments, Near};
+use self::signs::Signs;
+use self::tile::{TILE, Tile};
+use self::wall::{Dipole, Wall};
+use crate::error::Result;
+use crate::grid::bucket::Buckets;
+use crate::grid::context::{CHUNK_SLICES, Context, chunks};
+use crate::grid::dilate::Ball;
+use crate::grid::label::{Labeller, Measure, Parts, Scratch, overlaps};
+use crate::grid::occupancy::Occupancy;
+use crate::grid::partition::BUCKET_SLICES;
+use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
+use crate::grid::{Cell, Grid};
+use crate::points::Coordinate;
+use crate::solid::exterior::{Padded, invert};
+use crate::solid::{Solid, faces, move_back};
+
+/// Cells of a block's side.
+const BLOCK: u32 = 8;
+
+/// So many deep occupied cells in a block are evidence that something was filled.
+const EVIDENCE: u32 = 3;
+
+/// Blocks on every side of one with evidence: in these cells may open; and in these the walls are looked at that tell so.
+const OPEN: u32 = 1;
+const LOOKED_AT: u32 = 2;
+
+/// Free cells may open within so many cells of an occupied one.
+const BAND: i64 = 4;
+
+/// The Gaussian's standard deviation: in sampling distances, and in cells from and to.
+const SIGMA: f64 = 3.0;
+const SIGMA_CELLS: (f64, f64) = (2.0, 3.0);
+
+/// How often labels are put right, and rounds of growth.
+const LABELLINGS: u32 = 4;
+const ROUNDS: u32 = 6;
+
+/// Parts of the solid that are cut off and have fewer cells are opened, too.
+const BITS: u64 = 30;
+
+/// In-cell offsets are summed as integers, in this part of a cell.
+const QUANTA: f64 = (1 << 16) as f64;
+
+/// Slices that a job holds, at most: its own, and those that the Gaussian reaches.
+const HELD: u32 = CHUNK_SLICES + 2 * (RANGE * SIGMA_CELLS.1) as u32;
+
+/// Bytes that a job holds for each active cell: its points or its plane, and its place; the same of what it gives.
+const FOR_CELL: u64 = (size_of::<Moments>() + size_of::<Wall>() + 2 * size_of::<u32>()) as u64;
+
+/// Bytes of a job over a chunk of slices, with so many active cells and faces of the solid in each slice: what is known of the cells, runs of the solid and of what is
+/// opened, two faces a run; their rows; and a tile, three times.
+fn job_bytes(in_slice: &[u32], faces: &[u32], cells: Cell) -> u64 {
+    let slices: Vec<u64> =
+        in_slice.iter().zip(faces).map(|(cells, faces)| FOR_CELL * u64::from(*cells) + 8 * u64::from(*faces)).collect();
+    let held = slices.windows((HELD as usize).min(slices.len())).map(|slices| slices.iter().sum::<u64>()).max();
+    held.unwrap_or(0) + rows_and_tile(cells)
+}
+
+fn rows_and_tile(cells: Cell) -> u64 {
+    let side = u64::from(TILE + HELD - CHUNK_SLICES);
+    u64::from(HELD) * u64::from(cells[2]) * 4 * size_of::<u32>() as u64
+        + 3 * side * side * u64::from(HELD) * size_of::<f32>() as u64
+}
+
+/// Bytes to expect of a job, with so many faces in a slice, as if each had an occupied cell that is looked at.
+pub fn bytes_to_expect(faces_of_slice: u64, cells: Cell) -> u64 {
+    u64::from(HELD) * faces_of_slice * (FOR_CELL + 8) + rows_and_tile(cells)
+}
+
+/// Bytes to expect that are handed from pass to pass, of so many occupied cells.
+pub fn records_to_expect(cells: u64) -> u64 {
+    cells * (size_of::<Moments>() + 2 * size_of::<Wall>() + size_of::<Dipole>()) as u64
+}
+
+/// What passes over chunks of slices are given.
+pub struct Slabs<'a> {
+    /// Who works, and where temporary data goes.
+    context: &'a Context,
+    /// Cells along x, slices, rows.
+    cells: Cell,
+    /// The occupied cells that are looked at.
+    active: SliceStore,
+    /// Blocks in which cells may open, a layer of blocks a slice.
+    allowed: SliceStore,
+    /// Jobs in flight.
+    jobs: usize,
+}
+
+impl Slabs<'_> {
+    /// Runs `work` on every chunk, and `sink` on what it gives, in order.
+    fn each<R: Send>(
+        &self,
+        work: impl Fn(Range<u32>) -> Result<R> + Sync,
+        sink: impl FnMut(R) -> Result<()>,
+    ) -> Result<()> {
+        let mut jobs = chunks(self.cells[1]);
+        self.context.workers.in_order(self.jobs, || Ok(jobs.next()), work, sink)
+    }
+
+    /// What is known of the active cells of a chunk and so many slices more on either side.
+    fn held<T: Pod>(&self, values: &Layers<T>, chunk: &Range<u32>, more: i64) -> Result<Held<T>> {
+        Held::read(&self.active, values, i64::from(chunk.start) - more..i64::from(chunk.end) + more)
+    }
+
+    /// The slices of a store round a chunk.
+    fn stretch(store: &SliceStore, chunk: &Range<u32>, more: i64) -> Result<Stretch> {
+        Stretch::read(store, i64::from(chunk.start) - more..i64::from(chunk.end) + more)
+    }
+
+    /// One value for each active cell, from what is known of those near it: `reach` slices on either side.
+    fn map<T: Pod + Sync, U: Pod + Send>(
+        &self,
+        values: &Layers<T>,
+        reach: i64,
+        each: impl Fn([i64; 3], &T, &Held<T>) -> U + Sync,
+    ) -> Result<Layers<U>> {
+        let mut out = Layers::new(self.context);
+        self.each(
+            |chunk| {
+                let held = self.held(values, &chunk, reach)?;
+                Ok(mapped(&held, &chunk, |cell, value| each(cell, value, &held)))
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+
+    /// The tiles of a chunk in which cells may open.
+    fn tiles(&self, chunk: &Range<u32>, margin: i64) -> Result<Vec<Tile>> {
+        let mut at = BTreeSet::new();
+        let mut runs = Runs::default();
+        for layer in chunk.start / BLOCK..chunk.end.div_ceil(BLOCK) {
+            self.allowed.read(layer, &mut runs)?;
+            for z in 0..runs.row_count() {
+                for run in runs.row(z) {
+                    let tiles = run.start * BLOCK / TILE..(run.end * BLOCK).div_ceil(TILE);
+                    at.extend(tiles.map(|x| (z * BLOCK / TILE, x)));
+                }
+            }
+        }
+        let tile = |(z, x): (u32, u32)| {
+            let side = |tile: u32, a: usize| tile * TILE..((tile + 1) * TILE).min(self.cells[a]);
+            Tile::new([side(x, 0), chunk.clone(), side(z, 2)], margin)
+        };
+        Ok(at.into_iter().map(tile).collect())
+    }
+
+    /// Makes a store of what `work` finds in every tile.
+    fn found(
+        &self,
+        margin: i64,
+        work: impl Fn(&Range<u32>, &[Tile], &mut Found<()>) -> Result<()> + Sync,
+    ) -> Result<SliceStore> {
+        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        self.each(
+            |chunk| {
+                let (tiles, mut found) = (self.tiles(&chunk, margin)?, Found::new(chunk.clone()));
+                if !tiles.is_empty() {
+                    work(&chunk, &tiles, &mut found)?;
+                }
+                let mut slices = Slices::default();
+                found.sorted(self.cells).0.iter().for_each(|runs| slices.push_runs(runs));
+                Ok(slices)
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+}
+
+/// One value for each cell of a chunk.
+fn mapped<T: Pod, U>(held: &Held<T>, chunk: &Range<u32>, each: impl Fn([i64; 3], &T) -> U) -> Vec<Vec<U>> {
+    let slice = |y: u32| {
+        let (cells, values) = held.slice(y.into());
+        cells.iter().zip(values).map(|((z, x), value)| each([x, y, z].map(i64::from), value)).collect()
+    };
+    chunk.clone().map(slice).collect()
+}
+
+impl Solid {
+    /// The solid with what the closing filled opened again, where the points say so. `side` is a cell's side in sampling distances.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn reopened<T: Coordinate>(
+        self,
+        occupancy: &Occupancy,
+        buckets: &Buckets<T>,
+        grid: &Grid,
+        side: f64,
+        context: &Context,
+    ) -> Result<Solid> {
+        self.reopened_by(occupancy, side, context, |slabs| slabs.moments(buckets, grid))
+    }
+
+    /// The same, with what `moments` says of the active cells.
+    fn reopened_by(
+        self,
+        occupancy: &Occupancy,
+        side: f64,
+        context: &Context,
+        moments: impl FnOnce(&Slabs) -> Result<Layers<Moments>>,
+    ) -> Result<Solid> {
+        let Some(slabs) = Slabs::find(&self, occupancy, context)? else { return Ok(self) };
+        let moments = moments(&slabs)?;
+        let walls = slabs.planes(&moments)?;
+        drop(moments);
+        let walls = slabs.seen(&self, &walls)?;
+        let signs = Signs::find(&slabs, &walls)?;
+        let mut dipoles: Layers<Dipole> = Layers::new(context);
+        slabs.each(
+            |chunk| {
+                let held = signs.walls(&slabs, &walls, &chunk, wall::BOUNDS)?;
+                Ok(mapped(&held, &chunk, |cell, wall| Dipole::of(wall, cell, &held)))
+            },
+            |slices| dipoles.extend(&slices),
+        )?;
+        let kernel = Kernel::new((SIGMA / side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
+        let candidates = slabs.candidates(&self, &dipoles, &kernel)?;
+        let (outside, sure) = slabs.labelled(&self, &dipoles, &candidates, &kernel)?;
+        drop((candidates, dipoles));
+        let target = slabs.found(open::LOOK, |chunk, tiles, found| {
+            let held = signs.walls(&slabs, &walls, chunk, open::LOOK)?;
+            let solid = Slabs::stretch(&self.store, chunk, open::LOOK)?;
+            let outside = Slabs::stretch(&outside, chunk, open::LOOK)?;
+            for tile in tiles {
+                open::target(tile, &held, &solid, &outside, |cell| found.push(cell, ()));
+            }
+            Ok(())
+        })?;
+        if target.is_empty() {
+            return Ok(self);
+        }
+        let mut opened = slabs.core(&self, &target, &sure)?;
+        opened = slabs.with_bits(&self, opened)?;
+        for _ in 0..ROUNDS {
+            let (more, grown) = slabs.grown(&self, opened, &target)?;
+            opened = more;
+            if !grown {
+                break;
+            }
+        }
+        opened = slabs.with_bits(&self, opened)?;
+        self.without(&opened, context)?.without_isolated_cells(context)
+    }
+
+    /// The solid without some cells.
+    fn without(&self, opened: &SliceStore, context: &Context) -> Result<Solid> {
+        let [width, slices, rows] = self.cells;
+        let store = SliceStore::new(&context.workspace, context.memory.store_quota);
+        let mut out =
+            Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize), ground: None };
+        let mut jobs = chunks(slices);
+        context.workers.in_order(
+            context.jobs(1, self.cells),
+            || Ok(jobs.next()),
+            |chunk| {
+                let mut runs = Runs::default();
+                let mut bits = [(); 3].map(|()| Bits::new(width, rows));
+                let [slice, below, gone] = &mut bits;
+                let (mut volume, mut faces_of, mut out) = (0, Vec::with_capacity(chunk.len()), Slices::default());
+                for y in chunk.start.saturating_sub(1)..chunk.end {
+                    self.store.paint(y.into(), slice, &mut runs)?;
+                    opened.paint(y.into(), gone, &mut runs)?;
+                    slice.and_not(gone);
+                    if y >= chunk.start {
+                        volume += slice.cell_count();
+                        faces_of.push(faces(slice, below));
+                        out.push(slice);
+                    }
+                    std::mem::swap(slice, below);
+                }
+                Ok((volume, faces_of, out))
+            },
+            |(volume, faces_of, slices)| {
+                out.volume += volume;
+                out.faces.extend(faces_of);
+                out.store.extend(&slices)
+            },
+        )?;
+        Ok(out)
+    }
+
+    /// The deep occupied cells: those that no cell outside the solid touches.
+    fn deep(&self, occupancy: &Occupancy, context: &Context) -> Result<SliceStore> {
+        let cube = Ball::squared(3);
+        let padded = Padded::new(self.cells, cube.radius());
+        let pad = padded.pad;
+        let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
+        let mut jobs = chunks(self.cells[1]);
+        context.workers.in_order(
+            context.jobs(cube.radius(), self.cells),
+            || Ok(jobs.next()),
+            |chunk| {
+                let mut runs = Runs::default();
+                let mut dilation = padded.dilation(cube, chunk.end + pad);
+                let mut deep = Bits::new(self.cells[0], self.cells[2]);
+                let mut moved = vec![0; deep.row_words()];
+                let mut slices = Slices::default();
+                for y in chunk {
+                    let near = dilation.slide_to(i64::from(y + pad), |y, bits| {
+                        self.store.paint_moved(y - i64::from(pad), pad, bits, &mut runs)?;
+                        for z in 0..padded.cells[2] {
+                            invert(bits.row_mut(z), padded.cells[0]);
+                        }
+                        Ok(())
+                    })?;
+                    occupancy.store.paint(y.into(), &mut deep, &mut runs)?;
+                    for z in 0..self.cells[2] {
+                        if deep.lit_row(z).is_some() {
+                            move_back(near.row(z + pad), pad, &mut moved);
+                            deep.row_mut(z).iter_mut().zip(&moved).for_each(|(cell, near)| *cell &= !near);
+                        }
+                    }
+                    slices.push(&deep);
+                }
+                Ok(slices)
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+}
+
+impl<'a> Slabs<'a> {
+    /// The blocks and cells that are looked at; none if there is no evidence that anything was filled.
+    fn find(solid: &Solid, occupancy: &Occupancy, context: &'a Context) -> Result<Option<Slabs<'a>>> {
+        let deep = solid.deep(occupancy, context)?;
+        if deep.is_empty() {
+            return Ok(None);
+        }
+        let cells = solid.cells;
+        let blocks = cells.map(|c| c.div_ceil(BLOCK));
+        let store = || SliceStore::new(&context.workspace, context.memory.store_quota);
+        let mut evident = store();
+        let mut jobs = 0..blocks[1];
+        context.workers.in_order(
+            context.memory.chunks_in_flight,
+            || Ok(jobs.next()),
+            |layer| {
+                let mut counts = vec![0u32; blocks[0] as usize * blocks[2] as usize];
+                let mut runs = Runs::default();
+                for y in layer * BLOCK..((layer + 1) * BLOCK).min(cells[1]) {
+                    deep.read(y, &mut runs)?;
+                    for z in 0..runs.row_count() {
+                        for x in runs.row(z).iter().flat_map(|run| run.start..run.end) {
+                            counts[(z / BLOCK * blocks[0] + x / BLOCK) as usize] += 1;
+                        }
+                    }
+                }
+                let mut bits = Bits::new(blocks[0], blocks[2]);
+                for (number, _) in counts.iter().enumerate().filter(|(_, count)| **count >= EVIDENCE) {
+                    bits.set(number as u32 % blocks[0], number as u32 / blocks[0]);
+                }
+                let mut slices = Slices::default();
+                slices.push(&bits);
+                Ok(slices)
+            },
+            |slices| evident.extend(&slices),
+        )?;
+        if evident.is_empty() {
+            return Ok(None);
+        }
+        // The blocks within so many of one with evidence.
+        let widened = |by: u32| -> Result<SliceStore> {
+            let mut out = store();
+            let mut jobs = 0..blocks[1];
+            context.workers.in_order(
+                context.memory.chunks_in_flight,
+                || Ok(jobs.next()),
+                |layer| {
+                    let mut bits = Bits::new(blocks[0], blocks[2]);
+                    let mut runs = Runs::default();
+                    for other in layer.saturating_sub(by)..(layer + by + 1).min(blocks[1]) {
+                        evident.read(other, &mut runs)?;
+                        for z in 0..runs.row_count() {
+                            for run in runs.row(z) {
+                                for row in z.saturating_sub(by)..(z + by + 1).min(blocks[2]) {
+                                    for x in run.start.saturating_sub(by)..(run.end + by).min(blocks[0]) {
+                                        bits.set(x, row);
+                                    }
+                                }
+                            }
+                        }
+                    }
+                    let mut slices = Slices::default();
+                    slices.push(&bits);
+                    Ok(slices)
+                },
+                |slices| out.extend(&slices),
+            )?;
+            Ok(out)
+        };
+        let (allowed, looked_at) = (widened(OPEN)?, widened(LOOKED_AT)?);
+        let mut active = store();
+        let mut in_slice = Vec::with_capacity(cells[1] as usize);
+        let mut jobs = chunks(cells[1]);
+        context.workers.in_order(
+            context.memory.chunks_in_flight,
+            || Ok(jobs.next()),
+            |chunk| {
+                let (mut runs, mut blocks, mut slices) = (Runs::default(), Runs::default(), Slices::default());
+                let mut counts = Vec::with_capacity(chunk.len());
+                for y in chunk {
+                    occupancy.store.read(y, &mut runs)?;
+                    looked_at.read(y / BLOCK, &mut blocks)?;
+                    let mut left = Runs::default();
+                    for z in 0..runs.row_count() {
+                        let row = blocks.row(z / BLOCK);
+                        let scaled: Vec<Run> =
+                            row.iter().map(|run| Run { start: run.start * BLOCK, end: run.end * BLOCK }).collect();
+                        overlaps(runs.row(z), &scaled, |i, j| {
+                            let run = runs.row(z)[i];
+                            left.push_run(run.start.max(scaled[j].start), run.end.min(scaled[j].end));
+                        });
+                        left.end_row();
+                    }
+                    counts.push(left.cell_count() as u32);
+                    slices.push_runs(&left);
+                }
+                Ok((counts, slices))
+            },
+            |(counts, slices)| {
+                in_slice.extend(counts);
+                active.extend(&slices)
+            },
+        )?;
+        let jobs = context.memory.jobs_of(job_bytes(&in_slice, &solid.faces, cells));
+        Ok(Some(Slabs { context, cells, active, allowed, jobs }))
+    }
+
+    /// What is known of the points of the active cells.
+    fn moments<T: Coordinate>(&self, buckets: &Buckets<T>, grid: &Grid) -> Result<Layers<Moments>> {
+        let mut out = Layers::new(self.context);
+        let mut jobs = 0..buckets.count();
+        let slices = self.cells[1];
+        self.context.workers.in_order(
+            self.jobs,
+            || Ok(jobs.next()),
+            |bucket| {
+                let first = bucket as u32 * BUCKET_SLICES;
+                let mut runs = Runs::default();
+                let read = |y| {
+                    self.active.read(y, &mut runs)?;
+                    Ok(Cells::of(&runs))
+                };
+                let cells = (first..slices.min(first + BUCKET_SLICES)).map(read).collect::<Result<Vec<Cells>>>()?;
+                let mut sums: Vec<Vec<Sum>> = cells.iter().map(|cells| vec![Sum::default(); cells.count()]).collect();
+                if sums.iter().any(|sums| !sums.is_empty()) {
+                    buckets.read(bucket, |points| {
+                        for point in points {
+                            let ([x, y, z], within) = grid.place_of(point.map(Into::into));
+                            let slice = (y - first) as usize;
+                            if let Some(number) = cells[slice].at(x.into(), z.into()) {
+                                sums[slice][number].add(within);
+                            }
+                        }
+                        Ok(())
+                    })?;
+                }
+                Ok(sums.iter().map(|sums| sums.iter().map(Sum::moments).collect()).collect::<Vec<Vec<Moments>>>())
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+
+    /// The active cells with their planes.
+    fn planes(&self, moments: &Layers<Moments>) -> Result<Layers<Wall>> {
+        self.map(moments, plane::REACH[1], |cell, own, held| {
+            let mut near = Vec::new();
+            let mut wide = false;
+            for (number, reach) in plane::REACH.into_iter().enumerate() {
+                near.clear();
+                held.round(cell, reach, |there, moments| {
+                    near.push(Near { step: std::array::from_fn(|a| there[a] - cell[a]), moments: *moments });
+                });
+                wide = number > 0;
+                if plane::is_enough(&near) {
+                    break;
+                }
+            }
+            let plane = plane::plane(own, &near, wide);
+            Wall { mean: own.mean, normal: plane.normal, confidence: plane.confidence, ..Wall::default() }
+        })
+    }
+
+    /// The walls as they are seen from outside the solid.
+    fn seen(&self, solid: &Solid, walls: &Layers<Wall>) -> Result<Layers<Wall>> {
+        let mut out = Layers::new(self.context);
+        self.each(
+            |chunk| {
+                let held = self.held(walls, &chunk, wall::SIGHT)?;
+                if held.is_empty() {
+                    return Ok(vec![Vec::new(); chunk.len()]);
+                }
+                let solid = Slabs::stretch(&solid.store, &chunk, wall::SIGHT)?;
+                Ok(mapped(&held, &chunk, |cell, wall| wall.seen(cell, &held, &solid)))
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+
+    /// The free cells that may open, each with what the walls near it add up to.
+    fn candidates(
+        &self,
+        solid: &Solid,
+        dipoles: &Layers<Dipole>,
+        kernel: &Kernel,
+    ) -> Result<(SliceStore, Layers<f32>)> {
+        let mut store = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        let mut sums = Layers::new(self.context);
+        let reach = BAND;
+        let round = -reach..=reach;
+        let ball: Vec<[i64; 3]> = round
+            .clone()
+            .flat_map(|y| round.clone().map(move |z| (y, z)))
+            .flat_map(|(y, z)| (-reach..=reach).map(move |x| [x, y, z]))
+            .filter(|d| d.iter().map(|c| c * c).sum::<i64>() <= reach * reach)
+            .collect();
+        self.each(
+            |chunk| {
+                let mut found = Found::new(chunk.clone());
+                let tiles = self.tiles(&chunk, 0)?;
+                if !tiles.is_empty() {
+                    let held = self.held(dipoles, &chunk, kernel.reach)?;
+                    let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
+                    let mut allowed = Runs::default();
+                    for tile in tiles {
+                        let mut free = vec![0u8; tile.len()];
+                        for y in i64::from(chunk.start) - reach..i64::from(chunk.end) + reach {
+                            let (cells, _) = held.slice(y);
+                            let [xs, _, zs] =
+                                [0, 1, 2].map(|a| tile.low[a] - reach..tile.low[a] + tile.size[a] as i64 + reach);
+                            for z in zs {
+                                for number in cells.range(z, xs.clone()) {
+                                    let at = [i64::from(cells.x(number)), y, z];
+                                    for d in &ball {
+                                        let cell = [0, 1, 2].map(|a| at[a] + d[a]);
+                                        if tile.holds(cell, 0) {
+                                            free[tile.place(cell)] |= 1;
+                                        }
+                                    }
+                                    if tile.holds(at, 0) {
+                                        free[tile.place(at)] |= 2;
+                                    }
+                                }
+                            }
+                        }
+                        let mut layer = None;
+                        for cell in tile.cells(0) {
+                            if free[tile.place(cell)] != 1 || !solid.get(cell) {
+                                continue;
+                            }
+                            let [x, y, z] = cell.map(|c| c as u32 / BLOCK);
+                            if layer != Some(y) {
+                                self.allowed.read(y, &mut allowed)?;
+                                layer = Some(y);
+                            }
+                            if allowed.row(z).iter().any(|run| run.start <= x && x < run.end) {
+                                found.push(cell, kernel.near(cell, &held));
+                            }
+                        }
+                    }
+                }
+                let (runs, values) = found.sorted(self.cells);
+                let mut slices = Slices::default();
+                runs.iter().for_each(|runs| slices.push_runs(runs));
+                Ok((slices, values))
+            },
+            |(slices, values)| {
+                store.extend(&slices)?;
+                sums.extend(&values)
+            },
+        )?;
+        Ok((store, sums))
+    }
+
+    /// The candidates that are outside, and those of them that surely are.
+    fn labelled(
+        &self,
+        solid: &Solid,
+        dipoles: &Layers<Dipole>,
+        (candidates, sums): &(SliceStore, Layers<f32>),
+        kernel: &Kernel,
+    ) -> Result<(SliceStore, SliceStore)> {
+        let store = || SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        let mut outside = store();
+        let mut sure = store();
+        for labelling in 0..LABELLINGS {
+            let (mut next, mut certain) = (store(), store());
+            self.each(
+                |chunk| {
+                    let (mut out, mut out_sure) = (Found::new(chunk.clone()), Found::new(chunk.clone()));
+                    let tiles = self.tiles(&chunk, kernel.reach)?;
+                    if !tiles.is_empty() {
+                        let held = self.held(dipoles, &chunk, kernel.reach)?;
+                        let solid = Slabs::stretch(&solid.store, &chunk, kernel.reach)?;
+                        let opened = Slabs::stretch(&outside, &chunk, kernel.reach)?;
+                        let asked = Held::read(candidates, sums, i64::from(chunk.start)..i64::from(chunk.end))?;
+                        for tile in tiles {
+                            let shares = kernel.shares(&tile, &solid, &opened, &held);
+                            let blurred = kernel.blur(&tile, &shares);
+                            let reach = kernel.reach;
+                            let [xs, ys, zs] =
+                                [0, 1, 2].map(|a| tile.low[a] + reach..tile.low[a] + tile.size[a] as i64 - reach);
+                            for y in ys {
+                                let (cells, sums) = asked.slice(y);
+                                for z in zs.clone() {
+                                    for number in cells.range(z, xs.clone()) {
+                                        let cell = [i64::from(cells.x(number)), y, z];
+                                        let winding = sums[number] + kernel.along_slices(&tile, &blurred, cell);
+                                        if winding <= INSIDE {
+                                            out.push(cell, ());
+                                            if winding < field::SURE {
+                                                out_sure.push(cell, ());
+                                            }
+                                        }
+                                    }
+                                }
+                            }
+                        }
+                    }
+                    Ok([out, out_sure].map(|found| {
+                        let mut slices = Slices::default();
+                        found.sorted(self.cells).0.iter().for_each(|runs| slices.push_runs(runs));
+                        slices
+                    }))
+                },
+                |[out, out_sure]| {
+                    next.extend(&out)?;
+                    if labelling + 1 == LABELLINGS { certain.extend(&out_sure) } else { Ok(()) }
+                },
+            )?;
+            (outside, sure) = (next, certain);
+        }
+        Ok((outside, sure))
+    }
+
+    /// The core: what is opened at once.
+    fn core(&self, solid: &Solid, target: &SliceStore, sure: &SliceStore) -> Result<SliceStore> {
+        let mut labeller = Labeller::new(self.context);
+        self.each(
+            |chunk| {
+                let mut found = Found::new(chunk.clone());
+                let tiles = self.tiles(&chunk, 1)?;
+                if !tiles.is_empty() {
+                    let solid = Slabs::stretch(&solid.store, &chunk, 1)?;
+                    let certain = both(
+                        &Slabs::stretch(target, &chunk, 1)?,
+                        &Slabs::stretch(sure, &chunk, 1)?,
+                        i64::from(chunk.start) - 1..i64::from(chunk.end) + 1,
+                    );
+                    for tile in tiles {
+                        open::plates(&tile, &solid, &certain, |cell, known| found.push(cell, known));
+                    }
+                }
+                let (runs, known) = found.sorted(self.cells);
+                let mut known = known.into_iter().flatten();
+                Ok(Parts::of(runs, |_, _, run| {
+                    (0..run.end - run.start).fold(Known::default(), |mut sum, _| {
+                        let known = known.next().expect("every cell of a run was found");
+                        sum.deep |= u8::from(known & open::DEEP != 0);
+                        sum.joined |= u8::from(known & open::JOINED != 0);
+                        sum
+                    })
+                }))
+            },
+            |parts: Parts<Known>| labeller.add(parts),
+        )?;
+        let labels = labeller.finish()?.judged(self.context, |known| known.deep & known.joined)?;
+        self.judged(&labels, None)
+    }
+
+    /// What is opened, with the parts of the solid that are thereby cut off and small.
+    fn with_bits(&self, solid: &Solid, opened: SliceStore) -> Result<SliceStore> {
+        if opened.is_empty() {
+            return Ok(opened);
+        }
+        let mut labeller = Labeller::new(self.context);
+        self.each(
+            |chunk| {
+                let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
+                let gone = Slabs::stretch(&opened, &chunk, 1)?;
+                let left = |y: u32| without(solid.slice(y.into()), gone.slice(y.into()));
+                let left: Vec<Runs> = chunk.clone().map(left).collect();
+                Ok(Parts::of(left, |y, z, run| {
+                    let (y, z) = (i64::from(chunk.start) + y as i64, i64::from(z));
+                    let (start, end) = (i64::from(run.start), i64::from(run.end));
+                    let beside = gone.any(start - 1..end + 1, y, z)
+                        || gone.any(start..end, y, z - 1)
+                        || gone.any(start..end, y, z + 1)
+                        || gone.any(start..end, y - 1, z)
+                        || gone.any(start..end, y + 1, z);
+                    Piece { cells: u64::from(run.end - run.start), cut: u64::from(beside) }
+                }))
+            },
+            |parts: Parts<Piece>| labeller.add(parts),
+        )?;
+        let mut any = false;
+        let labels = labeller.finish()?.judged(self.context, |piece| {
+            let opens = piece.cut > 0 && piece.cells < BITS;
+            any |= opens;
+            u8::from(opens)
+        })?;
+        if any { self.judged(&labels, Some(&opened)) } else { Ok(opened) }
+    }
+
+    /// The cells with verdict 1, and those of `more`.
+    fn judged(&self, labels: &crate::grid::label::Labels, more: Option<&SliceStore>) -> Result<SliceStore> {
+        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        self.each(
+            |chunk| {
+                let (mut scratch, mut other, mut slices) = (Scratch::default(), Runs::default(), Slices::default());
+                for y in chunk {
+                    let mut rows: Vec<Vec<Run>> = vec![Vec::new(); self.cells[2] as usize];
+                    labels.for_each(y, &mut scratch, |z, run, verdict| {
+                        if verdict == 1 {
+                            rows[z as usize].push(run);
+                        }
+                    })?;
+                    if let Some(more) = more {
+                        more.read(y, &mut other)?;
+                        for z in 0..other.row_count() {
+                            rows[z as usize].extend(other.row(z));
+                        }
+                    }
+                    slices.push_runs(&joined(rows));
+                }
+                Ok(slices)
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+
+    /// A round of growth: what is opened then, and whether it is more.
+    fn grown(&self, solid: &Solid, opened: SliceStore, target: &SliceStore) -> Result<(SliceStore, bool)> {
+        let more = self.found(open::SUBGRIDS, |chunk, tiles, found| {
+            let [solid, opened, target] =
+                [&solid.store, &opened, target].map(|store| Slabs::stretch(store, chunk, open::SUBGRIDS));
+            let (solid, opened, target) = (solid?, opened?, target?);
+            for tile in tiles {
+                open::grown(tile, &solid, &opened, &target, |cell| found.push(cell, ()));
+            }
+            Ok(())
+        })?;
+        if more.is_empty() {
+            return Ok((opened, false));
+        }
+        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        self.each(
+            |chunk| {
+                let (mut first, mut second, mut slices) = (Runs::default(), Runs::default(), Slices::default());
+                for y in chunk {
+                    opened.read(y, &mut first)?;
+                    more.read(y, &mut second)?;
+                    let rows = (0..first.row_count()).map(|z| [first.row(z), second.row(z)].concat());
+                    slices.push_runs(&joined(rows.collect()));
+                }
+                Ok(slices)
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok((out, true))
+    }
+}
+
+/// A slice of runs that do not overlap, row by row, in any order.
+fn joined(rows: Vec<Vec<Run>>) -> Runs {
+    let mut out = Runs::default();
+    for mut row in rows {
+        row.sort_unstable_by_key(|run| run.start);
+        row.iter().for_each(|run| out.push_run(run.start, run.end));
+        out.end_row();
+    }
+    out
+}
+
+/// The cells of a slice that are not in `gone`.
+fn without(slice: &Runs, gone: &Runs) -> Runs {
+    let mut out = Runs::default();
+    for z in 0..slice.row_count() {
+        let mut gone = gone.row(z).iter().peekable();
+        for run in slice.row(z) {
+            let mut start = run.start;
+            while gone.next_if(|gone| gone.end <= start).is_some() {}
+            while let Some(hole) = gone.peek().filter(|hole| hole.start < run.end) {
+                if hole.start > start {
+                    out.push_run(start, hole.start);
+                }
+                start = hole.end;
+                if hole.end > run.end {
+                    break;
+                }
+                gone.next();
+            }
+            if start < run.end {
+                out.push_run(start, run.end);
+            }
+        }
+        out.end_row();
+    }
+    out
+}
+
+/// The cells that are in both of two stretches.
+fn both(a: &Stretch, b: &Stretch, slices: Range<i64>) -> Stretch {
+    let first = slices.start;
+    let slice = |y: i64| {
+        let (a, b) = (a.slice(y), b.slice(y));
+        let mut out = Runs::default();
+        for z in 0..a.row_count().min(b.row_count()) {
+            overlaps(a.row(z), b.row(z), |i, j| {
+                let (a, b) = (a.row(z)[i], b.row(z)[j]);
+                out.push_run(a.start.max(b.start), a.end.min(b.end));
+            });
+            out.end_row();
+        }
+        out
+    };
+    Stretch::of(first, slices.map(slice).collect())
+}
+
+/// A cell's points as they are summed; 2³¹ points would overflow them.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    points: u64,
+    first: [u64; 3],
+    second: [u64; 6],
+}
+
+impl Sum {
+    fn add(&mut self, within: [f64; 3]) {
+        let o = within.map(|c| (c * QUANTA) as u64);
+        self.points += 1;
+        for (sum, o) in self.first.iter_mut().zip(o) {
+            *sum += o;
+        }
+        let [x, y, z] = o;
+        for (sum, o) in self.second.iter_mut().zip([x * x, y * y, z * z, x * y, x * z, y * z]) {
+            *sum += o;
+        }
+    }
+
+    fn moments(&self) -> Moments {
+        let points = (self.points as f64).max(1.0);
+        let [x, y, z] = self.first.map(|sum| sum as f64 / points / QUANTA);
+        let second = self.second.map(|sum| sum as f64 / points / (QUANTA * QUANTA));
+        let means = [x * x, y * y, z * z, x * y, x * z, y * z];
+        Moments {
+            weight: (self.points as f32).min(plane::MOST),
+            mean: [x, y, z].map(|c| c as f32),
+            covariance: std::array::from_fn(|i| (second[i] - means[i]) as f32),
+        }
+    }
+}
+
+/// What is known of a part of the core.
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(C)]
+struct Known {
+    /// Whether some of it lies deep.
+    deep: u8,
+    /// Whether it reaches the outside.
+    joined: u8,
+}
+
+impl Measure for Known {
+    fn add(&mut self, other: &Known) {
+        self.deep |= other.deep;
+        self.joined |= other.joined;
+    }
+}
+
+/// A part of the solid.
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(C)]
+struct Piece {
+    cells: u64,
+    /// Its runs beside what is opened.
+    cut: u64,
+}
+
+impl Measure for Piece {
+    fn add(&mut self, other: &Piece) {
+        self.cells += other.cells;
+        self.cut += other.cut;
+    }
+}

@@ -1,0 +1,272 @@
+//! The plane of a cell's points, told from the means and covariances of the cells round it.
+//!
+//! Round an edge or between two walls, all points near a cell have no plane in common. So the plane of all 3 x 3 x 3 cells competes with those of the eight
+//! blocks of 2 x 2 x 2 cells that hold the cell; then the best one is fitted again, with weights that fall off with the distance from it.
+//!
+//! ```text
+//!      # # # #  a wall          of the blocks round c, a lies within one wall
+//!    +-----+                    and has the least residual
+//!    | a # c # #
+//!    +-----+   #  another one
+//! ```
+
+use bytemuck::{Pod, Zeroable};
+
+use super::vector::{dot, minus, plus, times};
+
+/// What is known of the points of a cell.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]
+#[repr(C)]
+pub struct Moments {
+    /// How many there are, but no more than [`MOST`].
+    pub weight: f32,
+    /// Their mean, from the cell's lowest corner, in cells.
+    pub mean: [f32; 3],
+    /// Their covariance: xx, yy, zz, xy, xz, yz.
+    pub covariance: [f32; 6],
+}
+
+/// More points of one cell count as so many.
+pub const MOST: f32 = 3.0;
+
+/// A cell's plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane {
+    /// Across it, of length 1; on which side the outside lies is not known.
+    pub normal: [f32; 3],
+    /// How surely it is one, from 0 to 1.
+    pub confidence: f32,
+}
+
+/// Cells in the cube that is looked at: so many either way, and if they hold too few points.
+pub const REACH: [i64; 2] = [2, 3];
+
+/// Points of the 27 cells, and three tenths of those beyond, that are enough.
+const ENOUGH: f64 = 8.0;
+const BEYOND: f64 = 0.3;
+
+/// Points that a plane of the 27 cells takes, and one of eight.
+const LEAST: [f64; 2] = [4.0, 6.0];
+
+/// The second of the three variances, at the least: along a line there is no plane. And, of eight cells, its ratio to the first.
+const WIDTH: f64 = 0.04;
+const FLATNESS: f64 = 4.0;
+
+/// A plane of eight cells must be better by so much: the residual is multiplied, and more is added.
+const HANDICAP: (f64, f64) = (1.5, 0.004);
+
+/// Refits, and their weights: standard deviations across the plane and along it.
+const REFITS: u32 = 3;
+const ACROSS: f64 = 0.35;
+const ALONG: f64 = 1.1;
+/// Of a refit: the least sum of weights, and the least second variance.
+const LEAST_REFIT: (f64, f64) = (2.5, 0.03);
+/// Weights below exp of this are none.
+const NEGLIGIBLE: f64 = -12.0;
+
+/// A plane's confidence falls off with its thickness, in cells.
+const THIN: f64 = 0.25;
+
+/// A cell near the one whose plane is looked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Near {
+    /// How far off it is, in cells.
+    pub step: [i64; 3],
+    /// Its points.
+    pub moments: Moments,
+}
+
+impl Near {
+    fn mean(&self) -> [f64; 3] {
+        std::array::from_fn(|a| self.step[a] as f64 + f64::from(self.moments.mean[a]))
+    }
+
+    fn within(&self, cells: i64) -> bool {
+        self.step.iter().all(|c| c.abs() <= cells)
+    }
+}
+
+/// Whether the cells near one hold enough points for a plane.
+pub fn is_enough(near: &[Near]) -> bool {
+    let points = |near: &Near| f64::from(near.moments.weight) * if near.within(1) { 1.0 } else { BEYOND };
+    near.iter().map(points).sum::<f64>() >= ENOUGH
+}
+
+/// Sums over points.
+#[derive(Debug, Default)]
+struct Sums {
+    weight: f64,
+    first: [f64; 3],
+    second: [f64; 6],
+}
+
+/// A plane that was fitted: a place, the normal, and the two least variances.
+struct Fitted {
+    at: [f64; 3],
+    normal: [f64; 3],
+    variances: [f64; 2],
+}
+
+impl Sums {
+    fn add(&mut self, near: &Near, weight: f64) {
+        let [x, y, z] = near.mean();
+        let c = near.moments.covariance.map(f64::from);
+        self.weight += weight;
+        for (sum, v) in self.first.iter_mut().zip([x, y, z]) {
+            *sum += weight * v;
+        }
+        for (sum, v) in self.second.iter_mut().zip([
+            x * x + c[0],
+            y * y + c[1],
+            z * z + c[2],
+            x * y + c[3],
+            x * z + c[4],
+            y * z + c[5],
+        ]) {
+            *sum += weight * v;
+        }
+    }
+
+    fn fitted(&self) -> Fitted {
+        let at = self.first.map(|c| c / self.weight);
+        let [xx, yy, zz, xy, xz, yz] = self.second.map(|c| c / self.weight);
+        let [x, y, z] = at;
+        let (xy, xz, yz) = (xy - x * y, xz - x * z, yz - y * z);
+        let (variances, normal) = flattest([[xx - x * x, xy, xz], [xy, yy - y * y, yz], [xz, yz, zz - z * z]]);
+        Fitted { at, normal, variances }
+    }
+}
+
+/// The plane of a cell whose points are `own`, among the cells `near` it, itself included; these lie within the second [`REACH`] if `wide`.
+pub fn plane(own: &Moments, near: &[Near], wide: bool) -> Plane {
+    let own: [f64; 3] = own.mean.map(f64::from);
+    let points = |near: &Near| f64::from(near.moments.weight);
+    let mut best: Option<(f64, Fitted)> = None;
+    for block in 0..9 {
+        let (all, corner) = (block == 0, block - 1);
+        // Nothing is left to win.
+        if !all && best.as_ref().is_some_and(|(residual, _)| *residual <= HANDICAP.1) {
+            break;
+        }
+        let mut sums = Sums::default();
+        for cell in near {
+            let holds = if all {
+                wide || cell.within(1)
+            } else {
+                (0..3).all(|a| matches!(if corner >> a & 1 == 1 { cell.step[a] } else { -cell.step[a] }, 0 | 1))
+            };
+            if holds {
+                sums.add(cell, points(cell));
+            }
+        }
+        if sums.weight < LEAST[usize::from(!all)] {
+            continue;
+        }
+        let fitted = sums.fitted();
+        let [first, second] = fitted.variances;
+        if second < WIDTH || (!all && second < FLATNESS * first) {
+            continue;
+        }
+        let off = dot(fitted.normal, minus(own, fitted.at));
+        let residual = first * sums.weight / (sums.weight - 3.0).max(1.0) + 0.5 * off * off;
+        let residual = if all { residual } else { HANDICAP.0 * residual + HANDICAP.1 };
+        if best.as_ref().is_none_or(|(least, _)| residual < *least) {
+            best = Some((residual, fitted));
+        }
+    }
+    let Some((_, Fitted { mut at, mut normal, .. })) = best else {
+        return Plane { normal: [0.0, 0.0, 1.0], confidence: 0.0 };
+    };
+    let mut thickness = 1.0;
+    for step in 0..REFITS {
+        let off = dot(normal, minus(own, at));
+        // The weights along the plane are seen from the cell's mean, then from half way to the plane.
+        let from = minus(own, times(if step > 0 { 0.5 * off } else { 0.0 }, normal));
+        if step == 0 && off.abs() > ACROSS {
+            at = plus(at, times(off, normal));
+        }
+        let mut sums = Sums::default();
+        for cell in near {
+            let across = dot(normal, minus(cell.mean(), at));
+            let d = minus(cell.mean(), from);
+            let t = dot(normal, d);
+            let along = dot(d, d) - t * t;
+            let power = -along / (2.0 * ALONG * ALONG) - across * across / (2.0 * ACROSS * ACROSS);
+            if power > NEGLIGIBLE {
+                sums.add(cell, points(cell) * libm::exp(power));
+            }
+        }
+        if sums.weight < LEAST_REFIT.0 {
+            break;
+        }
+        let fitted = sums.fitted();
+        if fitted.variances[1] < LEAST_REFIT.1 {
+            break;
+        }
+        (at, normal) = (fitted.at, fitted.normal);
+        thickness = fitted.variances[0].sqrt();
+    }
+    let off = dot(normal, minus(own, at));
+    let squared = thickness * thickness + off * off;
+    let confidence = libm::exp(-squared / (2.0 * THIN * THIN)) as f32;
+    Plane { normal: normal.map(|c| c as f32), confidence }
+}
+
+/// The two least eigenvalues of a symmetric matrix, no less than 0, and the direction of the least, of length 1: by Jacobi's rotations.
+///
+/// Source: G. H. Golub and C. F. Van Loan, *Matrix Computations* (4th edition, 2013), section 8.5.
+fn flattest(mut a: [[f64; 3]; 3]) -> ([f64; 2], [f64; 3]) {
+    let mut axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    for _ in 0..12 {
+        if a[0][1].abs() + a[0][2].abs() + a[1][2].abs() < 1e-12 {
+            break;
+        }
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            if a[p][q].abs() <= 1e-15 {
+                continue;
+            }
+            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+            let tangent = if theta < 0.0 { -1.0 } else { 1.0 } / (theta.abs() + (theta * theta + 1.0).sqrt());
+            let cosine = 1.0 / (tangent * tangent + 1.0).sqrt();
+            let sine = tangent * cosine;
+            for row in a.iter_mut().chain(&mut axes) {
+                let (x, y) = (row[p], row[q]);
+                (row[p], row[q]) = (cosine * x - sine * y, sine * x + cosine * y);
+            }
+            let (x, y) = (a[p], a[q]);
+            a[p] = [0, 1, 2].map(|k: usize| cosine * x[k] - sine * y[k]);
+            a[q] = [0, 1, 2].map(|k: usize| sine * x[k] + cosine * y[k]);
+        }
+    }
+    let mut order = [0, 1, 2];
+    order.sort_by(|i, j| a[*i][*i].total_cmp(&a[*j][*j]));
+    let normal: [f64; 3] = [0, 1, 2].map(|k: usize| axes[k][order[0]]);
+    let length = dot(normal, normal).sqrt();
+    ([order[0], order[1]].map(|i| a[i][i].max(0.0)), normal.map(|c| c / length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_flattest_direction_is_an_eigenvector_of_the_least_value(d in prop::array::uniform6(-2.0f64..2.0)) {
+            let a = [[d[0], d[3], d[4]], [d[3], d[1], d[5]], [d[4], d[5], d[2]]];
+            // The matrix times itself has no negative eigenvalues.
+            let m: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| dot(a[i], [a[0][j], a[1][j], a[2][j]])));
+            let ([least, second], n) = flattest(m);
+            prop_assert!(least <= second);
+            for (row, c) in m.iter().zip(n) {
+                prop_assert!((dot(*row, n) - least * c).abs() < 1e-9);
+            }
+            // No direction is flatter.
+            for [x, y, z] in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.6, -0.8]] {
+                let v = [x, y, z];
+                let along = dot(v, [dot(m[0], v), dot(m[1], v), dot(m[2], v)]);
+                prop_assert!(along >= least - 1e-9);
+            }
+        }
+    }
+}

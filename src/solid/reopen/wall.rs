@@ -1,0 +1,256 @@
+//! Walls: occupied cells with their planes; what is seen of them from the outside, how two of them lie, and the area of each.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::layers::{Held, Stretch};
+use super::vector::{cross, dot, minus, plus, times};
+
+/// An occupied cell with its plane.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]
+#[repr(C)]
+pub struct Wall {
+    /// The mean of its points, from its lowest corner, in cells.
+    pub mean: [f32; 3],
+    /// Across it, of length 1.
+    pub normal: [f32; 3],
+    /// How surely it has a plane.
+    pub confidence: f32,
+    /// Where the outside lies: 1 along the normal, -1 against it, 0 not known.
+    pub sign: i8,
+    /// [`SEEN`], [`THIN`] or [`HIDDEN`].
+    pub kind: u8,
+    /// Of a hidden one: a sign that is likely, or 0.
+    pub hint: i8,
+    /// Nothing.
+    pub filler: u8,
+}
+
+/// The outside is near on one side only.
+pub const SEEN: u8 = 0;
+/// It is near on both sides.
+pub const THIN: u8 = 1;
+/// It is near on none.
+pub const HIDDEN: u8 = 2;
+
+/// How far is looked along the normal for the outside, in steps; the first one; a step's length in cells.
+const LOOK: std::ops::RangeInclusive<u32> = 3..=16;
+const STEP: f64 = 0.2;
+/// What is not found is so far.
+const FAR: f64 = 9.0;
+/// A wall that ends the look: how far off its plane, how nearly parallel, how far aside.
+const NEXT: (f64, f64, f64) = (0.8, 0.7, 1.4);
+/// The outside is near up to so many cells, and tells no more than a hint up to so many.
+const NEARBY: (f64, f64) = (1.6, 2.4);
+/// It is on one side only if it is so much nearer there.
+const NEARER: f64 = 1.0;
+
+/// Cells that are looked at to see a wall, either way.
+pub const SIGHT: i64 = 4;
+const NEXT_REACH: i64 = 3;
+
+/// A vector of numbers in double precision.
+fn wide(v: [f32; 3]) -> [f64; 3] {
+    v.map(f64::from)
+}
+
+impl Wall {
+    /// Its mean, in cells of the grid.
+    #[inline]
+    pub fn at(&self, cell: [i64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| cell[a] as f64 + f64::from(self.mean[a]))
+    }
+
+    /// Its normal.
+    #[inline]
+    pub fn across(&self) -> [f64; 3] {
+        wide(self.normal)
+    }
+
+    /// The same wall, as it is seen from outside the solid.
+    pub fn seen(&self, cell: [i64; 3], walls: &Held<Wall>, solid: &Stretch) -> Wall {
+        let (normal, at) = (self.across(), self.at(cell));
+        let mut stops = [FAR; 2];
+        walls.round(cell, NEXT_REACH, |other, wall| {
+            let d = minus(wall.at(other), at);
+            let across = dot(d, normal);
+            let parallel = dot(normal, wall.across()).abs() >= NEXT.1;
+            if across.abs() >= NEXT.0 && parallel && dot(d, d) - across * across <= NEXT.2 * NEXT.2 {
+                let stop = &mut stops[usize::from(across < 0.0)];
+                *stop = stop.min(across.abs());
+            }
+        });
+        let far = |side: f64, stop: f64| {
+            for step in LOOK {
+                let t = STEP * f64::from(step);
+                if !solid.get(plus(at, times(side * t, normal)).map(|c| c.floor() as i64)) {
+                    return t;
+                }
+                if t > stop {
+                    break;
+                }
+            }
+            FAR
+        };
+        let (along, against) = (far(1.0, stops[0]), far(-1.0, stops[1]));
+        let (least, more) = (along.min(against), against - along);
+        let side = if more > 0.0 { 1 } else { -1 };
+        let (kind, sign, hint) = if least > NEARBY.0 {
+            (HIDDEN, 0, if least <= NEARBY.1 && more.abs() >= NEARER { side } else { 0 })
+        } else if more.abs() < NEARER || self.confidence <= 0.0 {
+            (THIN, 0, 0)
+        } else {
+            (SEEN, side, 0)
+        };
+        Wall { kind, sign, hint, ..*self }
+    }
+}
+
+/// How two walls lie, and whether the outside is on the same side of their normals: 1 if it surely is, -1 if it surely is not.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Relation {
+    /// One wall goes on.
+    Wall(f64),
+    /// They meet at a crease or a bend.
+    Crease(f64),
+    /// They face each other across a slot or a sheet.
+    Facing(f64),
+}
+
+/// Two normals are nearly parallel.
+const PARALLEL: f64 = 0.8;
+/// Of one wall: how far off its plane a mean may lie, and how much more for each cell along it.
+const OFF: (f64, f64) = (0.2, 0.2);
+/// Of walls that face each other: how far apart, and how much of that aside.
+const FACING: (f64, f64) = (0.9, 0.6);
+/// A crease tells something from so much on.
+const CREASE: f64 = 0.5;
+
+impl Relation {
+    /// How `b` lies from `a`; `d` leads from one mean to the other.
+    ///
+    /// Where a wall bends, b's normal is a's reflected in the plane in the middle between them: that holds for convex and for concave bends.
+    pub fn of(a: &Wall, b: &Wall, d: [f64; 3]) -> Option<Relation> {
+        let squared = dot(d, d);
+        if squared < 1e-6 {
+            return None;
+        }
+        let (n, m) = (a.across(), b.across());
+        let (cosine, off, other) = (dot(n, m), dot(n, d), dot(m, d));
+        let sure = (f64::from(a.confidence) * f64::from(b.confidence)).sqrt();
+        let reflected = cosine - 2.0 * off * other / squared;
+        if cosine.abs() > PARALLEL {
+            let off = off.abs().max(other.abs());
+            let aside = (squared - off * off).max(0.0).sqrt();
+            if off < OFF.0 + OFF.1 * aside {
+                Some(Relation::Wall(cosine * sure))
+            } else if off > FACING.0 && aside < FACING.1 * off {
+                Some(Relation::Facing(reflected * sure))
+            } else {
+                None
+            }
+        } else if reflected.abs() >= CREASE {
+            Some(Relation::Crease(reflected * sure))
+        } else {
+            None
+        }
+    }
+}
+
+/// What a wall adds to the winding number round it, and what share of its cell is inside.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]
+#[repr(C)]
+pub struct Dipole {
+    /// The mean of its points, from its lowest corner, in cells.
+    pub mean: [f32; 3],
+    /// Towards the outside, as long as its area, in squared cells; 0 if its sign is not known.
+    pub area: [f32; 3],
+    /// The share of its cell that is inside.
+    pub inside: f32,
+}
+
+/// The polygon that a wall's cell of Voronoi's diagram is cut from: its radius, in cells, and the directions of its corners.
+const RADIUS: f64 = 2.2;
+const HALF_ROOT: f64 = 0.866_025_403_784_438_6;
+const CORNERS: [[f64; 2]; 12] = [
+    [1.0, 0.0],
+    [HALF_ROOT, 0.5],
+    [0.5, HALF_ROOT],
+    [0.0, 1.0],
+    [-0.5, HALF_ROOT],
+    [-HALF_ROOT, 0.5],
+    [-1.0, 0.0],
+    [-HALF_ROOT, -0.5],
+    [-0.5, -HALF_ROOT],
+    [0.0, -1.0],
+    [0.5, -HALF_ROOT],
+    [HALF_ROOT, -0.5],
+];
+
+/// Cells round a wall that bound its area, either way.
+pub const BOUNDS: i64 = 3;
+
+/// What is left of a polygon that vanished, in squared cells.
+const VANISHED: f64 = 0.1;
+
+impl Dipole {
+    /// Of a wall whose sign has been looked for.
+    pub fn of(wall: &Wall, cell: [i64; 3], walls: &Held<Wall>) -> Dipole {
+        let normal = wall.across();
+        let side = f64::from(wall.sign);
+        let inside = match wall.sign {
+            0 if wall.kind == THIN => 0.5,
+            0 => 1.0,
+            _ => {
+                let middle = wide(wall.mean).map(|c| c - 0.5);
+                (0.5 + side * dot(normal, middle)).clamp(0.0, 1.0) as f32
+            }
+        };
+        let area = if wall.sign == 0 { 0.0 } else { side * area(wall, cell, walls) };
+        Dipole { mean: wall.mean, area: normal.map(|c| (area * c) as f32), inside }
+    }
+}
+
+/// The area of a wall: of what, in its plane, is nearer to its mean than to any other wall's that is not one behind it.
+fn area(wall: &Wall, cell: [i64; 3], walls: &Held<Wall>) -> f64 {
+    let (normal, at) = (wall.across(), wall.at(cell));
+    let aside = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+    let first = cross(normal, aside);
+    let first = times(1.0 / dot(first, first).sqrt(), first);
+    let second = cross(normal, first);
+    let mut polygon: Vec<[f64; 2]> = CORNERS.map(|corner| corner.map(|c| RADIUS * c)).into();
+    let mut cut = Vec::new();
+    walls.round(cell, BOUNDS, |other, neighbour| {
+        if other == cell || polygon.len() < 3 {
+            return;
+        }
+        let d = minus(neighbour.at(other), at);
+        let cosine = dot(normal, neighbour.across());
+        let behind = match wall.sign * neighbour.sign {
+            0 => cosine.abs() > 0.7 && dot(d, normal).abs() > 0.6,
+            same => cosine * f64::from(same) < -0.3,
+        };
+        let [x, y] = [dot(d, first), dot(d, second)];
+        let half = 0.5 * dot(d, d);
+        if behind || x * x + y * y < 1e-8 {
+            return;
+        }
+        cut.clear();
+        for (number, from) in polygon.iter().enumerate() {
+            let to = polygon[(number + 1) % polygon.len()];
+            let [a, b] = [*from, to].map(|p| p[0] * x + p[1] * y - half);
+            if a <= 0.0 {
+                cut.push(*from);
+            }
+            if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
+                let t = a / (a - b);
+                cut.push([from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])]);
+            }
+        }
+        std::mem::swap(&mut polygon, &mut cut);
+    });
+    if polygon.len() < 3 {
+        return VANISHED;
+    }
+    let pairs = polygon.iter().zip(polygon.iter().cycle().skip(1));
+    0.5 * pairs.map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>()
+}
