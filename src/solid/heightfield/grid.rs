@@ -38,7 +38,7 @@ impl Open {
     /// The grid for `points` points in `bounds`, a box of the grid's own coordinates, with room round them.
     ///
     /// # Errors
-    /// Those of [`Grid::new`]; [`Error::InvalidSetting`] if slices would lie across what is seen, or if points lie below the base.
+    /// Those of `Grid::new`; [`Error::InvalidSetting`] if slices would lie across what is seen, or if points lie below the base.
     pub fn grid(
         &self,
         points: u64,
