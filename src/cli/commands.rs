@@ -10,7 +10,8 @@ use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
     PlanArguments, ReconstructArguments, RenderArguments, overwrite,
 };
-use super::{failure, outputs, pages, signals};
+use super::failures::failure;
+use super::{outputs, pages, signals};
 use crate::compare::compare;
 use crate::error::defect;
 use crate::error::words::{as_options, thousands};

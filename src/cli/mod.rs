@@ -2,6 +2,7 @@
 
 mod args;
 mod commands;
+mod failures;
 mod outputs;
 mod pages;
 mod signals;
@@ -16,11 +17,12 @@ use serde_json::json;
 
 use crate::error::defect;
 use crate::error::words::as_options;
-use crate::error::{Error, Failure, Kind, Result};
+use crate::error::{Error, Result};
 use crate::run::progress::{Progress, Show};
 
 pub use args::{Arguments, Command};
 pub use commands::outcome;
+pub use failures::exit_code;
 
 /// Parses the command line, does what it says, and gives the exit code.
 pub fn main() -> ExitCode {
@@ -67,19 +69,4 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// [`Error::Usage`], with the words that the command would print.
 pub fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments> {
     Arguments::try_parse_from(arguments).map_err(|words| Error::Usage(words.render().to_string().trim_end().to_owned()))
-}
-
-/// What a report has of a failure: in the command's words.
-fn failure(error: &Error) -> Failure {
-    let mut failure = error.failure(exit_code(error));
-    failure.error.message = as_options(&failure.error.message);
-    failure
-}
-
-/// The exit code of a command that failed.
-pub fn exit_code(error: &Error) -> u8 {
-    match error.kind() {
-        Kind::Signal => signals::exit_code(),
-        kind => kind.row().codes[0],
-    }
 }
