@@ -58,6 +58,7 @@ impl Crs {
     }
 
     /// The system that GeoTIFF keys tell: the directory (record 34735) and its text parameters (34737). `None` if they tell none.
+    #[doc(hidden)]
     pub fn of_geotiff(directory: &[u16], text: &[u8]) -> Option<Crs> {
         const GEOGRAPHIC: u16 = 2048;
         const PROJECTED: u16 = 3072;
@@ -118,6 +119,7 @@ enum Axes {
 
 impl Crs {
     /// What the system expects, if coordinates from `low` to `high` cannot be in it. Lengths on a map may be anything.
+    #[doc(hidden)]
     pub fn contradicted_by(&self, low: [f64; 3], high: [f64; 3]) -> Option<&'static str> {
         /// From the deepest sea to beyond the highest mountain, in metres from the Earth's centre, with room.
         const SURFACE: [f64; 2] = [6.3e6, 6.5e6];
@@ -137,6 +139,7 @@ impl Crs {
     }
 
     /// What its coordinates are; `None` if neither its text nor its code tells.
+    #[doc(hidden)]
     pub fn measure(&self) -> Option<Measure> {
         // Of systems by code, the definition tells, in the words of PROJ.
         let defined = self.epsg.and_then(|code| crs_definitions::from_code(u16::try_from(code).ok()?));
