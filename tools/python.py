@@ -20,7 +20,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PYTHON = ROOT / "python"
-BUILD = ["maturin>=1.9,<2", "ziglang"]
+BUILD = ["maturin>=1.9,<2"]
+COMPILER = ["ziglang"]
 AUDIT = ["auditwheel", "abi3audit"]
 SMOKE = ["numpy", "pytest"]
 FULL = [*SMOKE, "mypy", "types-tqdm", "tqdm", "laspy[lazrs]", "trimesh", "pyvista", "nbclient", "nbformat", "ipykernel"]
@@ -66,7 +67,7 @@ def main():
     dist = target / "smoke" if arguments.smoke else PYTHON / "dist"
     if not arguments.target:
         shutil.rmtree(dist, ignore_errors=True)
-    build = environment(target / "build", BUILD)
+    build = environment(target / "build", BUILD if arguments.smoke else [*BUILD, *COMPILER])
     # Zig is found by its name, too.
     cargo = os.environ | {"CARGO_TARGET_DIR": str(target), "PATH": f"{build.parent}{os.pathsep}{os.environ['PATH']}"}
     how = ["--profile", "dev"] if arguments.smoke else ["--profile", "release", "--zig", "--compatibility", MANYLINUX]
