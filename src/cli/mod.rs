@@ -32,7 +32,10 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(arguments) => arguments,
         Err(words) => {
             // Help and version come this way, too, and are no failure. A closed pipe is none either.
-            let _ = words.print();
+            let _ = match words.use_stderr() {
+                true => write!(std::io::stderr(), "{}", named(&words)),
+                false => words.print(),
+            };
             return words.exit_code() as u8;
         }
     };
@@ -65,6 +68,13 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// [`Error::Usage`], with the words that the command would print.
 pub fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments> {
     Arguments::try_parse_from(arguments).map_err(|words| Error::Usage(words.render().to_string().trim_end().to_owned()))
+}
+
+/// What is wrong with the arguments, begun as every error of this program is.
+fn named(words: &clap::Error) -> String {
+    let words = words.render();
+    let text = if console::colors_enabled_stderr() { words.ansi().to_string() } else { words.to_string() };
+    text.replacen("error:", "asra-stream:", 1)
 }
 
 /// The exit code of a command that failed.
