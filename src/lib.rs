@@ -1,6 +1,7 @@
 #![doc = include_str!("../ARCHITECTURE.md")]
 // What only some of the features need stands beside what all do.
 #![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 #[cfg(feature = "cli")]
 pub mod cli;

@@ -4,17 +4,19 @@
 //! a hidden name beside its own, and is locked; what a process that was killed has left there, locked by nobody, goes when the next one of the same name is
 //! made.
 
+use std::ffi::OsString;
 use std::fs::{File, OpenOptions, Permissions};
 use std::io::{self, Seek};
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{AtFlags, CWD, FlockOperation, Mode, OFlags, RenameFlags, flock, linkat, renameat_with};
+use rustix::fs::{AtFlags, CWD, FileType, FlockOperation, Mode, OFlags, RenameFlags, flock, linkat, renameat_with};
 use rustix::io::Errno;
-use tempfile::{Builder, TempDir, TempPath};
+use tempfile::{Builder, TempPath};
 
 use crate::error::{Error, Result};
+use crate::storage::folder;
 
 /// What happens to a file that has the name already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -185,7 +187,7 @@ impl WholeFile {
 /// A folder in the making, beside its own place under a hidden name. Dropping it removes it and what it holds.
 #[derive(Debug)]
 pub struct WholeFolder {
-    folder: TempDir,
+    folder: HiddenFolder,
     /// Holds the lock.
     handle: File,
     path: PathBuf,
@@ -203,18 +205,18 @@ impl WholeFolder {
         }
         reap(path);
         let made = until_held(|| {
-            let permissions = Permissions::from_mode(0o777);
-            let folder = beside(path, |builder, folder| builder.permissions(permissions).tempdir_in(folder))?;
-            let handle = File::open(folder.path())?;
+            let folder = HiddenFolder::beside(path)?;
+            let handle = File::open(&folder.path)?;
             Ok((folder, handle))
         });
         let (folder, handle) = made.map_err(Error::io(path, "create a folder beside"))?;
         Ok(WholeFolder { folder, handle, path: path.to_path_buf(), overwrite })
     }
 
-    /// Where it lies until it has its name.
-    pub fn place(&self) -> &Path {
-        self.folder.path()
+    /// Where a file of this name lies until the folder has its own. The folder remembers what it may hold.
+    pub fn within(&mut self, name: &str) -> PathBuf {
+        self.folder.names.push(name.into());
+        self.folder.path.join(name)
     }
 
     /// Gives it its name, once what it holds has reached the disk. What has the name already, if it may go, goes in the same moment.
@@ -231,16 +233,15 @@ impl WholeFolder {
         sync_folder(&self.path);
         let old = self.folder.keep();
         if replaced {
-            let is_folder = old.symlink_metadata().is_ok_and(|there| there.is_dir());
-            let removed = if is_folder { std::fs::remove_dir_all(&old) } else { std::fs::remove_file(&old) };
-            removed.map_err(Error::io(&old, "remove"))?;
+            // If that fails, it goes when the folder is made again.
+            remove(&old).map_err(Error::io(&old, "remove the older folder"))?;
         }
         Ok(())
     }
 
     /// Whether something else lies under the hidden name now.
     fn name(&self) -> io::Result<bool> {
-        let (here, there) = (self.place(), &*self.path);
+        let (here, there) = (&*self.folder.path, &*self.path);
         let replaces = self.overwrite == Overwrite::Replace && there.symlink_metadata().is_ok();
         let flags = if replaces { RenameFlags::EXCHANGE } else { RenameFlags::NOREPLACE };
         match renameat_with(CWD, here, CWD, there, flags) {
@@ -262,6 +263,47 @@ impl WholeFolder {
 
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// A folder under a hidden name. Dropping it removes it and what it holds.
+#[derive(Debug)]
+struct HiddenFolder {
+    path: PathBuf,
+    /// Of what it may hold: it can be removed by these even if the system refuses to list it.
+    names: Vec<OsString>,
+}
+
+impl HiddenFolder {
+    fn beside(path: &Path) -> io::Result<HiddenFolder> {
+        let permissions = Permissions::from_mode(0o777);
+        let folder = beside(path, |builder, folder| builder.permissions(permissions).tempdir_in(folder))?;
+        Ok(HiddenFolder { path: folder.keep(), names: Vec::new() })
+    }
+
+    /// Where it is; from now on it stays.
+    fn keep(mut self) -> PathBuf {
+        std::mem::take(&mut self.path)
+    }
+}
+
+impl Drop for HiddenFolder {
+    fn drop(&mut self) {
+        if self.path.as_os_str().is_empty() {
+            return;
+        }
+        for name in &self.names {
+            let _ = std::fs::remove_file(self.path.join(name));
+        }
+        let _ = folder::remove(&self.path);
+    }
+}
+
+/// Removes a file, a link, or a folder and what it holds.
+fn remove(path: &Path) -> io::Result<()> {
+    std::fs::remove_file(path).or_else(|file| match folder::remove(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotADirectory => Err(file),
+        removed => removed,
+    })
 }
 
 /// The parts of hidden names that are the same for all in the making of one name.
@@ -330,24 +372,24 @@ fn until_held<T>(mut make: impl FnMut() -> io::Result<(T, File)>) -> io::Result<
 /// Removes what processes that are no more left under hidden names of this one. Whether that works or not is no matter of this one's.
 fn reap(path: &Path) {
     let (prefix, suffix) = hidden_parts(path);
-    let Ok(entries) = std::fs::read_dir(folder_of(path)) else { return };
-    for entry in entries.flatten() {
-        let name = entry.file_name();
+    let folder = folder_of(path);
+    let Ok(entries) = folder::entries(folder) else { return };
+    for folder::Entry { name, kind } in entries {
         let random = name.to_str().and_then(|name| name.strip_prefix(&prefix)?.strip_suffix(suffix));
         if !random.is_some_and(|random| random.len() == RANDOM && random.bytes().all(|b| b.is_ascii_alphanumeric())) {
             continue;
         }
-        let Ok(kind) = entry.file_type() else { continue };
-        let mut options = OpenOptions::new();
-        options.read(true).write(kind.is_file()).custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
-        if !kind.is_file() && !kind.is_dir() {
+        if !matches!(kind, FileType::RegularFile | FileType::Directory) {
             continue;
         }
-        let Ok(left) = options.open(entry.path()) else { continue };
+        let mut options = OpenOptions::new();
+        options.read(true).write(kind == FileType::RegularFile);
+        options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
+        let there = folder.join(name);
+        let Ok(left) = options.open(&there) else { continue };
         // Who makes it holds its lock.
         if flock(&left, FlockOperation::NonBlockingLockExclusive).is_ok() {
-            let _ =
-                if kind.is_dir() { std::fs::remove_dir_all(entry.path()) } else { std::fs::remove_file(entry.path()) };
+            let _ = remove(&there);
         }
     }
 }
@@ -508,8 +550,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("city.tiles");
         let make = |overwrite, content: &str| {
-            let folder = WholeFolder::create(&path, overwrite).unwrap();
-            let file = WholeFile::within(&folder.place().join("a")).unwrap();
+            let mut folder = WholeFolder::create(&path, overwrite).unwrap();
+            let file = WholeFile::within(&folder.within("a")).unwrap();
             file.file().write_all(content.as_bytes()).unwrap();
             file.finish().unwrap();
             folder

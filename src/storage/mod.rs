@@ -2,6 +2,7 @@
 
 pub mod atomic_file;
 pub(crate) mod bus;
+pub(crate) mod folder;
 pub(crate) mod mapped;
 pub(crate) mod partitions;
 pub(crate) mod queue;

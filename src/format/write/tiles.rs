@@ -107,7 +107,7 @@ impl Tiles {
     /// # Errors
     /// [`Error::Usage`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::fill`] and [`super::Filled::finish`].
     pub fn write(
-        self,
+        mut self,
         mesh: &MeshSpool,
         header: &MeshHeader,
         memory: u64,
@@ -135,7 +135,7 @@ impl Tiles {
             }
             let tile = self.tile(mesh, &spool, &stretches, workspace)?;
             let name = format!("{x}_{y}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
-            let target = Target::within(&self.folder.place().join(&name), self.format, self.positions)?;
+            let target = Target::within(&self.folder.within(&name), self.format, self.positions)?;
             let file = target.fill(&tile.mesh, header, workers, &mut |_| ())?.finish()?;
             written.bytes += file.bytes;
             done += triangles;
@@ -151,7 +151,7 @@ impl Tiles {
         let index = json!({
             "version": 1, "side": self.side, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
         });
-        let path = self.folder.place().join(INDEX);
+        let path = self.folder.within(INDEX);
         let text = serde_json::to_vec_pretty(&index).expect("numbers and text are JSON");
         written.bytes += text.len() as u64;
         std::fs::File::create_new(&path)
