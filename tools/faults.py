@@ -4,7 +4,8 @@
 * a run ends, by an exit code of README's table, without a panic;
 * exit code 0 means that all outputs are there, with the bytes that they have without a fault;
 * otherwise each output is whole, or as it was before: not there, or the older file;
-* nothing else is left, in the output's folder or in that for temporary files;
+* nothing else is left, in the output's folder or in that for temporary files; but of tiles, after KILL or if an older folder cannot be removed, one under a hidden
+  name, which goes with the next run;
 * inputs are what they were.
 
     python3 tools/faults.py errors 2000            # one system call fails, once or from then on (needs a C compiler, x86-64)
@@ -40,14 +41,15 @@ ERRORS = {"EIO": errno.EIO, "ENOSPC": errno.ENOSPC, "EINTR": errno.EINTR, "EACCE
 # What the calls of the program can really fail with; EINTR and EAGAIN only once, as for ever would be for ever.
 CALLS = {
     "read": ["EIO", "EINTR"], "pread64": ["EIO", "EINTR"], "write": ["EIO", "ENOSPC", "EINTR"], "pwrite64": ["EIO", "ENOSPC", "EINTR"], "writev": ["EIO", "ENOSPC", "EINTR"],
-    "openat": ["EIO", "EMFILE", "EACCES", "ENOSPC", "EINTR"], "close": ["EINTR"], "lseek": ["EIO"], "mmap": ["ENOMEM", "EACCES"], "madvise": ["EIO", "ENOMEM"],
+    "openat": ["EIO", "EMFILE", "EACCES", "ENOSPC", "EINTR"], "close": ["EIO", "EINTR"], "lseek": ["EIO"], "mmap": ["ENOMEM", "EACCES"], "madvise": ["EIO", "ENOMEM"],
     "fsync": ["EIO", "ENOSPC", "EINTR"], "fdatasync": ["EIO", "ENOSPC"], "ftruncate": ["EIO", "ENOSPC"], "fallocate": ["EIO", "ENOSPC"], "rename": ["EIO", "ENOSPC", "EACCES"],
     "renameat2": ["EIO", "ENOSPC", "EACCES"], "linkat": ["EIO", "ENOSPC", "EACCES"], "mkdir": ["EIO", "ENOSPC", "EACCES"], "statx": ["EIO", "EACCES"], "fstat": ["EIO"],
     "newfstatat": ["EIO", "EACCES"], "fstatfs": ["EIO"], "statfs": ["EIO"], "getdents64": ["EIO"], "fcntl": ["EIO", "EMFILE"], "flock": ["EIO", "EINTR", "EAGAIN"], "fchmod": ["EIO", "EACCES"],
     "fadvise64": ["EIO"], "clone3": ["EAGAIN"], "poll": ["EINTR"], "readlink": ["EIO"],
 }
-# A folder of tiles in the making is removed file by file: if these fail for ever, that cannot be done, and what stays has a hidden name.
-REMOVING = {"openat", "newfstatat", "statx", "fstat", "getdents64"}
+# An older folder of tiles goes when the new one has its place. If these calls fail, that cannot be done, and it stays under a hidden name until the next run.
+REMOVING = {"openat", "getdents64"}
+OLDER_FOLDER = "cannot remove the older folder"
 
 
 def digest(path):
@@ -196,9 +198,18 @@ class Bench:
                 wrong.append(f"{name} is not whole")
         known = {*scenario.inputs, *scenario.outputs, *scenario.reports, "temp"}
         left = [p.name for p in folder.iterdir() if p.name not in known] + [f"temp/{p.name}" for p in (folder / "temp").iterdir()]
-        if left and not removes:
+        if removes and left and all(name.startswith(".o.tiles.") and name.endswith(".tmp") for name in left):
+            wrong += self.again(scenario, folder)
+        elif left:
             wrong.append(f"left behind: {' '.join(left)}")
         return wrong
+
+    def again(self, scenario, folder):
+        """What is wrong after another run, without a fault: what the first one left must go."""
+        process = self.start(scenario, [self.program], folder, ["--overwrite"], subprocess.PIPE)
+        code, words = self.finish(process)
+        wrong = ["hangs"] if code is None else self.verdict(scenario, folder, code, words, scenario.codes, {})
+        return [f"after another run: {what}" for what in wrong]
 
     def old_outputs(self, scenario, folder, chance):
         """In half of the trials there are older outputs, and --overwrite."""
@@ -243,10 +254,11 @@ def errors(bench, number):
     process = bench.start(scenario, before, folder, after, subprocess.PIPE)
     code, words = bench.finish(process)
     told = f"{call} {nth} of {calls} {name} {how}: {scenario.line} {' '.join(after)}"
-    wrong = ["hangs"] if code is None else bench.verdict(scenario, folder, code, words, CODES, older, removes=how == "always" and call in REMOVING and "--tile" in scenario.line)
+    wrong = ["hangs"] if code is None else bench.verdict(scenario, folder, code, words, CODES, older, removes=call in REMOVING and OLDER_FOLDER in words)
+    stayed = ", an older folder of tiles stays until the next run" if OLDER_FOLDER in words else ""
     shutil.rmtree(folder)
     (bench.root / f"log{number}").unlink(missing_ok=True)
-    return f"exit {code}", wrong, told + "\n      " + words.strip()[-300:]
+    return f"exit {code}{stayed}", wrong, told + "\n      " + words.strip()[-300:]
 
 
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129, signal.SIGKILL: -9}
@@ -272,13 +284,10 @@ def signals(bench, number):
     told = f"{which.name}: {scenario.line} {' '.join(after)}"
     # Before the handler is there, the signal itself ends the program.
     codes = {0, SIGNALS[which], -which} if sent else {0}
+    hidden = any(p.name.startswith(".") for p in folder.iterdir())
     wrong = ["hangs"] if code is None else bench.verdict(scenario, folder, code, words, codes, older, removes=which == signal.SIGKILL)
     if which == signal.SIGKILL and code == -9:
-        hidden = [p.name for p in folder.iterdir() if p.name.startswith(".")]
-        seen = [p.name for p in folder.iterdir() if not p.name.startswith(".") and p.name not in {*scenario.inputs, *scenario.outputs, *scenario.reports, "temp"}]
-        if seen or (hidden and "--tile" not in scenario.line):
-            wrong.append(f"left behind: {' '.join(hidden + seen)}")
-        code = "KILL" + (", hidden folder of tiles" if hidden else "")
+        code = "KILL" + (", hidden folder of tiles until the next run" if hidden else "")
     shutil.rmtree(folder)
     return f"{which.name} exit {code}", wrong, told + "\n      " + words.strip()[-300:]
 
