@@ -15,6 +15,7 @@ use crate::compare::compare;
 use crate::error::defect;
 use crate::error::words::thousands;
 use crate::error::{Error, Kind, Result};
+use crate::format::laz::overflow::Reported;
 use crate::generate;
 use crate::generate::densify::densify;
 use crate::mesh::check::CheckReport;
@@ -322,6 +323,7 @@ fn reported<R: serde::Serialize>(
     work: impl FnOnce(&mut Progress) -> Result<(R, Kind)>,
 ) -> Result<Kind> {
     let Some(file) = file else { return Ok(work(progress)?.1) };
+    let _reported = Reported::to(file.last_words()?);
     match defect::caught(|| work(progress)) {
         Ok((report, kind)) => write_json(file, &report).map(|()| kind),
         Err(error) => {

@@ -4,14 +4,17 @@
 //! a hidden name beside its own, and is locked; what a process that was killed has left there, locked by nobody, goes when the next one of the same name is
 //! made.
 
-use std::ffi::OsString;
+use std::ffi::{CString, OsString};
 use std::fs::{File, OpenOptions, Permissions};
 use std::io::{self, Seek};
 use std::os::fd::AsRawFd;
+use std::os::unix::ffi::OsStringExt;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{AtFlags, CWD, FileType, FlockOperation, Mode, OFlags, RenameFlags, flock, linkat, renameat_with};
+use rustix::fs::{
+    AtFlags, CWD, FileType, FlockOperation, Mode, OFlags, RenameFlags, flock, linkat, renameat, renameat_with,
+};
 use rustix::io::Errno;
 use tempfile::{Builder, TempPath};
 
@@ -152,6 +155,31 @@ impl WholeFile {
         Ok(())
     }
 
+    /// What writes the file if the process has to end at once.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(crate) fn last_words(&self) -> Result<LastWords> {
+        let words = || -> io::Result<LastWords> {
+            let file = self.file.try_clone()?;
+            let from = match &self.hidden {
+                Some(hidden) => c_string(hidden.to_path_buf())?,
+                None => c_string(by_number(&file))?,
+            };
+            // No other process has this number.
+            let (prefix, suffix) = hidden_parts(&self.path);
+            let number = std::process::id() % 10u32.pow(RANDOM as u32);
+            let aside = folder_of(&self.path).join(format!("{prefix}{number:0RANDOM$}{suffix}"));
+            let how = match (self.through, &self.hidden) {
+                (true, _) => Naming::None,
+                (false, Some(_)) => Naming::Rename,
+                (false, None) => Naming::Link,
+            };
+            Ok(LastWords { file, from, aside: c_string(aside)?, path: c_string(self.path.clone())?, how })
+        };
+        words().map_err(Error::io(&self.path, "create"))
+    }
+
     fn name(&mut self) -> io::Result<()> {
         let hidden = match self.hidden.take() {
             Some(hidden) => hidden,
@@ -182,6 +210,54 @@ impl WholeFile {
         }
         .map_err(|refused| refused.error)
     }
+}
+
+/// Writes a file in the making and gives it its name where nothing may take memory or wait for a lock: in the handler of a signal.
+#[derive(Debug)]
+pub(crate) struct LastWords {
+    file: File,
+    /// Where it is now.
+    from: CString,
+    /// A hidden name, if it has to replace an older file.
+    aside: CString,
+    path: CString,
+    how: Naming,
+}
+
+/// How a file in the making gets its name.
+#[derive(Debug, Clone, Copy)]
+enum Naming {
+    /// It has it already.
+    None,
+    Rename,
+    Link,
+}
+
+impl LastWords {
+    /// Whatever fails here, there is nobody left to tell.
+    pub(crate) fn say(&self, text: &[u8]) {
+        let mut rest = text;
+        while !rest.is_empty() {
+            match rustix::io::write(&self.file, rest) {
+                Ok(written) if written > 0 => rest = &rest[written..],
+                Err(Errno::INTR) => {}
+                _ => return,
+            }
+        }
+        let (from, aside, path) = (&*self.from, &*self.aside, &*self.path);
+        let link = |to| linkat(CWD, from, CWD, to, AtFlags::SYMLINK_FOLLOW).is_ok();
+        let _ = match self.how {
+            Naming::None => Ok(()),
+            Naming::Rename => renameat(CWD, from, CWD, path),
+            Naming::Link if link(path) || !link(aside) => Ok(()),
+            // Only a name takes a name's place at once.
+            Naming::Link => renameat(CWD, aside, CWD, path),
+        };
+    }
+}
+
+fn c_string(path: PathBuf) -> io::Result<CString> {
+    Ok(CString::new(path.into_os_string().into_vec())?)
 }
 
 /// A folder in the making, beside its own place under a hidden name. Dropping it removes it and what it holds.

@@ -17,7 +17,7 @@
 
 pub(crate) mod gps;
 mod guard;
-mod overflow;
+pub(crate) mod overflow;
 pub mod pieces;
 mod table;
 
