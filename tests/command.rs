@@ -29,6 +29,7 @@ fn a_wrong_path_is_named() {
         assert!(err.starts_with("asra-stream: ") && !err.contains("error:"), "{line}: {err}");
     }
     f.fails("gone.ply", 66, &["gone.ply: cannot open: No such file"]);
+    f.fails("inof gone.ply", 66, &["inof: cannot open: No such file", "the command is `asra-stream info`"]);
     f.fails("gone*.ply", 66, &["gone*.ply: the pattern matches no file"]);
     f.make("nothing");
     f.fails("nothing", 66, &["nothing: the folder holds no point file"]);

@@ -10,7 +10,7 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use serde_json::json;
 
 use crate::error::defect;
@@ -55,7 +55,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             } else {
                 // The bar's line, if there is one, is to be free. Whether anyone can be told or not.
                 progress.clear();
-                let _ = writeln!(std::io::stderr(), "asra-stream: {error}");
+                let advice = meant(&error).map(|name| format!("; the command is `asra-stream {name}`"));
+                let _ = writeln!(std::io::stderr(), "asra-stream: {error}{}", advice.unwrap_or_default());
             }
             code
         }
@@ -77,10 +78,51 @@ fn named(words: &clap::Error) -> String {
     text.replacen("error:", "asra-stream:", 1)
 }
 
+/// The command whose name was mistyped, so that it was taken for a file that is not there.
+fn meant(error: &Error) -> Option<String> {
+    let Error::Io { path, source, .. } = error else { return None };
+    let word = path.to_str().filter(|_| source.kind() == std::io::ErrorKind::NotFound)?;
+    let command = Arguments::command();
+    let mut names = command.get_subcommands().map(|command| command.get_name().to_string());
+    names.find(|name| near(word.as_bytes(), name.as_bytes()))
+}
+
+/// Whether two words are the same but for one letter more, one less, another, or two neighbours that changed places.
+fn near(a: &[u8], b: &[u8]) -> bool {
+    let (short, long) = if a.len() < b.len() { (a, b) } else { (b, a) };
+    let same = short.iter().zip(long).take_while(|(a, b)| a == b).count();
+    let (short, long) = (&short[same..], &long[same..]);
+    match (short, long) {
+        ([a, b, short @ ..], [c, d, long @ ..]) if (a, b) == (d, c) => short == long,
+        ([_, short @ ..], [_, rest @ ..]) if short.len() == rest.len() => short == rest,
+        (short, [_, rest @ ..]) => short == rest,
+        _ => false,
+    }
+}
+
 /// The exit code of a command that failed.
 pub fn exit_code(error: &Error) -> u8 {
     match error.kind() {
         Kind::Signal => signals::exit_code(),
         kind => kind.row().codes[0],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mistyped_command_is_recognised() {
+        let error = |word: &str| Error::io(word, "open")(std::io::ErrorKind::NotFound.into());
+        for (word, name) in
+            [("inof", "info"), ("inf", "info"), ("infos", "info"), ("chekc", "check"), ("rander", "render")]
+        {
+            assert_eq!(meant(&error(word)).as_deref(), Some(name), "{word}");
+        }
+        for word in ["a", "bunny", "fino", "info.ply", "scans/info", ""] {
+            assert_eq!(meant(&error(word)), None, "{word}");
+        }
+        assert_eq!(meant(&Error::io("inof", "open")(std::io::ErrorKind::PermissionDenied.into())), None);
     }
 }
