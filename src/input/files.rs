@@ -62,6 +62,10 @@ pub fn find(inputs: &[PathBuf], depth: Depth) -> Result<Found> {
     let mut seen = BTreeSet::new();
     let mut found = Found::default();
     for input in inputs {
+        // A shell's `scans/*` names the side-cars, too.
+        if has_extension(input, &["json"]) && inputs.contains(&input.with_extension("")) {
+            continue;
+        }
         let mut strays = Strays::default();
         for file in stands_for(input, depth, &mut strays)? {
             // Links and `./` must not let a file count twice. A file by the name of standard input is `./-`.
@@ -360,6 +364,15 @@ mod tests {
         assert!(names(&["[.ply"]).unwrap_err().to_string().contains("not a valid pattern"));
         assert!(matches!(names(&["gone.ply"]), Err(Error::Io { .. })));
         assert!(expand(&[]).is_err());
+    }
+
+    #[test]
+    fn a_side_car_that_is_named_with_its_file_is_no_input() {
+        let dir = folder(&[("a.bin", b"points"), ("a.bin.json", b"{}"), ("b.bin.json", b"{}")]);
+        let [file, own, other] = ["a.bin", "a.bin.json", "b.bin.json"].map(|name| dir.path().join(name));
+        assert_eq!(expand(&[own.clone(), file.clone()]).unwrap(), std::slice::from_ref(&file));
+        assert_eq!(expand(&[file.clone(), own.clone()]).unwrap(), [file]);
+        assert_eq!(expand(&[own.clone(), other.clone()]).unwrap(), [own, other], "whoever names them alone means them");
     }
 
     #[test]
