@@ -8,6 +8,7 @@
 //! ```
 
 use std::fmt;
+use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result};
@@ -264,10 +265,7 @@ impl Crs {
             Some(crs) => Some(crs),
             None => {
                 let path = Path::new(text);
-                let file = path
-                    .is_file()
-                    .then(|| std::fs::read_to_string(path).map_err(Error::io(path, "read")))
-                    .transpose()?;
+                let file = path.is_file().then(|| text_of(path).map_err(Error::io(path, "read"))).transpose()?;
                 file.and_then(|text| Crs::parse(&text)).filter(|crs| crs.epsg.is_some() || crs.wkt.is_some())
             }
         };
@@ -290,6 +288,18 @@ impl fmt::Display for Crs {
             None => Ok(()),
         }
     }
+}
+
+/// The text of a file; nothing of one that is too long for a reference system.
+fn text_of(path: &Path) -> std::io::Result<String> {
+    /// Real ones have some thousands of letters.
+    const LONGEST: u64 = 1 << 20;
+    let mut text = String::new();
+    std::fs::File::open(path)?.take(LONGEST + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > LONGEST {
+        text.clear();
+    }
+    Ok(text)
 }
 
 /// A name as it may be printed: one line, without control characters, not too long. `None` if nothing is left.
@@ -513,6 +523,8 @@ mod tests {
         assert_eq!(Crs::given("EPSG:25832").unwrap().unwrap().epsg, Some(25832));
         assert_eq!(Crs::given(COMPOUND).unwrap().unwrap().epsg, Some(26910));
         assert_eq!(Crs::given(path.to_str().unwrap()).unwrap().unwrap().vertical, Some(5703));
+        std::fs::write(&path, [COMPOUND.as_bytes(), &vec![b' '; 1 << 20]].concat()).unwrap();
+        assert!(Crs::given(path.to_str().unwrap()).is_err(), "no more is read than a system can have");
         assert!(Crs::given("somewhere").unwrap_err().to_string().contains("--crs somewhere: expected EPSG"));
     }
 
