@@ -12,7 +12,8 @@
     python3 tools/faults.py signals 300            # INT, TERM, HUP, KILL
     python3 tools/faults.py disks 100              # small file systems in memory, for outputs or for temporary files (needs root)
 
-Each trial has a number, from which alone all its choices come: `--first N` begins with number N, as a failure names it. Inputs of more formats can be named with --input.
+Each trial has a number, from which alone all its choices come: `--first N` begins with number N, as a failure names it. Inputs of more formats can be named with --input, with
+options for them, which may make the runs shorter: --input 'pump.e57 --cell-size 0.2'.
 The program is target/release/asra-stream, or that of --program. Exit code 1 if any trial fails.
 """
 
@@ -23,6 +24,7 @@ import gzip
 import hashlib
 import os
 import random
+import shlex
 import shutil
 import signal
 import struct
@@ -64,6 +66,7 @@ class Scenario:
     def __init__(self, line, inputs, outputs=(), reports=(), codes=(0,), stdin=None):
         self.line, self.inputs, self.outputs, self.reports, self.codes, self.stdin = line, inputs, outputs, reports, codes, stdin
         self.right, self.older, self.calls = {}, {}, {}
+        self.lock = threading.Lock()
 
 
 class Bench:
@@ -72,7 +75,6 @@ class Bench:
         self.stock = self.root / "stock"
         self.stock.mkdir()
         self.scenarios = []
-        self.lock = threading.Lock()
         self.make(points, more)
 
     def run(self, line, folder, **more):
@@ -114,9 +116,9 @@ class Bench:
             ("info k.ply.gz", ["k.ply.gz"], [], []),
             ("plan s.las", ["s.las"], [], []),
             ("generate torus 20000 -o o.bin", [], ["o.bin", "o.bin.json"], []),
-        ] + [(f"{path.name} -o o.ply", [path.name], ["o.ply"], []) for path in more]:
+        ] + [(f"{path.name} {' '.join(options)} -o o.ply", [path.name], ["o.ply"], []) for path, *options in more]:
             self.scenarios.append(Scenario(line, inputs, outputs, reports, *rest))
-        for path in more:
+        for path, *_ in more:
             shutil.copy(path, stock)
         for number, scenario in enumerate(self.scenarios):
             folder = self.folder(f"right{number}", scenario)
@@ -163,18 +165,22 @@ class Bench:
     def counts(self, number, call):
         """How often a scenario makes a call, and how often before its first own one: loading the program cannot be made to fail in a way that is its own."""
         scenario = self.scenarios[number]
-        with self.lock:
+        with scenario.lock:
             if call not in scenario.calls:
-                both = []
-                for line in (scenario.line.split() + ["-j", "2"] if scenario.line.split()[0] not in ("info", "generate") else scenario.line.split(), ["--version"]):
-                    folder = self.folder(f"count{number}", scenario)
-                    stdin = open(folder / scenario.stdin, "rb") if scenario.stdin else subprocess.DEVNULL
-                    env = dict(os.environ, TMPDIR=str(folder / "temp"))
-                    subprocess.run([str(self.root / "inject"), call, "0", "0", "once", str(folder / "log"), self.program, *line], cwd=folder, stdin=stdin, capture_output=True, env=env)
-                    both.append(int((folder / "log").read_text()))
-                    shutil.rmtree(folder)
-                scenario.calls[call] = both
+                words = scenario.line.split()
+                own = self.count(number, call, words + ["-j", "2"] if words[0] not in ("info", "generate") else words)
+                scenario.calls[call] = [own, self.count(number, call, ["--version"])]
             return scenario.calls[call]
+
+    def count(self, number, call, line):
+        scenario = self.scenarios[number]
+        folder = self.folder(f"count{number}", scenario)
+        stdin = open(folder / scenario.stdin, "rb") if scenario.stdin else subprocess.DEVNULL
+        env = dict(os.environ, TMPDIR=str(folder / "temp"))
+        subprocess.run([str(self.root / "inject"), call, "0", "0", "once", str(folder / "log"), self.program, *line], cwd=folder, stdin=stdin, capture_output=True, env=env)
+        found = int((folder / "log").read_text())
+        shutil.rmtree(folder)
+        return found
 
     def verdict(self, scenario, folder, code, words, codes, older, removes=False):
         """What is wrong after a run, as a list of words."""
@@ -340,10 +346,10 @@ def main():
     parser.add_argument("--first", type=int, default=0, help="the number of the first trial")
     parser.add_argument("--points", type=int, default=20_000, help="points of the clouds")
     parser.add_argument("--program", type=Path, default=HERE.parent / "target/release/asra-stream")
-    parser.add_argument("--input", type=Path, action="append", default=[], help="one more cloud to reconstruct, of any format")
+    parser.add_argument("--input", action="append", default=[], metavar="'FILE OPTIONS'", help="one more cloud to reconstruct, of any format, and options")
     parser.add_argument("--at-once", type=int, default=2, help="trials at a time")
     given = parser.parse_args()
-    bench = Bench(given.program.resolve(), given.points, [path.resolve() for path in given.input])
+    bench = Bench(given.program.resolve(), given.points, [[Path(path).resolve(), *options] for path, *options in map(shlex.split, given.input)])
     if given.kind == "errors":
         subprocess.run(["cc", "-O1", "-o", str(bench.root / "inject"), str(HERE / "inject.c")], check=True)
     trial = {"errors": errors, "signals": signals, "disks": disks}[given.kind]
