@@ -28,6 +28,7 @@ use crate::run::reconstruction::watched;
 use crate::run::{look, plan, run};
 use crate::storage::atomic_file::AtomicFile;
 use crate::storage::steady::Steady;
+use crate::system::stack::Reported;
 use crate::{format, mesh};
 
 /// Does what the arguments say.
@@ -328,6 +329,7 @@ fn reported<R: serde::Serialize>(
     work: impl FnOnce(&mut Progress) -> Result<(R, Kind)>,
 ) -> Result<Kind> {
     let Some(file) = file else { return Ok(work(progress)?.1) };
+    let _reported = Reported::to(file.last_words()?);
     match defect::caught(|| work(progress)) {
         Ok((report, kind)) => write_json(file, &report).map(|()| kind),
         Err(error) => {
