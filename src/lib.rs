@@ -58,6 +58,7 @@
 
 // What only some of the features need stands beside what all do.
 #![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 #[cfg(feature = "cli")]
 #[doc(hidden)]

@@ -2,6 +2,8 @@
 //!
 //! `MUTANTS=10000 cargo test --test mutants -- --nocapture` tries so many, and tells figures. `MUTANTS_FIRST` is the number of the first one, as a failure names it.
 
+#![allow(clippy::disallowed_methods)]
+
 use std::collections::BTreeMap;
 use std::io::{Cursor, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};

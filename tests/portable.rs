@@ -1,5 +1,7 @@
 //! What decides bytes is computed by the program itself, not by whatever C library a machine has.
 
+#![allow(clippy::disallowed_methods)]
+
 use std::path::Path;
 
 /// Functions that the standard library takes from the C library, whose last bit differs from one to the next.

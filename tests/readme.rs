@@ -162,6 +162,7 @@ fn files_that_are_linked_exist() {
         "docs/formats.md",
         "docs/cli.md",
         "docs/progress.md",
+        "docs/python.md",
         "docs/info-and-plan.md",
         "benches/results/README.md",
         "python/README.md",

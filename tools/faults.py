@@ -4,14 +4,16 @@
 * a run ends, by an exit code of README's table, without a panic;
 * exit code 0 means that all outputs are there, with the bytes that they have without a fault;
 * otherwise each output is whole, or as it was before: not there, or the older file;
-* nothing else is left, in the output's folder or in that for temporary files;
+* nothing else is left, in the output's folder or in that for temporary files; but of tiles, after KILL or if an older folder cannot be removed, one under a hidden
+  name, which goes with the next run;
 * inputs are what they were.
 
     python3 tools/faults.py errors 2000            # one system call fails, once or from then on (needs a C compiler, x86-64)
     python3 tools/faults.py signals 300            # INT, TERM, HUP, KILL
     python3 tools/faults.py disks 100              # small file systems in memory, for outputs or for temporary files (needs root)
 
-Each trial has a number, from which alone all its choices come: `--first N` begins with number N, as a failure names it. Inputs of more formats can be named with --input.
+Each trial has a number, from which alone all its choices come: `--first N` begins with number N, as a failure names it. Inputs of more formats can be named with --input, with
+options for them, which may make the runs shorter: --input 'pump.e57 --cell-size 0.2'.
 The program is target/release/asra-stream, or that of --program. Exit code 1 if any trial fails.
 """
 
@@ -22,6 +24,7 @@ import gzip
 import hashlib
 import os
 import random
+import shlex
 import shutil
 import signal
 import struct
@@ -40,14 +43,15 @@ ERRORS = {"EIO": errno.EIO, "ENOSPC": errno.ENOSPC, "EINTR": errno.EINTR, "EACCE
 # What the calls of the program can really fail with; EINTR and EAGAIN only once, as for ever would be for ever.
 CALLS = {
     "read": ["EIO", "EINTR"], "pread64": ["EIO", "EINTR"], "write": ["EIO", "ENOSPC", "EINTR"], "pwrite64": ["EIO", "ENOSPC", "EINTR"], "writev": ["EIO", "ENOSPC", "EINTR"],
-    "openat": ["EIO", "EMFILE", "EACCES", "ENOSPC", "EINTR"], "close": ["EINTR"], "lseek": ["EIO"], "mmap": ["ENOMEM", "EACCES"], "madvise": ["EIO", "ENOMEM"],
+    "openat": ["EIO", "EMFILE", "EACCES", "ENOSPC", "EINTR"], "close": ["EIO", "EINTR"], "lseek": ["EIO"], "mmap": ["ENOMEM", "EACCES"], "madvise": ["EIO", "ENOMEM"],
     "fsync": ["EIO", "ENOSPC", "EINTR"], "fdatasync": ["EIO", "ENOSPC"], "ftruncate": ["EIO", "ENOSPC"], "fallocate": ["EIO", "ENOSPC"], "rename": ["EIO", "ENOSPC", "EACCES"],
     "renameat2": ["EIO", "ENOSPC", "EACCES"], "linkat": ["EIO", "ENOSPC", "EACCES"], "mkdir": ["EIO", "ENOSPC", "EACCES"], "statx": ["EIO", "EACCES"], "fstat": ["EIO"],
     "newfstatat": ["EIO", "EACCES"], "fstatfs": ["EIO"], "statfs": ["EIO"], "getdents64": ["EIO"], "fcntl": ["EIO", "EMFILE"], "flock": ["EIO", "EINTR", "EAGAIN"], "fchmod": ["EIO", "EACCES"],
     "fadvise64": ["EIO"], "clone3": ["EAGAIN"], "poll": ["EINTR"], "readlink": ["EIO"],
 }
-# A folder of tiles in the making is removed file by file: if these fail for ever, that cannot be done, and what stays has a hidden name.
-REMOVING = {"openat", "newfstatat", "statx", "fstat", "getdents64"}
+# An older folder of tiles goes when the new one has its place. If these calls fail, that cannot be done, and it stays under a hidden name until the next run.
+REMOVING = {"openat", "getdents64"}
+OLDER_FOLDER = "cannot remove the older folder"
 
 
 def digest(path):
@@ -62,6 +66,7 @@ class Scenario:
     def __init__(self, line, inputs, outputs=(), reports=(), codes=(0,), stdin=None):
         self.line, self.inputs, self.outputs, self.reports, self.codes, self.stdin = line, inputs, outputs, reports, codes, stdin
         self.right, self.older, self.calls = {}, {}, {}
+        self.lock = threading.Lock()
 
 
 class Bench:
@@ -70,7 +75,6 @@ class Bench:
         self.stock = self.root / "stock"
         self.stock.mkdir()
         self.scenarios = []
-        self.lock = threading.Lock()
         self.make(points, more)
 
     def run(self, line, folder, **more):
@@ -112,9 +116,9 @@ class Bench:
             ("info k.ply.gz", ["k.ply.gz"], [], []),
             ("plan s.las", ["s.las"], [], []),
             ("generate torus 20000 -o o.bin", [], ["o.bin", "o.bin.json"], []),
-        ] + [(f"{path.name} -o o.ply", [path.name], ["o.ply"], []) for path in more]:
+        ] + [(f"{path.name} {' '.join(options)} -o o.ply", [path.name], ["o.ply"], []) for path, *options in more]:
             self.scenarios.append(Scenario(line, inputs, outputs, reports, *rest))
-        for path in more:
+        for path, *_ in more:
             shutil.copy(path, stock)
         for number, scenario in enumerate(self.scenarios):
             folder = self.folder(f"right{number}", scenario)
@@ -161,18 +165,22 @@ class Bench:
     def counts(self, number, call):
         """How often a scenario makes a call, and how often before its first own one: loading the program cannot be made to fail in a way that is its own."""
         scenario = self.scenarios[number]
-        with self.lock:
+        with scenario.lock:
             if call not in scenario.calls:
-                both = []
-                for line in (scenario.line.split() + ["-j", "2"] if scenario.line.split()[0] not in ("info", "generate") else scenario.line.split(), ["--version"]):
-                    folder = self.folder(f"count{number}", scenario)
-                    stdin = open(folder / scenario.stdin, "rb") if scenario.stdin else subprocess.DEVNULL
-                    env = dict(os.environ, TMPDIR=str(folder / "temp"))
-                    subprocess.run([str(self.root / "inject"), call, "0", "0", "once", str(folder / "log"), self.program, *line], cwd=folder, stdin=stdin, capture_output=True, env=env)
-                    both.append(int((folder / "log").read_text()))
-                    shutil.rmtree(folder)
-                scenario.calls[call] = both
+                words = scenario.line.split()
+                own = self.count(number, call, words + ["-j", "2"] if words[0] not in ("info", "generate") else words)
+                scenario.calls[call] = [own, self.count(number, call, ["--version"])]
             return scenario.calls[call]
+
+    def count(self, number, call, line):
+        scenario = self.scenarios[number]
+        folder = self.folder(f"count{number}", scenario)
+        stdin = open(folder / scenario.stdin, "rb") if scenario.stdin else subprocess.DEVNULL
+        env = dict(os.environ, TMPDIR=str(folder / "temp"))
+        subprocess.run([str(self.root / "inject"), call, "0", "0", "once", str(folder / "log"), self.program, *line], cwd=folder, stdin=stdin, capture_output=True, env=env)
+        found = int((folder / "log").read_text())
+        shutil.rmtree(folder)
+        return found
 
     def verdict(self, scenario, folder, code, words, codes, older, removes=False):
         """What is wrong after a run, as a list of words."""
@@ -196,9 +204,18 @@ class Bench:
                 wrong.append(f"{name} is not whole")
         known = {*scenario.inputs, *scenario.outputs, *scenario.reports, "temp"}
         left = [p.name for p in folder.iterdir() if p.name not in known] + [f"temp/{p.name}" for p in (folder / "temp").iterdir()]
-        if left and not removes:
+        if removes and left and all(name.startswith(".o.tiles.") and name.endswith(".tmp") for name in left):
+            wrong += self.again(scenario, folder)
+        elif left:
             wrong.append(f"left behind: {' '.join(left)}")
         return wrong
+
+    def again(self, scenario, folder):
+        """What is wrong after another run, without a fault: what the first one left must go."""
+        process = self.start(scenario, [self.program], folder, ["--overwrite"], subprocess.PIPE)
+        code, words = self.finish(process)
+        wrong = ["hangs"] if code is None else self.verdict(scenario, folder, code, words, scenario.codes, {})
+        return [f"after another run: {what}" for what in wrong]
 
     def old_outputs(self, scenario, folder, chance):
         """In half of the trials there are older outputs, and --overwrite."""
@@ -243,10 +260,11 @@ def errors(bench, number):
     process = bench.start(scenario, before, folder, after, subprocess.PIPE)
     code, words = bench.finish(process)
     told = f"{call} {nth} of {calls} {name} {how}: {scenario.line} {' '.join(after)}"
-    wrong = ["hangs"] if code is None else bench.verdict(scenario, folder, code, words, CODES, older, removes=how == "always" and call in REMOVING and "--tile" in scenario.line)
+    wrong = ["hangs"] if code is None else bench.verdict(scenario, folder, code, words, CODES, older, removes=call in REMOVING and OLDER_FOLDER in words)
+    stayed = ", an older folder of tiles stays until the next run" if OLDER_FOLDER in words else ""
     shutil.rmtree(folder)
     (bench.root / f"log{number}").unlink(missing_ok=True)
-    return f"exit {code}", wrong, told + "\n      " + words.strip()[-300:]
+    return f"exit {code}{stayed}", wrong, told + "\n      " + words.strip()[-300:]
 
 
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129, signal.SIGKILL: -9}
@@ -272,13 +290,10 @@ def signals(bench, number):
     told = f"{which.name}: {scenario.line} {' '.join(after)}"
     # Before the handler is there, the signal itself ends the program.
     codes = {0, SIGNALS[which], -which} if sent else {0}
+    hidden = any(p.name.startswith(".") for p in folder.iterdir())
     wrong = ["hangs"] if code is None else bench.verdict(scenario, folder, code, words, codes, older, removes=which == signal.SIGKILL)
     if which == signal.SIGKILL and code == -9:
-        hidden = [p.name for p in folder.iterdir() if p.name.startswith(".")]
-        seen = [p.name for p in folder.iterdir() if not p.name.startswith(".") and p.name not in {*scenario.inputs, *scenario.outputs, *scenario.reports, "temp"}]
-        if seen or (hidden and "--tile" not in scenario.line):
-            wrong.append(f"left behind: {' '.join(hidden + seen)}")
-        code = "KILL" + (", hidden folder of tiles" if hidden else "")
+        code = "KILL" + (", hidden folder of tiles until the next run" if hidden else "")
     shutil.rmtree(folder)
     return f"{which.name} exit {code}", wrong, told + "\n      " + words.strip()[-300:]
 
@@ -331,10 +346,10 @@ def main():
     parser.add_argument("--first", type=int, default=0, help="the number of the first trial")
     parser.add_argument("--points", type=int, default=20_000, help="points of the clouds")
     parser.add_argument("--program", type=Path, default=HERE.parent / "target/release/asra-stream")
-    parser.add_argument("--input", type=Path, action="append", default=[], help="one more cloud to reconstruct, of any format")
+    parser.add_argument("--input", action="append", default=[], metavar="'FILE OPTIONS'", help="one more cloud to reconstruct, of any format, and options")
     parser.add_argument("--at-once", type=int, default=2, help="trials at a time")
     given = parser.parse_args()
-    bench = Bench(given.program.resolve(), given.points, [path.resolve() for path in given.input])
+    bench = Bench(given.program.resolve(), given.points, [[Path(path).resolve(), *options] for path, *options in map(shlex.split, given.input)])
     if given.kind == "errors":
         subprocess.run(["cc", "-O1", "-o", str(bench.root / "inject"), str(HERE / "inject.c")], check=True)
     trial = {"errors": errors, "signals": signals, "disks": disks}[given.kind]

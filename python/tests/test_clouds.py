@@ -105,29 +105,54 @@ def test_clouds_of_others(sphere, tmp_path):
     assert same(found, asra_stream.reconstruct(tmp_path / "sphere.las"))
 
 
-def test_converters_keep_every_vertex(sphere):
-    mesh = asra_stream.reconstruct(sphere(20_000), attributes={"rgb": np.full((20_000, 3), 7, np.uint8)})
-    trimesh = pytest.importorskip("trimesh")
+COLOUR = (200, 100, 50)
+
+
+def painted(sphere):
+    points = sphere(20_000)
+    return points, {"rgb": np.full((20_000, 3), COLOUR, np.uint8), "height": points[:, 2]}
+
+
+def test_trimesh_gets_every_vertex(sphere):
+    pytest.importorskip("trimesh")
+    points, attributes = painted(sphere)
+    mesh = asra_stream.reconstruct(points, attributes=attributes)
     other = mesh.to_trimesh()
-    assert other.is_watertight and np.array_equal(other.vertices, mesh.vertices)
+    assert other.is_watertight and np.array_equal(other.vertices, mesh.vertices) and np.array_equal(other.faces, mesh.triangles)
     assert abs(other.volume - mesh.report["check"]["volume"]) < 1e-9
-    assert (other.visual.vertex_colors[:, :3] == 7).all()
-    del trimesh
-    try:
-        import open3d
-    except ImportError:
-        pass
-    else:
-        assert mesh.to_open3d().is_watertight()
-        cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(sphere(20_000)))
-        assert same(mesh, asra_stream.reconstruct(cloud))
-    try:
-        import pyvista
-    except ImportError:
-        pass
-    else:
-        assert mesh.to_pyvista().n_open_edges == 0
-        assert same(mesh, asra_stream.reconstruct(pyvista.PolyData(sphere(20_000))))
+    assert (other.visual.vertex_colors[:, :3] == COLOUR).all()
+
+
+def test_open3d_gets_every_vertex_and_gives_clouds(sphere):
+    open3d = pytest.importorskip("open3d")
+    points, attributes = painted(sphere)
+    mesh = asra_stream.reconstruct(points, attributes=attributes)
+    other = mesh.to_open3d()
+    assert other.is_watertight() and other.is_orientable() and not other.is_self_intersecting()
+    assert np.array_equal(np.asarray(other.vertices), mesh.vertices) and np.array_equal(np.asarray(other.triangles), mesh.triangles)
+    assert np.allclose(255 * np.asarray(other.vertex_colors), COLOUR)
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    assert same(mesh, asra_stream.reconstruct(cloud)) and not asra_stream.reconstruct(cloud).attributes
+    cloud.colors = open3d.utility.Vector3dVector(attributes["rgb"] / 255)
+    again = asra_stream.reconstruct(cloud)
+    assert same(mesh, again) and np.array_equal(again.colors, mesh.colors)
+
+
+def test_pyvista_gets_every_vertex_and_gives_clouds(sphere):
+    pyvista = pytest.importorskip("pyvista")
+    points, attributes = painted(sphere)
+    mesh = asra_stream.reconstruct(points, attributes=attributes)
+    other = mesh.to_pyvista()
+    assert other.n_open_edges == 0 and other.is_manifold and other.is_all_triangles
+    assert np.array_equal(other.points, mesh.vertices) and np.array_equal(other.regular_faces, mesh.triangles)
+    assert set(other.point_data) == {"red", "green", "blue", "height"}
+    assert np.array_equal(other.point_data["height"], mesh.attributes["height"])
+    cloud = pyvista.PolyData(points)
+    cloud.point_data["RGB"], cloud.point_data["height"] = attributes["rgb"], attributes["height"]
+    cloud.point_data["normals"] = np.zeros((20_000, 3))
+    again = asra_stream.reconstruct(cloud)
+    assert same(mesh, again) and np.array_equal(again.colors, mesh.colors)
+    assert np.array_equal(again.attributes["height"], mesh.attributes["height"]) and "normals" not in again.attributes
 
 
 def test_far_points_have_an_origin(sphere):

@@ -114,6 +114,84 @@ def test_progress_is_told_and_its_exceptions_are_raised(sphere):
         asra_stream.reconstruct(sphere(50_000), progress=stop)
 
 
+def test_progress_true_is_a_bar_or_lines(sphere, monkeypatch, capsys):
+    pytest.importorskip("tqdm")
+    points = sphere(20_000)
+    asra_stream.reconstruct(points, progress=True)
+    shown = capsys.readouterr()
+    assert "100%" in shown.err and shown.out == ""
+    # As where it is not installed.
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    asra_stream.reconstruct(points, progress=True)
+    shown = capsys.readouterr()
+    lines = shown.err.splitlines()
+    assert [line.split("%  ")[1].split(":")[0] for line in lines] == ["survey", "bucket", "raster", "seal", "surface", "check"]
+    assert lines[0].endswith("survey: 20,000 points") and lines[-1].startswith(" 100 %") and shown.out == ""
+    asra_stream.reconstruct(points, progress=False)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_progress_is_told_of_files_and_pieces_too(sphere, tmp_path):
+    np.save(tmp_path / "points.npy", sphere(20_000))
+    for work in [
+        lambda told: asra_stream.reconstruct(tmp_path / "points.npy", progress=told),
+        lambda told: asra_stream.reconstruct(iter([sphere(20_000)]), progress=told),
+        lambda told: asra_stream.run(tmp_path / "points.npy", tmp_path / "mesh.ply", progress=told),
+        lambda told: asra_stream.check(tmp_path / "mesh.ply", progress=told),
+    ]:
+        updates = []
+        work(updates.append)
+        assert updates[-1]["fraction"] == 1.0
+        for update in updates:
+            assert set(update) == {"stage", "unit", "done", "total", "fraction", "seconds_left", "ended"}
+
+
+def test_a_file_that_is_cut_meanwhile_is_an_exception(sphere, tmp_path):
+    path = tmp_path / "points.npy"
+    np.save(path, sphere(1_000_000))
+
+    def cut(update):
+        os.truncate(path, 5_000_000)
+
+    with pytest.raises(asra_stream.AsraError) as told:
+        asra_stream.reconstruct(path, progress=cut)
+    assert isinstance(told.value, asra_stream.TemporaryError) and "points.npy" in str(told.value)
+
+
+def test_pieces_must_be_alike(sphere):
+    points = sphere(1_000)
+    records = np.zeros(1_000, dtype=[("x", "f8"), ("y", "f8"), ("z", "f8"), ("number", "i8")])
+    with pytest.raises(asra_stream.DataError, match="other attributes"):
+        asra_stream.reconstruct(iter([points, records]))
+    with pytest.raises(TypeError, match="piece 1: expected an array or a cloud, found str"):
+        asra_stream.reconstruct(iter([points, "a.ply"]))
+    with pytest.raises(ValueError, match=r"expected an array of shape \(n, 3\), found \(1000, 2\)"):
+        asra_stream.reconstruct(iter([points, points[:, :2]]))
+
+    def broken():
+        yield points
+        raise RuntimeError("no more")
+
+    with pytest.raises(RuntimeError, match="no more"):
+        asra_stream.reconstruct(broken())
+
+
+def test_every_kind_of_failure_has_its_class(sphere, tmp_path):
+    points = sphere(5_000)
+    mesh = asra_stream.reconstruct(points)
+    with pytest.raises(asra_stream.NoOutputError) as told:
+        mesh.save(tmp_path / "no" / "such" / "mesh.ply")
+    assert told.value.exit_code == 73 and isinstance(told.value, PermissionError)
+    (tmp_path / "bad.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nend_header\n1\n")
+    with pytest.raises(asra_stream.DataError) as told:
+        asra_stream.reconstruct(tmp_path / "bad.ply")
+    assert told.value.exit_code == 65 and str(told.value.path).endswith("bad.ply")
+    with pytest.raises(asra_stream.UsageError, match="local"):
+        mesh.save(tmp_path / "mesh.ply", coordinates="global")
+    for cls in ("UsageError", "DataError", "NoInputError", "InternalError", "CannotFitError", "NoOutputError", "IoError", "TemporaryError"):
+        assert issubclass(getattr(asra_stream, cls), asra_stream.AsraError)
+
+
 def run_python(program, **options):
     return subprocess.Popen([sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, text=True, **options)
 

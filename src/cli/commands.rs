@@ -10,7 +10,8 @@ use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
     PlanArguments, ReconstructArguments, RenderArguments, overwrite,
 };
-use super::{failure, outputs, pages, signals};
+use super::failures::failure;
+use super::{outputs, pages, signals};
 use crate::compare::compare;
 use crate::error::defect;
 use crate::error::words::{as_options, thousands};
@@ -27,6 +28,7 @@ use crate::run::reconstruction::watched;
 use crate::run::{look, plan, run};
 use crate::storage::atomic_file::AtomicFile;
 use crate::storage::steady::Steady;
+use crate::system::stack::Reported;
 use crate::{format, mesh};
 
 /// Does what the arguments say.
@@ -327,6 +329,7 @@ fn reported<R: serde::Serialize>(
     work: impl FnOnce(&mut Progress) -> Result<(R, Kind)>,
 ) -> Result<Kind> {
     let Some(file) = file else { return Ok(work(progress)?.1) };
+    let _reported = Reported::to(file.last_words()?);
     match defect::caught(|| work(progress)) {
         Ok((report, kind)) => write_json(file, &report).map(|()| kind),
         Err(error) => {

@@ -2,6 +2,7 @@
 
 mod args;
 mod commands;
+mod failures;
 mod outputs;
 mod pages;
 mod signals;
@@ -11,16 +12,17 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use serde_json::json;
 
 use crate::error::defect;
 use crate::error::words::as_options;
-use crate::error::{Error, Failure, Kind, Result};
+use crate::error::{Error, Result};
 use crate::run::progress::{Progress, Show};
 
 pub use args::{Arguments, Command};
 pub use commands::outcome;
+pub use failures::exit_code;
 
 /// Parses the command line, does what it says, and gives the exit code.
 pub fn main() -> ExitCode {
@@ -33,7 +35,10 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Ok(arguments) => arguments,
         Err(words) => {
             // Help and version come this way, too, and are no failure. A closed pipe is none either.
-            let _ = words.print();
+            let _ = match words.use_stderr() {
+                true => write!(std::io::stderr(), "{}", named(&words)),
+                false => words.print(),
+            };
             return words.exit_code() as u8;
         }
     };
@@ -54,7 +59,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             } else {
                 // The bar's line, if there is one, is to be free. Whether anyone can be told or not.
                 progress.clear();
-                let _ = writeln!(std::io::stderr(), "asra-stream: {}", as_options(&error.to_string()));
+                let advice = meant(&error).map(|name| format!("; the command is `asra-stream {name}`"));
+                let words = as_options(&error.to_string());
+                let _ = writeln!(std::io::stderr(), "asra-stream: {words}{}", advice.unwrap_or_default());
             }
             code
         }
@@ -69,17 +76,50 @@ pub fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments
     Arguments::try_parse_from(arguments).map_err(|words| Error::Usage(words.render().to_string().trim_end().to_owned()))
 }
 
-/// What a report has of a failure: in the command's words.
-fn failure(error: &Error) -> Failure {
-    let mut failure = error.failure(exit_code(error));
-    failure.error.message = as_options(&failure.error.message);
-    failure
+/// What is wrong with the arguments, begun as every error of this program is.
+fn named(words: &clap::Error) -> String {
+    let words = words.render();
+    let text = if console::colors_enabled_stderr() { words.ansi().to_string() } else { words.to_string() };
+    text.replacen("error:", "asra-stream:", 1)
 }
 
-/// The exit code of a command that failed.
-pub fn exit_code(error: &Error) -> u8 {
-    match error.kind() {
-        Kind::Signal => signals::exit_code(),
-        kind => kind.row().codes[0],
+/// The command whose name was mistyped, so that it was taken for a file that is not there.
+fn meant(error: &Error) -> Option<String> {
+    let Error::Io { path, source, .. } = error else { return None };
+    let word = path.to_str().filter(|_| source.kind() == std::io::ErrorKind::NotFound)?;
+    let command = Arguments::command();
+    let mut names = command.get_subcommands().map(|command| command.get_name().to_string());
+    names.find(|name| near(word.as_bytes(), name.as_bytes()))
+}
+
+/// Whether two words are the same but for one letter more, one less, another, or two neighbours that changed places.
+fn near(a: &[u8], b: &[u8]) -> bool {
+    let (short, long) = if a.len() < b.len() { (a, b) } else { (b, a) };
+    let same = short.iter().zip(long).take_while(|(a, b)| a == b).count();
+    let (short, long) = (&short[same..], &long[same..]);
+    match (short, long) {
+        ([a, b, short @ ..], [c, d, long @ ..]) if (a, b) == (d, c) => short == long,
+        ([_, short @ ..], [_, rest @ ..]) if short.len() == rest.len() => short == rest,
+        (short, [_, rest @ ..]) => short == rest,
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mistyped_command_is_recognised() {
+        let error = |word: &str| Error::io(word, "open")(std::io::ErrorKind::NotFound.into());
+        for (word, name) in
+            [("inof", "info"), ("inf", "info"), ("infos", "info"), ("chekc", "check"), ("rander", "render")]
+        {
+            assert_eq!(meant(&error(word)).as_deref(), Some(name), "{word}");
+        }
+        for word in ["a", "bunny", "fino", "info.ply", "scans/info", ""] {
+            assert_eq!(meant(&error(word)), None, "{word}");
+        }
+        assert_eq!(meant(&Error::io("inof", "open")(std::io::ErrorKind::PermissionDenied.into())), None);
     }
 }

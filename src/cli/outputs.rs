@@ -14,7 +14,7 @@ use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
 use crate::run;
 use crate::run::preview::Preview;
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
-use crate::system::file_number;
+use crate::system::{file_number, folder};
 
 /// Extensions of points that have no side-car.
 const WITHOUT_SIDECAR: [&str; 15] =
@@ -109,7 +109,7 @@ impl Output {
                 if there && self.overwrite == Overwrite::Refuse {
                     return Err(Error::OutputExists(self.path.clone()));
                 }
-                let empty = || fs::read_dir(&self.path).is_ok_and(|mut entries| entries.next().is_none());
+                let empty = || folder::entries(&self.path).is_ok_and(|entries| entries.is_empty());
                 if there && !self.path.join(tiles::INDEX).is_file() && !empty() {
                     let index = tiles::INDEX;
                     return Err(Error::Usage(format!(

@@ -49,6 +49,7 @@ use crate::input::{Cloud, Opening, STANDARD_INPUT, Unpacked, expand};
 use crate::mesh::MeshSource;
 use crate::mesh::check::{CheckReport, check};
 use crate::resources::workers::Workers;
+use crate::run::forecast::{self, Comparing};
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::storage::steady::Steady;
@@ -78,10 +79,22 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
         Some(kind) => kind == Kind::Mesh,
         None => job.reference != Path::new(STANDARD_INPUT) && format::read::has_triangles(&job.reference)?,
     };
+    let mut work = Comparing {
+        triangles: [mesh.face_count(), 0],
+        places: [mesh.vertex_count(), 0],
+        surface: as_mesh,
+        coloured: job.heatmap.is_some(),
+        ..Comparing::default()
+    };
     let reference = if as_mesh {
         Source::Mesh(format::read::open(&job.reference, &workspace, budget / 8)?)
     } else {
+        // Whether the file is packed is known as soon as it is opened.
+        let bytes = forecast::bytes(&job.reference);
+        work.places[1] = forecast::points(bytes, bytes);
+        progress.expect(Comparing { packed: bytes, ..work }.forecast());
         let mut watch = |unpacked: Unpacked| {
+            work.packed = bytes;
             progress.unpacked(unpacked);
             workers.check_cancelled()
         };
@@ -90,14 +103,23 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
         let files = expand(std::slice::from_ref(&job.reference))?;
         Source::Cloud(Box::new(Cloud::open_in(&files, &job.input, opening)?))
     };
+    match &reference {
+        Source::Mesh(mesh) => (work.triangles[1], work.places[1]) = (mesh.face_count(), mesh.vertex_count()),
+        Source::Cloud(cloud) => work.places[1] = forecast::records(cloud),
+    }
+    progress.expect(work.forecast());
+    match &reference {
+        Source::Mesh(mesh) => (work.triangles[1], work.places[1]) = (mesh.face_count(), mesh.vertex_count()),
+        Source::Cloud(cloud) => work.places[1] = forecast::records(cloud),
+    }
+    progress.expect(work.forecast());
 
     let room = Room::new(budget / 4 * 3, workers, &workspace);
     // Before the work: it proves that the file can be written.
     let map = job.heatmap.as_ref().map(|map| in_reference_units(map, &reference)).transpose()?;
     let mut heat = map.map(|map| Heat::create(&map, &*mesh, &room)).transpose()?;
 
-    let triangles = |mesh: &dyn MeshSource| mesh.face_count();
-    progress.begin(Phase::Check, Some(mesh.face_count() + reference.mesh().map_or(0, triangles)));
+    progress.begin(Phase::Check, Some(work.triangles.iter().sum()));
     let checked = check(&*mesh, budget / 2, workers, &workspace, &mut |done| progress.set(done))?;
     let before = mesh.face_count();
     let reference_checked = match reference.mesh() {
@@ -107,14 +129,14 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
 
     let inside_out = |report: &CheckReport| is_inside_out(report.volume);
     let over = reference_checked.as_ref().is_some_and(inside_out) != inside_out(&checked);
-    let comparing = Comparing { mesh: Source::Mesh(mesh), reference, over, room };
-    let found = comparing.run(job, heat.as_mut(), progress)?;
+    let sides = Sides { mesh: Source::Mesh(mesh), reference, over, room };
+    let found = sides.run(job, work, heat.as_mut(), progress)?;
     let comparison = Comparison::new(job, &checked, reference_checked.as_ref(), &found);
     // Before anything gets a name.
     steady.settle(Ok(()))?;
     if let Some((heat, map)) = heat.zip(job.heatmap.as_ref()) {
         progress.begin(Phase::Write, None);
-        let max = heat.write(comparing.mesh(), &comparing.room, &found.mesh_vertices, comparison.longest_side)?;
+        let max = heat.write(sides.mesh(), &sides.room, &found.mesh_vertices, comparison.longest_side)?;
         progress.note(&format!("{}: distances coloured from 0 to {}", map.path.display(), short(max)));
     }
     progress.end();
@@ -141,7 +163,7 @@ fn in_reference_units(map: &HeatMap, reference: &Source) -> Result<HeatMap> {
 }
 
 /// Both sides, opened.
-struct Comparing<'a> {
+struct Sides<'a> {
     mesh: Source,
     reference: Source,
     /// Whether one of the two is inside out.
@@ -149,14 +171,19 @@ struct Comparing<'a> {
     room: Room<'a>,
 }
 
-impl Comparing<'_> {
+impl Sides<'_> {
     fn mesh(&self) -> &dyn MeshSource {
         self.mesh.mesh().expect("the first side is a mesh")
     }
 
-    fn run(&self, job: &Job, heat: Option<&mut Heat>, progress: &mut Progress) -> Result<Found> {
+    fn run(&self, job: &Job, mut work: Comparing, heat: Option<&mut Heat>, progress: &mut Progress) -> Result<Found> {
         progress.begin(Phase::Survey, None);
-        let reference = self.reference.survey(&self.room, &mut |done| progress.add(done))?;
+        let (expected, mut seen) = (work.places.iter().sum::<u64>().max(1) as f64, 0);
+        let mut told = |done: u64| {
+            seen += done;
+            progress.add_weighed(done, seen as f64 / expected);
+        };
+        let reference = self.reference.survey(&self.room, &mut told)?;
         if reference.places == 0 {
             return Err(match &self.reference {
                 Source::Mesh(_) => Error::malformed(&job.reference, "the mesh", "finite vertices", "none"),
@@ -170,13 +197,11 @@ impl Comparing<'_> {
             let path = job.reference.display();
             return Err(Error::Usage(format!("{path}: a reference of a single place has no size to measure by")));
         }
-        let mesh = self.mesh.survey(&self.room, &mut |done| progress.add(done))?;
+        let mesh = self.mesh.survey(&self.room, &mut told)?;
 
-        let (to_points, to_surface) = match self.reference.mesh() {
-            Some(surface) => (self.mesh().face_count(), self.mesh().face_count() + mesh.places + surface.face_count()),
-            None => (self.mesh().face_count() + mesh.places, 0),
-        };
-        progress.begin(Phase::Compare, Some(to_points + to_surface + reference.places));
+        work.places = [mesh.places, reference.places];
+        progress.expect(work.forecast());
+        progress.begin(Phase::Compare, Some(work.distances()));
         let pass = Pass { room: &self.room, corner: reference.bounds.min, told: Told { progress, waiting: 0 } };
         self.measure(job, reference, mesh, pass, heat)
     }

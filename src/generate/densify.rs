@@ -11,6 +11,7 @@ use crate::mesh::measure::Corners;
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::Workers;
 use crate::run::Resources;
+use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::storage::atomic_file::Overwrite;
@@ -70,7 +71,11 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
     if mesh.face_count() == 0 {
         return Err(Error::malformed(&job.mesh, "the mesh", "triangles", "none"));
     }
+    // Whether the file is packed is known as soon as it is opened.
+    let (bytes, mut packed) = (forecast::bytes(&job.cloud), 0);
+    progress.expect(forecast::densify(bytes, forecast::points(bytes, bytes), mesh.face_count()));
     let mut watch = |unpacked: Unpacked| {
+        packed = bytes;
         progress.unpacked(unpacked);
         workers.check_cancelled()
     };
@@ -78,12 +83,14 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
     let cloud = Cloud::open_in(&expand(std::slice::from_ref(&job.cloud))?, &job.input, opening)?;
 
     let in_flight = workers.threads() + 1;
+    let expected = forecast::records(&cloud).max(1);
+    progress.expect(forecast::densify(packed, expected, mesh.face_count()));
     progress.begin(Phase::Survey, None);
     let (mut points, mut dropped, mut filtered) = (0, 0, 0);
     let count = |batch: &Batch| Ok((batch.points.len() as u64, batch.dropped, batch.filtered));
     cloud.for_each_batch(workers, in_flight, Carried::Coordinates, count, |part| {
         (points, dropped, filtered) = (points + part.0, dropped + part.1, filtered + part.2);
-        progress.add(part.0);
+        progress.add_weighed(part.0, (points + dropped + filtered) as f64 / expected as f64);
         Ok(())
     })?;
     if points == 0 {
@@ -96,6 +103,7 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
     let description = Description { comment, points: points + centroids, precision };
     let mut target = CloudTarget::create(&job.output, description, job.overwrite)?;
     let kind = target.kind();
+    progress.expect(forecast::densify(packed, points, centroids));
     progress.begin(Phase::Write, Some(points + centroids));
     let encode = |batch: &Batch| {
         Ok(match &batch.points {

@@ -15,8 +15,10 @@ use crate::storage::mapped::{Content, Mapped};
 /// Bytes looked at: the longest signature, and enough to tell text from numbers.
 const HEAD: u64 = 4096;
 
+const NO_CLOUD: &str = "name a cloud of points";
+const HEIGHTS: &str = "if it holds heights, convert it to x y z text, for example with gdal_translate -of XYZ";
 /// Formats that are recognised and not read: signature, where it stands, name, advice.
-const FOREIGN: [(&[u8], usize, &str, &str); 9] = [
+const FOREIGN: [(&[u8], usize, &str, &str); 15] = [
     (b"CCB2", 0, "a CloudCompare project", "open it in CloudCompare and save the cloud as PLY"),
     (
         &970_401i32.to_le_bytes(),
@@ -30,6 +32,12 @@ const FOREIGN: [(&[u8], usize, &str, &str); 9] = [
     (b"\xfd7zXZ\0", 0, "an xz-compressed file", "unpack it first: unxz FILE"),
     (b"\x89HDF\r\n\x1a\n", 0, "an HDF5 file", "write its points as PLY or as raw numbers"),
     (b"glTF", 0, "a binary glTF file", "save its points as PLY"),
+    (b"\x89PNG\r\n\x1a\n", 0, "a PNG image", NO_CLOUD),
+    (b"JFIF\0", 6, "a JPEG image", NO_CLOUD),
+    (b"Exif\0", 6, "a JPEG image", NO_CLOUD),
+    (b"II*\0", 0, "a TIFF image", HEIGHTS),
+    (b"MM\0*", 0, "a TIFF image", HEIGHTS),
+    (b"%PDF-", 0, "a PDF document", NO_CLOUD),
     (b"ncols", 0, "an ESRI ASCII grid", "convert it to x y z text, for example with gdal_translate -of XYZ"),
 ];
 
@@ -126,6 +134,9 @@ pub(super) fn foreign(head: &[u8], len: u64) -> Option<(&'static str, &'static s
     if let Some((_, _, format, advice)) = known {
         return Some((format, advice));
     }
+    if is_utf16(head) {
+        return Some(("text in UTF-16", "save it as UTF-8"));
+    }
     is_unity_viewer(head, len).then_some(("a UnityPointCloudViewer file", "export the cloud as PLY instead"))
 }
 
@@ -134,6 +145,18 @@ fn is_npz(head: &[u8]) -> bool {
     let length = |head: &[u8]| Some(usize::from(u16::from_le_bytes([*head.get(26)?, *head.get(27)?])));
     let name = length(head).and_then(|length| head.get(30..30 + length));
     head.starts_with(b"PK\x03\x04") && name.is_some_and(|name| name.ends_with(b".npy"))
+}
+
+/// Whether it begins with the mark of UTF-16, and goes on with letters that ASCII has: numbers and names of columns.
+fn is_utf16(head: &[u8]) -> bool {
+    const LOOKED_AT: usize = 16;
+    let high = match head {
+        [0xff, 0xfe, ..] => 1,
+        [0xfe, 0xff, ..] => 0,
+        _ => return false,
+    };
+    let mut letters = head[2..].chunks_exact(2).take(LOOKED_AT).peekable();
+    letters.peek().is_some() && letters.all(|letter| letter[high] == 0 && is_text(&letter[1 - high..][..1]))
 }
 
 /// UnityPointCloudViewer's first version has no signature: a version byte, the number of points as `i32`, a byte that
@@ -181,6 +204,18 @@ mod tests {
         let npz = [b"PK\x03\x04".as_slice(), &[0; 22], &[7, 0, 0, 0], b"arr.npy", &[0; 90]].concat();
         let (_dir, path) = file("cloud.npz", &npz);
         assert!(collect(&path, &InputOptions::default()).unwrap_err().to_string().contains("an NPZ archive"));
+        for text in ["x,y,z\n1,2,3\n", "1 2 3\n"] {
+            for (mark, order) in
+                [([0xff, 0xfe], u16::to_le_bytes as fn(u16) -> [u8; 2]), ([0xfe, 0xff], u16::to_be_bytes)]
+            {
+                let units = text.encode_utf16().flat_map(order);
+                let (_dir, path) = file("cloud.csv", &mark.into_iter().chain(units).collect::<Vec<u8>>());
+                let error = collect(&path, &InputOptions::default()).unwrap_err().to_string();
+                assert!(error.contains("text in UTF-16") && error.contains("UTF-8"), "{error}");
+            }
+        }
+        let (_dir, path) = file("cloud.bin", &[0xff, 0xfe, 0x80, 0x3f, 0, 0, 0, 0x40, 0, 0, 0x40, 0x40]);
+        assert_eq!(points_of(&path, &InputOptions::default()).len(), 1, "numbers may begin like the mark");
         let mut unity = vec![1, 10, 0, 0, 0, 0];
         unity.resize(6 + 120, 1);
         let (_dir, path) = file("cloud.bin", &unity);

@@ -9,7 +9,9 @@
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{Read, Seek};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
+
+use glob::{MatchOptions, Pattern};
 
 use super::detect;
 use crate::error::{Error, Result};
@@ -17,6 +19,7 @@ use crate::format::options::Depth;
 use crate::format::unpack::{Packing, STANDARD_INPUT};
 use crate::format::write::tiles::INDEX;
 use crate::format::{e57, las, npy, pcd, ply};
+use crate::system::{Entry, EntryKind, folder};
 
 /// Extensions that are taken for point files when a whole folder is given; also with that of a compressed file behind them. Files that are
 /// meshes as a rule (`.obj`, `.stl`) must be named.
@@ -58,6 +61,10 @@ pub fn find(inputs: &[PathBuf], depth: Depth) -> Result<Found> {
     let mut seen = BTreeSet::new();
     let mut found = Found::default();
     for input in inputs {
+        // A shell's `scans/*` names the side-cars, too.
+        if has_extension(input, &["json"]) && inputs.contains(&input.with_extension("")) {
+            continue;
+        }
         let mut strays = Strays::default();
         for file in stands_for(input, depth, &mut strays)? {
             // Links and `./` must not let a file count twice. A file by the name of standard input is `./-`.
@@ -83,10 +90,8 @@ fn stands_for(input: &Path, depth: Depth, strays: &mut Strays) -> Result<Vec<Pat
     if input.exists() || !pattern.contains(['*', '?', '[']) {
         return Ok(vec![input.to_path_buf()]);
     }
-    let paths = glob::glob(&pattern).map_err(|e| Error::Usage(format!("{pattern}: not a valid pattern: {e}")))?;
     let mut files = Vec::new();
-    for path in paths {
-        let path = path.map_err(|e| Error::io(e.path(), "read")(std::io::Error::from(e.error().kind())))?;
+    for path in matching(input)? {
         // `scans/*` also matches the side-cars.
         if !path.is_file() || has_extension(&path, &["json"]) {
             continue;
@@ -102,18 +107,59 @@ fn stands_for(input: &Path, depth: Depth, strays: &mut Strays) -> Result<Vec<Pat
     }
 }
 
+/// What a pattern stands for, sorted: each part of the path is matched as a shell does it, and `**` is any number of folders, links left out.
+fn matching(pattern: &Path) -> Result<Vec<PathBuf>> {
+    // Hidden files only where the pattern begins with a point, too.
+    const LIKE_A_SHELL: MatchOptions =
+        MatchOptions { case_sensitive: true, require_literal_separator: true, require_literal_leading_dot: true };
+    let mut places = BTreeSet::from([PathBuf::new()]);
+    for part in pattern.components() {
+        let word = part.as_os_str().to_string_lossy();
+        let mut next = BTreeSet::new();
+        if !matches!(part, Component::Normal(_)) || !word.contains(['*', '?', '[']) {
+            next.extend(places.iter().map(|place| place.join(part)).filter(|path| path.symlink_metadata().is_ok()));
+        } else if word == "**" {
+            let mut waiting: Vec<PathBuf> = places.into_iter().collect();
+            while let Some(folder) = waiting.pop() {
+                let inner = listed(&folder)?.into_iter().filter(|entry| entry.kind == EntryKind::Folder);
+                let shown = inner.filter(|entry| !entry.name.as_encoded_bytes().starts_with(b"."));
+                waiting.extend(shown.map(|entry| folder.join(entry.name)));
+                next.insert(folder);
+            }
+        } else {
+            let invalid = |e| Error::Usage(format!("{}: not a valid pattern: {e}", pattern.display()));
+            let word = Pattern::new(&word).map_err(invalid)?;
+            for folder in places {
+                let entries = listed(&folder)?.into_iter();
+                let named = entries.filter(|entry| word.matches_with(&entry.name.to_string_lossy(), LIKE_A_SHELL));
+                next.extend(named.map(|entry| folder.join(entry.name)));
+            }
+        }
+        places = next;
+    }
+    Ok(places.into_iter().collect())
+}
+
+/// What is in a folder; nothing in what is none.
+fn listed(folder: &Path) -> Result<Vec<Entry>> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    match folder.is_dir() {
+        true => folder::entries(folder).map_err(Error::io(folder, "list")),
+        false => Ok(Vec::new()),
+    }
+}
+
 fn point_files_in(folder: &Path, depth: Depth, strays: &mut Strays) -> Result<Vec<PathBuf>> {
     let (mut files, mut pointless, mut deeper) = (Vec::new(), Vec::new(), false);
     let mut waiting = vec![folder.to_path_buf()];
     while let Some(folder) = waiting.pop() {
-        for entry in std::fs::read_dir(&folder).map_err(Error::io(&folder, "list"))? {
-            let entry = entry.map_err(Error::io(&folder, "list"))?;
-            let path = entry.path();
-            if entry.file_name().as_encoded_bytes().starts_with(b".") {
+        for Entry { name, kind } in folder::entries(&folder).map_err(Error::io(&folder, "list"))? {
+            let path = folder.join(&name);
+            if name.as_encoded_bytes().starts_with(b".") {
                 continue;
             }
             // A link to a folder might lead back up.
-            if entry.file_type().map_err(Error::io(&path, "look at"))?.is_dir() {
+            if kind == EntryKind::Folder {
                 let tiles = has_extension(&path, &["tiles"]) && path.join(INDEX).is_file();
                 match depth {
                     Depth::Recursive if tiles => strays.meshes.push(path),
@@ -317,6 +363,37 @@ mod tests {
         assert!(names(&["[.ply"]).unwrap_err().to_string().contains("not a valid pattern"));
         assert!(matches!(names(&["gone.ply"]), Err(Error::Io { .. })));
         assert!(expand(&[]).is_err());
+    }
+
+    #[test]
+    fn a_side_car_that_is_named_with_its_file_is_no_input() {
+        let dir = folder(&[("a.bin", b"points"), ("a.bin.json", b"{}"), ("b.bin.json", b"{}")]);
+        let [file, own, other] = ["a.bin", "a.bin.json", "b.bin.json"].map(|name| dir.path().join(name));
+        assert_eq!(expand(&[own.clone(), file.clone()]).unwrap(), std::slice::from_ref(&file));
+        assert_eq!(expand(&[file.clone(), own.clone()]).unwrap(), [file]);
+        assert_eq!(expand(&[own.clone(), other.clone()]).unwrap(), [own, other], "whoever names them alone means them");
+    }
+
+    #[test]
+    fn patterns_are_matched_as_shells_do_it() {
+        let names = ["a/1.xyz", "a/2.xyz", "b/1.xyz", "b/in/3.xyz", ".hidden/4.xyz", "a/.5.xyz", "c.xyz"];
+        let dir = folder(&names.map(|name| (name, &b"1 2 3\n"[..])));
+        std::os::unix::fs::symlink(dir.path(), dir.path().join("b/up")).unwrap();
+        for (pattern, expected) in [
+            ("*/1.xyz", &["a/1.xyz", "b/1.xyz"][..]),
+            ("[ab]/*.xyz", &["a/1.xyz", "a/2.xyz", "b/1.xyz"]),
+            ("**/*.xyz", &["a/1.xyz", "a/2.xyz", "b/1.xyz", "b/in/3.xyz", "c.xyz"]),
+            ("**/in/?.xyz", &["b/in/3.xyz"]),
+            ("?/../c.xyz", &["a/../c.xyz"]),
+            (".h*/*", &[".hidden/4.xyz"]),
+            ("*/.*.xyz", &["a/.5.xyz"]),
+            ("c.xyz/*", &[]),
+        ] {
+            let found = expand(&[dir.path().join(pattern)]);
+            let name = |path: &PathBuf| path.strip_prefix(dir.path()).unwrap().to_str().unwrap().to_owned();
+            let found: Vec<String> = found.unwrap_or_default().iter().map(name).collect();
+            assert_eq!(found, expected, "{pattern}");
+        }
     }
 
     /// A PLY file with so many triangles, with a comment.

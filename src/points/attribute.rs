@@ -107,7 +107,8 @@ impl Wanted {
     /// The wanted ones of the attributes that files have, each once, in a type that holds every file's values.
     ///
     /// # Errors
-    /// [`Error::InvalidSetting`] if one that is named is in no file, or if they take more than `MOST_BYTES`.
+    /// [`Error::InvalidSetting`] if one that is named is in no file, or if they take more than 8 KiB.
+    #[doc(hidden)]
     pub fn of<'a>(&self, files: impl IntoIterator<Item = &'a [Attribute]>) -> Result<Schema> {
         let mut all: Vec<Attribute> = Vec::new();
         for attribute in files.into_iter().flatten() {

@@ -8,6 +8,7 @@
 //! ```
 
 use std::fmt;
+use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result};
@@ -33,7 +34,41 @@ pub struct Crs {
     pub name: Option<String>,
     /// The unit of its lengths, where GeoTIFF keys tell it; else text and codes do.
     #[serde(skip)]
-    pub unit: Option<Unit>,
+    pub unit: Option<KeyedUnit>,
+    /// The unit of its heights, where GeoTIFF keys tell it.
+    #[serde(skip)]
+    pub height_unit: Option<KeyedUnit>,
+}
+
+/// A unit as GeoTIFF keys tell it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum KeyedUnit {
+    /// One that is known here.
+    Known(Unit),
+    /// Another: what the system's code would say does not hold.
+    Other,
+}
+
+impl KeyedUnit {
+    /// The unit by its EPSG code.
+    fn of_code(code: u16) -> KeyedUnit {
+        match code {
+            1025 => KeyedUnit::Known(Unit::Millimetre),
+            1033 => KeyedUnit::Known(Unit::Centimetre),
+            9001 => KeyedUnit::Known(Unit::Metre),
+            9002 => KeyedUnit::Known(Unit::Foot),
+            9003 => KeyedUnit::Known(Unit::SurveyFoot),
+            9036 => KeyedUnit::Known(Unit::Kilometre),
+            _ => KeyedUnit::Other,
+        }
+    }
+
+    fn known(self) -> Option<Unit> {
+        match self {
+            KeyedUnit::Known(unit) => Some(unit),
+            KeyedUnit::Other => None,
+        }
+    }
 }
 
 impl Crs {
@@ -54,19 +89,24 @@ impl Crs {
         }
         let Codes { own, horizontal, vertical, .. } = Codes::of(text);
         let name = text.split('"').nth(1).and_then(printable);
-        Some(Crs { wkt: Some(text.to_string()), epsg: horizontal.or(own), vertical, name, unit: None })
+        Some(Crs { wkt: Some(text.to_string()), epsg: horizontal.or(own), vertical, name, ..Crs::default() })
     }
 
-    /// The system that GeoTIFF keys tell: the directory (record 34735) and its text parameters (34737). `None` if they tell none.
-    pub fn of_geotiff(directory: &[u16], text: &[u8]) -> Option<Crs> {
+    /// The system that GeoTIFF keys tell: the directory (record 34735), its numbers (34736) and its text parameters (34737). `None` if they tell none.
+    #[doc(hidden)]
+    pub fn of_geotiff(directory: &[u16], numbers: &[f64], text: &[u8]) -> Option<Crs> {
         const GEOGRAPHIC: u16 = 2048;
         const PROJECTED: u16 = 3072;
         const VERTICAL: u16 = 4096;
         const LINEAR_UNITS: u16 = 3076;
+        /// Metres of a unit that has no code.
+        const LINEAR_UNIT_SIZE: u16 = 3077;
+        const VERTICAL_UNITS: u16 = 4099;
         /// Citations of the projected system, of the geographic one, of the file.
         const CITATIONS: [u16; 3] = [3073, 2049, 1026];
+        const USER_DEFINED: u16 = 32767;
         /// What stands for "none" and "defined by other keys".
-        const NO_CODE: [u16; 2] = [0, 32767];
+        const NO_CODE: [u16; 2] = [0, USER_DEFINED];
 
         let keys = || directory.get(4..).unwrap_or_default().chunks_exact(4);
         let key = |id: u16| keys().find(|key| key[0] == id);
@@ -81,13 +121,19 @@ impl Crs {
             printable(String::from_utf8_lossy(words).trim_matches(|c: char| c == '|' || c == '\0' || c.is_whitespace()))
         };
         let name = CITATIONS.into_iter().find_map(cited);
-        let unit = match code(LINEAR_UNITS) {
-            Some(9001) => Some(Unit::Metre),
-            Some(9002) => Some(Unit::Foot),
-            Some(9003) => Some(Unit::SurveyFoot),
+        let size = || {
+            let [_, 34736, 1, at] = *key(LINEAR_UNIT_SIZE)? else { return None };
+            Unit::of_metres(*numbers.get(usize::from(at))?)
+        };
+        // Heights have no key for the size of a unit of their own: it is not known.
+        let unit = |id: u16, size: &dyn Fn() -> Option<Unit>| match *key(id)? {
+            [_, 0, _, 0] => None,
+            [_, 0, _, USER_DEFINED] => Some(size().map_or(KeyedUnit::Other, KeyedUnit::Known)),
+            [_, 0, _, code] => Some(KeyedUnit::of_code(code)),
             _ => None,
         };
-        let crs = Crs { wkt: None, epsg, vertical: code(VERTICAL), name, unit };
+        let (unit, height_unit) = (unit(LINEAR_UNITS, &size), unit(VERTICAL_UNITS, &|| None));
+        let crs = Crs { wkt: None, epsg, vertical: code(VERTICAL), name, unit, height_unit };
         (crs.epsg.is_some() || crs.name.is_some()).then_some(crs)
     }
 
@@ -118,6 +164,7 @@ enum Axes {
 
 impl Crs {
     /// What the system expects, if coordinates from `low` to `high` cannot be in it. Lengths on a map may be anything.
+    #[doc(hidden)]
     pub fn contradicted_by(&self, low: [f64; 3], high: [f64; 3]) -> Option<&'static str> {
         /// From the deepest sea to beyond the highest mountain, in metres from the Earth's centre, with room.
         const SURFACE: [f64; 2] = [6.3e6, 6.5e6];
@@ -137,6 +184,7 @@ impl Crs {
     }
 
     /// What its coordinates are; `None` if neither its text nor its code tells.
+    #[doc(hidden)]
     pub fn measure(&self) -> Option<Measure> {
         // Of systems by code, the definition tells, in the words of PROJ.
         let defined = self.epsg.and_then(|code| crs_definitions::from_code(u16::try_from(code).ok()?));
@@ -156,11 +204,12 @@ impl Crs {
             _ => None,
         };
         let factor = || Unit::of_metres(word("to_meter")?.1.parse().ok()?);
-        let unit = match told.unit {
-            Some(metres) => Unit::of_metres(metres),
-            None => self.unit.or_else(named).or_else(factor),
+        let unit = match (told.unit, self.unit) {
+            (Some(metres), _) => Unit::of_metres(metres),
+            (None, Some(unit)) => unit.known(),
+            (None, None) => named().or_else(factor),
         }?;
-        let heights = told.height_unit.map(Unit::of_metres);
+        let heights = told.height_unit.map(Unit::of_metres).or(self.height_unit.map(KeyedUnit::known));
         Some(if heights.is_none_or(|heights| heights == Some(unit)) { Measure::Length(unit) } else { Measure::Mixed })
     }
 
@@ -220,10 +269,7 @@ impl Crs {
             Some(crs) => Some(crs),
             None => {
                 let path = Path::new(text);
-                let file = path
-                    .is_file()
-                    .then(|| std::fs::read_to_string(path).map_err(Error::io(path, "read")))
-                    .transpose()?;
+                let file = path.is_file().then(|| text_of(path).map_err(Error::io(path, "read"))).transpose()?;
                 file.and_then(|text| Crs::parse(&text)).filter(|crs| crs.epsg.is_some() || crs.wkt.is_some())
             }
         };
@@ -246,6 +292,18 @@ impl fmt::Display for Crs {
             None => Ok(()),
         }
     }
+}
+
+/// The text of a file; nothing of one that is too long for a reference system.
+fn text_of(path: &Path) -> std::io::Result<String> {
+    /// Real ones have some thousands of letters.
+    const LONGEST: u64 = 1 << 20;
+    let mut text = String::new();
+    std::fs::File::open(path)?.take(LONGEST + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > LONGEST {
+        text.clear();
+    }
+    Ok(text)
 }
 
 /// A name as it may be printed: one line, without control characters, not too long. `None` if nothing is left.
@@ -420,11 +478,44 @@ mod tests {
             assert_eq!(Crs::parse(text).unwrap().measure(), expected, "{text}");
         }
         let keys = [1, 1, 0, 2, 3072, 0, 1, 32767, 3076, 0, 1, 9003];
-        let own = Crs { name: Some("own".into()), ..Crs::of_geotiff(&keys, b"").unwrap_or_default() };
+        let own = Crs { name: Some("own".into()), ..Crs::of_geotiff(&keys, &[], b"").unwrap_or_default() };
         assert_eq!(own.unit, None, "keys without a code or a name tell no system");
         let keys = [1, 1, 0, 2, 3072, 0, 1, 25832, 3076, 0, 1, 9003];
-        let crs = Crs::of_geotiff(&keys, b"").unwrap();
+        let crs = Crs::of_geotiff(&keys, &[], b"").unwrap();
         assert_eq!(crs.measure(), Some(Measure::Length(Unit::SurveyFoot)));
+    }
+
+    #[test]
+    fn units_of_geotiff_keys_are_told_by_codes_and_by_sizes() {
+        const OWN: u16 = 32767;
+        let foot = Some(Measure::Length(Unit::Foot));
+        let numbers = [7.0, 0.3048, 0.9144, f64::NAN];
+        for (keys, expected) in [
+            (&[[3076, 0, 1, 9002]][..], foot),
+            (&[[3076, 0, 1, 9036]], Some(Measure::Length(Unit::Kilometre))),
+            (&[[3076, 0, 1, OWN], [3077, 34736, 1, 1]], foot),
+            // A yard, no number, none there, none told, text: not what the system's code says, but nothing that is known.
+            (&[[3076, 0, 1, OWN], [3077, 34736, 1, 2]], None),
+            (&[[3076, 0, 1, OWN], [3077, 34736, 1, 3]], None),
+            (&[[3076, 0, 1, OWN], [3077, 34736, 1, 4]], None),
+            (&[[3076, 0, 1, OWN]], None),
+            (&[[3076, 0, 1, OWN], [3077, 34737, 1, 1]], None),
+            (&[[3076, 0, 1, 9005]], None),
+            // The size is of a unit without a code.
+            (&[[3076, 0, 1, 9002], [3077, 34736, 1, 2]], foot),
+            (&[[3076, 0, 1, 0]], Some(Measure::Length(Unit::Metre))),
+            (&[[3076, 0, 1, 9002], [4099, 0, 1, 9002]], foot),
+            (&[[3076, 0, 1, 9002], [4099, 0, 1, 9001]], Some(Measure::Mixed)),
+            (&[[3076, 0, 1, OWN], [3077, 34736, 1, 1], [4099, 0, 1, 9003]], Some(Measure::Mixed)),
+            (&[[4099, 0, 1, 9001]], Some(Measure::Length(Unit::Metre))),
+            (&[[4099, 0, 1, 9002]], Some(Measure::Mixed)),
+            (&[[4099, 0, 1, OWN]], Some(Measure::Mixed)),
+            (&[], Some(Measure::Length(Unit::Metre))),
+        ] {
+            let all = [&[[1, 1, 0, 1 + keys.len() as u16], [3072, 0, 1, 25832]], keys].concat();
+            let crs = Crs::of_geotiff(&all.concat(), &numbers, b"").unwrap();
+            assert_eq!(crs.measure(), expected, "{keys:?}");
+        }
     }
 
     #[test]
@@ -436,6 +527,8 @@ mod tests {
         assert_eq!(Crs::given("EPSG:25832").unwrap().unwrap().epsg, Some(25832));
         assert_eq!(Crs::given(COMPOUND).unwrap().unwrap().epsg, Some(26910));
         assert_eq!(Crs::given(path.to_str().unwrap()).unwrap().unwrap().vertical, Some(5703));
+        std::fs::write(&path, [COMPOUND.as_bytes(), &vec![b' '; 1 << 20]].concat()).unwrap();
+        assert!(Crs::given(path.to_str().unwrap()).is_err(), "no more is read than a system can have");
         assert!(Crs::given("somewhere").unwrap_err().to_string().contains("`crs` somewhere: expected EPSG"));
     }
 
@@ -443,7 +536,7 @@ mod tests {
     fn geotiff_keys_tell_codes_and_citations() {
         let text = b"My projection|";
         let crs = |keys: &[[u16; 4]]| {
-            Crs::of_geotiff(&[&[1, 1, 0, keys.len() as u16], keys.concat().as_slice()].concat(), text)
+            Crs::of_geotiff(&[&[1, 1, 0, keys.len() as u16], keys.concat().as_slice()].concat(), &[], text)
         };
         let projected = crs(&[[1024, 0, 1, 1], [2048, 0, 1, 4258], [3072, 0, 1, 25832], [4096, 0, 1, 7837]]).unwrap();
         assert_eq!((projected.epsg, projected.vertical), (Some(25832), Some(7837)));
@@ -452,7 +545,7 @@ mod tests {
         assert_eq!((own.epsg, own.to_string().as_str()), (None, "My projection"));
         assert_eq!(crs(&[[3073, 34737, 14, 60000]]), None);
         assert_eq!(crs(&[]), None);
-        assert_eq!(Crs::of_geotiff(&[1, 1], b""), None);
+        assert_eq!(Crs::of_geotiff(&[1, 1], &[], b""), None);
     }
 
     #[test]
@@ -469,11 +562,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_text_makes_it_panic(text in "\\PC{0,60}", wkt in "[A-Z\\[\\](),\"0-9 ]{0,80}", keys: Vec<u16>, ascii: Vec<u8>) {
+        fn no_text_makes_it_panic(text in "\\PC{0,60}", wkt in "[A-Z\\[\\](),\"0-9 ]{0,80}", keys: Vec<u16>, numbers: Vec<f64>, ascii: Vec<u8>) {
             for text in [&text, &wkt, &format!("ID[{wkt}")] {
                 drop(Crs::parse(text).map(|crs| (crs.to_string(), crs.measure())));
             }
-            drop(Crs::of_geotiff(&keys, &ascii));
+            let _ = Crs::of_geotiff(&keys, &numbers, &ascii).map(|crs| crs.measure());
         }
     }
 }

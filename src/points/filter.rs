@@ -79,6 +79,7 @@ impl Filter {
     ///
     /// # Errors
     /// What is missing.
+    #[doc(hidden)]
     pub fn check(&self, there: &[Attribute]) -> std::result::Result<(), &'static str> {
         let has = |name: &str| there.iter().any(|a| a.name == name);
         match self.needs().into_iter().find(|(name, need)| *need == Need::Must && !has(name)) {

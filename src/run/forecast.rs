@@ -3,6 +3,8 @@
 //! The figures are nanoseconds on a machine of two processors, rounded; only their ratios count, as the run's own speed scales them. They are means over clouds
 //! that differ by a factor of two and more, so that an estimate early in a run is a rough one.
 
+use std::path::Path;
+
 use crate::input::Cloud;
 use crate::run::phase::{Forecast, Phase};
 
@@ -26,6 +28,11 @@ const CHECK: f64 = 230.0;
 const RENDER: f64 = 250.0;
 /// A triangle that is written: meanwhile the mesh was checked; after that; in tiles; and not at all.
 const WRITE: [f64; 4] = [10.0, 80.0, 600.0, 0.0];
+
+/// A triangle, a place, a distance and a coloured vertex of a comparison.
+const COMPARE: [f64; 4] = [46.0, 8.0, 900.0, 66.0];
+/// A point that is counted, and one that is written, as a cloud is made denser.
+const DENSIFY: [f64; 2] = [5.0, 17.0];
 
 /// Bytes of a point: packed, in text and in other files.
 const BYTES: [u64; 3] = [6, 28, 20];
@@ -92,6 +99,52 @@ impl Known {
     }
 }
 
+/// What is known of a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Comparing {
+    /// Bytes of a packed file.
+    pub packed: u64,
+    /// Triangles of the mesh, and of the reference.
+    pub triangles: [u64; 2],
+    /// Vertices of the mesh, and vertices or points of the reference.
+    pub places: [u64; 2],
+    /// Whether the reference has triangles.
+    pub surface: bool,
+    /// Whether the mesh is written with its distances as colours.
+    pub coloured: bool,
+}
+
+impl Comparing {
+    /// Distances that are measured: of centroids from points, and of all places; from a surface, of its centroids, and of the mesh's once more.
+    pub fn distances(&self) -> u64 {
+        let ([mesh, reference], [vertices, places]) = (self.triangles, self.places);
+        mesh + vertices + places + if self.surface { mesh + reference } else { 0 }
+    }
+
+    /// The work of each phase.
+    pub fn forecast(&self) -> Forecast {
+        let [triangle, place, distance, vertex] = COMPARE;
+        let both = |counts: [u64; 2]| counts.iter().sum::<u64>() as f64;
+        Forecast::new([
+            (Phase::Unpack, UNPACK * self.packed as f64),
+            (Phase::Check, triangle * both(self.triangles)),
+            (Phase::Survey, place * both(self.places)),
+            (Phase::Compare, distance * self.distances() as f64),
+            (Phase::Write, if self.coloured { vertex * self.places[0] as f64 } else { 0.0 }),
+        ])
+    }
+}
+
+/// The work of making a cloud of so many points, packed in so many bytes, denser by so many.
+pub fn densify(packed: u64, points: u64, more: u64) -> Forecast {
+    let [count, write] = DENSIFY;
+    Forecast::new([
+        (Phase::Unpack, UNPACK * packed as f64),
+        (Phase::Survey, count * points as f64),
+        (Phase::Write, write * (points + more) as f64),
+    ])
+}
+
 /// The work of making triangles where there are so many points.
 pub fn surface(triangles: f64, points: f64) -> f64 {
     SURFACE.0 * triangles + SURFACE.1 * points
@@ -105,6 +158,11 @@ pub fn triangles(points: u64) -> u64 {
 /// Points of files of so many bytes, `packed` of them in packed files.
 pub fn points(bytes: u64, packed: u64) -> u64 {
     packed / BYTES[0] + bytes.saturating_sub(packed) / BYTES[2]
+}
+
+/// Bytes of a file, of which nothing else is known: none of standard input.
+pub fn bytes(path: &Path) -> u64 {
+    std::fs::metadata(path).map_or(0, |there| there.len())
 }
 
 /// The records of a cloud, as its files say, or as their lengths let expect.

@@ -29,7 +29,7 @@ pub use crate::solid::seal::ClosingBall;
 
 impl Sealing {
     /// The radius asked for, in cells of `cell_size`, at least 1; none if it is to be found.
-    pub fn radius(self, cell_size: f64) -> Option<u32> {
+    pub(crate) fn radius(self, cell_size: f64) -> Option<u32> {
         match self {
             Sealing::Auto => None,
             Sealing::Cells(cells) => Some(cells.max(1)),

@@ -4,14 +4,15 @@
 //! a hidden name beside its own, and is locked; what a process that was killed has left there, locked by nobody, goes when the next one of the same name is
 //! made.
 
+use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Seek};
 use std::path::{Path, PathBuf};
 
-use tempfile::{Builder, TempDir, TempPath};
+use tempfile::{Builder, TempPath};
 
 use crate::error::{Error, Result};
-use crate::system::{self, Lock};
+use crate::system::{self, Entry, EntryKind, LastWords, Lock, Naming, folder};
 
 /// What happens to a file that has the name already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -138,6 +139,24 @@ impl AtomicFile {
         Ok(())
     }
 
+    /// What writes the file if the process has to end at once.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(crate) fn last_words(&self) -> Result<LastWords> {
+        // No other process has this number.
+        let (prefix, suffix) = hidden_parts(&self.path);
+        let number = std::process::id() % 10u32.pow(RANDOM as u32);
+        let aside = folder_of(&self.path).join(format!("{prefix}{number:0RANDOM$}{suffix}"));
+        let naming = match (self.through, &self.hidden) {
+            (true, _) => Naming::None,
+            (false, Some(_)) => Naming::Rename,
+            (false, None) => Naming::Link,
+        };
+        LastWords::new(&self.file, self.hidden.as_deref(), aside, &self.path, naming)
+            .map_err(Error::io(&self.path, "create"))
+    }
+
     fn name(&mut self) -> io::Result<()> {
         let hidden = match self.hidden.take() {
             Some(hidden) => hidden,
@@ -173,7 +192,7 @@ impl AtomicFile {
 /// A folder in the making, beside its own place under a hidden name. Dropping it removes it and what it holds.
 #[derive(Debug)]
 pub struct WholeFolder {
-    folder: TempDir,
+    folder: HiddenFolder,
     /// Holds the lock.
     handle: File,
     path: PathBuf,
@@ -191,20 +210,18 @@ impl WholeFolder {
         }
         reap(path);
         let made = until_held(|| {
-            let folder = beside(path, |builder, folder| {
-                system::with_usual_permissions(builder, true);
-                builder.tempdir_in(folder)
-            })?;
-            let handle = system::open_folder(folder.path())?;
+            let folder = HiddenFolder::beside(path)?;
+            let handle = system::open_folder(&folder.path)?;
             Ok((folder, handle))
         });
         let (folder, handle) = made.map_err(Error::io(path, "create a folder beside"))?;
         Ok(WholeFolder { folder, handle, path: path.to_path_buf(), overwrite })
     }
 
-    /// Where it lies until it has its name.
-    pub fn place(&self) -> &Path {
-        self.folder.path()
+    /// Where a file of this name lies until the folder has its own. The folder remembers what it may hold.
+    pub fn within(&mut self, name: &str) -> PathBuf {
+        self.folder.names.push(name.into());
+        self.folder.path.join(name)
     }
 
     /// Gives it its name, once what it holds has reached the disk. What has the name already, if it may go, goes in the same moment.
@@ -212,7 +229,7 @@ impl WholeFolder {
     /// # Errors
     /// [`Error::OutputExists`] if something of that name has come up meanwhile; [`Error::Io`].
     pub fn finish(self) -> Result<()> {
-        let synced = synced(system::sync_all_of(&self.handle, self.place()));
+        let synced = synced(system::sync_all_of(&self.handle, &self.folder.path));
         synced.map_err(Error::io(&self.path, "write"))?;
         let replaced = self.name().map_err(|error| match error.kind() {
             io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => Error::OutputExists(self.path.clone()),
@@ -221,16 +238,15 @@ impl WholeFolder {
         sync_folder(&self.path);
         let old = self.folder.keep();
         if replaced {
-            let is_folder = old.symlink_metadata().is_ok_and(|there| there.is_dir());
-            let removed = if is_folder { std::fs::remove_dir_all(&old) } else { std::fs::remove_file(&old) };
-            removed.map_err(Error::io(&old, "remove"))?;
+            // If that fails, it goes when the folder is made again.
+            remove(&old).map_err(Error::io(&old, "remove the older folder"))?;
         }
         Ok(())
     }
 
     /// Whether something else lies under the hidden name now.
     fn name(&self) -> io::Result<bool> {
-        let (here, there) = (self.place(), &*self.path);
+        let (here, there) = (&*self.folder.path, &*self.path);
         let replaces = self.overwrite == Overwrite::Replace && there.symlink_metadata().is_ok();
         let named = if replaces { system::exchange(here, there) } else { system::rename_new(here, there) };
         match named {
@@ -252,6 +268,49 @@ impl WholeFolder {
 
 fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// A folder under a hidden name. Dropping it removes it and what it holds.
+#[derive(Debug)]
+struct HiddenFolder {
+    path: PathBuf,
+    /// Of what it may hold: it can be removed by these even if the system refuses to list it.
+    names: Vec<OsString>,
+}
+
+impl HiddenFolder {
+    fn beside(path: &Path) -> io::Result<HiddenFolder> {
+        let folder = beside(path, |builder, folder| {
+            system::with_usual_permissions(builder, true);
+            builder.tempdir_in(folder)
+        })?;
+        Ok(HiddenFolder { path: folder.keep(), names: Vec::new() })
+    }
+
+    /// Where it is; from now on it stays.
+    fn keep(mut self) -> PathBuf {
+        std::mem::take(&mut self.path)
+    }
+}
+
+impl Drop for HiddenFolder {
+    fn drop(&mut self) {
+        if self.path.as_os_str().is_empty() {
+            return;
+        }
+        for name in &self.names {
+            let _ = std::fs::remove_file(self.path.join(name));
+        }
+        let _ = folder::remove(&self.path);
+    }
+}
+
+/// Removes a file, a link, or a folder and what it holds.
+fn remove(path: &Path) -> io::Result<()> {
+    std::fs::remove_file(path).or_else(|file| match folder::remove(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotADirectory => Err(file),
+        removed => removed,
+    })
 }
 
 /// The parts of hidden names that are the same for all in the making of one name.
@@ -309,22 +368,21 @@ fn until_held<T>(mut make: impl FnMut() -> io::Result<(T, File)>) -> io::Result<
 /// Removes what processes that are no more left under hidden names of this one. Whether that works or not is no matter of this one's.
 fn reap(path: &Path) {
     let (prefix, suffix) = hidden_parts(path);
-    let Ok(entries) = std::fs::read_dir(folder_of(path)) else { return };
-    for entry in entries.flatten() {
-        let name = entry.file_name();
+    let folder = folder_of(path);
+    let Ok(entries) = folder::entries(folder) else { return };
+    for Entry { name, kind } in entries {
         let random = name.to_str().and_then(|name| name.strip_prefix(&prefix)?.strip_suffix(suffix));
         if !random.is_some_and(|random| random.len() == RANDOM && random.bytes().all(|b| b.is_ascii_alphanumeric())) {
             continue;
         }
-        let Ok(kind) = entry.file_type() else { continue };
-        if !kind.is_file() && !kind.is_dir() {
+        if kind == EntryKind::Other {
             continue;
         }
-        let Ok(left) = system::open_leftover(&entry.path(), kind.is_dir()) else { continue };
+        let there = folder.join(name);
+        let Ok(left) = system::open_leftover(&there, kind == EntryKind::Folder) else { continue };
         // Who makes it holds its lock.
         if system::lock(&left) == Lock::Held {
-            let _ =
-                if kind.is_dir() { std::fs::remove_dir_all(entry.path()) } else { std::fs::remove_file(entry.path()) };
+            let _ = remove(&there);
         }
     }
 }
@@ -486,8 +544,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("city.tiles");
         let make = |overwrite, content: &str| {
-            let folder = WholeFolder::create(&path, overwrite).unwrap();
-            let file = AtomicFile::within(&folder.place().join("a")).unwrap();
+            let mut folder = WholeFolder::create(&path, overwrite).unwrap();
+            let file = AtomicFile::within(&folder.within("a")).unwrap();
             file.file().write_all(content.as_bytes()).unwrap();
             file.finish().unwrap();
             folder

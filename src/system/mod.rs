@@ -10,8 +10,14 @@
 //!
 //! Both sides have the same functions, `unix` and `windows`; tests run on Linux.
 
+use std::ffi::OsString;
+
 #[cfg(unix)]
 pub mod bus;
+#[cfg(unix)]
+pub mod folder;
+#[cfg(unix)]
+mod last_words;
 #[cfg(unix)]
 pub mod stack;
 #[cfg(unix)]
@@ -20,9 +26,31 @@ mod unix;
 mod windows;
 
 #[cfg(unix)]
+pub use last_words::{LastWords, Naming};
+#[cfg(unix)]
 pub use unix::*;
 #[cfg(windows)]
 pub use windows::*;
+
+/// A name in a folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Entry {
+    /// The name alone, without the folder's.
+    pub name: OsString,
+    /// What it is.
+    pub kind: EntryKind,
+}
+
+/// What a name in a folder is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EntryKind {
+    /// A file.
+    File,
+    /// A folder.
+    Folder,
+    /// A link, a pipe, a device.
+    Other,
+}
 
 /// Bytes of a file system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

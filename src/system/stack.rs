@@ -1,19 +1,52 @@
 //! Stack overflow: the crate `laz` calls itself once for each symbol "next sequence" of a GPS time layer (point formats 6 to 10), and a few bytes can hold a million of
-//! them. That ends the process, since a stack that is used up cannot be unwound; but it ends with an error in the data, that names the file.
+//! them. That ends the process, since a stack that is used up cannot be unwound; but it ends with an error in the data, that names the file, in the run's report, too.
 #![allow(unsafe_code)]
 
 use std::cell::Cell;
 use std::path::Path;
 use std::ptr;
-use std::sync::OnceLock;
+use std::sync::atomic::{AtomicPtr, Ordering};
+use std::sync::{Arc, OnceLock};
 
+use super::LastWords;
+use crate::error::Error;
 use crate::error::words::as_options;
-use crate::error::{Error, Kind};
 
 thread_local! {
-    /// What this thread says if its stack overflows: the beginning and the length of a text; null if that would be a defect of this program.
-    static WORDS: Cell<(*const u8, usize)> = const { Cell::new((ptr::null(), 0)) };
+    /// What this thread says if its stack overflows; null if that would be a defect of this program.
+    static WORDS: Cell<*const Words> = const { Cell::new(ptr::null()) };
 }
+
+/// The error, made before it is known whether it is needed: a handler can make nothing.
+struct Words {
+    line: String,
+    report: String,
+}
+
+/// The report that is asked for; null if none is.
+static REPORT: AtomicPtr<LastWords> = AtomicPtr::new(ptr::null_mut());
+
+/// As long as this lives, the error is written to a report, too.
+pub struct Reported(Arc<LastWords>);
+
+impl Reported {
+    /// From now on. There is one report at a time: that of the command.
+    pub fn to(report: LastWords) -> Reported {
+        let report = Arc::new(report);
+        REPORT.store(Arc::as_ptr(&report).cast_mut(), Ordering::Release);
+        Reported(report)
+    }
+}
+
+impl Drop for Reported {
+    fn drop(&mut self) {
+        let own = Arc::as_ptr(&self.0).cast_mut();
+        let _ = REPORT.compare_exchange(own, ptr::null_mut(), Ordering::AcqRel, Ordering::Relaxed);
+    }
+}
+
+/// The exit code of a damaged input.
+const CODE: u8 = 65;
 
 /// What was done about the signal before.
 static BEFORE: OnceLock<libc::sigaction> = OnceLock::new();
@@ -40,13 +73,20 @@ pub fn told<R>(path: &Path, work: impl FnOnce() -> R) -> R {
         "compressed points",
         "a stream without end (the decompressor has used up its stack); `attributes` none reads no GPS times",
     );
-    let words = as_options(&format!("asra-stream: {error}\n"));
-    let before = WORDS.replace((words.as_ptr(), words.len()));
+    let report = if REPORT.load(Ordering::Acquire).is_null() {
+        String::new()
+    } else {
+        let mut failure = error.failure(CODE);
+        failure.error.message = as_options(&failure.error.message);
+        serde_json::to_string_pretty(&failure).unwrap_or_default() + "\n"
+    };
+    let words = Words { line: as_options(&format!("asra-stream: {error}\n")), report };
+    let before = WORDS.replace(&words);
     let _restored = Restored(before);
     work()
 }
 
-struct Restored((*const u8, usize));
+struct Restored(*const Words);
 
 impl Drop for Restored {
     fn drop(&mut self) {
@@ -56,12 +96,15 @@ impl Drop for Restored {
 
 /// Says the words of this thread and ends the process; else leaves the signal to whoever had it before, when it comes again.
 extern "C" fn tell(signal: i32, _: *mut libc::siginfo_t, _: *mut libc::c_void) {
-    let (words, length) = WORDS.get();
-    // SAFETY: `told` keeps the text as long as it is pointed to; all three calls may be made in a handler.
+    // SAFETY: `told` keeps the words, and whoever has the report keeps that, as long as they are pointed to; all calls may be made in a handler, and what writes
+    // the report makes no others.
     unsafe {
-        if !words.is_null() {
-            libc::write(libc::STDERR_FILENO, words.cast(), length);
-            libc::_exit(i32::from(Kind::Data.row().codes[0]));
+        if let Some(words) = WORDS.get().as_ref() {
+            libc::write(libc::STDERR_FILENO, words.line.as_ptr().cast(), words.line.len());
+            if let Some(report) = REPORT.load(Ordering::Acquire).as_ref() {
+                report.say(words.report.as_bytes());
+            }
+            libc::_exit(i32::from(CODE));
         }
         match BEFORE.get() {
             Some(before) => libc::sigaction(signal, before, ptr::null_mut()),
@@ -76,6 +119,8 @@ mod tests {
     use std::process::Command;
 
     use super::*;
+    use crate::error::Kind;
+    use crate::storage::atomic_file::AtomicFile;
 
     /// Set where this test is its own child.
     const CHILD: &str = "ASRA_STREAM_TEST_OVERFLOW";
@@ -88,8 +133,14 @@ mod tests {
 
     #[test]
     fn a_stack_that_is_used_up_is_an_error_in_the_data() {
+        assert_eq!(Kind::Data.row().codes, [CODE]);
         match std::env::var(CHILD).as_deref() {
             Ok("told") => drop(told(Path::new("far/deep.laz"), || black_box(deep(u64::MAX)))),
+            Ok(report) if report.ends_with(".json") => {
+                let file = AtomicFile::report(Path::new(report)).unwrap();
+                let _reported = Reported::to(file.last_words().unwrap());
+                told(Path::new("far/deep.laz"), || black_box(deep(u64::MAX)));
+            }
             Ok(_) => {
                 assert_eq!(told(Path::new("far/deep.laz"), || deep(10)), 55);
                 black_box(deep(u64::MAX));
@@ -104,6 +155,20 @@ mod tests {
                 assert_eq!(found.status.code(), Some(65), "{words}");
                 assert!(words.starts_with("asra-stream: far/deep.laz: "), "{words}");
                 assert!(words.contains("without end"), "{words}");
+                let dir = tempfile::tempdir().unwrap();
+                // A new report, and one that takes an older one's place.
+                for before in [None, Some("older")] {
+                    let path = dir.path().join("r.json");
+                    before.inspect(|text| std::fs::write(&path, text).unwrap());
+                    assert_eq!(child(path.to_str().unwrap()).status.code(), Some(65));
+                    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+                    let error = &report["error"];
+                    assert_eq!(
+                        (&error["kind"], &error["code"], &error["path"]),
+                        (&"data".into(), &65.into(), &"far/deep.laz".into())
+                    );
+                    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "nothing else is left");
+                }
                 // Elsewhere it is a defect, which the standard library tells.
                 let other = child("not told");
                 assert_eq!(other.status.code(), None, "{}", String::from_utf8_lossy(&other.stderr));

@@ -312,9 +312,70 @@ pub mod bus {
     }
 }
 
+/// What is in a folder, and how one is removed.
+pub mod folder {
+    use std::io;
+    use std::path::Path;
+
+    use super::super::{Entry, EntryKind};
+
+    /// What is in a folder, in the system's order.
+    #[expect(clippy::disallowed_methods, reason = "closing a folder does not fail here")]
+    pub fn entries(folder: &Path) -> io::Result<Vec<Entry>> {
+        let entry = |entry: io::Result<std::fs::DirEntry>| {
+            let entry = entry?;
+            let kind = match entry.file_type()? {
+                kind if kind.is_file() => EntryKind::File,
+                kind if kind.is_dir() => EntryKind::Folder,
+                _ => EntryKind::Other,
+            };
+            Ok(Entry { name: entry.file_name(), kind })
+        };
+        std::fs::read_dir(folder)?.map(entry).collect()
+    }
+
+    /// Removes a folder and what it holds.
+    #[expect(clippy::disallowed_methods, reason = "closing a folder does not fail here")]
+    pub fn remove(folder: &Path) -> io::Result<()> {
+        std::fs::remove_dir_all(folder)
+    }
+}
+
+/// How a file in the making gets its name.
+#[derive(Debug, Clone, Copy)]
+pub enum Naming {
+    /// It has it already.
+    None,
+    /// It has a hidden one.
+    Rename,
+    /// It has none.
+    Link,
+}
+
+/// There is no handler of signals that could write a file.
+#[derive(Debug)]
+pub struct LastWords;
+
+impl LastWords {
+    /// Nothing.
+    pub fn new(_: &File, _: Option<&Path>, _: std::path::PathBuf, _: &Path, _: Naming) -> io::Result<LastWords> {
+        Ok(LastWords)
+    }
+}
+
 /// A stack that is used up ends the process, as the system has it.
 pub mod stack {
     use std::path::Path;
+
+    /// Nothing is written to a report.
+    pub struct Reported;
+
+    impl Reported {
+        /// There is nobody who could.
+        pub fn to(_: super::LastWords) -> Reported {
+            Reported
+        }
+    }
 
     /// Lets the decompressor work on a file.
     pub fn told<R>(_: &Path, work: impl FnOnce() -> R) -> R {

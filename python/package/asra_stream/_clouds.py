@@ -89,7 +89,7 @@ def of(points):
         return xyz(np.asarray(points.vertices)), {}
     if hasattr(points, "__array__"):
         return of(np.asarray(points))
-    if isinstance(points, collections.abc.Sequence) and not isinstance(points, (bytes, bytearray)):
+    if isinstance(points, collections.abc.Sequence) and not isinstance(points, (str, bytes, bytearray)):
         if len(points) > 0 and not isinstance(points[0], np.ndarray):
             return xyz(np.asarray(points, dtype=np.float64)), {}
     return None

@@ -4,7 +4,7 @@ import functools
 import json
 import os
 import tempfile
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,15 +84,19 @@ class Mesh:
         return self.report["check"]["closed"]
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False, coordinates: str | None = None) -> None:
-        """Writes a .ply, .stl, .obj or .glb file, which appears when it is whole. ``coordinates`` is "input" or "local"; what is usual for the format if None."""
+        """Writes a .ply, .stl, .obj or .glb file, which appears when it is whole.
+
+        ``coordinates`` is "input" (those of the points) or "local" (less :attr:`origin`); what is usual for the format if None. Raises UsageError for a file
+        that exists, unless ``overwrite``, and for another ending; NoOutputError and IoError.
+        """
         self._core.save(os.fspath(path), overwrite, coordinates)
 
     def check(self) -> dict[str, Any]:
-        """What a strict check finds: a dict."""
+        """What a strict check finds, with an exact search for triangles that intersect: a dict, see :func:`check`. Ctrl-C ends it."""
         return json.loads(self._core.check())
 
     def compare(self, reference: "str | os.PathLike[str] | Mesh", *, progress: Any = None, **options: Any) -> dict[str, Any]:
-        """How far it lies from a reference, a path or another mesh, and that from it: a dict. Both go through temporary files."""
+        """How far it lies from a reference, a path or another mesh, and that from it: a dict, see :func:`compare`. Both go through temporary files."""
         from ._run import compare
 
         with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
@@ -102,7 +106,7 @@ class Mesh:
             return compare(own, reference, progress=progress, **options)
 
     def render(self, output: str | os.PathLike[str] | None = None, *, progress: Any = None, **options: Any) -> dict[str, Any] | bytes:
-        """Draws a picture (PNG) to ``output``; without, gives its bytes."""
+        """Draws a picture (PNG) to ``output``, and gives its path and triangles; without ``output``, gives the picture's bytes. Options as of :func:`render`."""
         from ._run import render
 
         with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
@@ -120,13 +124,13 @@ class Mesh:
         return path
 
     def to_trimesh(self) -> Any:
-        """A ``trimesh.Trimesh`` with the same vertices in the same order."""
+        """A ``trimesh.Trimesh`` with the same vertices (``float64``) and triangles (``int64``) in the same order, and colours of eight bits."""
         import trimesh
 
         return trimesh.Trimesh(self.vertices, self.triangles, vertex_colors=_eight_bits(self.colors), process=False)
 
     def to_open3d(self) -> Any:
-        """An ``open3d.geometry.TriangleMesh``."""
+        """An ``open3d.geometry.TriangleMesh`` with the same vertices (``float64``) and triangles (``int32``) in the same order, and colours from 0 to 1."""
         import open3d
 
         mesh = open3d.geometry.TriangleMesh(
@@ -138,10 +142,10 @@ class Mesh:
         return mesh
 
     def to_pyvista(self) -> Any:
-        """A ``pyvista.PolyData`` with the attributes as point data."""
+        """A ``pyvista.PolyData`` with the same vertices and triangles in the same order, and all attributes, in their types, as point data."""
         import pyvista
 
-        mesh = pyvista.PolyData.from_regular_faces(self.vertices, self.triangles)
+        mesh = pyvista.PolyData.from_regular_faces(cast(Any, self.vertices), cast(Any, self.triangles))
         for name, values in self.attributes.items():
             mesh.point_data[name] = values
         return mesh

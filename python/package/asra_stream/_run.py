@@ -4,7 +4,7 @@ import collections.abc
 import contextlib
 import json
 import os
-
+import sys
 from typing import Any, cast
 
 import numpy as np
@@ -37,7 +37,7 @@ def _progress(progress):
         def tell(update):
             if update["ended"]:
                 share = "" if update["fraction"] is None else f"{100 * update['fraction']:4.0f} %  "
-                print(f"{share}{update['stage']}: {update['done']:,} {update['unit']}", flush=True)
+                print(f"{share}{update['stage']}: {update['done']:,} {update['unit']}", file=sys.stderr, flush=True)
 
         yield tell
         return
@@ -140,37 +140,55 @@ def run(inputs: Paths, output: Path | None = None, *, progress: Progress = None,
     """From files to a mesh file, as the command does: the mesh is never held in memory. Gives the report, a dict.
 
     ``inputs`` is a path, a pattern, a folder or a list of these; ``output`` ends in .ply, .stl, .obj or .glb. Keywords as of :func:`reconstruct`, and
-    ``overwrite``, ``tile``, ``preview`` ...
+    ``overwrite``, ``tile``, ``preview`` ... Raises what :func:`reconstruct` raises, UsageError for an output that exists, and NoOutputError.
     """
     return _executed([], _paths(inputs), {"output": output, **options}, progress)
 
 
 def info(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
-    """What is in files: layout, points, box, density, reference system, classes and returns, grid. A dict, see docs/info-and-plan.md."""
+    """What is in files: layout, points, box, density, reference system, classes and returns, grid. A dict, see docs/info-and-plan.md.
+
+    Lengths are in the unit of the coordinates. Raises NoInputError, DataError, and UsageError for options.
+    """
     return _executed(["info"], _paths(inputs), options, progress)
 
 
 def plan(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
-    """What a run would take: memory, disk, slices, triangles, tiles. A dict, see docs/info-and-plan.md."""
+    """What a run would take: memory, disk, slices, triangles, tiles. A dict, see docs/info-and-plan.md.
+
+    Memory and disk are in bytes. Raises NoInputError, DataError, CannotFitError, and UsageError for options.
+    """
     return _executed(["plan"], _paths(inputs), options, progress)
 
 
 def check(mesh: Path | Mesh, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
-    """What a strict check of a mesh file, or a :class:`Mesh`, finds: closed, oriented, manifold, free of self-intersections, genus, area, volume. A dict."""
+    """What a strict check of a mesh file, or a :class:`Mesh`, finds. A dict: ``closed``, ``oriented``, ``manifold``, ``genus``, ``components``, ``area`` and ``volume``
+    (in the unit of the coordinates, squared and cubed), ``intersections`` and more.
+
+    A mesh that is not closed is no error. Raises NoInputError, DataError, and UsageError for options.
+    """
     if isinstance(mesh, Mesh):
         return mesh.check()
     return _executed(["check"], _paths(mesh), options, progress)
 
 
 def compare(mesh: Path | Mesh, reference: Path | Mesh, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
-    """How far a mesh lies from a reference, a mesh or a cloud, and the reference from it. A dict of distances in per cent of the reference's longest side."""
+    """How far a mesh lies from a reference, a mesh or a cloud, and the reference from it. A dict.
+
+    ``mesh_to_reference`` and ``reference_to_mesh`` hold, for vertices and centroids, the mean, the root mean square, the 95th percentile and the maximum, in the unit of the
+    coordinates and in per cent of the reference's longest side and diagonal. Raises NoInputError, DataError, and UsageError for options.
+    """
     if isinstance(mesh, Mesh):
         return mesh.compare(reference, progress=progress, **options)
     return _executed(["compare"], _paths([mesh, reference]), options, progress)
 
 
 def render(mesh: Path | Mesh, output: Path, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
-    """Draws a picture (PNG) of a mesh file, or a :class:`Mesh`: ``views="iso,top"``, ``size="1600x1200"``, ``color_by="height"`` ... Gives its path and triangles."""
+    """Draws a picture (PNG) of a mesh file, or a :class:`Mesh`: ``views="iso,top"``, ``size="1600x1200"``, ``color_by="height"`` ...
+
+    Gives a dict of its ``path`` and the ``triangles`` drawn. Raises UsageError for a file that exists, unless ``overwrite=True``, and for options; NoInputError, DataError,
+    NoOutputError.
+    """
     if isinstance(mesh, Mesh):
         return cast(dict[str, Any], mesh.render(output, progress=progress, **options))
     return _executed(["render"], _paths(mesh), {"output": output, **options}, progress)

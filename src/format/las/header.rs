@@ -151,6 +151,7 @@ struct Found {
     extra: Option<Vec<u8>>,
     wkt: Option<Vec<u8>>,
     keys: Option<Vec<u8>>,
+    key_numbers: Option<Vec<u8>>,
     key_text: Option<Vec<u8>>,
 }
 
@@ -177,6 +178,7 @@ impl Found {
                 (b"LASF_Spec", 4) => Some(&mut self.extra),
                 (b"LASF_Projection", 2112) => Some(&mut self.wkt),
                 (b"LASF_Projection", 34735) => Some(&mut self.keys),
+                (b"LASF_Projection", 34736) => Some(&mut self.key_numbers),
                 (b"LASF_Projection", 34737) => Some(&mut self.key_text),
                 _ => None,
             };
@@ -195,7 +197,8 @@ impl Found {
         let text = self.wkt.as_ref().and_then(|wkt| Crs::parse(&String::from_utf8_lossy(wkt)));
         text.or_else(|| {
             let keys: Vec<u16> = self.keys.as_ref()?.chunks_exact(2).map(LE::read_u16).collect();
-            Crs::of_geotiff(&keys, self.key_text.as_deref().unwrap_or_default())
+            let numbers = self.key_numbers.as_deref().unwrap_or_default().chunks_exact(8).map(LE::read_f64);
+            Crs::of_geotiff(&keys, &numbers.collect::<Vec<f64>>(), self.key_text.as_deref().unwrap_or_default())
         })
     }
 }

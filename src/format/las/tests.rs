@@ -11,6 +11,7 @@ use super::fields;
 use crate::error::Result;
 use crate::input::{Cloud, Filter, InputOptions, Opening, Withheld};
 use crate::points::attribute::Wanted;
+use crate::points::unit::{Measure, Unit};
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
 
@@ -379,6 +380,26 @@ fn reference_systems_are_read_and_must_agree() {
         error.contains("keys.las in EPSG:25832, ") && error.contains("other.las in EPSG:25833 (somewhere)"),
         "{error}"
     );
+}
+
+#[test]
+fn a_unit_without_a_code_is_told_by_its_size() {
+    let dir = tempfile::tempdir().unwrap();
+    let keys: Vec<u8> = [1u16, 1, 0, 3, 3072, 0, 1, 25832, 3076, 0, 1, 32767, 3077, 34736, 1, 1]
+        .iter()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    let numbers: Vec<u8> = [0.0, 0.3048f64].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let measure = |vlrs: Vec<Vec<u8>>| {
+        let path = dir.path().join("a.las");
+        std::fs::write(&path, made(0, 20, &[0; 20], &Pack::Plain, vlrs)).unwrap();
+        Cloud::open(&[path], &InputOptions::default()).unwrap().measure()
+    };
+    let keys = record("LASF_Projection", 34735, &keys);
+    let all = vec![keys.clone(), record("LASF_Projection", 34736, &numbers)];
+    assert_eq!(measure(all), Some(Measure::Length(Unit::Foot)));
+    let cut = vec![keys.clone(), record("LASF_Projection", 34736, &numbers[..12])];
+    assert_eq!((measure(cut), measure(vec![keys])), (None, None));
 }
 
 #[test]

@@ -67,6 +67,21 @@ pub fn check_number(side: f64, tiles: u64) -> Result<()> {
     ))
 }
 
+/// The number of the square that a coordinate lies in.
+///
+/// # Errors
+/// [`Error::Usage`] if there are so many up to there that numbers do not tell them apart.
+fn numbered(coordinate: f64, side: f64) -> Result<i64> {
+    /// All whole numbers up to here are numbers of 64 bits.
+    const MOST: f64 = (1u64 << 53) as f64;
+    let number = (coordinate / side).floor();
+    if number.abs() < MOST {
+        return Ok(number as i64);
+    }
+    let (at, least) = (short(coordinate), short(coordinate.abs() / MOST * 2.0));
+    Err(Error::Usage(format!("--tile {side}: is too small to number squares at {at}; pass --tile {least} or more")))
+}
+
 /// A folder of tiles that is going to be.
 #[derive(Debug)]
 pub struct Tiles {
@@ -108,7 +123,7 @@ impl Tiles {
     /// # Errors
     /// [`Error::InvalidSetting`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::fill`] and [`super::Filled::finish`].
     pub fn write(
-        self,
+        mut self,
         mesh: &MeshSpool,
         header: &MeshHeader,
         memory: u64,
@@ -139,7 +154,7 @@ impl Tiles {
             }
             let tile = self.tile(mesh, &spool, &stretches, workspace)?;
             let name = format!("{x}_{y}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
-            let target = Target::within(&self.folder.place().join(&name), self.format, self.positions)?;
+            let target = Target::within(&self.folder.within(&name), self.format, self.positions)?;
             let file = target.fill(&tile.mesh, header, workers, &mut |_| ())?.finish()?;
             written.bytes += file.bytes;
             done += triangles;
@@ -155,7 +170,7 @@ impl Tiles {
         let index = json!({
             "version": 1, "side": self.side, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
         });
-        let path = self.folder.place().join(INDEX);
+        let path = self.folder.within(INDEX);
         let text = serde_json::to_vec_pretty(&index).expect("numbers and text are JSON");
         written.bytes += text.len() as u64;
         std::fs::File::create_new(&path)
@@ -224,12 +239,11 @@ impl Tiles {
             let corners = face.map(|v| corners.table[v as usize]);
             let along = |a: usize| {
                 let middle = (corners[0][a] + corners[1][a] + corners[2][a]) / 3.0 + header.origin[a];
-                // Saturates: far too many tiles are refused by their number.
-                (middle / self.side).floor() as i64
+                numbered(middle, self.side)
             };
-            [along(1), along(0)]
+            Ok([along(1)?, along(0)?])
         };
-        Ok(local.iter().map(square).collect())
+        local.iter().map(square).collect()
     }
 
     /// Puts a tile together.
@@ -287,6 +301,16 @@ mod tests {
             let advised: f64 = error.split("pass `tile` ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
             let made = tiles as f64 * (side / advised).powi(2);
             assert!(made <= MOST_TILES as f64 && made > 0.8 * MOST_TILES as f64, "{error}");
+        }
+    }
+
+    #[test]
+    fn squares_that_numbers_do_not_tell_apart_are_refused() {
+        assert_eq!(numbered(-0.5, 1e-12).unwrap(), -500_000_000_000);
+        for (coordinate, side) in [(0.5, 1e-300), (-0.5, 1e-300), (5e6, 1e-12), (1.0, f64::MIN_POSITIVE)] {
+            let error = numbered(coordinate, side).unwrap_err().to_string();
+            let advised: f64 = error.split("pass --tile ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+            assert!(numbered(coordinate, advised).is_ok(), "{error}");
         }
     }
 }

@@ -3,12 +3,15 @@
 use super::blocks::Stars;
 use super::components;
 use super::link::Examiner;
-use super::vertices::{CORNERS, PIECE};
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{self, Corners, GROUP};
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
 
+/// Corners of a range that are held at a time, for each of its vertices; a closed mesh has six on average.
+pub(super) const CORNERS: usize = 8;
+/// Vertices read at once to see whether they are finite.
+pub(super) const PIECE: usize = 1 << 12;
 /// Vertices of a range while the triangles at them lie close together: its corners stay in a processor's cache.
 const NEAR_RANGE: u32 = 1 << 15;
 /// Bytes for each vertex of a range: up to 8 corners of 8 bytes on average, its place among them, its parent and flags,

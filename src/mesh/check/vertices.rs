@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::blocks::{Blocks, Stars};
 use super::components::{Components, root};
-use super::job::{Check, Scratch};
+use super::job::{CORNERS, Check, PIECE, Scratch};
 use super::link::{Tally, is_simple_cycle};
 use crate::error::Result;
 use crate::resources::workers::Spares;
@@ -14,10 +14,6 @@ use crate::storage::queue::Queue;
 
 /// Blocks may be read this often on average before larger ranges are preferred.
 const READS: u64 = 2;
-/// Corners of a range that are held at a time, for each of its vertices; a closed mesh has six on average.
-pub(super) const CORNERS: usize = 8;
-/// Vertices read at once to see whether they are finite.
-pub(super) const PIECE: usize = 1 << 12;
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds(pub DVec3, pub DVec3);

@@ -14,7 +14,7 @@ impl Facing {
     ///
     /// # Errors
     /// [`Error::InvalidSetting`] if that is no direction.
-    pub fn turn(self, bounds: &Bounds) -> Result<Option<Rotation>> {
+    pub(crate) fn turn(self, bounds: &Bounds) -> Result<Option<Rotation>> {
         if matches!(self, Facing::Along { .. }) {
             return Ok(None);
         }
@@ -38,8 +38,8 @@ impl Open {
     /// The grid for `points` points in `bounds`, a box of the grid's own coordinates, with room round them.
     ///
     /// # Errors
-    /// Those of `Grid::new`; [`Error::InvalidSetting`] if slices would lie across what is seen, or if points lie below the base.
-    pub fn grid(
+    /// [`Error::Raster`], as the grid; [`Error::InvalidSetting`] if slices would lie across what is seen, or if points lie below the base.
+    pub(crate) fn grid(
         &self,
         points: u64,
         bounds: &Bounds,
@@ -92,6 +92,7 @@ impl Open {
     }
 
     /// The direction it was seen from, on a grid.
+    #[doc(hidden)]
     pub fn up(&self, grid: &Grid) -> Up {
         let axes = grid.axis().file_axes();
         let (up, positive) = self.facing.axis();
@@ -99,18 +100,20 @@ impl Open {
     }
 
     /// The radius of the disc that bridges holes, in cells.
+    #[doc(hidden)]
     pub fn bridge(&self, grid: &Grid) -> u32 {
         let longest = grid.cells().into_iter().max().unwrap_or(1);
         self.max_hole.radius(grid.cell_size()).min(f64::from(longest)) as u32
     }
 
     /// The highest step, in cells, whose wall a sheet keeps: as wide as the widest hole.
+    #[doc(hidden)]
     pub fn jump(&self, grid: &Grid) -> Option<u32> {
         (self.kind == Kind::Sheet).then(|| 2 * self.bridge(grid))
     }
 
     /// The ball that rolls over the surface: of radius 1.5, unless another is asked for.
-    pub fn ball(&self, seal: Sealing, window: Option<u32>, cell_size: f64) -> Ball {
+    pub(crate) fn ball(&self, seal: Sealing, window: Option<u32>, cell_size: f64) -> Ball {
         let most = window.map_or(u32::MAX, |w| (w - 1) / 2);
         match seal.radius(cell_size) {
             None => Ball::squared(2),
