@@ -33,6 +33,8 @@ pub struct Kernel {
     pub reach: i64,
     /// By squared distance: what a wall of area 1 adds for each cell along its normal.
     table: Vec<f32>,
+    /// The rows that walls within reach lie in: slices and rows away, and how far along x.
+    rows: Vec<(i64, i64, i64)>,
     /// The Gaussian's weights, from `-reach` to `reach`.
     weights: Vec<f32>,
 }
@@ -51,29 +53,39 @@ impl Kernel {
         let weight = |d: i64| libm::exp(-(d * d) as f64 / (2.0 * sigma * sigma));
         let sum: f64 = (-reach..=reach).map(weight).sum();
         let weights = (-reach..=reach).map(|d| (weight(d) / sum) as f32).collect();
-        Kernel { reach, table: table.collect(), weights }
+        // Means lie up to half a cell off the middle of their cells.
+        let off = |d: i64| (d.abs() as f64 - 0.5).max(0.0);
+        let mut rows = Vec::new();
+        for y in -reach..=reach {
+            for z in -reach..=reach {
+                let left = (reach * reach) as f64 - off(y) * off(y) - off(z) * off(z);
+                if left >= 0.0 {
+                    rows.push((y, z, ((left.sqrt() + 0.5).floor() as i64).min(reach)));
+                }
+            }
+        }
+        Kernel { reach, table: table.collect(), weights, rows }
     }
 
     /// What the walls within reach add up to in the middle of a cell, by slice, row and x.
     pub fn near(&self, [x, y, z]: [i64; 3], dipoles: &Held<Dipole>) -> f32 {
         let mut sum = 0.0;
-        for slice in y - self.reach..=y + self.reach {
-            let (cells, values) = dipoles.slice(slice);
-            for row in z - self.reach..=z + self.reach {
-                for number in cells.range(row, x - self.reach..x + self.reach + 1) {
-                    let Dipole { mean, area, .. } = &values[number];
-                    let d = [
-                        (i64::from(cells.x(number)) - x) as f32 + (mean[0] - 0.5),
-                        (slice - y) as f32 + (mean[1] - 0.5),
-                        (row - z) as f32 + (mean[2] - 0.5),
-                    ];
-                    let at = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) * FINENESS;
-                    let entry = at as usize;
-                    if entry + 1 < self.table.len() {
-                        let (low, high) = (self.table[entry], self.table[entry + 1]);
-                        let weight = low + (at - entry as f32) * (high - low);
-                        sum += weight * (area[0] * d[0] + area[1] * d[1] + area[2] * d[2]);
-                    }
+        for (dy, dz, reach) in &self.rows {
+            let (cells, values) = dipoles.slice(y + dy);
+            let (away_y, away_z) = (*dy as f32, *dz as f32);
+            for number in cells.range(z + dz, x - reach..x + reach + 1) {
+                let Dipole { mean, area, .. } = &values[number];
+                let d = [
+                    (i64::from(cells.x(number)) - x) as f32 + (mean[0] - 0.5),
+                    away_y + (mean[1] - 0.5),
+                    away_z + (mean[2] - 0.5),
+                ];
+                let at = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) * FINENESS;
+                let entry = at as usize;
+                if entry + 1 < self.table.len() {
+                    let (low, high) = (self.table[entry], self.table[entry + 1]);
+                    let weight = low + (at - entry as f32) * (high - low);
+                    sum += weight * (area[0] * d[0] + area[1] * d[1] + area[2] * d[2]);
                 }
             }
         }

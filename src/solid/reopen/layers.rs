@@ -163,6 +163,11 @@ impl<T> Held<T> {
         }
     }
 
+    /// Whether there is a cell in a box.
+    pub fn any_of(&self, [xs, mut ys, zs]: [Range<i64>; 3]) -> bool {
+        ys.any(|y| zs.clone().any(|z| !self.slice(y).0.range(z, xs.clone()).is_empty()))
+    }
+
     /// Whether there is no cell at all.
     pub fn is_empty(&self) -> bool {
         self.slices.iter().all(|(cells, _)| cells.count() == 0)
@@ -220,6 +225,28 @@ impl Stretch {
         let row = self.row(y, z);
         let before = row.partition_point(|run| i64::from(run.start) < x.end);
         before > 0 && i64::from(row[before - 1].end) > x.start
+    }
+}
+
+impl Stretch {
+    /// Calls `each` with the cells of a box that are set, by slice, row and x.
+    pub fn cells(&self, [xs, ys, zs]: [Range<i64>; 3], mut each: impl FnMut([i64; 3])) {
+        for y in ys {
+            for z in zs.clone() {
+                let row = self.row(y, z);
+                let first = row.partition_point(|run| i64::from(run.end) <= xs.start);
+                for run in row[first..].iter().take_while(|run| i64::from(run.start) < xs.end) {
+                    for x in i64::from(run.start).max(xs.start)..i64::from(run.end).min(xs.end) {
+                        each([x, y, z]);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether one of the cells of a box is set.
+    pub fn any_of(&self, [xs, mut ys, zs]: [Range<i64>; 3]) -> bool {
+        ys.any(|y| zs.clone().any(|z| self.any(xs.clone(), y, z)))
     }
 }
 

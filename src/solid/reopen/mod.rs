@@ -43,7 +43,7 @@ use crate::error::Result;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::{CHUNK_SLICES, Context, chunks};
 use crate::grid::dilate::Ball;
-use crate::grid::label::{Labeller, Measure, Parts, Scratch, overlaps};
+use crate::grid::label::{Components, Labeller, Labels, Measure, Parts, Scratch, overlaps};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::partition::BUCKET_SLICES;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
@@ -71,7 +71,7 @@ const SIGMA_CELLS: (f64, f64) = (2.0, 3.0);
 
 /// How often labels are put right, and rounds of growth.
 const LABELLINGS: u32 = 4;
-const ROUNDS: u32 = 6;
+const ROUNDS: u32 = 24;
 
 /// Parts of the solid that are cut off and have fewer cells are opened, too.
 const BITS: u64 = 30;
@@ -278,7 +278,6 @@ impl Solid {
                 break;
             }
         }
-        opened = slabs.with_bits(&self, opened)?;
         self.without(&opened, context)?.without_isolated_cells(context)
     }
 
@@ -568,13 +567,13 @@ impl<'a> Slabs<'a> {
                     for tile in tiles {
                         let mut free = vec![0u8; tile.len()];
                         for y in i64::from(chunk.start) - reach..i64::from(chunk.end) + reach {
-                            let (cells, _) = held.slice(y);
+                            let (cells, values) = held.slice(y);
                             let [xs, _, zs] =
                                 [0, 1, 2].map(|a| tile.low[a] - reach..tile.low[a] + tile.size[a] as i64 + reach);
                             for z in zs {
                                 for number in cells.range(z, xs.clone()) {
                                     let at = [i64::from(cells.x(number)), y, z];
-                                    for d in &ball {
+                                    for d in ball.iter().filter(|_| values[number].hidden == 1) {
                                         let cell = [0, 1, 2].map(|a| at[a] + d[a]);
                                         if tile.holds(cell, 0) {
                                             free[tile.place(cell)] |= 1;
@@ -637,9 +636,9 @@ impl<'a> Slabs<'a> {
                         let solid = Slabs::stretch(&solid.store, &chunk, kernel.reach)?;
                         let opened = Slabs::stretch(&outside, &chunk, kernel.reach)?;
                         let asked = Held::read(candidates, sums, i64::from(chunk.start)..i64::from(chunk.end))?;
-                        for tile in tiles {
-                            let shares = kernel.shares(&tile, &solid, &opened, &held);
-                            let blurred = kernel.blur(&tile, &shares);
+                        for tile in tiles.iter().filter(|tile| asked.any_of(tile.ranges(kernel.reach))) {
+                            let shares = kernel.shares(tile, &solid, &opened, &held);
+                            let blurred = kernel.blur(tile, &shares);
                             let reach = kernel.reach;
                             let [xs, ys, zs] =
                                 [0, 1, 2].map(|a| tile.low[a] + reach..tile.low[a] + tile.size[a] as i64 - reach);
@@ -648,7 +647,7 @@ impl<'a> Slabs<'a> {
                                 for z in zs.clone() {
                                     for number in cells.range(z, xs.clone()) {
                                         let cell = [i64::from(cells.x(number)), y, z];
-                                        let winding = sums[number] + kernel.along_slices(&tile, &blurred, cell);
+                                        let winding = sums[number] + kernel.along_slices(tile, &blurred, cell);
                                         if winding <= INSIDE {
                                             out.push(cell, ());
                                             if winding < field::SURE {
@@ -678,36 +677,88 @@ impl<'a> Slabs<'a> {
 
     /// The core: what is opened at once.
     fn core(&self, solid: &Solid, target: &SliceStore, sure: &SliceStore) -> Result<SliceStore> {
+        let parts = self.core_parts(solid, target, sure, None)?;
+        let mut tunnels = false;
+        parts.for_each(|known| tunnels |= known.opens() && known.euler < 0)?;
+        // Perhaps they are none, but join cavities to the outside.
+        let parts = match tunnels {
+            true => self.core_parts(solid, target, sure, Some(&self.cavities(solid)?))?,
+            false => parts,
+        };
+        let makes_none = |known: &Known| known.euler + i32::from(known.beside_cavity) >= 0;
+        let labels = parts.judged(self.context, |known| u8::from(known.opens() && makes_none(known)))?;
+        self.judged(&labels, None)
+    }
+
+    /// The parts of the core, joined by faces.
+    fn core_parts(
+        &self,
+        solid: &Solid,
+        target: &SliceStore,
+        sure: &SliceStore,
+        cavities: Option<&SliceStore>,
+    ) -> Result<Components<Known>> {
         let mut labeller = Labeller::new(self.context);
         self.each(
             |chunk| {
                 let mut found = Found::new(chunk.clone());
-                let tiles = self.tiles(&chunk, 1)?;
+                let tiles = self.tiles(&chunk, open::PLATES)?;
                 if !tiles.is_empty() {
-                    let solid = Slabs::stretch(&solid.store, &chunk, 1)?;
-                    let certain = both(
-                        &Slabs::stretch(target, &chunk, 1)?,
-                        &Slabs::stretch(sure, &chunk, 1)?,
-                        i64::from(chunk.start) - 1..i64::from(chunk.end) + 1,
-                    );
+                    let stretch = |store| Slabs::stretch(store, &chunk, open::PLATES);
+                    let slices = i64::from(chunk.start) - open::PLATES..i64::from(chunk.end) + open::PLATES;
+                    let certain = both(&stretch(target)?, &stretch(sure)?, slices);
+                    let (solid, cavities) = (stretch(&solid.store)?, cavities.map(stretch).transpose()?);
                     for tile in tiles {
-                        open::plates(&tile, &solid, &certain, |cell, known| found.push(cell, known));
+                        open::plates(&tile, &solid, &certain, cavities.as_ref(), |cell, known| found.push(cell, known));
                     }
                 }
                 let (runs, known) = found.sorted(self.cells);
                 let mut known = known.into_iter().flatten();
                 Ok(Parts::of(runs, |_, _, run| {
                     (0..run.end - run.start).fold(Known::default(), |mut sum, _| {
-                        let known = known.next().expect("every cell of a run was found");
-                        sum.deep |= u8::from(known & open::DEEP != 0);
-                        sum.joined |= u8::from(known & open::JOINED != 0);
+                        let cell = known.next().expect("every cell of a run was found");
+                        sum.add(&Known {
+                            deep: cell.deep.into(),
+                            joined: cell.joined.into(),
+                            beside_cavity: cell.beside_cavity.into(),
+                            filler: 0,
+                            euler: cell.euler.into(),
+                        });
                         sum
                     })
                 }))
             },
             |parts: Parts<Known>| labeller.add(parts),
         )?;
-        let labels = labeller.finish()?.judged(self.context, |known| known.deep & known.joined)?;
+        labeller.finish()
+    }
+
+    /// The parts of the outside, joined by faces, that the solid encloses.
+    fn cavities(&self, solid: &Solid) -> Result<SliceStore> {
+        let [width, slices, rows] = self.cells;
+        let mut labeller = Labeller::new(self.context);
+        self.each(
+            |chunk| {
+                let whole = || {
+                    let mut whole = Runs::default();
+                    (0..rows).for_each(|_| {
+                        whole.push_run(0, width);
+                        whole.end_row();
+                    });
+                    whole
+                };
+                let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
+                let outside = chunk.clone().map(|y| without(&whole(), solid.slice(y.into()))).collect();
+                Ok(Parts::of(outside, |y, z, run| {
+                    let y = chunk.start + y as u32;
+                    let at_end =
+                        run.start == 0 || run.end == width || z == 0 || z + 1 == rows || y == 0 || y + 1 == slices;
+                    Reaches { end: at_end.into() }
+                }))
+            },
+            |parts: Parts<Reaches>| labeller.add(parts),
+        )?;
+        let labels = labeller.finish()?.judged(self.context, |reaches| u8::from(reaches.end == 0))?;
         self.judged(&labels, None)
     }
 
@@ -746,7 +797,7 @@ impl<'a> Slabs<'a> {
     }
 
     /// The cells with verdict 1, and those of `more`.
-    fn judged(&self, labels: &crate::grid::label::Labels, more: Option<&SliceStore>) -> Result<SliceStore> {
+    fn judged(&self, labels: &Labels, more: Option<&SliceStore>) -> Result<SliceStore> {
         let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
         self.each(
             |chunk| {
@@ -903,12 +954,40 @@ struct Known {
     deep: u8,
     /// Whether it reaches the outside.
     joined: u8,
+    /// Whether it reaches a cavity.
+    beside_cavity: u8,
+    /// Nothing.
+    filler: u8,
+    /// How the Euler number of the solid changes if it opens.
+    euler: i32,
+}
+
+impl Known {
+    /// Whether it opens, if it makes no tunnels.
+    fn opens(&self) -> bool {
+        self.deep & self.joined != 0
+    }
 }
 
 impl Measure for Known {
     fn add(&mut self, other: &Known) {
         self.deep |= other.deep;
         self.joined |= other.joined;
+        self.beside_cavity |= other.beside_cavity;
+        self.euler += other.euler;
+    }
+}
+
+/// Whether a part of the outside reaches the end of the grid.
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(C)]
+struct Reaches {
+    end: u8,
+}
+
+impl Measure for Reaches {
+    fn add(&mut self, other: &Reaches) {
+        self.end |= other.end;
     }
 }
 

@@ -19,10 +19,6 @@ const SURE: f32 = 0.5;
 /// Cells that are looked at to tell a target, either way.
 pub const LOOK: i64 = 3;
 
-/// What is known of a cell of the core: no cell that touches it was outside, one that shares a face with it was.
-pub const DEEP: u8 = 1;
-pub const JOINED: u8 = 2;
-
 /// Whether more walls that touch a cell are thin than hidden: there the solid is right.
 fn is_thin(cell: [i64; 3], walls: &Held<Wall>) -> bool {
     let (mut thin, mut hidden) = (0, 0);
@@ -41,6 +37,10 @@ fn faces([x, y, z]: [i64; 3]) -> [[i64; 3]; 6] {
 /// Calls `found` with the target cells of a tile, which has a margin of [`LOOK`]: of the free cells those `outside`, where thin walls do not outnumber hidden ones; and walls
 /// whose cells lie mostly outside, beside such a cell, with the solid behind.
 pub fn target(tile: &Tile, walls: &Held<Wall>, solid: &Stretch, outside: &Stretch, mut found: impl FnMut([i64; 3])) {
+    // Cells of walls open beside such cells only.
+    if !outside.any_of(tile.ranges(LOOK - 1)) {
+        return;
+    }
     let mut free = vec![0u8; tile.len()];
     tile.paint(outside, 1, &mut free);
     for cell in tile.cells(0) {
@@ -76,18 +76,41 @@ pub fn target(tile: &Tile, walls: &Held<Wall>, solid: &Stretch, outside: &Stretc
     }
 }
 
-/// Calls `found` with the cells of a tile, which has a margin of 1, that may be the core: `certain` ones in plates of 2 x 2 cells that are outside; and what is known of each.
-pub fn plates(tile: &Tile, solid: &Stretch, certain: &Stretch, mut found: impl FnMut([i64; 3], u8)) {
+/// Cells that are looked at to tell the core, either way.
+pub const PLATES: i64 = 2;
+
+/// What is known of a cell that may be the core.
+#[derive(Debug, Clone, Copy)]
+pub struct Plate {
+    /// No cell that touches it was outside.
+    pub deep: bool,
+    /// One that shares a face with it was.
+    pub joined: bool,
+    /// One that shares a face with it was in a cavity.
+    pub beside_cavity: bool,
+    /// How the Euler number of the solid changes if the cell opens after those before it.
+    pub euler: i8,
+}
+
+/// Calls `found` with the cells of a tile, which has a margin of [`PLATES`], that may be the core: `certain` ones in plates of 2 x 2 cells that are outside; and what is
+/// known of each. `cavities` are parts of the outside that the solid encloses.
+pub fn plates(
+    tile: &Tile,
+    solid: &Stretch,
+    certain: &Stretch,
+    cavities: Option<&Stretch>,
+    mut found: impl FnMut([i64; 3], Plate),
+) {
+    if !certain.any_of(tile.ranges(PLATES)) {
+        return;
+    }
     let mut kept = vec![0u8; tile.len()];
     tile.paint(solid, 1, &mut kept);
     let was_solid = kept.clone();
     tile.paint(certain, 0, &mut kept);
     let strides = tile.strides();
-    for cell in tile.cells(1) {
-        let place = tile.place(cell);
-        if kept[place] == 1 || was_solid[place] == 0 {
-            continue;
-        }
+    let mut left = was_solid.clone();
+    let is_plate = |place: usize| {
         let plate = |across: usize| {
             let [a, b] = [(across + 1) % 3, (across + 2) % 3].map(|axis| strides[axis]);
             // The four plates across an axis that hold the cell.
@@ -95,13 +118,72 @@ pub fn plates(tile: &Tile, solid: &Stretch, certain: &Stretch, mut found: impl F
                 .into_iter()
                 .any(|low| [low, low + a, low + b, low + a + b].into_iter().all(|place| kept[place] == 0))
         };
-        if !(0..3).any(plate) {
+        kept[place] == 0 && was_solid[place] == 1 && (0..3).any(plate)
+    };
+    for cell in tile.cells(1) {
+        let place = tile.place(cell);
+        if !is_plate(place) {
             continue;
         }
-        let joined = faces(cell).into_iter().any(|next| was_solid[tile.place(next)] == 0);
-        let deep = !joined && neighbourhood(place, strides, |place| was_solid[place] == 0) == 0;
-        found(cell, if deep { DEEP } else { 0 } | if joined { JOINED } else { 0 });
+        if tile.holds(cell, PLATES) {
+            let joined = faces(cell).into_iter().any(|next| was_solid[tile.place(next)] == 0);
+            let deep = !joined && neighbourhood(place, strides, |place| was_solid[place] == 0) == 0;
+            let outside = neighbourhood(place, strides, |place| left[place] == 0);
+            let beside_cavity =
+                joined && cavities.is_some_and(|cavities| faces(cell).into_iter().any(|next| cavities.get(next)));
+            found(cell, Plate { deep, joined, beside_cavity, euler: euler_change(outside) });
+        }
+        left[place] = 0;
     }
+}
+
+/// Of the eight blocks of 2 x 2 x 2 cells that hold the middle of a cube of 27, the seven other cells: three that share a face with it, three an edge, one a corner.
+const BLOCKS: [[u32; 7]; 8] = {
+    let mut blocks = [[0; 7]; 8];
+    let mut block = 0;
+    while block < 8 {
+        let x: i32 = if block & 1 == 1 { 1 } else { -1 };
+        let z: i32 = if block & 2 == 2 { 3 } else { -3 };
+        let y: i32 = if block & 4 == 4 { 9 } else { -9 };
+        let steps = [x, z, y, x + z, x + y, z + y, x + y + z];
+        let mut i = 0;
+        while i < 7 {
+            blocks[block][i] = 1 << (13 + steps[i]);
+            i += 1;
+        }
+        block += 1;
+    }
+    blocks
+};
+
+/// How the Euler number of the solid, its pieces less its tunnels, changes if a cell opens; of those round it, some are `outside`.
+///
+/// The Euler number is cells - pairs + squares - cubes of cells that share faces, and 1 more for each block of which only two opposite corners are outside: these do not
+/// hang together there.
+pub(super) fn euler_change(outside: u32) -> i8 {
+    let solid = !outside;
+    let all = |mask: u32| i8::from(solid & mask == mask);
+    let mut change = -1;
+    let (mut squares, mut cubes, mut opposite) = (0, 0, 0);
+    for [x, z, y, xz, xy, zy, xyz] in BLOCKS {
+        // A square with the cell lies in two blocks.
+        squares += all(x | z | xz) + all(x | y | xy) + all(z | y | zy);
+        let others = x | z | y | xz | xy | zy | xyz;
+        cubes += all(others);
+        let out = outside & others;
+        // Before, two opposite cells were outside, one of them this one's neighbour; after, this one and its opposite are.
+        let two = [x | zy, z | xy, y | xz];
+        opposite -= i8::from(two.contains(&out));
+        opposite += i8::from(out == xyz);
+    }
+    let mut pairs = 0;
+    let mut face = FACES;
+    while face != 0 {
+        pairs += all(face & face.wrapping_neg());
+        face &= face - 1;
+    }
+    change += pairs - squares / 2 + cubes + opposite;
+    change
 }
 
 /// The cells round one that are set, as bits x + 3 z + 9 y, each from 0 to 2; the cell itself is bit 13, which stays 0.
@@ -119,15 +201,18 @@ fn neighbourhood(place: usize, [_, slice, row]: [usize; 3], set: impl Fn(usize) 
     bits & !(1 << 13)
 }
 
-/// Of each cell of a cube of 27, those of the cube that touch it.
-const TOUCHING: [u32; 27] = {
+/// Of each cell of a cube of 27, those of the cube that share a face with it, or an edge or a face.
+const BY_FACES: [u32; 27] = touching(1);
+const BY_EDGES: [u32; 27] = touching(2);
+
+const fn touching(squared: i32) -> [u32; 27] {
     let mut table = [0; 27];
-    let mut a = 0;
+    let mut a: i32 = 0;
     while a < 27 {
         let mut b = 0;
         while b < 27 {
             let (x, z, y) = (a % 3 - b % 3, a / 3 % 3 - b / 3 % 3, a / 9 - b / 9);
-            if x * x <= 1 && y * y <= 1 && z * z <= 1 {
+            if x * x + y * y + z * z <= squared {
                 table[a as usize] |= 1 << b;
             }
             b += 1;
@@ -135,30 +220,53 @@ const TOUCHING: [u32; 27] = {
         a += 1;
     }
     table
-};
+}
 
 /// The six cells of the cube that share a face with the one in the middle.
 const FACES: u32 = 1 << 4 | 1 << 10 | 1 << 12 | 1 << 14 | 1 << 16 | 1 << 22;
 
-/// Whether a solid cell may open, when those of the cells round it that are `outside` are: it shares a face with one that is, and one that is not, and the outside round
-/// it hangs together. So the outside gains no tunnel. Where more than one part of the solid meets in the cell, a rung is cut.
-pub(super) fn opens(outside: u32) -> bool {
-    if outside & FACES == 0 || outside & FACES == FACES {
-        return false;
-    }
-    let mut reached = outside & outside.wrapping_neg();
-    loop {
+/// The eight that share a corner with it alone.
+const CORNERS: u32 = 1 | 1 << 2 | 1 << 6 | 1 << 8 | 1 << 18 | 1 << 20 | 1 << 24 | 1 << 26;
+
+/// All but the one in the middle.
+const ROUND: u32 = (1 << 27) - 1 & !(1 << 13);
+
+/// The cells of `cells` that so many steps lead to from those of `ends`.
+fn within(steps: u32, ends: u32, cells: u32, by: &[u32; 27]) -> u32 {
+    (0..steps).fold(ends, |reached, _| {
         let (mut left, mut next) = (reached, reached);
         while left != 0 {
-            next |= TOUCHING[left.trailing_zeros() as usize];
+            next |= by[left.trailing_zeros() as usize];
             left &= left - 1;
         }
-        next &= outside;
+        next & cells
+    })
+}
+
+/// Whether all cells of `ends` hang together by way of `cells`.
+fn hang_together(ends: u32, cells: u32, by: &[u32; 27]) -> bool {
+    let mut reached = ends & ends.wrapping_neg();
+    loop {
+        let next = within(1, reached, cells, by);
         if next == reached {
-            return reached == outside;
+            return reached & ends == ends;
         }
         reached = next;
     }
+}
+
+/// Whether a solid cell may open without a change of topology, when those of the cells round it that are `outside` are: it shares a face with one that is, and with one that
+/// is not; round it, the outside that it would join hangs together, and so does the solid within three steps that it is a part of. The solid hangs together by faces, the outside by edges,
+/// too: so the surface has it ([`crate::surface::corner`]).
+///
+/// Source: G. Bertrand and G. Malandain, *A new characterization of three-dimensional simple points* (1994).
+pub(super) fn opens(outside: u32) -> bool {
+    let solid = ROUND & !outside;
+    let near = within(2, solid & FACES, solid, &BY_FACES);
+    outside & FACES != 0
+        && solid & FACES != 0
+        && hang_together(outside & !CORNERS, outside, &BY_EDGES)
+        && hang_together(solid & FACES, near, &BY_FACES)
 }
 
 /// Sub-grids of the cells whose coordinates are even or odd: no two cells of one touch, so all of one may open at once.
@@ -166,13 +274,18 @@ pub const SUBGRIDS: i64 = 8;
 
 /// A round of growth in a tile, which has a margin of [`SUBGRIDS`]: calls `found` with the cells of the `target` that open, beside those that are `opened` already.
 pub fn grown(tile: &Tile, solid: &Stretch, opened: &Stretch, target: &Stretch, mut found: impl FnMut([i64; 3])) {
+    if !target.any_of(tile.ranges(tile.margin)) {
+        return;
+    }
     let mut outside = vec![1u8; tile.len()];
     tile.paint(solid, 0, &mut outside);
     tile.paint(opened, 1, &mut outside);
-    let mut wanted = vec![0u8; tile.len()];
-    tile.paint(target, 1, &mut wanted);
-    let mut left: Vec<[i64; 3]> =
-        tile.cells(1).filter(|cell| wanted[tile.place(*cell)] == 1 && outside[tile.place(*cell)] == 0).collect();
+    let mut left = Vec::new();
+    target.cells(tile.ranges(1), |cell| {
+        if outside[tile.place(cell)] == 0 {
+            left.push(cell);
+        }
+    });
     let strides = tile.strides();
     let before = left.len();
     for subgrid in 0..SUBGRIDS {

@@ -55,10 +55,14 @@ impl Tile {
         (0..3).all(|a| cell[a] >= self.low[a] + but && cell[a] < self.low[a] + self.size[a] as i64 - but)
     }
 
+    /// Its cells along x, slices and rows, but for so many on every side of the margin.
+    pub fn ranges(&self, but: i64) -> [Range<i64>; 3] {
+        [0, 1, 2].map(|a| self.low[a] + but..(self.low[a] + self.size[a] as i64 - but).max(self.low[a] + but))
+    }
+
     /// The cells of the tile, but for so many on every side of the margin, by slice, row and x.
     pub fn cells(&self, but: i64) -> impl Iterator<Item = [i64; 3]> + use<> {
-        let [xs, ys, zs] =
-            [0, 1, 2].map(|a| self.low[a] + but..(self.low[a] + self.size[a] as i64 - but).max(self.low[a] + but));
+        let [xs, ys, zs] = self.ranges(but);
         ys.flat_map(move |y| {
             let xs = xs.clone();
             zs.clone().flat_map(move |z| xs.clone().map(move |x| [x, y, z]))

@@ -166,6 +166,8 @@ pub struct Dipole {
     pub area: [f32; 3],
     /// The share of its cell that is inside.
     pub inside: f32,
+    /// 1 if it is hidden.
+    pub hidden: u32,
 }
 
 /// The polygon that a wall's cell of Voronoi's diagram is cut from: its radius, in cells, and the directions of its corners.
@@ -206,7 +208,8 @@ impl Dipole {
             }
         };
         let area = if wall.sign == 0 { 0.0 } else { side * area(wall, cell, walls) };
-        Dipole { mean: wall.mean, area: normal.map(|c| (area * c) as f32), inside }
+        let hidden = u32::from(wall.kind == HIDDEN);
+        Dipole { mean: wall.mean, area: normal.map(|c| (area * c) as f32), inside, hidden }
     }
 }
 
@@ -219,6 +222,8 @@ fn area(wall: &Wall, cell: [i64; 3], walls: &Held<Wall>) -> f64 {
     let second = cross(normal, first);
     let mut polygon: Vec<[f64; 2]> = CORNERS.map(|corner| corner.map(|c| RADIUS * c)).into();
     let mut cut = Vec::new();
+    // Of the polygon's corner that is farthest from the mean, the squared distance.
+    let mut farthest = RADIUS * RADIUS * (1.0 + 1e-9);
     walls.round(cell, BOUNDS, |other, neighbour| {
         if other == cell || polygon.len() < 3 {
             return;
@@ -231,7 +236,8 @@ fn area(wall: &Wall, cell: [i64; 3], walls: &Held<Wall>) -> f64 {
         };
         let [x, y] = [dot(d, first), dot(d, second)];
         let half = 0.5 * dot(d, d);
-        if behind || x * x + y * y < 1e-8 {
+        let aside = x * x + y * y;
+        if behind || aside < 1e-8 || half * half >= farthest * aside {
             return;
         }
         cut.clear();
@@ -247,6 +253,7 @@ fn area(wall: &Wall, cell: [i64; 3], walls: &Held<Wall>) -> f64 {
             }
         }
         std::mem::swap(&mut polygon, &mut cut);
+        farthest = polygon.iter().map(|[x, y]| x * x + y * y).fold(0.0, f64::max) * (1.0 + 1e-9);
     });
     if polygon.len() < 3 {
         return VANISHED;
