@@ -103,7 +103,7 @@ def test_a_mesh_outlives_its_cloud(sphere):
 def test_progress_is_told_and_its_exceptions_are_raised(sphere):
     told = []
     asra_stream.reconstruct(sphere(50_000), progress=told.append)
-    assert [update["stage"] for update in told if update["ended"]] == ["survey", "bucket", "raster", "seal", "surface", "check"]
+    assert [update["stage"] for update in told if update["ended"]] == ["survey", "bucket", "raster", "seal", "reopen", "surface", "check"]
     fractions = [update["fraction"] for update in told]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
 
@@ -125,7 +125,7 @@ def test_progress_true_is_a_bar_or_lines(sphere, monkeypatch, capsys):
     asra_stream.reconstruct(points, progress=True)
     shown = capsys.readouterr()
     lines = shown.err.splitlines()
-    assert [line.split("%  ")[1].split(":")[0] for line in lines] == ["survey", "bucket", "raster", "seal", "surface", "check"]
+    assert [line.split("%  ")[1].split(":")[0] for line in lines] == ["survey", "bucket", "raster", "seal", "reopen", "surface", "check"]
     assert lines[0].endswith("survey: 20,000 points") and lines[-1].startswith(" 100 %") and shown.out == ""
     asra_stream.reconstruct(points, progress=False)
     assert capsys.readouterr() == ("", "")

@@ -20,6 +20,7 @@ const BUCKET: f64 = 200.0;
 const RASTER: f64 = 40.0;
 /// A triangle, while cells are closed: all round, and below a surface that is open.
 const SEAL: [f64; 2] = [1000.0, 150.0];
+const REOPEN: f64 = 1000.0;
 /// A triangle that is made, and a point that it may be fitted to.
 const SURFACE: (f64, f64) = (1600.0, 400.0);
 /// A triangle that is checked.
@@ -91,6 +92,7 @@ impl Known {
             (Phase::Bucket, if_so(true, BUCKET * points)),
             (Phase::Raster, if_so(true, RASTER * points)),
             (Phase::Seal, if_so(true, SEAL[usize::from(self.open)] * triangles)),
+            (Phase::Reopen, if_so(!self.open, REOPEN * triangles)),
             (Phase::Surface, if_so(true, surface(triangles, points))),
             (Phase::Check, if_so(self.checked, CHECK * triangles)),
             (Phase::Render, if_so(self.drawn, RENDER * triangles)),

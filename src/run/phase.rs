@@ -19,6 +19,8 @@ pub enum Phase {
     Raster,
     /// Finding the closing radius, and the solid.
     Seal,
+    /// Opening again what the closing filled though points line it.
+    Reopen,
     /// Extraction, smoothing, fitting, stitching.
     Surface,
     /// Checking the mesh; and, where there is room for both, writing the mesh file.
@@ -46,6 +48,7 @@ impl Phase {
             Phase::Bucket => ("bucket", "points"),
             Phase::Raster => ("raster", "points"),
             Phase::Seal => ("seal", "slices"),
+            Phase::Reopen => ("reopen", "slices"),
             Phase::Surface => ("surface", "faces"),
             Phase::Check => ("check", "triangles"),
             Phase::Intersect => ("intersect", "triangles"),

@@ -400,7 +400,7 @@ fn reconstruct_as<T: Coordinate>(
         None => close::close(occupancy, grid.cell_size(), asked, context, done)?,
         Some(open) => close::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?,
     };
-    let closed = reopened(closed, &buckets, grid, context)?;
+    let closed = reopened(closed, &buckets, grid, context, progress)?;
     let Closed { solid, occupancy, .. } = &closed;
 
     let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {
@@ -497,14 +497,26 @@ fn reconstruct_as<T: Coordinate>(
 }
 
 /// What was closed by the sign of a field, with what that filled opened again where the points say so.
-fn reopened<T: Coordinate>(closed: Closed, buckets: &Buckets<T>, grid: &Grid, context: &Context) -> Result<Closed> {
+fn reopened<T: Coordinate>(
+    closed: Closed,
+    buckets: &Buckets<T>,
+    grid: &Grid,
+    context: &Context,
+    progress: &mut Progress,
+) -> Result<Closed> {
     if !matches!(closed.how, How::Sign(_)) {
         return Ok(closed);
     }
+    context.memory.between_phases(&context.workers);
+    progress.begin(Phase::Reopen, None);
     let Closed { solid, occupancy, .. } = closed;
     let coarser = occupancy.coarser(context)?.occupied;
     let side = close::side_in_samples(occupancy.occupied as f64 / coarser.max(1) as f64);
-    let solid = solid.reopened(&occupancy, buckets, grid, side, context)?;
+    let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted: Counted::All };
+    let solid = solid.reopened(&sampled, side, context, |done, total| {
+        progress.set_total(total);
+        progress.set(done);
+    })?;
     Ok(Closed { solid, occupancy, ..closed })
 }
 

@@ -8,6 +8,7 @@
 //! and S. Osher, *Diffusion generated motion by mean curvature* (1992), for labels blurred and cut at a half.
 
 use std::f64::consts::{PI, SQRT_2};
+use std::ops::Range;
 
 use super::layers::{Held, Stretch};
 use super::tile::Tile;
@@ -67,29 +68,29 @@ impl Kernel {
         Kernel { reach, table: table.collect(), weights, rows }
     }
 
-    /// What the walls within reach add up to in the middle of a cell, by slice, row and x.
-    pub fn near(&self, [x, y, z]: [i64; 3], dipoles: &Held<Dipole>) -> f32 {
-        let mut sum = 0.0;
+    /// What the walls within reach add up to in the middles of the cells `xs` of a row, by slice, row and x.
+    pub fn near(&self, xs: Range<i64>, y: i64, z: i64, dipoles: &Held<Dipole>) -> Vec<f32> {
+        let mut sums = vec![0.0; (xs.end - xs.start) as usize];
         for (dy, dz, reach) in &self.rows {
             let (cells, values) = dipoles.slice(y + dy);
-            let (away_y, away_z) = (*dy as f32, *dz as f32);
-            for number in cells.range(z + dz, x - reach..x + reach + 1) {
+            for number in cells.range(z + dz, xs.start - reach..xs.end + reach) {
                 let Dipole { mean, area, .. } = &values[number];
-                let d = [
-                    (i64::from(cells.x(number)) - x) as f32 + (mean[0] - 0.5),
-                    away_y + (mean[1] - 0.5),
-                    away_z + (mean[2] - 0.5),
-                ];
-                let at = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) * FINENESS;
-                let entry = at as usize;
-                if entry + 1 < self.table.len() {
-                    let (low, high) = (self.table[entry], self.table[entry + 1]);
-                    let weight = low + (at - entry as f32) * (high - low);
-                    sum += weight * (area[0] * d[0] + area[1] * d[1] + area[2] * d[2]);
+                let at = i64::from(cells.x(number));
+                let away = [*dy as f32 + (mean[1] - 0.5), *dz as f32 + (mean[2] - 0.5)];
+                let squared = away[0] * away[0] + away[1] * away[1];
+                let across = area[1] * away[0] + area[2] * away[1];
+                for x in xs.start.max(at - reach)..xs.end.min(at + reach + 1) {
+                    let along = (at - x) as f32 + (mean[0] - 0.5);
+                    let place = (along * along + squared) * FINENESS;
+                    let entry = place as usize;
+                    if let Some([low, high]) = self.table.get(entry..entry + 2) {
+                        let weight = low + (place - entry as f32) * (high - low);
+                        sums[(x - xs.start) as usize] += weight * (area[0] * along + across);
+                    }
                 }
             }
         }
-        sum
+        sums
     }
 
     /// The shares of the cells of a tile and its margin that are inside: the solid's free cells but for `opened` ones, and what walls say of theirs.

@@ -44,7 +44,7 @@ use crate::grid::bucket::Buckets;
 use crate::grid::context::{CHUNK_SLICES, Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::label::{Components, Labeller, Labels, Measure, Parts, Scratch, overlaps};
-use crate::grid::occupancy::Occupancy;
+use crate::grid::occupancy::Sampled;
 use crate::grid::partition::BUCKET_SLICES;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
 use crate::grid::{Cell, Grid};
@@ -69,9 +69,12 @@ const BAND: i64 = 4;
 const SIGMA: f64 = 3.0;
 const SIGMA_CELLS: (f64, f64) = (2.0, 3.0);
 
-/// How often labels are put right, and rounds of growth.
+/// How often labels are put right, and rounds of growth, at most.
 const LABELLINGS: u32 = 4;
 const ROUNDS: u32 = 24;
+
+/// Steps of the work before growth, for progress.
+const STEPS: u64 = 9;
 
 /// Parts of the solid that are cut off and have fewer cells are opened, too.
 const BITS: u64 = 30;
@@ -216,35 +219,46 @@ fn mapped<T: Pod, U>(held: &Held<T>, chunk: &Range<u32>, each: impl Fn([i64; 3],
 }
 
 impl Solid {
-    /// The solid with what the closing filled opened again, where the points say so. `side` is a cell's side in sampling distances.
+    /// The solid with what the closing filled opened again, where the points say so. `side` is a cell's side in sampling distances; `progress` is told the slices that
+    /// are done, and of all.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn reopened<T: Coordinate>(
         self,
-        occupancy: &Occupancy,
-        buckets: &Buckets<T>,
-        grid: &Grid,
+        sampled: &Sampled<T>,
         side: f64,
         context: &Context,
+        progress: impl FnMut(u64, u64),
     ) -> Result<Solid> {
-        self.reopened_by(occupancy, side, context, |slabs| slabs.moments(buckets, grid))
+        self.reopened_by(sampled.occupied, side, context, progress, |slabs| {
+            slabs.moments(sampled.buckets, sampled.grid)
+        })
     }
 
     /// The same, with what `moments` says of the active cells.
     fn reopened_by(
         self,
-        occupancy: &Occupancy,
+        occupied: &SliceStore,
         side: f64,
         context: &Context,
+        mut progress: impl FnMut(u64, u64),
         moments: impl FnOnce(&Slabs) -> Result<Layers<Moments>>,
     ) -> Result<Solid> {
-        let Some(slabs) = Slabs::find(&self, occupancy, context)? else { return Ok(self) };
+        let slices = u64::from(self.cells[1]);
+        let mut steps = 0..=STEPS;
+        let mut step = || progress(steps.next().unwrap_or(STEPS) * slices, STEPS * slices);
+        step();
+        let Some(slabs) = Slabs::find(&self, occupied, context)? else { return Ok(self) };
         let moments = moments(&slabs)?;
+        step();
         let walls = slabs.planes(&moments)?;
         drop(moments);
+        step();
         let walls = slabs.seen(&self, &walls)?;
+        step();
         let signs = Signs::find(&slabs, &walls)?;
+        step();
         let mut dipoles: Layers<Dipole> = Layers::new(context);
         slabs.each(
             |chunk| {
@@ -253,10 +267,13 @@ impl Solid {
             },
             |slices| dipoles.extend(&slices),
         )?;
+        step();
         let kernel = Kernel::new((SIGMA / side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
         let candidates = slabs.candidates(&self, &dipoles, &kernel)?;
+        step();
         let (outside, sure) = slabs.labelled(&self, &dipoles, &candidates, &kernel)?;
         drop((candidates, dipoles));
+        step();
         let target = slabs.found(open::LOOK, |chunk, tiles, found| {
             let held = signs.walls(&slabs, &walls, chunk, open::LOOK)?;
             let solid = Slabs::stretch(&self.store, chunk, open::LOOK)?;
@@ -269,8 +286,9 @@ impl Solid {
         if target.is_empty() {
             return Ok(self);
         }
+        step();
         let mut opened = slabs.core(&self, &target, &sure)?;
-        opened = slabs.with_bits(&self, opened)?;
+        step();
         for _ in 0..ROUNDS {
             let (more, grown) = slabs.grown(&self, opened, &target)?;
             opened = more;
@@ -319,7 +337,7 @@ impl Solid {
     }
 
     /// The deep occupied cells: those that no cell outside the solid touches.
-    fn deep(&self, occupancy: &Occupancy, context: &Context) -> Result<SliceStore> {
+    fn deep(&self, occupied: &SliceStore, context: &Context) -> Result<SliceStore> {
         let cube = Ball::squared(3);
         let padded = Padded::new(self.cells, cube.radius());
         let pad = padded.pad;
@@ -342,7 +360,7 @@ impl Solid {
                         }
                         Ok(())
                     })?;
-                    occupancy.store.paint(y.into(), &mut deep, &mut runs)?;
+                    occupied.paint(y.into(), &mut deep, &mut runs)?;
                     for z in 0..self.cells[2] {
                         if deep.lit_row(z).is_some() {
                             move_back(near.row(z + pad), pad, &mut moved);
@@ -361,8 +379,8 @@ impl Solid {
 
 impl<'a> Slabs<'a> {
     /// The blocks and cells that are looked at; none if there is no evidence that anything was filled.
-    fn find(solid: &Solid, occupancy: &Occupancy, context: &'a Context) -> Result<Option<Slabs<'a>>> {
-        let deep = solid.deep(occupancy, context)?;
+    fn find(solid: &Solid, occupied: &SliceStore, context: &'a Context) -> Result<Option<Slabs<'a>>> {
+        let deep = solid.deep(occupied, context)?;
         if deep.is_empty() {
             return Ok(None);
         }
@@ -439,7 +457,7 @@ impl<'a> Slabs<'a> {
                 let (mut runs, mut blocks, mut slices) = (Runs::default(), Runs::default(), Slices::default());
                 let mut counts = Vec::with_capacity(chunk.len());
                 for y in chunk {
-                    occupancy.store.read(y, &mut runs)?;
+                    occupied.read(y, &mut runs)?;
                     looked_at.read(y / BLOCK, &mut blocks)?;
                     let mut left = Runs::default();
                     for z in 0..runs.row_count() {
@@ -567,13 +585,13 @@ impl<'a> Slabs<'a> {
                     for tile in tiles {
                         let mut free = vec![0u8; tile.len()];
                         for y in i64::from(chunk.start) - reach..i64::from(chunk.end) + reach {
-                            let (cells, values) = held.slice(y);
+                            let (cells, _) = held.slice(y);
                             let [xs, _, zs] =
                                 [0, 1, 2].map(|a| tile.low[a] - reach..tile.low[a] + tile.size[a] as i64 + reach);
                             for z in zs {
                                 for number in cells.range(z, xs.clone()) {
                                     let at = [i64::from(cells.x(number)), y, z];
-                                    for d in ball.iter().filter(|_| values[number].hidden == 1) {
+                                    for d in &ball {
                                         let cell = [0, 1, 2].map(|a| at[a] + d[a]);
                                         if tile.holds(cell, 0) {
                                             free[tile.place(cell)] |= 1;
@@ -586,17 +604,27 @@ impl<'a> Slabs<'a> {
                             }
                         }
                         let mut layer = None;
-                        for cell in tile.cells(0) {
-                            if free[tile.place(cell)] != 1 || !solid.get(cell) {
-                                continue;
+                        let [xs, ys, zs] = tile.ranges(0);
+                        for (y, z) in ys.flat_map(|y| zs.clone().map(move |z| (y, z))) {
+                            let [block_y, block_z] = [y, z].map(|c| c as u32 / BLOCK);
+                            if layer != Some(block_y) {
+                                self.allowed.read(block_y, &mut allowed)?;
+                                layer = Some(block_y);
                             }
-                            let [x, y, z] = cell.map(|c| c as u32 / BLOCK);
-                            if layer != Some(y) {
-                                self.allowed.read(y, &mut allowed)?;
-                                layer = Some(y);
-                            }
-                            if allowed.row(z).iter().any(|run| run.start <= x && x < run.end) {
-                                found.push(cell, kernel.near(cell, &held));
+                            let is_asked = |x: i64| {
+                                let block = x as u32 / BLOCK;
+                                free[tile.place([x, y, z])] == 1
+                                    && solid.get([x, y, z])
+                                    && allowed.row(block_z).iter().any(|run| run.start <= block && block < run.end)
+                            };
+                            let mut asked = xs.clone().filter(|x| is_asked(*x)).peekable();
+                            while let Some(first) = asked.next() {
+                                let mut end = first + 1;
+                                while asked.next_if_eq(&end).is_some() {
+                                    end += 1;
+                                }
+                                let sums = kernel.near(first..end, y, z, &held);
+                                (first..end).zip(sums).for_each(|(x, sum)| found.push([x, y, z], sum));
                             }
                         }
                     }
@@ -675,60 +703,83 @@ impl<'a> Slabs<'a> {
         Ok((outside, sure))
     }
 
-    /// The core: what is opened at once.
+    /// The core: what is opened at once, with what it cuts off.
     fn core(&self, solid: &Solid, target: &SliceStore, sure: &SliceStore) -> Result<SliceStore> {
-        let parts = self.core_parts(solid, target, sure, None)?;
-        let mut tunnels = false;
-        parts.for_each(|known| tunnels |= known.opens() && known.euler < 0)?;
-        // Perhaps they are none, but join cavities to the outside.
-        let parts = match tunnels {
-            true => self.core_parts(solid, target, sure, Some(&self.cavities(solid)?))?,
+        let parts = self.parts(
+            1,
+            |chunk, tiles, found| {
+                let stretch = |store| Slabs::stretch(store, chunk, 1);
+                let slices = i64::from(chunk.start) - 1..i64::from(chunk.end) + 1;
+                let certain = both(&stretch(target)?, &stretch(sure)?, slices);
+                let solid = stretch(&solid.store)?;
+                tiles
+                    .iter()
+                    .for_each(|tile| open::plates(tile, &solid, &certain, |cell, plate| found.push(cell, plate)));
+                Ok(())
+            },
+            |plate| Known { deep: plate.deep.into(), joined: plate.joined.into() },
+        )?;
+        let labels = parts.judged(self.context, |known| known.deep & known.joined)?;
+        let opened = self.with_bits(solid, self.judged(&labels, None)?)?;
+        let parts = self.changes(solid, &opened, None)?;
+        let mut merges = false;
+        parts.for_each(|sum| merges |= sum.euler < 0)?;
+        // Perhaps they make no tunnel, but join a cavity to the outside.
+        let parts = match merges {
+            true => self.changes(solid, &opened, Some(&self.cavities(solid)?))?,
             false => parts,
         };
-        let makes_none = |known: &Known| known.euler + i32::from(known.beside_cavity) >= 0;
-        let labels = parts.judged(self.context, |known| u8::from(known.opens() && makes_none(known)))?;
+        let no_tunnels = |sum: &Changes| sum.euler + i32::from(sum.touches) >= 0;
+        let labels = parts.judged(self.context, |sum| u8::from(no_tunnels(sum)))?;
+        let opened = self.judged(&labels, None)?;
+        // Tunnels may vanish, but no piece may be cut off.
+        let Some(pieces) = self.cut_off(solid, &opened)? else { return Ok(opened) };
+        let parts = self.changes(solid, &opened, Some(&pieces))?;
+        let labels = parts.judged(self.context, |sum| u8::from(sum.euler <= 0 || sum.touches == 0))?;
         self.judged(&labels, None)
     }
 
-    /// The parts of the core, joined by faces.
-    fn core_parts(
+    /// The parts of what is opened, joined by faces, with what each changes, and whether it shares a face with a cell of `marked`.
+    fn changes(&self, solid: &Solid, opened: &SliceStore, marked: Option<&SliceStore>) -> Result<Components<Changes>> {
+        self.parts(
+            1,
+            |chunk, tiles, found| {
+                let stretch = |store| Slabs::stretch(store, chunk, 1);
+                let (solid, opened) = (stretch(&solid.store)?, stretch(opened)?);
+                let marked = marked.map(stretch).transpose()?;
+                let mut found = |cell, change| found.push(cell, change);
+                tiles.iter().for_each(|tile| open::changes(tile, &solid, &opened, marked.as_ref(), &mut found));
+                Ok(())
+            },
+            |change| Changes { euler: change.euler.into(), touches: change.touches.into(), filler: [0; 3] },
+        )
+    }
+
+    /// The parts, joined by faces, of the cells that `work` finds in tiles with a margin; `of` tells what a cell adds to its part.
+    fn parts<C: Copy + Send, M: Measure>(
         &self,
-        solid: &Solid,
-        target: &SliceStore,
-        sure: &SliceStore,
-        cavities: Option<&SliceStore>,
-    ) -> Result<Components<Known>> {
+        margin: i64,
+        work: impl Fn(&Range<u32>, &[Tile], &mut Found<C>) -> Result<()> + Sync,
+        of: impl Fn(C) -> M + Sync,
+    ) -> Result<Components<M>> {
         let mut labeller = Labeller::new(self.context);
         self.each(
             |chunk| {
-                let mut found = Found::new(chunk.clone());
-                let tiles = self.tiles(&chunk, open::PLATES)?;
+                let (tiles, mut found) = (self.tiles(&chunk, margin)?, Found::new(chunk.clone()));
                 if !tiles.is_empty() {
-                    let stretch = |store| Slabs::stretch(store, &chunk, open::PLATES);
-                    let slices = i64::from(chunk.start) - open::PLATES..i64::from(chunk.end) + open::PLATES;
-                    let certain = both(&stretch(target)?, &stretch(sure)?, slices);
-                    let (solid, cavities) = (stretch(&solid.store)?, cavities.map(stretch).transpose()?);
-                    for tile in tiles {
-                        open::plates(&tile, &solid, &certain, cavities.as_ref(), |cell, known| found.push(cell, known));
-                    }
+                    work(&chunk, &tiles, &mut found)?;
                 }
-                let (runs, known) = found.sorted(self.cells);
-                let mut known = known.into_iter().flatten();
+                let (runs, values) = found.sorted(self.cells);
+                let mut values = values.into_iter().flatten();
                 Ok(Parts::of(runs, |_, _, run| {
-                    (0..run.end - run.start).fold(Known::default(), |mut sum, _| {
-                        let cell = known.next().expect("every cell of a run was found");
-                        sum.add(&Known {
-                            deep: cell.deep.into(),
-                            joined: cell.joined.into(),
-                            beside_cavity: cell.beside_cavity.into(),
-                            filler: 0,
-                            euler: cell.euler.into(),
-                        });
-                        sum
-                    })
+                    let mut sum = M::default();
+                    for value in values.by_ref().take((run.end - run.start) as usize) {
+                        sum.add(&of(value));
+                    }
+                    sum
                 }))
             },
-            |parts: Parts<Known>| labeller.add(parts),
+            |parts: Parts<M>| labeller.add(parts),
         )?;
         labeller.finish()
     }
@@ -762,38 +813,68 @@ impl<'a> Slabs<'a> {
         self.judged(&labels, None)
     }
 
-    /// What is opened, with the parts of the solid that are thereby cut off and small.
+    /// What is opened, with the pieces of the solid that are thereby cut off and small.
     fn with_bits(&self, solid: &Solid, opened: SliceStore) -> Result<SliceStore> {
         if opened.is_empty() {
             return Ok(opened);
         }
+        let is_bit = |piece: &Piece| piece.touched > 0 && piece.cells < BITS;
+        let mut any = false;
+        let labels = self.pieces(solid, &opened, true)?.judged(self.context, |piece| {
+            any |= is_bit(piece);
+            u8::from(is_bit(piece))
+        })?;
+        if any { self.judged(&labels, Some(&opened)) } else { Ok(opened) }
+    }
+
+    /// The pieces that opening cuts off from larger ones, if it makes more pieces of the solid.
+    fn cut_off(&self, solid: &Solid, opened: &SliceStore) -> Result<Option<SliceStore>> {
+        let pieces = self.pieces(solid, opened, true)?;
+        let (mut after, mut before, mut largest) = (0u64, 0u64, 0);
+        pieces.for_each(|piece| {
+            if piece.touched > 0 {
+                after += 1;
+                largest = largest.max(piece.cells);
+            }
+        })?;
+        if after < 2 {
+            return Ok(None);
+        }
+        self.pieces(solid, opened, false)?.for_each(|piece| before += u64::from(piece.touched > 0))?;
+        if after <= before {
+            return Ok(None);
+        }
+        let labels = pieces.judged(self.context, |piece| u8::from(piece.touched > 0 && piece.cells < largest))?;
+        Ok(Some(self.judged(&labels, None)?))
+    }
+
+    /// The pieces of the solid; if `without_opened`, of what is left of it, and of each whether it lies beside what is opened; else whether it holds some of that.
+    fn pieces(&self, solid: &Solid, opened: &SliceStore, without_opened: bool) -> Result<Components<Piece>> {
         let mut labeller = Labeller::new(self.context);
         self.each(
             |chunk| {
                 let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
-                let gone = Slabs::stretch(&opened, &chunk, 1)?;
-                let left = |y: u32| without(solid.slice(y.into()), gone.slice(y.into()));
-                let left: Vec<Runs> = chunk.clone().map(left).collect();
-                Ok(Parts::of(left, |y, z, run| {
+                let opened = Slabs::stretch(opened, &chunk, 1)?;
+                let slice = |y: u32| match without_opened {
+                    true => without(solid.slice(y.into()), opened.slice(y.into())),
+                    false => solid.slice(y.into()).clone(),
+                };
+                let slices: Vec<Runs> = chunk.clone().map(slice).collect();
+                Ok(Parts::of(slices, |y, z, run| {
                     let (y, z) = (i64::from(chunk.start) + y as i64, i64::from(z));
                     let (start, end) = (i64::from(run.start), i64::from(run.end));
-                    let beside = gone.any(start - 1..end + 1, y, z)
-                        || gone.any(start..end, y, z - 1)
-                        || gone.any(start..end, y, z + 1)
-                        || gone.any(start..end, y - 1, z)
-                        || gone.any(start..end, y + 1, z);
-                    Piece { cells: u64::from(run.end - run.start), cut: u64::from(beside) }
+                    let touched = opened.any(start - i64::from(without_opened)..end + i64::from(without_opened), y, z)
+                        || without_opened
+                            && (opened.any(start..end, y, z - 1)
+                                || opened.any(start..end, y, z + 1)
+                                || opened.any(start..end, y - 1, z)
+                                || opened.any(start..end, y + 1, z));
+                    Piece { cells: u64::from(run.end - run.start), touched: u64::from(touched) }
                 }))
             },
             |parts: Parts<Piece>| labeller.add(parts),
         )?;
-        let mut any = false;
-        let labels = labeller.finish()?.judged(self.context, |piece| {
-            let opens = piece.cut > 0 && piece.cells < BITS;
-            any |= opens;
-            u8::from(opens)
-        })?;
-        if any { self.judged(&labels, Some(&opened)) } else { Ok(opened) }
+        labeller.finish()
     }
 
     /// The cells with verdict 1, and those of `more`.
@@ -954,27 +1035,31 @@ struct Known {
     deep: u8,
     /// Whether it reaches the outside.
     joined: u8,
-    /// Whether it reaches a cavity.
-    beside_cavity: u8,
-    /// Nothing.
-    filler: u8,
-    /// How the Euler number of the solid changes if it opens.
-    euler: i32,
-}
-
-impl Known {
-    /// Whether it opens, if it makes no tunnels.
-    fn opens(&self) -> bool {
-        self.deep & self.joined != 0
-    }
 }
 
 impl Measure for Known {
     fn add(&mut self, other: &Known) {
         self.deep |= other.deep;
         self.joined |= other.joined;
-        self.beside_cavity |= other.beside_cavity;
+    }
+}
+
+/// What a part changes that is opened at once.
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(C)]
+struct Changes {
+    /// How the Euler number of the solid changes.
+    euler: i32,
+    /// Whether it touches a marked cell.
+    touches: u8,
+    /// Nothing.
+    filler: [u8; 3],
+}
+
+impl Measure for Changes {
+    fn add(&mut self, other: &Changes) {
         self.euler += other.euler;
+        self.touches |= other.touches;
     }
 }
 
@@ -996,13 +1081,13 @@ impl Measure for Reaches {
 #[repr(C)]
 struct Piece {
     cells: u64,
-    /// Its runs beside what is opened.
-    cut: u64,
+    /// Its runs that touch what is opened.
+    touched: u64,
 }
 
 impl Measure for Piece {
     fn add(&mut self, other: &Piece) {
         self.cells += other.cells;
-        self.cut += other.cut;
+        self.touched += other.touched;
     }
 }

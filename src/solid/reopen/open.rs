@@ -76,8 +76,32 @@ pub fn target(tile: &Tile, walls: &Held<Wall>, solid: &Stretch, outside: &Stretc
     }
 }
 
-/// Cells that are looked at to tell the core, either way.
-pub const PLATES: i64 = 2;
+/// Calls `found` with the cells of a tile, which has a margin of 1, that may be the core: `certain` ones in plates of 2 x 2 cells that are outside; and what is known of each.
+pub fn plates(tile: &Tile, solid: &Stretch, certain: &Stretch, mut found: impl FnMut([i64; 3], Plate)) {
+    if !certain.any_of(tile.ranges(1)) {
+        return;
+    }
+    let mut kept = vec![0u8; tile.len()];
+    tile.paint(solid, 1, &mut kept);
+    let was_solid = kept.clone();
+    tile.paint(certain, 0, &mut kept);
+    let strides = tile.strides();
+    certain.cells(tile.ranges(1), |cell| {
+        let place = tile.place(cell);
+        let plate = |across: usize| {
+            let [a, b] = [(across + 1) % 3, (across + 2) % 3].map(|axis| strides[axis]);
+            // The four plates across an axis that hold the cell.
+            [place, place - a, place - b, place - a - b]
+                .into_iter()
+                .any(|low| [low, low + a, low + b, low + a + b].into_iter().all(|place| kept[place] == 0))
+        };
+        if was_solid[place] == 1 && (0..3).any(plate) {
+            let joined = faces(cell).into_iter().any(|next| was_solid[tile.place(next)] == 0);
+            let deep = !joined && neighbourhood(place, strides, |place| was_solid[place] == 0) == 0;
+            found(cell, Plate { deep, joined });
+        }
+    });
+}
 
 /// What is known of a cell that may be the core.
 #[derive(Debug, Clone, Copy)]
@@ -86,55 +110,39 @@ pub struct Plate {
     pub deep: bool,
     /// One that shares a face with it was.
     pub joined: bool,
-    /// One that shares a face with it was in a cavity.
-    pub beside_cavity: bool,
-    /// How the Euler number of the solid changes if the cell opens after those before it.
-    pub euler: i8,
 }
 
-/// Calls `found` with the cells of a tile, which has a margin of [`PLATES`], that may be the core: `certain` ones in plates of 2 x 2 cells that are outside; and what is
-/// known of each. `cavities` are parts of the outside that the solid encloses.
-pub fn plates(
+/// Calls `found` with the cells of a tile, which has a margin of 1, that are `opened`: with how the Euler number of the solid changes if the cell opens after those before
+/// it, in the order of cells; and with whether it shares a face with a cell of `marked`.
+pub fn changes(
     tile: &Tile,
     solid: &Stretch,
-    certain: &Stretch,
-    cavities: Option<&Stretch>,
-    mut found: impl FnMut([i64; 3], Plate),
+    opened: &Stretch,
+    marked: Option<&Stretch>,
+    mut found: impl FnMut([i64; 3], Change),
 ) {
-    if !certain.any_of(tile.ranges(PLATES)) {
+    if !opened.any_of(tile.ranges(1)) {
         return;
     }
-    let mut kept = vec![0u8; tile.len()];
-    tile.paint(solid, 1, &mut kept);
-    let was_solid = kept.clone();
-    tile.paint(certain, 0, &mut kept);
-    let strides = tile.strides();
-    let mut left = was_solid.clone();
-    let is_plate = |place: usize| {
-        let plate = |across: usize| {
-            let [a, b] = [(across + 1) % 3, (across + 2) % 3].map(|axis| strides[axis]);
-            // The four plates across an axis that hold the cell.
-            [place, place - a, place - b, place - a - b]
-                .into_iter()
-                .any(|low| [low, low + a, low + b, low + a + b].into_iter().all(|place| kept[place] == 0))
-        };
-        kept[place] == 0 && was_solid[place] == 1 && (0..3).any(plate)
-    };
-    for cell in tile.cells(1) {
-        let place = tile.place(cell);
-        if !is_plate(place) {
-            continue;
+    let mut left = vec![0u8; tile.len()];
+    tile.paint(solid, 1, &mut left);
+    opened.cells(tile.ranges(0), |cell| {
+        if tile.holds(cell, 1) {
+            let outside = neighbourhood(tile.place(cell), tile.strides(), |place| left[place] == 0);
+            let touches = marked.is_some_and(|marked| faces(cell).into_iter().any(|next| marked.get(next)));
+            found(cell, Change { euler: euler_change(outside), touches });
         }
-        if tile.holds(cell, PLATES) {
-            let joined = faces(cell).into_iter().any(|next| was_solid[tile.place(next)] == 0);
-            let deep = !joined && neighbourhood(place, strides, |place| was_solid[place] == 0) == 0;
-            let outside = neighbourhood(place, strides, |place| left[place] == 0);
-            let beside_cavity =
-                joined && cavities.is_some_and(|cavities| faces(cell).into_iter().any(|next| cavities.get(next)));
-            found(cell, Plate { deep, joined, beside_cavity, euler: euler_change(outside) });
-        }
-        left[place] = 0;
-    }
+        left[tile.place(cell)] = 0;
+    });
+}
+
+/// What opening a cell changes.
+#[derive(Debug, Clone, Copy)]
+pub struct Change {
+    /// The change of the Euler number.
+    pub euler: i8,
+    /// A cell that shares a face with it is marked.
+    pub touches: bool,
 }
 
 /// Of the eight blocks of 2 x 2 x 2 cells that hold the middle of a cube of 27, the seven other cells: three that share a face with it, three an edge, one a corner.

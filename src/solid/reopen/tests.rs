@@ -8,6 +8,7 @@ use super::layers::Held;
 use super::signs::linked;
 use super::wall::{HIDDEN, Relation, SEEN, THIN};
 use super::*;
+use crate::grid::occupancy::Occupancy;
 use crate::points::Precision;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
@@ -226,11 +227,14 @@ fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
         let near_wall = cube(4)
             .into_iter()
             .filter(|d| d.iter().map(|c| c * c).sum::<i64>() <= 16)
-            .any(|d| walls.get(&key(add(*cell, d))).is_some_and(|wall| wall.kind == HIDDEN));
+            .any(|d| walls.contains_key(&key(add(*cell, d))));
         solid.at(*cell) && !points.contains_key(&key(*cell)) && near_wall && near(*cell, OPEN)
     };
-    let candidates: Vec<(Place, f32)> =
-        solid.all().filter(candidate).map(|cell| (cell, kernel.near(cell, &all_dipoles))).collect();
+    let candidates: Vec<(Place, f32)> = solid
+        .all()
+        .filter(candidate)
+        .map(|cell| (cell, kernel.near(cell[0]..cell[0] + 1, cell[1], cell[2], &all_dipoles)[0]))
+        .collect();
     let mut outside = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
     let mut sure = outside.clone();
     let reach = (3.0 * sigma).ceil() as i64;
@@ -311,21 +315,9 @@ fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
         core.put(cell, (0..3).any(plate));
     }
     let mut opened = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
-    // How the Euler number changes, cell by cell.
-    let mut changes = BTreeMap::new();
-    let mut rest = solid.clone();
-    for cell in core.all().filter(|cell| core.at(*cell)) {
-        let before = euler(cube(1).into_iter().map(|d| add(cell, d)), |cell| rest.at(cell));
-        rest.put(cell, false);
-        let after = euler(cube(1).into_iter().map(|d| add(cell, d)), |cell| rest.at(cell));
-        changes.insert(cell, after - before);
-    }
-    let cavities = cavities(solid);
     for group in core.groups() {
-        let beside = |any: &dyn Fn(Place) -> bool| group.iter().any(|cell| FACES.iter().any(|d| any(add(*cell, *d))));
-        let tunnels =
-            group.iter().map(|cell| changes[cell]).sum::<i64>() + i64::from(beside(&|cell| cavities.at(cell))) < 0;
-        if beside(&|cell| !solid.at(cell)) && group.iter().any(|cell| deep(*cell)) && !tunnels {
+        let joined = group.iter().any(|cell| FACES.iter().any(|d| !solid.at(add(*cell, *d))));
+        if joined && group.iter().any(|cell| deep(*cell)) {
             group.iter().for_each(|cell| opened.put(*cell, true));
         }
     }
@@ -344,6 +336,47 @@ fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
         }
     };
     with_bits(&mut opened);
+    // How the Euler number changes, cell by cell.
+    let mut changes = BTreeMap::new();
+    let mut rest = solid.clone();
+    for cell in opened.all().filter(|cell| opened.at(*cell)) {
+        let round = || cube(1).into_iter().map(|d| add(cell, d));
+        let before = euler(round(), |cell| rest.at(cell));
+        rest.put(cell, false);
+        changes.insert(cell, euler(round(), |cell| rest.at(cell)) - before);
+    }
+    let beside =
+        |group: &[Place], marks: &Marks| group.iter().any(|cell| FACES.iter().any(|d| marks.at(add(*cell, *d))));
+    let change = |group: &[Place]| group.iter().map(|cell| changes[cell]).sum::<i64>();
+    let cavities = cavities(solid);
+    for group in opened.groups() {
+        if change(&group) + i64::from(beside(&group, &cavities)) < 0 {
+            group.iter().for_each(|cell| opened.put(*cell, false));
+        }
+    }
+    // Pieces that are cut off.
+    let mut pieces = left(&opened).groups();
+    pieces.retain(|piece| beside(piece, &opened));
+    let before = solid.groups().iter().filter(|piece| piece.iter().any(|cell| opened.at(*cell))).count();
+    if pieces.len() > before {
+        let largest = pieces.iter().map(Vec::len).max().unwrap();
+        let mut cut_off = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+        pieces.iter().filter(|piece| piece.len() < largest).flatten().for_each(|cell| cut_off.put(*cell, true));
+        // Changes once more, as if groups that stay were none.
+        let mut changes = BTreeMap::new();
+        let mut rest = solid.clone();
+        for cell in opened.all().filter(|cell| opened.at(*cell)) {
+            let round = || cube(1).into_iter().map(|d| add(cell, d));
+            let before = euler(round(), |cell| rest.at(cell));
+            rest.put(cell, false);
+            changes.insert(cell, euler(round(), |cell| rest.at(cell)) - before);
+        }
+        for group in opened.groups() {
+            if group.iter().map(|cell| changes[cell]).sum::<i64>() > 0 && beside(&group, &cut_off) {
+                group.iter().for_each(|cell| opened.put(*cell, false));
+            }
+        }
+    }
     // Growth.
     for _ in 0..ROUNDS {
         for subgrid in 0..8 {
@@ -546,7 +579,7 @@ fn both_ways(places: &[[f64; 3]], side: f64, threads: usize) -> (Marks, Marks, M
         }
         Ok(layers)
     };
-    let reopened = solid.solid.reopened_by(&solid.occupancy, side, &context, moments).unwrap();
+    let reopened = solid.solid.reopened_by(&solid.occupancy.store, side, &context, |_, _| (), moments).unwrap();
     // The twin leaves lone cells; so does the stream, with what it has in the end.
     let twin = twin(&before, &points, side);
     let mut bits = Slices::default();

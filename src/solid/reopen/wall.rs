@@ -166,8 +166,6 @@ pub struct Dipole {
     pub area: [f32; 3],
     /// The share of its cell that is inside.
     pub inside: f32,
-    /// 1 if it is hidden.
-    pub hidden: u32,
 }
 
 /// The polygon that a wall's cell of Voronoi's diagram is cut from: its radius, in cells, and the directions of its corners.
@@ -208,8 +206,7 @@ impl Dipole {
             }
         };
         let area = if wall.sign == 0 { 0.0 } else { side * area(wall, cell, walls) };
-        let hidden = u32::from(wall.kind == HIDDEN);
-        Dipole { mean: wall.mean, area: normal.map(|c| (area * c) as f32), inside, hidden }
+        Dipole { mean: wall.mean, area: normal.map(|c| (area * c) as f32), inside }
     }
 }
 
