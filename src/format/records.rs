@@ -89,10 +89,7 @@ impl RecordShape {
 
     /// Where the coordinates begin, if they can be copied as they are.
     fn packed<C: Coordinate>(&self) -> Option<usize> {
-        let own = match C::PRECISION {
-            Precision::Single => Scalar::F32,
-            Precision::Double => Scalar::F64,
-        };
+        let own = Scalar::of(C::PRECISION);
         let start = self.coordinates[0].offset;
         let in_place = self
             .coordinates
