@@ -97,8 +97,8 @@ pub use points::scalar::{Endian, Scalar};
 #[cfg(feature = "allocator")]
 #[doc(hidden)]
 pub use resources::allocator::give_back_after;
+pub use run::observer::{Observer, Update};
 pub use run::phase::Phase;
-pub use run::progress::{Observer, Update};
 pub use run::reconstruction::{Mesh, MeshSink, Reconstruction};
 pub use run::report::Report;
 pub use settings::closing::{Least, Sealing};

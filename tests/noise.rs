@@ -77,6 +77,16 @@ fn chosen(shape: Shape, points: u64, noise: f64, seed: u64) -> Fit {
     run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap().fit.onto
 }
 
+#[test]
+fn planes_are_chosen_where_noise_is_wider_than_a_cell() {
+    // Such noise fills the smaller of the blocks that measure it.
+    for (shape, noise) in [(Shape::Box, 0.02), (Shape::Sphere, 0.014), (Shape::Torus, 0.01)] {
+        assert_eq!(chosen(shape, 60_000, noise, 1), Fit::Plane, "{shape}");
+    }
+    // A body that points fill is no shell.
+    assert_eq!(chosen(Shape::Volume, 60_000, 0.0, 1), Fit::Nearest);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
 

@@ -22,9 +22,9 @@ use crate::mesh::check::CheckReport;
 use crate::render;
 use crate::resources::workers::Workers;
 use crate::run::looks::{InfoReport, PlanReport};
+use crate::run::observer::{Observer, watched};
 use crate::run::phase::{Forecast, Phase};
-use crate::run::progress::{Observer, Progress, Show, Warning};
-use crate::run::reconstruction::watched;
+use crate::run::progress::{Progress, Show, Warning};
 use crate::run::{look, plan, run};
 use crate::storage::atomic_file::AtomicFile;
 use crate::storage::steady::Steady;
@@ -306,7 +306,7 @@ fn generated(arguments: &GenerateArguments, workers: &Workers, progress: &mut Pr
         seed: arguments.seed,
         noise: arguments.noise,
         size: arguments.size,
-        offset: arguments.offset.0,
+        offset: arguments.offset,
         overwrite: overwrite(arguments.overwrite),
         ..generate::Options::new(arguments.shape, arguments.points, &arguments.output)
     };

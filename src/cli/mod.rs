@@ -12,13 +12,11 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser};
+use clap::Parser;
 use serde_json::json;
 
-use crate::error::defect;
-use crate::error::words::as_options;
-use crate::error::{Error, Result};
-use crate::run::progress::{Progress, Show};
+use crate::error::{Error, Result, defect, overflow};
+use crate::run::progress::Progress;
 
 pub use args::{Arguments, Command};
 pub use commands::outcome;
@@ -44,6 +42,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     };
     defect::keep_for_the_error();
     let mut progress = Progress::new(arguments.show());
+    let line = failures::line(progress.last_line());
+    overflow::told_by(failures::farewell(line.clone()));
     match defect::caught(|| commands::execute(arguments, &mut progress)) {
         Ok(kind) => {
             let code = kind.row().codes[0];
@@ -51,19 +51,10 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
             code
         }
         Err(error) => {
-            let code = exit_code(&error);
-            if progress.show() == Show::Json {
-                progress.finished(
-                    json!({ "exit_code": code, "kind": error.kind(), "message": as_options(&error.to_string()) }),
-                );
-            } else {
-                // The bar's line, if there is one, is to be free. Whether anyone can be told or not.
-                progress.clear();
-                let advice = meant(&error).map(|name| format!("; the command is `asra-stream {name}`"));
-                let words = as_options(&error.to_string());
-                let _ = writeln!(std::io::stderr(), "asra-stream: {words}{}", advice.unwrap_or_default());
-            }
-            code
+            // The bar's line, if there is one, is to be free. Whether anyone can be told or not.
+            progress.clear();
+            let _ = std::io::stderr().write_all(line(&error).as_bytes());
+            exit_code(&error)
         }
     }
 }
@@ -81,45 +72,4 @@ fn named(words: &clap::Error) -> String {
     let words = words.render();
     let text = if console::colors_enabled_stderr() { words.ansi().to_string() } else { words.to_string() };
     text.replacen("error:", "asra-stream:", 1)
-}
-
-/// The command whose name was mistyped, so that it was taken for a file that is not there.
-fn meant(error: &Error) -> Option<String> {
-    let Error::Io { path, source, .. } = error else { return None };
-    let word = path.to_str().filter(|_| source.kind() == std::io::ErrorKind::NotFound)?;
-    let command = Arguments::command();
-    let mut names = command.get_subcommands().map(|command| command.get_name().to_string());
-    names.find(|name| near(word.as_bytes(), name.as_bytes()))
-}
-
-/// Whether two words are the same but for one letter more, one less, another, or two neighbours that changed places.
-fn near(a: &[u8], b: &[u8]) -> bool {
-    let (short, long) = if a.len() < b.len() { (a, b) } else { (b, a) };
-    let same = short.iter().zip(long).take_while(|(a, b)| a == b).count();
-    let (short, long) = (&short[same..], &long[same..]);
-    match (short, long) {
-        ([a, b, short @ ..], [c, d, long @ ..]) if (a, b) == (d, c) => short == long,
-        ([_, short @ ..], [_, rest @ ..]) if short.len() == rest.len() => short == rest,
-        (short, [_, rest @ ..]) => short == rest,
-        _ => false,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_mistyped_command_is_recognised() {
-        let error = |word: &str| Error::io(word, "open")(std::io::ErrorKind::NotFound.into());
-        for (word, name) in
-            [("inof", "info"), ("inf", "info"), ("infos", "info"), ("chekc", "check"), ("rander", "render")]
-        {
-            assert_eq!(meant(&error(word)).as_deref(), Some(name), "{word}");
-        }
-        for word in ["a", "bunny", "fino", "info.ply", "scans/info", ""] {
-            assert_eq!(meant(&error(word)), None, "{word}");
-        }
-        assert_eq!(meant(&Error::io("inof", "open")(std::io::ErrorKind::PermissionDenied.into())), None);
-    }
 }

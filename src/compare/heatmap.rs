@@ -11,10 +11,12 @@ use bytemuck::{Pod, Zeroable};
 use super::figures::Figures;
 use super::room::Room;
 use crate::error::{Error, Result};
+use crate::format::ply::header_text::HeaderText;
 use crate::format::write::Format;
 use crate::mesh::MeshSource;
 use crate::mesh::spool::FaceRecord;
 use crate::points::Precision;
+use crate::points::scalar::{Endian, Scalar};
 use crate::points::unit::Unit;
 use crate::render::scale;
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
@@ -138,27 +140,26 @@ impl Heat {
     pub fn write(mut self, mesh: &dyn MeshSource, room: &Room, vertices: &Figures, longest_side: f64) -> Result<f64> {
         let typical = [vertices.p95, vertices.max].into_iter().find(|distance| *distance > 0.0);
         let max = self.max.map(|max| max.of(longest_side)).or(typical).unwrap_or(longest_side);
-        let kind = match mesh.precision() {
-            Precision::Single => "float",
-            Precision::Double => "double",
-        };
-        let mut header = format!(
-            "ply\nformat binary_little_endian 1.0\ncomment asra-stream {}\ncomment distance, coloured from 0 to {max}\n",
-            env!("CARGO_PKG_VERSION")
-        );
+        let mut comments =
+            vec![format!("asra-stream {}", env!("CARGO_PKG_VERSION")), format!("distance, coloured from 0 to {max}")];
         let [x, y, z] = mesh.origin();
         if [x, y, z] != [0.0; 3] {
-            header += &format!("comment origin {x} {y} {z}\n");
+            comments.push(format!("origin {x} {y} {z}"));
         }
         let (count, faces) = (mesh.vertex_count(), mesh.face_count());
-        header += &format!(
-            "element vertex {count}\nproperty {kind} x\nproperty {kind} y\nproperty {kind} z\nproperty uchar red\nproperty uchar green\n\
-             property uchar blue\nproperty float distance\nelement face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
-        );
+        let colours = ["red", "green", "blue"].map(|name| (name, Scalar::U8));
+        let header = HeaderText {
+            endian: Endian::Little,
+            comments,
+            vertices: count,
+            precision: mesh.precision(),
+            attributes: colours.into_iter().chain([("distance", Scalar::F32)]).collect(),
+            faces: Some(faces),
+        };
         let path = self.file.path().to_path_buf();
         let mut out = BufWriter::with_capacity(1 << 16, self.file.file());
         let mut put = |bytes: &[u8]| out.write_all(bytes).map_err(Error::io(&path, "write the heat map"));
-        put(header.as_bytes())?;
+        put(header.to_string().as_bytes())?;
         let (mut distances, mut told) = (Vec::new(), Vec::new());
         for range in 0..self.told.count() {
             let first = range as u64 * self.range;

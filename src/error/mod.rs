@@ -4,6 +4,7 @@
 //! them; [`words::as_options`] makes the command's options of those.
 
 pub mod defect;
+pub mod overflow;
 #[cfg(test)]
 mod panics;
 pub mod words;

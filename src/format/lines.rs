@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
-use crate::format::point_format::BLOCK_BYTES;
+use crate::format::point_format::{BLOCK_BYTES, BlockCutter, Decode};
+use crate::points::{Batch, Coordinate, Points};
 use crate::storage::mapped::{Bytes, Mapped};
 
 /// The longest line accepted, in bytes. Wider tables exist nowhere; a binary file taken for text stops here.
@@ -107,6 +108,53 @@ pub fn lines(bytes: &[u8]) -> impl Iterator<Item = (u64, Range<usize>)> {
         number += 1;
         Some(item)
     })
+}
+
+/// How points are read of lines.
+pub trait LineReading: Send + Sync {
+    /// Appends the points of a block, and a record of attributes for each.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] with the line.
+    fn fill<C: Coordinate>(&self, block: &LineBlock, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) -> Result<()>;
+}
+
+/// Lines, and how points are read of them.
+pub struct LinesRead<R> {
+    /// The lines.
+    pub block: LineBlock,
+    /// How they are read.
+    pub reading: Arc<R>,
+}
+
+impl<R: LineReading> Decode for LinesRead<R> {
+    fn decode(&self, batch: &mut Batch) -> Result<()> {
+        let Batch { points, attributes, .. } = batch;
+        match points {
+            Points::Single(points) => self.reading.fill(&self.block, points, attributes),
+            Points::Double(points) => self.reading.fill(&self.block, points, attributes),
+        }
+    }
+}
+
+/// One pass over all lines to the end of the file.
+pub struct AllLines<R> {
+    /// The lines.
+    pub lines: LineCutter,
+    /// How they are read.
+    pub reading: Arc<R>,
+}
+
+impl<'a, R: LineReading + 'a> BlockCutter<'a> for AllLines<R> {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
+        let Some(block) = self.lines.next()? else { return Ok(None) };
+        Ok(Some(Box::new(LinesRead { block, reading: Arc::clone(&self.reading) })))
+    }
+}
+
+/// The tokens of a line between spaces and tabs.
+pub fn blanks(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(|b| b.is_ascii_whitespace()).filter(|token| !token.is_empty())
 }
 
 /// The number a token spells, `nan` and `inf` included.

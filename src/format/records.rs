@@ -9,7 +9,7 @@ use bytemuck::Zeroable;
 
 use super::layout::Layout;
 use crate::error::{Error, Result};
-use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BlockCutter, Decode, PointFormat, records_of_a_block};
 use crate::points::attribute::{Attribute, Carrying, Schema};
 use crate::points::scalar::{Column, Endian, Scalar, reader};
 use crate::points::{Batch, Coordinate, Points, Precision};
@@ -89,10 +89,7 @@ impl RecordShape {
 
     /// Where the coordinates begin, if they can be copied as they are.
     fn packed<C: Coordinate>(&self) -> Option<usize> {
-        let own = match C::PRECISION {
-            Precision::Single => Scalar::F32,
-            Precision::Double => Scalar::F64,
-        };
+        let own = Scalar::of(C::PRECISION);
         let start = self.coordinates[0].offset;
         let in_place = self
             .coordinates
@@ -167,7 +164,7 @@ impl<'a> BlockCutter<'a> for RecordCutter {
         if self.left == 0 {
             return Ok(None);
         }
-        let records = self.left.min((BLOCK_BYTES / self.shape.stride).clamp(1, BLOCK_RECORDS) as u64);
+        let records = self.left.min(records_of_a_block(self.shape.stride));
         let end = self.at + records * self.shape.stride as u64;
         let bytes = self.file.bytes(self.at..end)?;
         self.at = end;

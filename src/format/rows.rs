@@ -2,14 +2,13 @@
 
 use std::sync::Arc;
 
-use super::lines::{LineBlock, LineCutter, lines, number, quoted};
+use super::lines::{LineBlock, LineCutter, LineReading, LinesRead, blanks, lines, number, quoted};
 use super::records::same_length;
-use super::text::blanks;
 use crate::error::{Error, Result};
 use crate::format::point_format::{BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::scalar::Scalar;
-use crate::points::{Batch, Coordinate, Points, Precision};
+use crate::points::{Coordinate, Precision};
 use crate::storage::mapped::Content;
 
 /// The rows of a file.
@@ -128,18 +127,24 @@ impl PointFormat for Rows {
             let Some((_, filled)) = lines.next_filled(before)? else { break };
             before -= filled;
         }
-        let (shape, count) = (Arc::clone(&self.shape), self.count);
-        let placing = Arc::new(Placing::new(schema, &shape.attributes));
-        Ok(Box::new(RowCutter { lines, left: count, count, shape, placing }))
+        let shape = Arc::clone(&self.shape);
+        let placing = Placing::new(schema, &shape.attributes);
+        let reading = Arc::new(Reading { shape, placing });
+        Ok(Box::new(RowCutter { lines, left: self.count, count: self.count, reading }))
     }
+}
+
+/// What is read of every row.
+struct Reading {
+    shape: Arc<RowShape>,
+    placing: Placing,
 }
 
 struct RowCutter {
     lines: LineCutter,
     left: u64,
     count: u64,
-    shape: Arc<RowShape>,
-    placing: Arc<Placing>,
+    reading: Arc<Reading>,
 }
 
 impl<'a> BlockCutter<'a> for RowCutter {
@@ -147,51 +152,34 @@ impl<'a> BlockCutter<'a> for RowCutter {
         if self.left == 0 {
             return Ok(None);
         }
-        let Some((lines, filled)) = self.lines.next_filled(self.left.min(BLOCK_RECORDS as u64))? else {
+        let Some((block, filled)) = self.lines.next_filled(self.left.min(BLOCK_RECORDS as u64))? else {
             return Err(Error::malformed(
                 self.lines.path(),
                 format_args!("line {}", self.lines.line()),
-                format_args!("{} {}", self.count, self.shape.points),
+                format_args!("{} {}", self.count, self.reading.shape.points),
                 format_args!("the end of the file after {}", self.count - self.left),
             ));
         };
         self.left -= filled;
-        let (shape, placing) = (Arc::clone(&self.shape), Arc::clone(&self.placing));
-        Ok(Some(Box::new(RowBlock { lines, shape, placing })))
+        Ok(Some(Box::new(LinesRead { block, reading: Arc::clone(&self.reading) })))
     }
 }
 
-struct RowBlock {
-    lines: LineBlock,
-    shape: Arc<RowShape>,
-    placing: Arc<Placing>,
-}
-
-impl RowBlock {
-    fn fill<C: Coordinate>(&self, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) -> Result<()> {
+impl LineReading for Reading {
+    fn fill<C: Coordinate>(&self, block: &LineBlock, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) -> Result<()> {
         let mut values = vec![0.0; self.shape.items.len() + PACKED];
-        for (number_of_line, range) in lines(&self.lines.bytes) {
-            let line = self.lines.bytes[range].trim_ascii();
+        for (number_of_line, range) in lines(&block.bytes) {
+            let line = block.bytes[range].trim_ascii();
             if line.is_empty() {
                 continue;
             }
             self.shape.parse(line, &self.placing, &mut values).map_err(|(expected, found)| {
-                let place = format!("line {}", self.lines.first_line + number_of_line);
+                let place = format!("line {}", block.first_line + number_of_line);
                 Error::malformed(self.shape.content.name(), place, expected, quoted(found))
             })?;
             points.push(self.shape.coordinates.map(|index| C::from_f64(values[index])));
             self.placing.place(&values, attributes);
         }
         Ok(())
-    }
-}
-
-impl Decode for RowBlock {
-    fn decode(&self, batch: &mut Batch) -> Result<()> {
-        let Batch { points, attributes, .. } = batch;
-        match points {
-            Points::Single(points) => self.fill(points, attributes),
-            Points::Double(points) => self.fill(points, attributes),
-        }
     }
 }

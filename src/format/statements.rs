@@ -2,13 +2,12 @@
 
 use std::sync::Arc;
 
-use super::lines::{LineBlock, LineCutter, lines, number, quoted};
+use super::lines::{AllLines, LineBlock, LineCutter, LineReading, blanks, lines, number, quoted};
 use super::records::same_length;
-use super::text::blanks;
 use crate::error::{Error, Result};
-use crate::format::point_format::{BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BlockCutter, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
-use crate::points::{Batch, Coordinate, Points, Precision};
+use crate::points::{Coordinate, Precision};
 use crate::storage::mapped::{Content, Mapped};
 
 /// A text whose points stand behind a word.
@@ -51,7 +50,7 @@ impl PointFormat for Statements {
         let wanted = placing.last().map_or(3, |last| last + 1);
         let reading =
             Reading { content: self.content.clone(), word: self.word, values: 3 + own.len(), wanted, placing };
-        Ok(Box::new(StatementCutter { lines: LineCutter::new(file, 0, 1), reading: Arc::new(reading) }))
+        Ok(Box::new(AllLines { lines: LineCutter::new(file, 0, 1), reading: Arc::new(reading) }))
     }
 }
 
@@ -65,29 +64,12 @@ struct Reading {
     placing: Placing,
 }
 
-struct StatementCutter {
-    lines: LineCutter,
-    reading: Arc<Reading>,
-}
-
-impl<'a> BlockCutter<'a> for StatementCutter {
-    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
-        let Some(lines) = self.lines.next()? else { return Ok(None) };
-        Ok(Some(Box::new(StatementBlock { lines, reading: Arc::clone(&self.reading) })))
-    }
-}
-
-struct StatementBlock {
-    lines: LineBlock,
-    reading: Arc<Reading>,
-}
-
-impl StatementBlock {
-    fn fill<C: Coordinate>(&self, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) -> Result<()> {
-        let Reading { content, word, values, wanted, placing } = &*self.reading;
+impl LineReading for Reading {
+    fn fill<C: Coordinate>(&self, block: &LineBlock, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) -> Result<()> {
+        let Reading { content, word, values, wanted, placing } = self;
         let mut values = vec![0.0; *values];
-        for (number_of_line, range) in lines(&self.lines.bytes) {
-            let mut words = blanks(&self.lines.bytes[range]);
+        for (number_of_line, range) in lines(&block.bytes) {
+            let mut words = blanks(&block.bytes[range]);
             if !words.next().is_some_and(|first| first.eq_ignore_ascii_case(word)) {
                 continue;
             }
@@ -102,7 +84,7 @@ impl StatementBlock {
                     }
                 };
                 values[index] = number(word).ok_or_else(|| {
-                    let place = format!("line {}", self.lines.first_line + number_of_line);
+                    let place = format!("line {}", block.first_line + number_of_line);
                     Error::malformed(content.name(), place, "a number", quoted(word))
                 })?;
             }
@@ -110,15 +92,5 @@ impl StatementBlock {
             placing.place(&values, attributes);
         }
         Ok(())
-    }
-}
-
-impl Decode for StatementBlock {
-    fn decode(&self, batch: &mut Batch) -> Result<()> {
-        let Batch { points, attributes, .. } = batch;
-        match points {
-            Points::Single(points) => self.fill(points, attributes),
-            Points::Double(points) => self.fill(points, attributes),
-        }
     }
 }

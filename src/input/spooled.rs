@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
-use super::{PointBuffer, PointSource};
+use super::memory::{PointBuffer, PointSource};
 use crate::error::{Error, Result};
 use crate::points::attribute::Attribute;
 use crate::points::{Points, Precision};

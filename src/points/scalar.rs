@@ -97,6 +97,14 @@ impl Scalar {
         if self == Scalar::F32 { Precision::Single } else { Precision::Double }
     }
 
+    /// The type of coordinates in this precision.
+    pub fn of(precision: Precision) -> Scalar {
+        match precision {
+            Precision::Single => Scalar::F32,
+            Precision::Double => Scalar::F64,
+        }
+    }
+
     /// The type of this name in the layout language (`f32`, `u16`).
     pub fn named(name: &str) -> Option<Scalar> {
         SCALARS.iter().find(|(_, ours, _)| *ours == name).map(|(scalar, ..)| *scalar)

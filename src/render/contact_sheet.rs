@@ -185,13 +185,21 @@ impl Picture {
             encoder.set_depth(png::BitDepth::Eight);
             encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
             encoder.set_compression(png::Compression::Balanced);
-            let mut writer = encoder.write_header()?;
-            writer.write_image_data(&self.pixels)?;
-            writer.finish()?;
+            let mut writer = encoder.write_header().map_err(as_system)?;
+            writer.write_image_data(&self.pixels).map_err(as_system)?;
+            writer.finish().map_err(as_system)?;
             out.flush()
         };
         write().map_err(Error::io(file.path(), "write the picture"))?;
         file.finish()
+    }
+}
+
+/// What the system said, if that is why a picture was not written: the encoder's own conversion keeps its words only, and not its kind.
+fn as_system(error: png::EncodingError) -> std::io::Error {
+    match error {
+        png::EncodingError::IoError(error) => error,
+        other => other.into(),
     }
 }
 
@@ -233,6 +241,16 @@ mod tests {
         assert_eq!(tops((2.0, 1.0)), [0, 602], "one above the other");
         assert_eq!(tops((0.0, 0.0)), [0, 0]);
         assert!(cells(Size { width: 1, height: 1 }, &[(1.0, 1.0); 9]).is_err());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_told_from_other_failures() {
+        for side in [1, 300] {
+            let picture = Picture::new(Size { width: side, height: side }, Background::Transparent);
+            let error = picture.write(AtomicFile::report(Path::new("/dev/full")).unwrap()).unwrap_err();
+            assert_eq!(error.kind(), crate::error::Kind::Temporary, "{error}");
+        }
     }
 
     #[test]

@@ -16,9 +16,10 @@ use crate::points::bounds::Bounds;
 use crate::points::crs::Crs;
 use crate::points::unit::Measure;
 use crate::resources::memory::MemoryPlan;
+use crate::run::finished::input_reports;
 use crate::run::pipeline::Surveyed;
+use crate::run::prepare::{Looked, Planned, contradiction};
 use crate::run::report::{GridReport, InputReport};
-use crate::run::{Looked, Planned, contradiction, input_reports};
 
 /// The reference system of a cloud.
 #[derive(Debug, Clone, serde::Serialize)]

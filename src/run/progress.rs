@@ -19,6 +19,7 @@ use serde_json::json;
 use crate::error::words::{as_options, duration, rough, thousands};
 use crate::input::Unpacked;
 use crate::run::forecast::Known;
+use crate::run::observer::{Observer, Update};
 use crate::run::phase::{Forecast, Phase};
 
 /// How progress is shown.
@@ -32,70 +33,6 @@ pub enum Show {
     Json,
     /// Nothing.
     Nothing,
-}
-
-/// How far a run is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct Update {
-    /// The stage under way, or that has just ended.
-    pub stage: Phase,
-    /// What the stage counts: "points", "faces".
-    pub unit: &'static str,
-    /// How many of them are done.
-    pub done: u64,
-    /// How many there are in all, if that is known.
-    pub total: Option<u64>,
-    /// The part of the whole run that is done, from 0 to 1, if that can be told. It never falls.
-    pub fraction: Option<f64>,
-    /// Seconds that the run is likely to take from now on, if that can be told.
-    pub seconds_left: Option<f64>,
-    /// Whether the stage has ended.
-    pub ended: bool,
-}
-
-/// Who is told how far a run is, and asked whether it should go on.
-///
-/// ```
-/// use std::sync::atomic::{AtomicBool, Ordering};
-///
-/// use asra_stream::{Error, Observer, Reconstruction, Update};
-///
-/// /// Ends the run as soon as somebody says so.
-/// #[derive(Default)]
-/// struct Button(AtomicBool);
-///
-/// impl Observer for Button {
-///     fn progress(&self, update: &Update) {
-///         println!("{}: {} {}", update.stage.name(), update.done, update.unit);
-///     }
-///
-///     fn is_cancelled(&self) -> bool {
-///         self.0.load(Ordering::Relaxed)
-///     }
-/// }
-///
-/// let button = Button::default();
-/// button.0.store(true, Ordering::Relaxed);
-/// let points = vec![[0f32; 3]; 100_000];
-/// let outcome = Reconstruction::of(&points).observer(&button).run();
-/// assert!(matches!(outcome, Err(Error::Interrupted)));
-/// ```
-pub trait Observer: Sync {
-    /// Is told when a stage begins and ends, and about ten times a second in between.
-    fn progress(&self, update: &Update) {
-        let _ = update;
-    }
-
-    /// Is told what there is to know: how a file was understood, what was left out.
-    fn note(&self, message: &str) {
-        let _ = message;
-    }
-
-    /// Whether the run is to end, with [`crate::Error::Interrupted`]. It is asked about twenty times a second, from a thread of its own.
-    fn is_cancelled(&self) -> bool {
-        false
-    }
 }
 
 impl Show {
@@ -426,15 +363,13 @@ impl<'a> Progress<'a> {
 
     /// An object with an event's name, the time, and `content`.
     fn object(&self, event: &str, content: serde_json::Value) {
-        let mut object = json!({
-            "event": event,
-            "time": humantime::format_rfc3339_millis(SystemTime::now()).to_string(),
-            "elapsed_seconds": self.start.elapsed().as_secs_f64(),
-        });
-        if let (Some(object), serde_json::Value::Object(content)) = (object.as_object_mut(), content) {
-            object.extend(content);
-        }
-        say(&object.to_string());
+        say(&object(self.start, event, content));
+    }
+
+    /// In JSON, makes the line of the last object, for a failure after which nothing else can be said; `None` where progress is not told in JSON.
+    pub fn last_line(&self) -> impl Fn(serde_json::Value) -> Option<String> + Clone + use<> {
+        let (show, start) = (self.show, self.start);
+        move |how| (show == Show::Json).then(|| object(start, "end", how))
     }
 
     /// The time each phase took, in order.
@@ -444,6 +379,19 @@ impl<'a> Progress<'a> {
 }
 
 /// Lines to standard error; if that cannot be written, nobody is there to be told.
+/// An object of JSON in a line, with the time of day and since `start`.
+fn object(start: Instant, event: &str, content: serde_json::Value) -> String {
+    let mut object = json!({
+        "event": event,
+        "time": humantime::format_rfc3339_millis(SystemTime::now()).to_string(),
+        "elapsed_seconds": start.elapsed().as_secs_f64(),
+    });
+    if let (Some(object), serde_json::Value::Object(content)) = (object.as_object_mut(), content) {
+        object.extend(content);
+    }
+    object.to_string()
+}
+
 fn say(lines: &str) {
     // In one piece, so that lines of several processes do not mix.
     let _ = std::io::stderr().write_all(format!("{lines}\n").as_bytes());

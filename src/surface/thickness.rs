@@ -35,6 +35,10 @@ const NOISE: f64 = 0.08;
 /// Wider blocks of noise are at most so many times as thick. Where curvature makes a block thick it is 2 to 3 times.
 const EVEN: f64 = 1.5;
 
+/// A shell as thick as this fills the smaller blocks, so that the wider ones are thicker from noise, too: up to so many times. The thickest clean surface had .40,
+/// however coarse its cells. Filled bodies are as thick, but their wider blocks 1.9 times and more.
+const FILLED: (f64, f64) = (0.42, 1.8);
+
 /// How far behind a cell there is to be inside, in cells.
 const BEHIND: f64 = 3.0;
 
@@ -91,9 +95,10 @@ pub struct Shell {
 }
 
 impl Shell {
-    /// Whether that is noise. Curvature and edges make wider blocks thicker, noise does not.
+    /// Whether that is noise. Curvature and edges make wider blocks thicker; noise does only where it fills the smaller ones.
     pub fn is_noisy(&self) -> bool {
-        self.thickness > NOISE && self.wider < EVEN * self.thickness
+        let even = if self.thickness > FILLED.0 { FILLED.1 } else { EVEN };
+        self.thickness > NOISE && self.wider < even * self.thickness
     }
 }
 

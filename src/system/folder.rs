@@ -12,7 +12,7 @@ use std::path::Path;
 use rustix::fs::{AtFlags, CWD, Dir, FileType, Mode, OFlags, openat, statat, unlinkat};
 use rustix::io::retry_on_intr;
 
-use super::{Entry, EntryKind};
+use super::answers::{Entry, EntryKind};
 
 /// What is in a folder, in the system's order, without the folder itself and the one above.
 ///

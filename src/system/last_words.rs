@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{AtFlags, CWD, linkat, renameat};
 use rustix::io::Errno;
 
+use super::answers::Naming;
+
 /// Writes a file in the making and gives it its name.
 #[derive(Debug)]
 pub struct LastWords {
@@ -20,17 +22,6 @@ pub struct LastWords {
     aside: CString,
     path: CString,
     naming: Naming,
-}
-
-/// How a file in the making gets its name.
-#[derive(Debug, Clone, Copy)]
-pub enum Naming {
-    /// It has it already.
-    None,
-    /// It has a hidden one.
-    Rename,
-    /// It has none.
-    Link,
 }
 
 impl LastWords {

@@ -10,8 +10,7 @@
 //!
 //! Both sides have the same functions, `unix` and `windows`; tests run on Linux.
 
-use std::ffi::OsString;
-
+mod answers;
 #[cfg(unix)]
 pub mod bus;
 #[cfg(unix)]
@@ -25,52 +24,13 @@ mod unix;
 #[cfg(windows)]
 mod windows;
 
+pub use answers::{Entry, EntryKind, Farewell, Lock, Naming};
 #[cfg(unix)]
-pub use last_words::{LastWords, Naming};
+pub use last_words::LastWords;
 #[cfg(unix)]
 pub use unix::*;
 #[cfg(windows)]
 pub use windows::*;
-
-/// A name in a folder.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Entry {
-    /// The name alone, without the folder's.
-    pub name: OsString,
-    /// What it is.
-    pub kind: EntryKind,
-}
-
-/// What a name in a folder is of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EntryKind {
-    /// A file.
-    File,
-    /// A folder.
-    Folder,
-    /// A link, a pipe, a device.
-    Other,
-}
-
-/// Bytes of a file system.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Space {
-    /// Free, for users like this one.
-    pub available: u64,
-    /// All.
-    pub capacity: u64,
-}
-
-/// What became of an attempt to lock a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Lock {
-    /// It is locked.
-    Held,
-    /// Somebody else has the lock.
-    Taken,
-    /// There are no locks here.
-    Unknown,
-}
 
 #[cfg(test)]
 mod tests {

@@ -13,7 +13,7 @@ use rustix::fs::{FlockOperation, OFlags};
 use rustix::io::Errno;
 use tempfile::Builder;
 
-use super::{Lock, Space};
+use super::answers::{Lock, Space};
 
 /// Reading and writing at places, whatever the file's own place is.
 pub use std::os::unix::fs::FileExt as FileAt;

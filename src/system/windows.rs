@@ -25,7 +25,7 @@ use windows_sys::Win32::System::ProcessStatus::{K32GetProcessMemoryInfo, PROCESS
 use windows_sys::Win32::System::SystemInformation::{GlobalMemoryStatusEx, MEMORYSTATUSEX};
 use windows_sys::Win32::System::Threading::GetCurrentProcess;
 
-use super::{Lock, Space};
+use super::answers::{Lock, Naming, Space};
 
 /// Reading and writing at places. The file's own place moves with every call, and nobody asks for it.
 pub trait FileAt {
@@ -317,7 +317,7 @@ pub mod folder {
     use std::io;
     use std::path::Path;
 
-    use super::super::{Entry, EntryKind};
+    use super::super::answers::{Entry, EntryKind};
 
     /// What is in a folder, in the system's order.
     #[expect(clippy::disallowed_methods, reason = "closing a folder does not fail here")]
@@ -341,17 +341,6 @@ pub mod folder {
     }
 }
 
-/// How a file in the making gets its name.
-#[derive(Debug, Clone, Copy)]
-pub enum Naming {
-    /// It has it already.
-    None,
-    /// It has a hidden one.
-    Rename,
-    /// It has none.
-    Link,
-}
-
 /// There is no handler of signals that could write a file.
 #[derive(Debug)]
 pub struct LastWords;
@@ -365,7 +354,7 @@ impl LastWords {
 
 /// A stack that is used up ends the process, as the system has it.
 pub mod stack {
-    use std::path::Path;
+    use super::super::answers::Farewell;
 
     /// Nothing is written to a report.
     pub struct Reported;
@@ -377,8 +366,8 @@ pub mod stack {
         }
     }
 
-    /// Lets the decompressor work on a file.
-    pub fn told<R>(_: &Path, work: impl FnOnce() -> R) -> R {
+    /// Does some work.
+    pub fn ending<R>(_: &Farewell, work: impl FnOnce() -> R) -> R {
         work()
     }
 }

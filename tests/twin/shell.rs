@@ -55,7 +55,7 @@ pub fn shell(points: &[[f64; 3]], solid: &Cells, params: &Params) -> Option<[f64
 
 /// Whether a shell is noise.
 pub fn is_noisy([thickness, wider]: [f64; 2]) -> bool {
-    thickness > 0.08 && wider < 1.5 * thickness
+    thickness > 0.08 && wider < if thickness > 0.42 { 1.8 } else { 1.5 } * thickness
 }
 
 /// The variance of places across their flattest direction, in square cells.

@@ -30,9 +30,14 @@ impl Pages {
     /// [`Error::Malformed`] if there is none such.
     pub fn at(file: &Arc<Mapped>, physical: u64) -> Result<Pages> {
         let (page, within) = (physical / PAGE, (physical % PAGE) as usize);
-        if physical >= file.len() || within >= CONTENT {
-            let expected = format_args!("a position in a file of {} bytes", file.len()).to_string();
-            return Err(Error::malformed(file.path(), "E57 pages", expected, format_args!("byte {physical}")));
+        let none = |found: &dyn std::fmt::Display| {
+            Err(Error::malformed(file.path(), "E57 pages", format_args!("content at byte {physical}"), found))
+        };
+        if physical >= file.len() {
+            return none(&format_args!("the end of the file after {} bytes", file.len()));
+        }
+        if within >= CONTENT {
+            return none(&"a checksum");
         }
         let mut pages = Pages { file: Arc::clone(file), page, content: Vec::new(), read: 0 };
         pages.more()?;

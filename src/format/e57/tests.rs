@@ -229,7 +229,7 @@ fn what_is_wrong_is_named() {
     for (content, expected) in [
         (byte(8, 2), "version 1, pages of 1024 bytes, found version 2"),
         (byte(41, 8), "pages of 2048"),
-        (byte(31, 1), "E57 pages: expected a position in a file"),
+        (byte(31, 1), "the end of the file after"),
         (byte(39, 1), "at most 4194304 bytes of XML"),
         (byte(33, 0xff), "a page of 1024 bytes, found the file's end"),
         (byte(48, 2), "a section of points (1), found 2"),

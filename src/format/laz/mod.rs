@@ -33,12 +33,11 @@ use laz::{DecompressionSelection, LazItem, LazItemRecordBuilder, LazItemType, La
 use self::gps::GpsTimes;
 use self::guard::guarded;
 use self::table::{Chunk, Entries, Entry};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, overflow};
 use crate::format::las::fields::{Field, length};
 use crate::format::las::header::Header;
 use crate::points::attribute::Schema;
 use crate::storage::mapped::Mapped;
-use crate::system::stack;
 
 /// The most extra bytes of a record: the decompressor has models of 10 KiB for each.
 const MAX_EXTRA: usize = 256;
@@ -277,7 +276,7 @@ impl Packed {
     fn guarded<R>(&self, work: impl FnOnce() -> IoResult<R>) -> IoResult<R> {
         match self.layers {
             None => guarded(work),
-            Some(_) => stack::told(&self.path, || guarded(work)),
+            Some(_) => overflow::told(&self.path, || guarded(work)),
         }
     }
 

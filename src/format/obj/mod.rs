@@ -5,9 +5,8 @@
 
 use std::sync::Arc;
 
-use super::lines::{lines, number};
+use super::lines::{blanks, lines, number};
 use super::statements::Statements;
-use super::text::blanks;
 use crate::error::Result;
 use crate::format::point_format::{PointFormat, Source};
 use crate::points::attribute::Attribute;

@@ -5,6 +5,7 @@
 //! against the file, never trusted.
 
 mod header;
+pub(crate) mod header_text;
 mod lists;
 pub(crate) mod mesh;
 pub(crate) mod mesh_header;

@@ -1,18 +1,15 @@
 //! PLY: a header, then the mesh's spools as they are, attributes behind the coordinates.
 
-use std::fmt::Write;
-
 use crate::error::{Error, Result};
+use crate::format::ply::header_text::HeaderText;
 use crate::format::write::attributes::{BLOCK, Property, properties, records};
 use crate::format::write::{Positions, job::Job};
 use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;
-use crate::points::scalar::Scalar;
+use crate::points::scalar::{Endian, Scalar};
 use crate::storage::spool::Spool;
 
-/// Spools hold native byte order.
-const FORMAT: &str = if cfg!(target_endian = "little") { "binary_little_endian" } else { "binary_big_endian" };
 /// Bytes copied at once.
 const PIECE: usize = 1 << 20;
 
@@ -25,23 +22,17 @@ pub(crate) fn write(job: &mut Job) -> Result<()> {
     }
     let moved = job.positions == Positions::Absolute && job.header.origin != [0.0; 3];
     let absolute = moved.then_some(job.header.origin);
-    let scalar = match job.mesh.precision() {
-        Precision::Single if absolute.is_none() => "float",
-        _ => "double",
-    };
-    let mut header = format!("ply\nformat {FORMAT} 1.0\n");
-    for comment in job.comments() {
-        writeln!(header, "comment {comment}").expect("memory takes all");
-    }
     let properties = properties(job)?;
-    writeln!(header, "element vertex {vertices}").expect("memory takes all");
-    let coordinates = ["x", "y", "z"].map(|axis| (scalar, axis));
-    for (kind, name) in coordinates.into_iter().chain(properties.iter().map(|p| (kind(p.scalar), p.name.as_str()))) {
-        writeln!(header, "property {kind} {name}").expect("memory takes all");
-    }
-    write!(header, "element face {faces}\nproperty list uchar int vertex_indices\nend_header\n")
-        .expect("memory takes all");
-    job.put(header.as_bytes())?;
+    let header = HeaderText {
+        // Spools hold native byte order.
+        endian: Endian::NATIVE,
+        comments: job.comments(),
+        vertices,
+        precision: if moved { Precision::Double } else { job.mesh.precision() },
+        attributes: properties.iter().map(|p| (p.name.as_str(), p.scalar)).collect(),
+        faces: Some(faces),
+    };
+    job.put(header.to_string().as_bytes())?;
     let mesh = job.mesh;
     if properties.is_empty() && absolute.is_none() {
         copy(job, mesh.vertex_bytes(), 3 * mesh.precision().bytes())?;
@@ -49,20 +40,6 @@ pub(crate) fn write(job: &mut Job) -> Result<()> {
         job.put_blocks(vertices, BLOCK, |first, len| made(mesh, &properties, absolute, first, len))?;
     }
     copy(job, mesh.face_bytes(), size_of::<FaceRecord>())
-}
-
-/// What PLY calls a type. It has none of 64 bits for whole numbers: `double` takes them, and rounds beyond 2⁵³.
-fn kind(scalar: Scalar) -> &'static str {
-    match scalar {
-        Scalar::I8 => "char",
-        Scalar::U8 => "uchar",
-        Scalar::I16 => "short",
-        Scalar::U16 => "ushort",
-        Scalar::I32 => "int",
-        Scalar::U32 => "uint",
-        Scalar::F32 => "float",
-        Scalar::I64 | Scalar::U64 | Scalar::F64 => "double",
-    }
 }
 
 /// The bytes of vertices with their attributes; in double precision, with the origin added, if that is given.

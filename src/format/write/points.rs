@@ -4,9 +4,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::format::ply::header_text::HeaderText;
 use crate::format::sidecar::Sidecar;
 use crate::points::Precision;
-use crate::points::scalar::Scalar;
+use crate::points::scalar::{Endian, Scalar};
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
 
 /// The formats that can be written.
@@ -51,16 +52,16 @@ impl FileKind {
     }
 
     fn header(self, cloud: &Description) -> String {
-        let kind = match cloud.precision {
-            Precision::Single => "float",
-            Precision::Double => "double",
-        };
         match self {
-            FileKind::Ply => format!(
-                "ply\nformat binary_little_endian 1.0\ncomment {}\nelement vertex {}\n\
-                 property {kind} x\nproperty {kind} y\nproperty {kind} z\nend_header\n",
-                cloud.comment, cloud.points
-            ),
+            FileKind::Ply => HeaderText {
+                endian: Endian::Little,
+                comments: vec![cloud.comment.clone()],
+                vertices: cloud.points,
+                precision: cloud.precision,
+                attributes: Vec::new(),
+                faces: None,
+            }
+            .to_string(),
             FileKind::Raw | FileKind::Text => String::new(),
         }
     }
@@ -127,13 +128,9 @@ impl CloudTarget {
     pub fn finish(self) -> Result<(u64, Option<PathBuf>)> {
         let mut sidecar = None;
         if self.kind == FileKind::Raw {
-            let scalar = match self.cloud.precision {
-                Precision::Single => Scalar::F32,
-                Precision::Double => Scalar::F64,
-            };
             let path = Sidecar::path_for(self.file.path());
             let file = AtomicFile::create(&path, self.overwrite)?;
-            writeln!(file.file(), "{}", Sidecar::describing(scalar, self.cloud.points))
+            writeln!(file.file(), "{}", Sidecar::describing(Scalar::of(self.cloud.precision), self.cloud.points))
                 .map_err(Error::io(&path, "write"))?;
             file.finish()?;
             sidecar = Some(path);

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use super::watched;
 use crate::error::{Error, Result};
 use crate::format::write::{Positions, Target};
 use crate::mesh::check::{CheckReport, check, intersections};
@@ -13,7 +12,7 @@ use crate::points::attribute::{Attribute, Schema};
 use crate::points::crs::Crs;
 use crate::points::scalar::Scalar;
 use crate::resources::workers::Workers;
-use crate::run::progress::Observer;
+use crate::run::observer::{Observer, watched};
 use crate::run::report::Report;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;

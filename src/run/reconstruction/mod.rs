@@ -3,11 +3,7 @@
 mod mesh;
 
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
-use std::thread;
-use std::time::{Duration, Instant};
-
-use crossbeam_channel::RecvTimeoutError;
+use std::time::Instant;
 
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
@@ -20,12 +16,16 @@ use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::resources::workers::Workers;
 use crate::run::estimate::WORTH_IT;
+use crate::run::finished::{Finished, refuse_unsound, report};
 use crate::run::forecast::{self, Known};
+use crate::run::job::{Check, Job};
+use crate::run::mesh_header::header_of;
+use crate::run::observer::{Observer, watched};
 use crate::run::phase::Phase;
 use crate::run::pipeline::reconstruct;
-use crate::run::progress::{Observer, Progress};
-use crate::run::report::OutputReport;
-use crate::run::{self, Check, Finished, Job};
+use crate::run::prepare::{open_all, planned, surveyed};
+use crate::run::progress::Progress;
+use crate::run::report::{OutputReport, Report};
 use crate::settings::Fineness;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
@@ -35,9 +35,6 @@ use crate::settings::{AxisChoice, Resolution};
 use crate::storage::spool::Workspace;
 
 pub use mesh::{Mesh, MeshSink};
-
-/// How often an observer is asked whether the run is to end.
-const ASKED_EVERY: Duration = Duration::from_millis(50);
 
 /// A surface to be made from points.
 ///
@@ -315,7 +312,7 @@ impl<'a> Reconstruction<'a> {
     ///
     /// # Errors
     /// The same as [`Reconstruction::run`]; what the sink says.
-    pub fn run_into(self, sink: &mut dyn MeshSink) -> Result<crate::run::report::Report> {
+    pub fn run_into(self, sink: &mut dyn MeshSink) -> Result<Report> {
         let mesh = self.run()?;
         mesh.send(sink)?;
         Ok(mesh.into_report())
@@ -344,7 +341,7 @@ fn of_source(source: &dyn PointSource, job: &Job, workers: &Workers, progress: &
 fn of_files(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Mesh> {
     let start = Instant::now();
     let workspace = workspace(job, workers)?;
-    let cloud = run::open_all(job, &workspace, workers, progress)?;
+    let cloud = open_all(job, &workspace, workers, progress)?;
     made(&cloud, job, workers, &workspace, progress, start)
 }
 
@@ -363,20 +360,20 @@ fn made(
     start: Instant,
 ) -> Result<Mesh> {
     let job = &job.measured_as(cloud)?;
-    let (surveyed, settings) = run::surveyed(cloud, &job.settings, workers, progress)?;
-    let (surveyed, context) = run::planned(surveyed, &settings, workers, workspace, job.resources.budget(), progress)?;
+    let (surveyed, settings) = surveyed(cloud, &job.settings, workers, progress)?;
+    let (surveyed, context) = planned(surveyed, &settings, workers, workspace, job.resources.budget(), progress)?;
     let made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
     if settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
-    let header = run::header_of(cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
+    let header = header_of(cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
     let checked = match job.check {
         Check::Never => None,
         Check::Always => {
             progress.begin(Phase::Check, Some(made.mesh.face_count()));
             let report =
                 check_near(&made.mesh, made.memory.working, workers, workspace, &mut |done| progress.set(done))?;
-            run::refuse_unsound(&report, &settings)?;
+            refuse_unsound(&report, &settings)?;
             Some(report)
         }
     };
@@ -392,7 +389,7 @@ fn made(
         coordinates: Positions::Shifted,
     };
     let seconds = start.elapsed().as_secs_f64();
-    let report = run::report(Finished {
+    let report = report(Finished {
         cloud,
         surveyed: &surveyed,
         settings: &settings,
@@ -404,35 +401,4 @@ fn made(
         workspace,
     });
     Ok(Mesh::new(made.mesh, header, report, workers.clone(), workspace.clone()))
-}
-
-/// Does some work, while an observer is asked from time to time whether the workers are to stop.
-pub(crate) fn watched<R>(
-    observer: Option<&dyn Observer>,
-    workers: &Workers,
-    work: impl FnOnce() -> Result<R>,
-) -> Result<R> {
-    let Some(observer) = observer else { return work() };
-    let flag = workers.cancel_flag();
-    if observer.is_cancelled() {
-        return Err(Error::Interrupted);
-    }
-    let (over, is_over) = crossbeam_channel::bounded::<()>(0);
-    thread::scope(|scope| {
-        let watch = move || {
-            while is_over.recv_timeout(ASKED_EVERY) == Err(RecvTimeoutError::Timeout) {
-                if observer.is_cancelled() {
-                    flag.store(true, Ordering::Relaxed);
-                    return;
-                }
-            }
-        };
-        thread::Builder::new()
-            .name("asra-observer".into())
-            .spawn_scoped(scope, watch)
-            .map_err(Error::io("threads", "start"))?;
-        let outcome = work();
-        drop(over);
-        outcome
-    })
 }

@@ -1,0 +1,155 @@
+//! Arguments of the commands that reconstruct, or tell what a reconstruction would be.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::cloud::CloudArguments;
+use super::shared::{InUnit, ProgressWord, ResourceArguments, TalkArguments, overwrite};
+use super::values::side;
+use crate::error::Result;
+use crate::format::write::Positions;
+use crate::run::preview::Preview;
+use crate::run::{Check, Job, Resources, Units};
+
+/// Which coordinates a mesh has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CoordinatesWord {
+    /// The input's own.
+    Input,
+    /// Less an origin.
+    Local,
+}
+
+/// Arguments of a reconstruction.
+#[derive(Debug, Args)]
+pub struct ReconstructArguments {
+    /// The cloud and how it is meshed.
+    #[command(flatten)]
+    pub cloud: CloudArguments,
+    /// The mesh file: .ply, .stl, .obj or .glb [default: the first input's name with .mesh.ply]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Replace the output if it exists
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Write a file for each square of this side, in the input's units or as in 100m, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
+    #[arg(long, value_name = "SIDE", value_parser = side, allow_negative_numbers = true)]
+    pub tile: Option<InUnit<f64>>,
+    /// Draw a picture of the mesh, too [default: the mesh's name with .png]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    pub preview: Option<Option<PathBuf>>,
+    /// Which coordinates the mesh has: the input's own, in double precision, or local ones, less a round origin that the file, or one beside it, tells [default:
+    /// input for PLY, local for OBJ, STL and GLB]
+    #[arg(long, value_name = "KIND", value_enum)]
+    pub coordinates: Option<CoordinatesWord>,
+    /// Do not check the mesh at the end
+    #[arg(long)]
+    pub no_check: bool,
+    /// Write a report of the run as JSON; an existing one is replaced
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Say more: the summary's details, too
+    #[arg(short, long, conflicts_with = "quiet")]
+    pub verbose: bool,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub resources: ResourceArguments,
+}
+
+/// Arguments of `plan`.
+#[derive(Debug, Args)]
+pub struct PlanArguments {
+    /// Write what is found as JSON, see docs/info-and-plan.md
+    #[arg(long)]
+    pub json: bool,
+    /// Write a file for each square of this side, in the input's units or as in 100m, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
+    #[arg(long, value_name = "SIDE", value_parser = side, allow_negative_numbers = true)]
+    pub tile: Option<InUnit<f64>>,
+    /// How progress is told: auto is a bar on a terminal, else lines with the time of day; json is an object a line, see docs/progress.md
+    #[arg(long, value_name = "HOW", value_enum, default_value_t, hide_possible_values = true)]
+    pub progress: ProgressWord,
+    /// The cloud and how it would be meshed.
+    #[command(flatten)]
+    pub cloud: CloudArguments,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub resources: ResourceArguments,
+}
+
+/// Arguments of `info`.
+#[derive(Debug, Args)]
+pub struct InfoArguments {
+    /// Write what is found as JSON, see docs/info-and-plan.md
+    #[arg(long)]
+    pub json: bool,
+    /// How progress is told: auto is a bar on a terminal, else lines with the time of day; json is an object a line, see docs/progress.md
+    #[arg(long, value_name = "HOW", value_enum, default_value_t, hide_possible_values = true)]
+    pub progress: ProgressWord,
+    /// The cloud and how it would be meshed.
+    #[command(flatten)]
+    pub cloud: CloudArguments,
+    /// Worker threads [default: one for each processor]
+    #[arg(short = 'j', long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = "Resources")]
+    pub threads: Option<u16>,
+    /// Folder for temporary files [default: TMPDIR, else the mesh's folder]
+    #[arg(long, value_name = "DIR", help_heading = "Resources")]
+    pub temp_dir: Option<PathBuf>,
+}
+
+impl ReconstructArguments {
+    /// The job they describe.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that contradict each other.
+    pub fn job(&self) -> Result<Job> {
+        let check = if self.no_check { Check::Never } else { Check::Always };
+        let output = self.output.clone();
+        let positions = self.coordinates.map(|coordinates| match coordinates {
+            CoordinatesWord::Input => Positions::Absolute,
+            CoordinatesWord::Local => Positions::Shifted,
+        });
+        Ok(Job {
+            output,
+            preview: match &self.preview {
+                None => Preview::None,
+                Some(None) => Preview::Beside,
+                Some(Some(path)) => Preview::At(path.clone()),
+            },
+            overwrite: overwrite(self.overwrite),
+            positions,
+            check,
+            ..tiled(self.cloud.job(self.resources.resources())?, self.tile)
+        })
+    }
+}
+
+impl PlanArguments {
+    /// The job they describe.
+    ///
+    /// # Errors
+    /// The same as [`ReconstructArguments::job`].
+    pub fn job(&self) -> Result<Job> {
+        Ok(tiled(self.cloud.job(self.resources.resources())?, self.tile))
+    }
+}
+
+/// The job with its mesh in tiles of a side, if there is one.
+fn tiled(job: Job, tile: Option<InUnit<f64>>) -> Job {
+    let units = Units { tile: tile.and_then(|side| side.unit), ..job.units };
+    Job { tile: tile.map(|side| side.value), units, ..job }
+}
+
+impl InfoArguments {
+    /// The job they describe.
+    ///
+    /// # Errors
+    /// The same as [`ReconstructArguments::job`].
+    pub fn job(&self) -> Result<Job> {
+        let (threads, temp_dir) = (self.threads.map(usize::from), self.temp_dir.clone());
+        self.cloud.job(Resources { threads, temp_dir, ..Resources::default() })
+    }
+}

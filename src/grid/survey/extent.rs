@@ -1,0 +1,167 @@
+//! How many points there are and where: their box, which is pass 1; their box in turned coordinates; and the planes of a grid that they lie on.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::error::{Error, Result};
+use crate::grid::coarse::{CoarseGrid, Sketching};
+use crate::grid::{Cell, Grid, Rotation};
+use crate::input::{Carried, Cloud};
+use crate::points::bounds::Bounds;
+use crate::points::{Batch, Coordinate, Points};
+use crate::resources::workers::Workers;
+
+/// What the first pass over the points finds.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Survey {
+    /// Finite points.
+    pub points: u64,
+    /// Records left out because a coordinate was NaN or infinite.
+    pub dropped: u64,
+    /// Points left out because they were not asked for.
+    pub filtered: u64,
+    /// The box of the points.
+    pub bounds: Bounds,
+}
+
+impl Survey {
+    /// All records that were read.
+    pub fn records(&self) -> u64 {
+        self.points + self.dropped + self.filtered
+    }
+}
+
+/// Counts the points, finds their box and sketches their cells. `progress` is told the records of each block.
+///
+/// # Errors
+/// Errors of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
+pub fn survey(
+    cloud: &Cloud,
+    workers: &Workers,
+    in_flight: usize,
+    mut progress: impl FnMut(u64),
+) -> Result<(Survey, CoarseGrid)> {
+    let mut total = Survey { points: 0, dropped: 0, filtered: 0, bounds: Bounds::EMPTY };
+    let sketching = Sketching::default();
+    cloud.for_each_batch(
+        workers,
+        in_flight,
+        Carried::Coordinates,
+        |batch| {
+            let bounds = match &batch.points {
+                Points::Single(points) => look(points, &sketching),
+                Points::Double(points) => look(points, &sketching),
+            };
+            let Batch { dropped, filtered, .. } = *batch;
+            Ok(Survey { points: batch.points.len() as u64, dropped, filtered, bounds })
+        },
+        |part| {
+            total.points += part.points;
+            total.dropped += part.dropped;
+            total.filtered += part.filtered;
+            total.bounds = total.bounds.union(part.bounds);
+            progress(part.records());
+            Ok(())
+        },
+    )?;
+    if total.points == 0 {
+        return Err(Error::NoPoints { dropped: total.dropped, filtered: total.filtered });
+    }
+    Ok((total, sketching.finish()))
+}
+
+/// The box of points, which are sketched.
+fn look<T: Coordinate>(points: &[[T; 3]], sketching: &Sketching) -> Bounds {
+    let bounds = bounds_of(points);
+    sketching.add(points, bounds);
+    bounds
+}
+
+fn bounds_of<T: Coordinate>(points: &[[T; 3]]) -> Bounds {
+    // Compared in the file's precision: widening keeps the order, and four lanes are faster than two.
+    let Some(&first) = points.first() else { return Bounds::EMPTY };
+    let (mut min, mut max) = (first, first);
+    for point in points {
+        for a in 0..3 {
+            min[a] = if point[a] < min[a] { point[a] } else { min[a] };
+            max[a] = if point[a] > max[a] { point[a] } else { max[a] };
+        }
+    }
+    Bounds { min: min.map(Into::into), max: max.map(Into::into) }
+}
+
+/// The box of the points in turned coordinates. `progress` is told the records of each block.
+///
+/// # Errors
+/// Errors of reading the input; [`Error::Interrupted`].
+pub fn turned_bounds(
+    cloud: &Cloud,
+    turn: Rotation,
+    workers: &Workers,
+    in_flight: usize,
+    mut progress: impl FnMut(u64),
+) -> Result<Bounds> {
+    fn turned<T: Coordinate>(points: &[[T; 3]], turn: Rotation) -> Bounds {
+        let places = points.iter().map(|p| turn.of(p.map(Into::into)));
+        places.map(|p| Bounds { min: p, max: p }).fold(Bounds::EMPTY, Bounds::union)
+    }
+    let mut total = Bounds::EMPTY;
+    cloud.for_each_batch(
+        workers,
+        in_flight,
+        Carried::Coordinates,
+        |batch| {
+            let bounds = match &batch.points {
+                Points::Single(points) => turned(points, turn),
+                Points::Double(points) => turned(points, turn),
+            };
+            Ok((bounds, batch.records()))
+        },
+        |(part, records)| {
+            total = total.union(part);
+            progress(records);
+            Ok(())
+        },
+    )?;
+    Ok(total)
+}
+
+/// Which planes of a grid have points, along its own axes; no planes for axes that are not `asked` for. `progress` is told the records of each block.
+///
+/// # Errors
+/// Errors of reading the input; [`Error::Interrupted`].
+pub fn planes_with_points(
+    cloud: &Cloud,
+    grid: &Grid,
+    asked: [bool; 3],
+    workers: &Workers,
+    in_flight: usize,
+    mut progress: impl FnMut(u64),
+) -> Result<[Vec<bool>; 3]> {
+    let cells = [0, 1, 2].map(|g| if asked[g] { grid.cells()[g] } else { 0 });
+    let found = cells.map(|cells| (0..cells).map(|_| AtomicBool::new(false)).collect::<Vec<_>>());
+    cloud.for_each_batch(
+        workers,
+        in_flight,
+        Carried::Coordinates,
+        |batch| {
+            let mark = |cell: Cell| {
+                for (planes, plane) in found.iter().zip(cell) {
+                    // Nearly all points find their plane marked.
+                    if let Some(mark) = planes.get(plane as usize).filter(|mark| !mark.load(Ordering::Relaxed)) {
+                        mark.store(true, Ordering::Relaxed);
+                    }
+                }
+            };
+            match &batch.points {
+                Points::Single(points) => grid.cells_of(points, mark),
+                Points::Double(points) => grid.cells_of(points, mark),
+            }
+            Ok(batch.records())
+        },
+        |records| {
+            progress(records);
+            Ok(())
+        },
+    )?;
+    Ok(found.map(|planes| planes.into_iter().map(AtomicBool::into_inner).collect()))
+}

@@ -1,0 +1,195 @@
+//! The whole run: files in, mesh file out. What the command does, as a call.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+use std::time::Instant;
+
+use crate::error::words::thousands;
+use crate::error::{Error, Result, defect};
+use crate::format::write::tiles::Tiles;
+use crate::format::write::{Filled, Positions, Target};
+use crate::mesh::check::check_near;
+use crate::mesh::spool::MeshSpool;
+use crate::mesh::{MeshHeader, MeshSource};
+#[cfg(feature = "render")]
+use crate::render;
+use crate::resources::workers::Workers;
+use crate::run::finished::{Finished, refuse_unsound, report};
+use crate::run::job::{Check, Job, default_output_of};
+use crate::run::mesh_header::header_of;
+use crate::run::phase::Phase;
+use crate::run::pipeline::reconstruct;
+use crate::run::prepare::{Passes, expected_tiles, files, known, open, planned, surveyed};
+#[cfg(feature = "render")]
+use crate::run::preview::{DrawnPreview, PlannedPreview};
+use crate::run::progress::Progress;
+use crate::run::report::{OutputReport, Report};
+
+/// No mesh takes the place of the points it is made from.
+fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
+    let same = |path: &Path| matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    match files.iter().find(|file| same(file)) {
+        Some(file) => Err(Error::Usage(format!(
+            "{}: is an input, which the mesh would replace; choose another `output`",
+            file.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Reconstructs: reads the input, makes the mesh, checks it, writes it.
+///
+/// # Errors
+/// All of [`Error`]. Whatever happens, no temporary file stays, and the output exists only if it is whole.
+pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Report> {
+    let start = Instant::now();
+    let files = files(job, progress)?;
+    let output = match &job.output {
+        Some(output) => output.clone(),
+        None => default_output_of(&job.inputs, &files)?,
+    };
+    refuse_input_as_output(&files, &output)?;
+    let positions = Positions::of(&output, job.positions)?;
+    // What can fail for want of room or rights fails now, not after the work.
+    let mut target = match job.tile {
+        None => Place::File(Target::prepare(&output, job.overwrite, positions)?),
+        Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, positions)?),
+    };
+    #[cfg(feature = "render")]
+    let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
+    let workspace = job.resources.workspace(&output)?.stopped_with(workers);
+    progress.expect_run(known(job, &files, Passes::All));
+    let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
+    let job = &job.measured_as(&cloud)?;
+    if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
+        tiles.set_side(side);
+    }
+
+    let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, progress)?;
+    if let Some(tiles) = expected_tiles(job, &surveyed)? {
+        progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
+    }
+    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, job.resources.budget(), progress)?;
+    #[cfg(feature = "render")]
+    let picture = picture
+        .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));
+    #[cfg(feature = "render")]
+    if let Some(picture) = &picture {
+        picture.check_memory(&context.memory)?;
+    }
+    let made = reconstruct(&cloud, &surveyed, &settings, &context, progress)?;
+
+    if job.settings.open.is_some() && made.mesh.face_count() == 0 {
+        return Err(Error::NoSurface);
+    }
+    let header = header_of(&cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
+    let origin = if positions == Positions::Absolute { [0.0; 3] } else { made.origin };
+    let mut checked = None;
+    if job.check == Check::Always {
+        progress.begin(Phase::Check, Some(made.mesh.face_count()));
+        let budget = made.memory.working;
+        let mut work = || check_near(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
+        // Neither needs the other, and only what is sound gets its name. Where the mesh lies in memory, there is room for both.
+        let (report, filled) = match made.memory.mesh_quota {
+            0 => (work(), Ok(target)),
+            _ => target.filled_meanwhile(&made.mesh, &header, workers, work),
+        };
+        let mut report = report?;
+        target = filled?;
+        if let (Some(bounds), Positions::Absolute) = (&mut report.bounds, positions) {
+            bounds.iter_mut().for_each(|corner| (0..3).for_each(|a| corner[a] += made.origin[a]));
+        }
+        refuse_unsound(&report, &settings)?;
+        checked = Some(report);
+    }
+    #[cfg(feature = "render")]
+    let drawn = match picture {
+        None => None,
+        Some(picture) => {
+            progress.begin(Phase::Render, Some(made.mesh.face_count()));
+            let memory = made.memory.working;
+            Some(picture.draw(&made.mesh, memory, workers, &workspace, &mut |done| progress.set(done))?)
+        }
+    };
+    let elements = match &target {
+        Place::Tiles(_) => 2 * made.mesh.face_count(),
+        Place::File(_) => made.mesh.vertex_count() + made.mesh.face_count(),
+        // Written already, but for the name.
+        Place::Filled(_) => 0,
+    };
+    progress.begin(Phase::Write, Some(elements));
+    let mut told = |done| progress.set(done);
+    let mut files = None;
+    let (path, written) = match target {
+        Place::File(target) => (output, target.fill(&made.mesh, &header, workers, &mut told)?.finish()?),
+        Place::Filled(filled) => (output, filled.finish()?),
+        Place::Tiles(tiles) => {
+            let memory = made.memory.working;
+            let (written, count) = tiles.write(&made.mesh, &header, memory, workers, &workspace, &mut told)?;
+            files = Some(count);
+            (Tiles::path(&output), written)
+        }
+    };
+    #[cfg(feature = "render")]
+    let preview = drawn.map(DrawnPreview::write).transpose()?;
+    #[cfg(not(feature = "render"))]
+    let preview = None;
+    progress.end();
+
+    let output = OutputReport {
+        path: Some(path),
+        preview,
+        bytes: written.bytes,
+        tiles: files,
+        vertices: made.mesh.vertex_count(),
+        triangles: made.mesh.face_count(),
+        origin,
+        coordinates: positions,
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    Ok(report(Finished {
+        cloud: &cloud,
+        surveyed: &surveyed,
+        settings: &settings,
+        made: &made,
+        check: checked,
+        output,
+        progress,
+        seconds,
+        workspace: &workspace,
+    }))
+}
+
+/// Where the mesh goes.
+enum Place {
+    File(Target),
+    Filled(Filled),
+    Tiles(Tiles),
+}
+
+impl Place {
+    /// Does some work; a file is filled meanwhile.
+    fn filled_meanwhile<R>(
+        self,
+        mesh: &MeshSpool,
+        header: &MeshHeader,
+        workers: &Workers,
+        work: impl FnOnce() -> R,
+    ) -> (R, Result<Place>) {
+        let Place::File(target) = self else { return (work(), Ok(self)) };
+        let waiting = Mutex::new(Some(target));
+        let fill = || {
+            let target = waiting.lock().unwrap_or_else(PoisonError::into_inner).take();
+            target.map(|target| defect::caught(|| target.fill(mesh, header, workers, &mut |_| ())))
+        };
+        thread::scope(|scope| {
+            let filling = thread::Builder::new().name("asra-writer".into()).spawn_scoped(scope, fill);
+            let done = work();
+            // A thread that the system refuses costs time only: then nobody has taken the target yet.
+            let filled = filling.ok().and_then(|filling| filling.join().ok().flatten()).or_else(fill);
+            let lost = || Err(Error::Internal("the writer is gone, and the mesh's file with it".into()));
+            (done, filled.unwrap_or_else(lost).map(Place::Filled))
+        })
+    }
+}

@@ -1,0 +1,83 @@
+//! From a finished run to its report: what the check found decides whether there is one.
+
+use crate::error::{Error, Result};
+use crate::input::{Cloud, Source};
+use crate::mesh::check::CheckReport;
+use crate::resources::machine;
+use crate::run::pipeline::{Reconstructed, Surveyed};
+use crate::run::progress::Progress;
+use crate::run::report::{
+    Closing, FitReport, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report,
+};
+use crate::settings::Settings;
+use crate::storage::spool::Workspace;
+
+/// A mesh that is not what was promised is nobody's.
+///
+/// # Errors
+/// [`Error::CheckFailed`].
+pub(crate) fn refuse_unsound(report: &CheckReport, settings: &Settings) -> Result<()> {
+    let open = settings.open.is_some_and(|open| open.base.is_none());
+    if report.is_sound(open) { Ok(()) } else { Err(Error::CheckFailed(report.to_string())) }
+}
+
+/// A finished run, to be reported on.
+pub(crate) struct Finished<'a> {
+    /// The input.
+    pub cloud: &'a Cloud<'a>,
+    /// What the survey found.
+    pub surveyed: &'a Surveyed,
+    /// What was asked for.
+    pub settings: &'a Settings,
+    /// The mesh, and how it came to be.
+    pub made: &'a Reconstructed,
+    /// What the check found, if there was one.
+    pub check: Option<CheckReport>,
+    /// Where the mesh went.
+    pub output: OutputReport,
+    /// The stages and their times.
+    pub progress: &'a Progress<'a>,
+    /// Seconds in all.
+    pub seconds: f64,
+    /// The temporary storage that was used.
+    pub workspace: &'a Workspace,
+}
+
+/// What is told of a run, with how long it took and what may be wrong.
+pub(crate) fn report(run: Finished<'_>) -> Report {
+    let Finished { cloud, surveyed, settings, made, check, output, progress, seconds, workspace } = run;
+    let mut report = Report {
+        version: env!("CARGO_PKG_VERSION"),
+        inputs: input_reports(cloud),
+        parameters: Parameters::of(settings),
+        points: PointsReport::of(cloud, surveyed),
+        grid: GridReport::of(&surveyed.grid),
+        points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
+        closing: Closing::of(made, &surveyed.grid),
+        fit: FitReport { onto: made.fit, shell: made.shell },
+        vertices: made.counts,
+        check,
+        output,
+        seconds: progress.times().iter().map(|(phase, time)| (*phase, time.as_secs_f64())).collect(),
+        seconds_total: seconds,
+        memory: MemoryReport {
+            plan: made.memory.clone(),
+            peak_resident: machine::peak_resident(),
+            peak_disk: workspace.peak_on_disk(),
+        },
+        warnings: Vec::new(),
+    };
+    report.judge();
+    report
+}
+
+/// The files of a cloud, for the report.
+pub fn input_reports(cloud: &Cloud) -> Vec<InputReport> {
+    let report = |source: &Source| InputReport {
+        path: source.path.clone(),
+        format: source.format,
+        layout: source.description.clone(),
+        bytes: source.bytes,
+    };
+    cloud.sources().iter().map(report).collect()
+}

@@ -1,0 +1,273 @@
+//! From files to a plan: the input is found, opened, surveyed and rehearsed, and memory is shared out.
+
+use std::path::PathBuf;
+
+use crate::error::{Error, Result};
+use crate::format::write::tiles;
+use crate::grid::context::Context;
+use crate::input::tally::Tally;
+use crate::input::{Cloud, Opening, Unpacked, find};
+use crate::resources::memory::MemoryPlan;
+use crate::resources::workers::Workers;
+use crate::run::estimate::WORTH_IT;
+use crate::run::forecast::{self, Known};
+use crate::run::job::{Check, Job, default_output};
+use crate::run::phase::Phase;
+use crate::run::pipeline::{self, Sampling, Surveyed, context, rehearsed, survey_cloud, survey_with};
+use crate::run::progress::Progress;
+use crate::settings::open::Kind;
+use crate::settings::{Fineness, Settings};
+use crate::storage::spool::Workspace;
+
+/// What is known of a job before its first point is sorted.
+#[derive(Debug)]
+pub struct Planned {
+    /// The files.
+    pub cloud: Cloud<'static>,
+    /// The survey, the grid and the faces to expect.
+    pub surveyed: Surveyed,
+    /// Where temporary files would go.
+    pub workspace: Workspace,
+    /// The folder where they would go by default, if it cannot be written to: the workspace is another one then.
+    pub unwritable: Option<PathBuf>,
+    /// About how many tiles the mesh would be, if it is to be tiles.
+    pub tiles: Option<u64>,
+    /// The plan.
+    pub memory: MemoryPlan,
+}
+
+/// Surveys the input, rehearses and makes the plan; writes nothing that stays.
+///
+/// # Errors
+/// Those of opening and reading the input, of laying the grid and of the plan.
+pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
+    let files = files(job, progress)?;
+    let (workspace, unwritable) = job.resources.looking(&default_output(&job.inputs, &files))?;
+    progress.expect_run(known(job, &files, Passes::Few));
+    let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+    let job = &job.measured_as(&cloud)?;
+    describe(&cloud, &job.settings, progress);
+    let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    refuse_contradiction(&cloud, &surveyed)?;
+    let tiles = expected_tiles(job, &surveyed)?;
+    let budget = job.resources.budget();
+    let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget, progress)?;
+    let memory = pipeline::plan(&surveyed, workers, budget)?;
+    Ok(Planned { cloud, surveyed, workspace, unwritable, tiles, memory })
+}
+
+/// What is found by looking at points.
+#[derive(Debug)]
+pub struct Looked {
+    /// The files.
+    pub cloud: Cloud<'static>,
+    /// The survey and the grid.
+    pub surveyed: Surveyed,
+    /// Points by class and return.
+    pub tally: Tally,
+}
+
+/// About how many tiles a job makes, if any; too many are refused.
+pub(super) fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u64>> {
+    let Some(side) = job.tile else { return Ok(None) };
+    // Each has a triangle at least.
+    let tiles = surveyed.coarse_grid.squares(&surveyed.survey.bounds, side).min(surveyed.workload.triangles().max(1));
+    tiles::check_number(side, tiles).map(|()| Some(tiles))
+}
+
+/// Looks at the input and surveys it; asks for no memory beyond that, and for no temporary disk unless something must be unpacked.
+///
+/// # Errors
+/// Those of opening and reading the input and of laying the grid.
+pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Looked> {
+    let files = files(job, progress)?;
+    let (workspace, _) = job.resources.looking(&default_output(&job.inputs, &files))?;
+    progress.expect_run(Known { rehearsed: false, ..known(job, &files, Passes::Few) });
+    let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+    let job = &job.measured_as(&cloud)?;
+    let counted = Tally::is_of_use(&cloud);
+    progress.learn(|known| known.counted = counted);
+    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, progress)?;
+    let tally = if counted {
+        progress.begin(Phase::Count, Some(surveyed.survey.records()));
+        let tally = Tally::of(&cloud, workers, |records| progress.add(records))?;
+        progress.end();
+        tally
+    } else {
+        Tally::default()
+    };
+    Ok(Looked { cloud, surveyed, tally })
+}
+
+/// The input's files, once the settings are found to be in order; what was left out is told.
+pub(super) fn files(job: &Job, progress: &Progress) -> Result<Vec<PathBuf>> {
+    job.settings.validate()?;
+    let found = find(&job.inputs, job.input.depth)?;
+    found.left_out.iter().for_each(|line| progress.note(line));
+    Ok(found.files)
+}
+
+/// What of a run is to come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Passes {
+    /// A look at the points.
+    Few,
+    /// The whole.
+    All,
+}
+
+pub(super) fn open(
+    job: &Job,
+    files: &[PathBuf],
+    workspace: &Workspace,
+    workers: &Workers,
+    passes: Passes,
+    progress: &mut Progress,
+) -> Result<Cloud<'static>> {
+    let mut begun = false;
+    let watch = &mut |unpacked: Unpacked| {
+        workers.check_cancelled()?;
+        begun = true;
+        progress.unpacked(unpacked);
+        Ok(())
+    };
+    let decompress = (passes == Passes::All).then_some(workers);
+    let opening = Opening { workspace, memory: job.resources.budget(), decompress, watch };
+    let cloud = Cloud::open_in(files, &job.input, opening);
+    if begun {
+        progress.end();
+    } else {
+        progress.learn(|known| known.packed = 0);
+    }
+    let cloud = cloud?;
+    let points = forecast::records(&cloud);
+    progress.learn(|known| {
+        (known.points, known.triangles) = (points, forecast::triangles(points));
+        known.rehearsed &= passes == Passes::Few || points >= WORTH_IT;
+    });
+    Ok(cloud)
+}
+
+/// Opens the inputs of a job whose mesh stays in memory.
+///
+/// # Errors
+/// Those of finding and opening files.
+pub(crate) fn open_all(
+    job: &Job,
+    workspace: &Workspace,
+    workers: &Workers,
+    progress: &mut Progress,
+) -> Result<Cloud<'static>> {
+    let files = files(job, progress)?;
+    progress.expect_run(Known { write: forecast::Write::Not, ..known(job, &files, Passes::All) });
+    open(job, &files, workspace, workers, Passes::All, progress)
+}
+
+/// What is known of the work that a job is, before its files are opened.
+pub(super) fn known(job: &Job, files: &[PathBuf], passes: Passes) -> Known {
+    let bytes = files.iter().filter_map(|file| std::fs::metadata(file).ok()).map(|there| there.len()).sum();
+    // Half of the bytes may be packed; it is known as soon as the first file is opened.
+    let points = forecast::points(bytes, bytes / 2);
+    let survey = 1 + u64::from(matches!(job.settings.fineness, Fineness::Sampling | Fineness::Default));
+    let rehearsed = job.settings.open.is_none() && (passes == Passes::Few || points >= WORTH_IT);
+    let known = Known { packed: bytes / 2, passes: survey, points, rehearsed, ..Known::default() };
+    match passes {
+        Passes::Few => known,
+        Passes::All => Known {
+            triangles: forecast::triangles(points),
+            open: job.settings.open.is_some(),
+            checked: job.check == Check::Always,
+            drawn: job.is_drawn(),
+            write: match (job.tile, job.check) {
+                (Some(_), _) => forecast::Write::Tiles,
+                (None, Check::Always) => forecast::Write::Meanwhile,
+                (None, Check::Never) => forecast::Write::After,
+            },
+            whole: true,
+            ..known
+        },
+    }
+}
+
+/// Says how every file was understood, and what its scans' places are good for.
+fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) {
+    for source in cloud.sources() {
+        progress.note(&format!("{}: {}", source.path.display(), source.description));
+    }
+    if let Some(line) = cloud.crs_line() {
+        progress.note(&format!("coordinate reference system: {line}"));
+    }
+    let scans: usize = cloud.stations().map(|stations| stations.len()).sum();
+    if scans > 0 && settings.open.is_some_and(|open| open.kind == Kind::Terrain) {
+        progress.note("the file tells where its scans were taken from: `surface` sheet `facing` @poses makes a sheet seen from there");
+    }
+}
+
+/// No mesh is put where its points cannot be.
+fn refuse_contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Result<()> {
+    match contradiction(cloud, surveyed) {
+        Some(words) => Err(Error::setting(
+            "crs",
+            format!("{words}; name the right one with `crs`, as in `crs` EPSG:25832, or `crs` none"),
+        )),
+        None => Ok(()),
+    }
+}
+
+/// What a cloud's reference system says, if its coordinates say something else.
+pub fn contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Option<String> {
+    let bounds = &surveyed.survey.bounds;
+    let crs = cloud.crs()?;
+    let expected = crs.contradicted_by(bounds.min, bounds.max)?;
+    let [[a, b, c], [x, y, z]] = [bounds.min, bounds.max];
+    let path = cloud.sources().iter().find(|source| source.crs.is_some()).or(cloud.sources().first())?.path.display();
+    let head: String = crs.wkt.as_deref().unwrap_or_default().chars().take(60).collect();
+    let head = if head.is_empty() { head } else { format!(", {head}...") };
+    Some(format!(
+        "{path}: the reference system ({crs}{head}) expects {expected}, but coordinates go from {a} {b} {c} to {x} {y} {z}"
+    ))
+}
+
+/// Surveys a cloud, once it is told how its files were understood; with the settings as its points settle them.
+///
+/// # Errors
+/// Errors of reading the input and of laying the grid; [`Error::InvalidSetting`] if its reference system contradicts its coordinates.
+pub(crate) fn surveyed(
+    cloud: &Cloud,
+    settings: &Settings,
+    workers: &Workers,
+    progress: &mut Progress,
+) -> Result<(Surveyed, Settings)> {
+    describe(cloud, settings, progress);
+    let surveyed = survey_cloud(cloud, settings, workers, progress)?;
+    refuse_contradiction(cloud, &surveyed)?;
+    let settings = Settings { open: surveyed.open, ..*settings };
+    Ok((surveyed, settings))
+}
+
+/// The plan of a surveyed cloud, and all that the passes over it are given.
+///
+/// # Errors
+/// [`Error::Budget`], [`Error::Disk`], [`Error::TooManyElements`]; those of a rehearsal.
+pub(crate) fn planned(
+    mut surveyed: Surveyed,
+    settings: &Settings,
+    workers: &Workers,
+    workspace: &Workspace,
+    budget: u64,
+    progress: &mut Progress,
+) -> Result<(Surveyed, Context)> {
+    progress.learn(|known| known.points = surveyed.survey.points);
+    // What the box alone lets expect may be too much.
+    if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, budget).is_err() {
+        surveyed = rehearsed(surveyed, settings, workers, workspace, budget, progress)?;
+    }
+    let context = context(&surveyed, workers, workspace, budget)?;
+    progress.learn(|known| {
+        known.triangles = surveyed.workload.triangles();
+        if context.memory.mesh_quota == 0 && known.write == forecast::Write::Meanwhile {
+            known.write = forecast::Write::After;
+        }
+    });
+    Ok((surveyed, context))
+}
