@@ -235,7 +235,7 @@ impl Parts {
         self.cuts.len()
     }
 
-    /// Where a target goes: to its part, or to the partition behind those of all parts if it is larger. Of one part nothing is.
+    /// Where a target goes: to its part, or, if it is larger than that, to the partition behind those of all parts. If there is one part only, none is larger.
     fn partition(&self, target: &impl Target) -> usize {
         let part = self.of(target.middle());
         if self.count() > 1 && target.cuboid().side() > self.sides[part] { self.count() } else { part }

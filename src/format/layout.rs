@@ -62,7 +62,9 @@ impl Layout {
         for axis in ["x", "y", "z"] {
             let count = fields.iter().filter(|f| matches!(f, Field::Number { name, .. } if name == axis)).count();
             if count != 1 {
-                return Err(Error::Usage(format!("layout: expected one field {axis}, found {count}")));
+                return Err(Error::Usage(format!(
+                    "layout: expected one field {axis}, found {count}; for example xyz, xyzi, xyz:f64"
+                )));
             }
         }
         let stride = fields.iter().fold(0usize, |sum, field| sum.saturating_add(field.bytes()));

@@ -3,7 +3,7 @@
 //! ```text
 //!   blocks --decode, sort by bucket--> pieces --+--> the bucket's open chunk, until that is full --+--> kept
 //!                                               +--> of a long piece, whole chunks at once --------+
-//!   bucket 0: [chunk 0] [chunk 5] ... [open]     a chunk is one allocation, or one write to a slot on disk
+//!   bucket 0: [chunk 0] [chunk 5] ... [open]     a chunk is one allocation, or one write to a page on disk
 //!   bucket 1: [chunk 1] [chunk 2] ... [open]     points: x y z in the cloud's precision, file axes, 12 or 24 bytes,
 //!                                                then, for the same points in the same order, their attributes' records
 //! ```
@@ -169,23 +169,23 @@ impl<T: Coordinate> Buckets<T> {
         };
         let mut points = Vec::new();
         let mut left = bucket.points;
-        let parts = bucket.stored.iter().map(|slot| {
+        let parts = bucket.stored.iter().map(|page| {
             let count = left.min(self.chunk as u64);
             left -= count;
-            (*slot, shared(count as usize))
+            (*page, shared(count as usize))
         });
         let mut parts = parts.filter(|(_, part)| !part.is_empty());
         let mut announced = VecDeque::new();
         loop {
             while announced.len() < AHEAD
-                && let Some((slot, part)) = parts.next()
+                && let Some((page, part)) = parts.next()
             {
-                page_file.announce(slot);
-                announced.push_back((slot, part));
+                page_file.announce(page);
+                announced.push_back((page, part));
             }
-            let Some((slot, part)) = announced.pop_front() else { return Ok(()) };
+            let Some((page, part)) = announced.pop_front() else { return Ok(()) };
             points.resize(part.len(), [T::zeroed(); 3]);
-            page_file.read(slot, part.start * size_of::<[T; 3]>(), bytemuck::cast_slice_mut(&mut points))?;
+            page_file.read(page, part.start * size_of::<[T; 3]>(), bytemuck::cast_slice_mut(&mut points))?;
             visit(&points)?;
         }
     }
@@ -201,11 +201,11 @@ impl<T: Coordinate> Buckets<T> {
         };
         let (mut points, mut attributes) = (Vec::new(), Vec::new());
         let mut left = bucket.points;
-        for slot in &bucket.stored {
+        for page in &bucket.stored {
             points.resize(left.min(self.chunk as u64) as usize, [T::zeroed(); 3]);
             attributes.resize(points.len() * self.stride, 0);
-            page_file.read(*slot, 0, bytemuck::cast_slice_mut(&mut points))?;
-            page_file.read(*slot, size_of_val(points.as_slice()), &mut attributes)?;
+            page_file.read(*page, 0, bytemuck::cast_slice_mut(&mut points))?;
+            page_file.read(*page, size_of_val(points.as_slice()), &mut attributes)?;
             visit(&points, &attributes)?;
             left -= points.len() as u64;
         }
@@ -318,7 +318,7 @@ impl<T> Bucket<T> {
     fn keep(&mut self, chunk: Kept<T>) {
         match chunk {
             Kept::Held(points) => self.held.push(points),
-            Kept::Stored(slot) => self.stored.push(slot),
+            Kept::Stored(page) => self.stored.push(page),
         }
     }
 }

@@ -167,10 +167,14 @@ pub(crate) fn open_all(
 pub(super) fn known(job: &Job, files: &[PathBuf], passes: Passes) -> Known {
     let bytes = files.iter().filter_map(|file| std::fs::metadata(file).ok()).map(|there| there.len()).sum();
     // Half of the bytes may be packed; it is known as soon as the first file is opened.
-    let points = forecast::points(bytes, bytes / 2);
+    Known { packed: bytes / 2, ..known_of_points(job, forecast::points(bytes, bytes / 2), passes) }
+}
+
+/// What is known of the work that a job is, of so many points.
+pub(super) fn known_of_points(job: &Job, points: u64, passes: Passes) -> Known {
     let survey = 1 + u64::from(matches!(job.settings.fineness, Fineness::Sampling | Fineness::Default));
     let rehearsed = job.settings.open.is_none() && (passes == Passes::Few || points >= WORTH_IT);
-    let known = Known { packed: bytes / 2, passes: survey, points, rehearsed, ..Known::default() };
+    let known = Known { passes: survey, points, rehearsed, ..Known::default() };
     match passes {
         Passes::Few => known,
         Passes::All => Known {

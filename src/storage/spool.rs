@@ -92,15 +92,15 @@ impl Workspace {
         Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0 }
     }
 
-    /// New slots of `slot` bytes each, on disk.
+    /// A new file on disk of pages of `page` bytes each.
     ///
     /// # Errors
     /// [`Error::Io`] if no file can be created.
-    pub fn page_file(&self, slot: usize) -> Result<PageFile> {
+    pub fn page_file(&self, page: usize) -> Result<PageFile> {
         Ok(PageFile {
             file: self.file()?,
             workspace: self.clone(),
-            slot,
+            page,
             taken: AtomicU32::new(0),
             on_disk: AtomicU64::new(0),
         })
@@ -236,24 +236,24 @@ fn hold(held: &mut Vec<Vec<u8>>, mut bytes: &[u8]) {
 pub struct PageFile {
     workspace: Workspace,
     file: File,
-    slot: usize,
+    page: usize,
     taken: AtomicU32,
     on_disk: AtomicU64,
 }
 
 impl PageFile {
-    /// Puts `parts`, one behind the other, into a slot of their own and returns its number.
+    /// Puts `parts`, one behind the other, into a page of their own and returns its number.
     ///
     /// # Panics
-    /// If they are more than a slot holds: a bug of the caller.
+    /// If they are more than a page holds: a bug of the caller.
     ///
     /// # Errors
     /// [`Error::Io`] if the work directory is full or fails.
     pub fn put(&self, parts: &[&[u8]]) -> Result<u32> {
         let bytes: usize = parts.iter().map(|part| part.len()).sum();
-        assert!(bytes <= self.slot, "more bytes than a slot holds");
+        assert!(bytes <= self.page, "more bytes than a page holds");
         let number = self.taken.fetch_add(1, Ordering::Relaxed);
-        let mut at = u64::from(number) * self.slot as u64;
+        let mut at = u64::from(number) * self.page as u64;
         for part in parts {
             self.file.write_all_at(part, at).map_err(self.workspace.failed("write temporary data"))?;
             at += part.len() as u64;
@@ -263,17 +263,17 @@ impl PageFile {
         Ok(number)
     }
 
-    /// Says that slot `number` is going to be read: the system begins to fetch it.
+    /// Says that page `number` is going to be read: the system begins to fetch it.
     pub fn announce(&self, number: u32) {
-        system::will_need(&self.file, u64::from(number) * self.slot as u64, self.slot as u64);
+        system::will_need(&self.file, u64::from(number) * self.page as u64, self.page as u64);
     }
 
-    /// Fills `out` from byte `from` of slot `number` on.
+    /// Fills `out` from byte `from` of page `number` on.
     ///
     /// # Errors
     /// [`Error::Io`] if the work directory fails.
     pub fn read(&self, number: u32, from: usize, out: &mut [u8]) -> Result<()> {
-        let at = u64::from(number) * self.slot as u64 + from as u64;
+        let at = u64::from(number) * self.page as u64 + from as u64;
         self.file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data"))
     }
 }
@@ -391,15 +391,15 @@ mod tests {
     }
 
     #[test]
-    fn slots_filled_by_several_threads_are_read_back() {
+    fn pages_filled_by_several_threads_are_read_back() {
         let dir = tempfile::tempdir().unwrap();
         let workspace = Workspace::new(dir.path()).unwrap();
-        let slots = workspace.page_file(100).unwrap();
+        let pages = workspace.page_file(100).unwrap();
         let fill = |thread: u8| {
             (0..50u8)
                 .map(|i| {
                     (
-                        slots
+                        pages
                             .put(&[
                                 &[thread ^ i][..usize::from(i.min(1))],
                                 &vec![thread ^ i; usize::from(i.max(1) - 1)],
@@ -417,11 +417,11 @@ mod tests {
         });
         for (number, thread, i) in filled {
             let mut back = vec![0; usize::from(i)];
-            slots.read(number, 0, &mut back).unwrap();
+            pages.read(number, 0, &mut back).unwrap();
             assert_eq!(back, vec![thread ^ i; usize::from(i)]);
         }
         assert_eq!(workspace.peak_on_disk(), 3 * (0..50).sum::<u64>());
-        drop(slots);
+        drop(pages);
         assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
     }
 

@@ -15,7 +15,6 @@ use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::resources::workers::Workers;
-use crate::run::estimate::WORTH_IT;
 use crate::run::finished::{Finished, refuse_unsound, report};
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job};
@@ -23,15 +22,14 @@ use crate::run::mesh_header::header_of;
 use crate::run::observer::{Observer, watched};
 use crate::run::phase::Phase;
 use crate::run::pipeline::reconstruct;
-use crate::run::prepare::{open_all, planned, surveyed};
+use crate::run::prepare::{Passes, known_of_points, open_all, planned, surveyed};
 use crate::run::progress::Progress;
 use crate::run::report::{OutputReport, Report};
-use crate::settings::Fineness;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::Open;
 use crate::settings::surface::{Diagonals, Fit};
-use crate::settings::{AxisChoice, Resolution};
+use crate::settings::{AxisChoice, Fineness, Resolution};
 use crate::storage::spool::Workspace;
 
 pub use mesh::{Mesh, MeshSink};
@@ -324,17 +322,7 @@ fn of_source(source: &dyn PointSource, job: &Job, workers: &Workers, progress: &
     job.settings.validate()?;
     let cloud = Cloud::of_source(source, &job.input)?;
     let points = forecast::records(&cloud);
-    progress.expect_run(Known {
-        passes: 1 + u64::from(matches!(job.settings.fineness, Fineness::Sampling | Fineness::Default)),
-        points,
-        triangles: forecast::triangles(points),
-        rehearsed: job.settings.open.is_none() && points >= WORTH_IT,
-        whole: true,
-        open: job.settings.open.is_some(),
-        checked: true,
-        write: forecast::Write::Not,
-        ..Known::default()
-    });
+    progress.expect_run(Known { write: forecast::Write::Not, ..known_of_points(job, points, Passes::All) });
     made(&cloud, job, workers, &workspace(job, workers)?, progress, start)
 }
 
