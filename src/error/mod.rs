@@ -356,6 +356,7 @@ pub struct FailureDetails {
     /// What standard error was told.
     pub message: String,
     /// The file or folder concerned.
+    #[serde(serialize_with = "words::told_if_any")]
     pub path: Option<PathBuf>,
     /// Where in the file: a line, a vertex, a byte.
     pub place: Option<String>,
