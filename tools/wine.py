@@ -26,7 +26,7 @@ __declspec(dllexport) BOOL WINAPI ProcessPrng(PBYTE out, SIZE_T bytes) { return 
 
 # Lines, and the exit codes that they end with. All write files by relative names.
 LINES = [
-    ("generate knot 100k -o knot.bin", 0),
+    ("generate knot 20k -o knot.bin", 0),
     ("knot.bin -o knot.ply --report knot.json", 0),
     ("knot.bin -o knot.ply", 2),
     ("knot.bin -o knot.ply --overwrite -j 1 --max-memory 64M", 0),
@@ -38,16 +38,16 @@ LINES = [
     ("render knot.ply -o picture.png --size 320x240", 0),
     ("info knot.bin", 0),
     ("plan knot.bin", 0),
-    ("generate sphere 2M -o sphere.ply", 0),
+    ("generate sphere 300k -o sphere.ply", 0),
     # More than the memory: points, slices and the mesh go to temporary files.
-    ("sphere.ply -o sphere.mesh.ply --max-memory 100M --temp-dir .", 0),
+    ("sphere.ply -o sphere.mesh.ply -j 1 --max-memory 64M --temp-dir .", 0),
     ("sphere.ply -o small.ply --max-memory 1M", 71),
     ("densify knot.ply knot.bin -o dense.ply", 0),
     ("stadium --surface terrain --cell-size auto -o stadium.ply", 0),
     ("stadium --surface terrain --cell-size auto -o stadium.glb --tile 500", 0),
     ("stadium --surface terrain --cell-size auto -o stadium.glb --tile 500", 2),
     ("stadium --surface terrain --cell-size auto -o stadium.glb --tile 500 --overwrite", 0),
-    ("generate torus 20k -o höhe☃.ply", 0),
+    ("generate torus 5k -o höhe☃.ply", 0),
     ("höhe☃.ply -o größe.stl", 0),
     ("none.ply", 66),
     ("knot.json", 65),
