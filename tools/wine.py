@@ -40,7 +40,7 @@ LINES = [
     ("plan knot.bin", 0),
     ("generate sphere 300k -o sphere.ply", 0),
     # More than the memory: points, slices and the mesh go to temporary files.
-    ("sphere.ply -o sphere.mesh.ply -j 1 --max-memory 64M --temp-dir .", 0),
+    ("sphere.ply -o sphere.mesh.ply -j 1 --max-memory 81M --temp-dir .", 0),
     ("sphere.ply -o small.ply --max-memory 1M", 71),
     ("densify knot.ply knot.bin -o dense.ply", 0),
     ("stadium --surface terrain --cell-size auto -o stadium.ply", 0),
