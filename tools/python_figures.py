@@ -159,14 +159,24 @@ def pieces(work, points, rounds):
 
 
 RUNS = """
-import gc, json, os, resource, sys, numpy, asra_stream
+import ctypes, gc, json, os, re, resource, sys, tempfile, numpy, asra_stream
+def taken():
+    libc = ctypes.CDLL(None)
+    libc.fopen.restype = ctypes.c_void_p
+    with tempfile.NamedTemporaryFile() as file:
+        stream = ctypes.c_void_p(libc.fopen(file.name.encode(), b"w"))
+        libc.malloc_info(0, stream)
+        libc.fclose(stream)
+        told = file.read().decode().rsplit("</heap>", 1)[1]
+    free = sum(map(int, re.findall('type="(?:fast|rest)" count="[0-9]+" size="([0-9]+)"', told)))
+    return int(re.search('<system type="current" size="([0-9]+)"', told)[1]) - free
 i = numpy.arange(2_000)
 z, angle = (2 * i + 1.0) / 2_000 - 1, 2.399963 * i
 points = numpy.stack([numpy.sqrt(1 - z * z) * numpy.cos(angle), numpy.sqrt(1 - z * z) * numpy.sin(angle), z], axis=1)
 def stop(update):
     raise RuntimeError
 told = []
-for run in range(1, 1_001):
+for run in range(1, 3_001):
     mesh = asra_stream.reconstruct(points, threads=2)
     mesh.vertices, mesh.triangles
     for wrong in ({"cell_size": -1}, {"progress": stop}):
@@ -174,9 +184,9 @@ for run in range(1, 1_001):
             asra_stream.reconstruct(points, **wrong)
         except (ValueError, RuntimeError):
             pass
-    if run in (10, 100, 200, 500, 1_000):
+    if run in (10, 100, 500, 1_000, 1_500, 2_000, 2_500, 3_000):
         gc.collect()
-        told.append([run, int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize(), len(os.listdir("/proc/self/fd")), len(os.listdir("/proc/self/task"))])
+        told.append([run, taken(), int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize(), len(os.listdir("/proc/self/fd")), len(os.listdir("/proc/self/task"))])
 print(json.dumps(told))
 """
 
@@ -184,8 +194,9 @@ print(json.dumps(told))
 def runs(work, points, rounds):
     """Memory, files and threads after many runs, of which a third end with an exception."""
     told = findings(python(RUNS))
-    for run, resident, files, threads in told:
-        yield f"after {run:,} runs, twice as many attempts that end with exceptions among them: resident; files; threads", f"{resident / MIB:.1f} MiB; {files}; {threads}"
+    for run, taken, resident, files, threads in told:
+        what = f"after {run:,} runs, and twice as many attempts that end with exceptions: in use; resident; files; threads"
+        yield what, f"{taken / MIB:.2f}; {resident / MIB:.1f} MiB; {files}; {threads}"
 
 
 THREADS = """

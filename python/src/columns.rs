@@ -206,17 +206,11 @@ impl<'a> Rows<'a> {
 
 impl PointSource for Rows<'_> {
     fn len(&self) -> u64 {
-        match self.points {
-            PointSlice::Single(points) => points.len() as u64,
-            PointSlice::Double(points) => points.len() as u64,
-        }
+        self.points.len()
     }
 
     fn precision(&self) -> Precision {
-        match self.points {
-            PointSlice::Single(_) => Precision::Single,
-            PointSlice::Double(_) => Precision::Double,
-        }
+        self.points.precision()
     }
 
     fn attributes(&self) -> Vec<Attribute> {
@@ -224,12 +218,8 @@ impl PointSource for Rows<'_> {
     }
 
     fn read(&self, range: Range<u64>, out: &mut PointBuffer) -> Result<()> {
-        let range = range.start as usize..range.end as usize;
-        match self.points {
-            PointSlice::Single(points) => out.extend_single(&points[range.clone()]),
-            PointSlice::Double(points) => out.extend_double(&points[range.clone()]),
-        }
-        self.attributes.put(range, out);
+        self.points.read(range.clone(), out)?;
+        self.attributes.put(range.start as usize..range.end as usize, out);
         Ok(())
     }
 }

@@ -21,7 +21,8 @@ const NAMELESS: &str = "-";
 
 /// The job that options ask for, which are as the command has them.
 fn job(options: Vec<String>) -> Result<asra_stream::internals::run::Job> {
-    let arguments = ["asra-stream".to_owned()].into_iter().chain(options).chain([NAMELESS.to_owned()]);
+    let nameless = ["--".to_owned(), NAMELESS.to_owned()];
+    let arguments = ["asra-stream".to_owned()].into_iter().chain(options).chain(nameless);
     let arguments = cli::parsed(arguments.map(OsString::from))?;
     if arguments.command.is_some() {
         return Err(Error::Usage("these are the options of a subcommand".into()));

@@ -50,11 +50,16 @@ def test_the_guide_s_page_runs(tmp_path, monkeypatch, capsys):
 
 
 def test_the_package_s_own_page_runs(tmp_path, monkeypatch, sphere):
-    need("trimesh")
+    need("trimesh", "laspy")
+    import laspy
+
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tiles").mkdir()
     np.save(tmp_path / "points.npy", sphere(20_000))
-    np.save(tmp_path / "tiles" / "one.npy", sphere(20_000))
+    las = laspy.create(point_format=3, file_version="1.2")
+    las.header.scales = [1e-4] * 3
+    las.x, las.y, las.z = sphere(20_000).T
+    las.write(tmp_path / "tiles" / "one.laz")
     found, _ = execute("python/README.md", tmp_path, monkeypatch)
     assert len(found) == 1 and (tmp_path / "mesh.ply").exists() and (tmp_path / "city.glb").exists()
 

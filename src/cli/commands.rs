@@ -12,7 +12,7 @@ use super::args::{
 };
 use super::failures::failure;
 use super::{outputs, pages, signals};
-use crate::compare::compare;
+use crate::compare::{Comparison, compare};
 use crate::error::defect;
 use crate::error::words::{as_options, thousands};
 use crate::error::{Error, Kind, Result};
@@ -79,18 +79,23 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
     watched(observer, &workers, || {
         let progress = &mut Progress::told(observer);
         match &arguments.command {
-            None => value(&run(&arguments.reconstruct.job()?, &workers, progress)?),
+            None => {
+                let arguments = &arguments.reconstruct;
+                let run = |progress: &mut Progress| Ok((run(&arguments.job()?, &workers, progress)?, Kind::Done));
+                value(&reported(json_file(arguments.report.as_deref())?, progress, run)?.0)
+            }
             Some(Command::Plan(arguments)) => {
                 value(&PlanReport::of(&plan(&arguments.job()?, &workers, progress)?, workers.threads())?)
             }
             Some(Command::Info(arguments)) => value(&InfoReport::of(&look(&arguments.job()?, &workers, progress)?)),
             Some(Command::Check(arguments)) => {
-                value(&Steady::of([&arguments.mesh]).settle(checked(arguments, &workers, progress))?.0)
+                let steady = Steady::of([&arguments.mesh]);
+                let check = |progress: &mut Progress| steady.settle(checked(arguments, &workers, progress));
+                value(&reported(json_file(arguments.report.as_deref())?, progress, check)?.0)
             }
             Some(Command::Compare(arguments)) => {
-                let job = arguments.job();
-                refuse_below(COMPARE, job.resources.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
-                value(&compare(&job, &workers, progress)?)
+                let compare = |progress: &mut Progress| compared(arguments, &workers, progress);
+                value(&reported(json_file(arguments.report.as_deref())?, progress, compare)?.0)
             }
             Some(Command::Densify(arguments)) => {
                 let job = arguments.job();
@@ -100,7 +105,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
             }
             Some(Command::Render(arguments)) => {
                 let (path, triangles) = drawn(arguments, &workers, progress)?;
-                Ok(json!({ "path": path, "triangles": triangles }))
+                Ok(json!({ "path": path.to_string_lossy(), "triangles": triangles }))
             }
             Some(Command::Generate(arguments)) => {
                 let made = generated(arguments, &workers, progress)?;
@@ -128,6 +133,7 @@ fn reconstruct(arguments: &ReconstructArguments, progress: &mut Progress) -> Res
         }
         Ok((report, Kind::Done))
     })
+    .map(|(_, kind)| kind)
 }
 
 fn show_plan(arguments: &PlanArguments, progress: &mut Progress) -> Result<Kind> {
@@ -164,6 +170,7 @@ fn check(arguments: &CheckArguments, progress: &mut Progress) -> Result<Kind> {
         }
         Ok((report, kind))
     })
+    .map(|(_, kind)| kind)
 }
 
 /// The memory that a command cannot do with less of, in bytes.
@@ -222,16 +229,21 @@ fn checked(arguments: &CheckArguments, workers: &Workers, progress: &mut Progres
 
 fn compare_mesh(arguments: &CompareArguments, progress: &mut Progress) -> Result<Kind> {
     reported(json_file(arguments.report.as_deref())?, progress, |progress| {
-        let job = arguments.job();
-        let workers = job.resources.workers()?;
+        let workers = arguments.resources.resources().workers()?;
         signals::stop(&workers)?;
-        refuse_below(COMPARE, job.resources.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
-        let found = compare(&job, &workers, progress)?;
+        let (found, kind) = compared(arguments, &workers, progress)?;
         if !arguments.talk.quiet {
             print_text(&found.to_string())?;
         }
-        Ok((found, Kind::Done))
+        Ok((found, kind))
     })
+    .map(|(_, kind)| kind)
+}
+
+fn compared(arguments: &CompareArguments, workers: &Workers, progress: &mut Progress) -> Result<(Comparison, Kind)> {
+    let job = arguments.job();
+    refuse_below(COMPARE, job.resources.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
+    Ok((compare(&job, workers, progress)?, Kind::Done))
 }
 
 fn densify_cloud(arguments: &DensifyArguments, progress: &mut Progress) -> Result<Kind> {
@@ -327,11 +339,11 @@ fn reported<R: serde::Serialize>(
     file: Option<AtomicFile>,
     progress: &mut Progress,
     work: impl FnOnce(&mut Progress) -> Result<(R, Kind)>,
-) -> Result<Kind> {
-    let Some(file) = file else { return Ok(work(progress)?.1) };
+) -> Result<(R, Kind)> {
+    let Some(file) = file else { return work(progress) };
     let _reported = Reported::to(file.last_words()?);
     match defect::caught(|| work(progress)) {
-        Ok((report, kind)) => write_json(file, &report).map(|()| kind),
+        Ok((report, kind)) => write_json(file, &report).map(|()| (report, kind)),
         Err(error) => {
             if !early(&error) || !file.path().exists() || is_report(file.path()) {
                 let failure = failure(&error);

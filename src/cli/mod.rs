@@ -62,9 +62,24 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// What a command line asks for, in whose arguments the first is the program's name: for programs that offer the command's options under their own names.
 ///
 /// # Errors
-/// [`Error::Usage`], with the words that the command would print.
+/// [`Error::Usage`], with the command's words for what is wrong.
 pub fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments> {
-    Arguments::try_parse_from(arguments).map_err(|words| Error::Usage(words.render().to_string().trim_end().to_owned()))
+    Arguments::try_parse_from(arguments).map_err(|words| Error::Usage(what_is_wrong(&words)))
+}
+
+/// What is wrong with the arguments, without what only those need who typed them: how the command is used, how to ask for help, how to write a name that looks
+/// like an option.
+fn what_is_wrong(words: &clap::Error) -> String {
+    if words.exit_code() == 0 {
+        return "help and version are the command's own".into();
+    }
+    let text = words.render().to_string();
+    let of_the_command = |part: &str| {
+        ["Usage:", "For more information", "tip: to pass"].iter().any(|begin| part.trim_start().starts_with(begin))
+    };
+    let kept: Vec<&str> = text.trim_end().split("\n\n").filter(|part| !of_the_command(part)).collect();
+    let kept = kept.join("\n");
+    kept.strip_prefix("error: ").unwrap_or(&kept).to_owned()
 }
 
 /// What is wrong with the arguments, begun as every error of this program is.
@@ -72,4 +87,20 @@ fn named(words: &clap::Error) -> String {
     let words = words.render();
     let text = if console::colors_enabled_stderr() { words.ansi().to_string() } else { words.to_string() };
     text.replacen("error:", "asra-stream:", 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_is_told_what_is_wrong_and_no_more() {
+        let told = |line: &str| parsed(line.split(' ').map(OsString::from)).unwrap_err().to_string();
+        let wrong = told("asra-stream a.ply --fit=plan");
+        assert!(wrong.starts_with("invalid value 'plan' for '--fit <FIT>'"), "{wrong}");
+        assert!(wrong.ends_with("tip: a similar value exists: 'plane'"), "{wrong}");
+        assert_eq!(told("asra-stream a.ply --zzz"), "unexpected argument '--zzz' found");
+        assert_eq!(told("asra-stream --help"), "help and version are the command's own");
+        assert_eq!(told("asra-stream info --"), "the following required arguments were not provided:\n  <INPUT>...");
+    }
 }

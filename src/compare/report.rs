@@ -5,8 +5,7 @@ use std::path::PathBuf;
 
 use super::figures::Figures;
 use super::job::{Found, Job, Kind};
-use crate::error::words::short;
-use crate::error::words::thousands;
+use crate::error::words::{short, thousands, told};
 use crate::mesh::check::CheckReport;
 
 /// The findings of [`super::compare`]. All per cents are of the reference's box.
@@ -37,6 +36,7 @@ pub struct Comparison {
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct MeshSide {
     /// The file.
+    #[serde(serialize_with = "told")]
     pub path: PathBuf,
     /// Vertices.
     pub vertices: u64,
@@ -54,6 +54,7 @@ pub struct MeshSide {
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct ReferenceSide {
     /// The file.
+    #[serde(serialize_with = "told")]
     pub path: PathBuf,
     /// What it was taken for.
     pub kind: Kind,

@@ -357,6 +357,7 @@ pub struct FailureDetails {
     /// What standard error was told.
     pub message: String,
     /// The file or folder concerned.
+    #[serde(serialize_with = "words::told_if_any")]
     pub path: Option<PathBuf>,
     /// Where in the file: a line, a vertex, a byte.
     pub place: Option<String>,
@@ -456,6 +457,16 @@ impl Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_report_names_a_file_whose_name_is_no_text() {
+        use std::os::unix::ffi::OsStrExt;
+
+        let path = Path::new(std::ffi::OsStr::from_bytes(b"a\xff.ply"));
+        let failure = Error::io(path, "open")(io::ErrorKind::NotFound.into()).failure(66);
+        assert_eq!(serde_json::to_value(failure).unwrap()["error"]["path"], "a\u{fffd}.ply");
+    }
 
     #[test]
     fn the_table_has_every_kind_and_every_code_once() {

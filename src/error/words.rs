@@ -1,4 +1,18 @@
-//! Numbers as messages say them, and settings as the command names them.
+//! Numbers and paths as messages and reports say them, and settings as the command names them.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Serialize, Serializer};
+
+/// A path in a report: text, in which what is no Unicode is replaced, as in messages.
+pub fn told<S: Serializer>(path: &Path, out: S) -> Result<S::Ok, S::Error> {
+    path.to_string_lossy().serialize(out)
+}
+
+/// A path in a report, if there is one.
+pub fn told_if_any<S: Serializer>(path: &Option<PathBuf>, out: S) -> Result<S::Ok, S::Error> {
+    path.as_deref().map(Path::to_string_lossy).serialize(out)
+}
 
 /// A time: "0.45 s", "12.3 s", "3 min 20 s", "2 h 5 min".
 pub fn duration(seconds: f64) -> String {

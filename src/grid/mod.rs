@@ -18,6 +18,7 @@ pub mod window;
 
 pub use self::gaps::Gaps;
 use self::gaps::{GAP, SHOWS};
+use crate::error::words::short;
 use crate::error::{Error, Result};
 use crate::points::Coordinate;
 use crate::points::bounds::{Axis, Bounds};
@@ -130,7 +131,7 @@ impl Grid {
         };
         let inverse = 1.0 / w;
         if !w.is_normal() || !inverse.is_normal() {
-            return Err(Error::Usage(format!("cells of side {w} are beyond what can be computed with")));
+            return Err(Error::Usage(format!("cells of side {} are beyond what can be computed with", short(w))));
         }
         let mut cells = [0; 3];
         for (g, &a) in axis.file_axes().iter().enumerate() {

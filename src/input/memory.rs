@@ -207,6 +207,31 @@ macro_rules! point_slice_of {
 }
 point_slice_of!(Single f32, Double f64);
 
+impl PointSource for PointSlice<'_> {
+    fn len(&self) -> u64 {
+        match self {
+            PointSlice::Single(points) => points.len() as u64,
+            PointSlice::Double(points) => points.len() as u64,
+        }
+    }
+
+    fn precision(&self) -> Precision {
+        match self {
+            PointSlice::Single(_) => Precision::Single,
+            PointSlice::Double(_) => Precision::Double,
+        }
+    }
+
+    fn read(&self, range: Range<u64>, out: &mut PointBuffer) -> Result<()> {
+        let range = range.start as usize..range.end as usize;
+        match self {
+            PointSlice::Single(points) => out.extend_single(&points[range]),
+            PointSlice::Double(points) => out.extend_double(&points[range]),
+        }
+        Ok(())
+    }
+}
+
 /// Points in a slice, and slices of their attributes.
 #[derive(Debug, Clone)]
 pub(crate) struct Arrays<'a> {
@@ -227,7 +252,7 @@ impl<'a> Arrays<'a> {
     /// Adds an attribute.
     ///
     /// # Errors
-    /// [`Error::Usage`] if there is not one value for each point, an attribute of this name already, or the name is that of a coordinate.
+    /// [`Error::Usage`] if there is not one value for each point, an attribute of this name already, or the name is none, or that of a coordinate.
     pub fn add(&mut self, name: &str, values: Values<'a>) -> Result<()> {
         let attribute = Attribute::new(name, values.scalar());
         let count = (values.bytes().len() / attribute.scalar.bytes()) as u64;
@@ -235,30 +260,30 @@ impl<'a> Arrays<'a> {
             let points = self.len();
             return Err(Error::Usage(format!("attribute {name:?}: {count} values for {points} points")));
         }
-        if ["x", "y", "z"].contains(&attribute.name.as_str()) {
-            return Err(Error::Usage(format!("attribute {name:?}: is the name of a coordinate")));
-        }
-        if self.attributes.iter().any(|(other, _)| other.name == attribute.name) {
-            return Err(Error::Usage(format!("attribute {name:?}: is there twice")));
-        }
+        may_be_named(name, &attribute, self.attributes.iter().map(|(other, _)| other))?;
         self.attributes.push((attribute, values));
         Ok(())
     }
 }
 
+/// Whether an attribute that was given under `name` can be told from others and from the coordinates.
+fn may_be_named<'a>(name: &str, attribute: &Attribute, mut others: impl Iterator<Item = &'a Attribute>) -> Result<()> {
+    let wrong = match attribute.name.as_str() {
+        "" => "is no name",
+        "x" | "y" | "z" => "is the name of a coordinate",
+        own if others.any(|other| other.name == own) => "is there twice",
+        _ => return Ok(()),
+    };
+    Err(Error::Usage(format!("attribute {name:?}: {wrong}")))
+}
+
 impl PointSource for Arrays<'_> {
     fn len(&self) -> u64 {
-        match self.coordinates {
-            PointSlice::Single(points) => points.len() as u64,
-            PointSlice::Double(points) => points.len() as u64,
-        }
+        self.coordinates.len()
     }
 
     fn precision(&self) -> Precision {
-        match self.coordinates {
-            PointSlice::Single(_) => Precision::Single,
-            PointSlice::Double(_) => Precision::Double,
-        }
+        self.coordinates.precision()
     }
 
     fn attributes(&self) -> Vec<Attribute> {
@@ -266,13 +291,9 @@ impl PointSource for Arrays<'_> {
     }
 
     fn read(&self, range: Range<u64>, out: &mut PointBuffer) -> Result<()> {
-        let range = range.start as usize..range.end as usize;
-        match self.coordinates {
-            PointSlice::Single(points) => out.extend_single(&points[range.clone()]),
-            PointSlice::Double(points) => out.extend_double(&points[range.clone()]),
-        }
+        self.coordinates.read(range.clone(), out)?;
         if !self.attributes.is_empty() {
-            for i in range {
+            for i in range.start as usize..range.end as usize {
                 for (attribute, values) in &self.attributes {
                     let bytes = attribute.scalar.bytes();
                     out.extend_attributes(&values.bytes()[i * bytes..(i + 1) * bytes]);
@@ -299,14 +320,13 @@ impl<'a> SourceFormat<'a> {
     /// The source as a format.
     ///
     /// # Errors
-    /// [`Error::Usage`] if two of its attributes have one name.
+    /// [`Error::Usage`] if two of its attributes have one name, or one has none, or that of a coordinate.
     pub fn new(source: &'a dyn PointSource) -> Result<SourceFormat<'a>> {
-        let attributes: Vec<Attribute> =
-            source.attributes().iter().map(|attribute| Attribute::new(&attribute.name, attribute.scalar)).collect();
-        for (i, attribute) in attributes.iter().enumerate() {
-            if attributes[..i].iter().any(|other| other.name == attribute.name) {
-                return Err(Error::Usage(format!("attribute {:?}: is there twice", attribute.name)));
-            }
+        let mut attributes: Vec<Attribute> = Vec::new();
+        for given in source.attributes() {
+            let attribute = Attribute::new(&given.name, given.scalar);
+            may_be_named(&given.name, &attribute, attributes.iter())?;
+            attributes.push(attribute);
         }
         Ok(SourceFormat { source, attributes })
     }

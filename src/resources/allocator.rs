@@ -4,12 +4,12 @@
 
 /// Memory that is given back waits so many milliseconds, for whoever takes some next, unless the allocator's variable in the environment says otherwise.
 #[cfg(feature = "allocator")]
-pub fn give_back_after(milliseconds: i64) {
+pub fn give_back_after(milliseconds: i32) {
     /// `mi_option_purge_delay` of version 2, which the bindings do not name.
     const PURGE_DELAY: libmimalloc_sys::mi_option_t = 15;
     if std::env::var_os("MIMALLOC_PURGE_DELAY").is_none() {
         // SAFETY: it sets a number of the allocator's own, and may be called at any time.
-        unsafe { libmimalloc_sys::mi_option_set(PURGE_DELAY, milliseconds) };
+        unsafe { libmimalloc_sys::mi_option_set(PURGE_DELAY, milliseconds.into()) };
     }
 }
 

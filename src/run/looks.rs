@@ -8,8 +8,8 @@ use std::path::PathBuf;
 use bytesize::ByteSize;
 
 use crate::error::Result;
-use crate::error::words::short;
-use crate::error::words::thousands;
+use crate::error::words;
+use crate::error::words::{short, thousands};
 use crate::input::Cloud;
 use crate::input::tally::{Counts, Tally, class_name};
 use crate::points::bounds::Bounds;
@@ -223,8 +223,10 @@ pub struct PlanReport {
     /// What of the temporary disk is for unpacked input.
     pub unpacked_bytes: u64,
     /// The folder for temporary files.
+    #[serde(serialize_with = "words::told")]
     pub temporary_folder: PathBuf,
     /// The folder where they would go by default, if nothing can be written there.
+    #[serde(serialize_with = "words::told_if_any")]
     pub unwritable_folder: Option<PathBuf>,
     /// Whether points are kept in memory.
     pub points_in_memory: bool,

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use bytesize::ByteSize;
 
-use crate::error::words::short;
-use crate::error::words::{duration, thousands};
+use crate::error::words;
+use crate::error::words::{duration, short, thousands};
 use crate::format::write::{Format, Positions};
 use crate::grid::Grid;
 use crate::grid::partition::REACH;
@@ -80,6 +80,7 @@ pub struct Report {
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct InputReport {
     /// The file.
+    #[serde(serialize_with = "words::told")]
     pub path: PathBuf,
     /// Its format.
     pub format: &'static str,
@@ -218,8 +219,10 @@ fn bounds_of(grid: &Grid, [low, high]: [[f64; 3]; 2]) -> Bounds {
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct OutputReport {
     /// The file; none of a mesh in memory.
+    #[serde(serialize_with = "words::told_if_any")]
     pub path: Option<PathBuf>,
     /// The picture of it, if one was drawn.
+    #[serde(serialize_with = "words::told_if_any")]
     pub preview: Option<PathBuf>,
     /// Its length, or that of all tiles.
     pub bytes: u64,

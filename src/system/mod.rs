@@ -8,7 +8,7 @@
 //! | standard input | waited for a tenth of a second at a time | the same | waited for by a thread |
 //! | a stack that is used up | is an error in the data (`stack`) | the same | ends the process |
 //!
-//! Both sides have the same functions, `unix` and `windows`; tests run on Linux.
+//! Both sides have the same functions, `unix` and `windows`; tests run on Linux, and `tools/wine.py` runs the command for Windows under Wine.
 
 mod answers;
 #[cfg(unix)]

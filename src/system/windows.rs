@@ -27,16 +27,21 @@ use windows_sys::Win32::System::Threading::GetCurrentProcess;
 
 use super::answers::{Lock, Naming, Space};
 
-/// Reading and writing at places. The file's own place moves with every call, and nobody asks for it.
+/// Reading and writing at places. The file's own place moves with every call: whoever reads at places reads nothing in order.
 pub trait FileAt {
+    fn read_at(&self, out: &mut [u8], at: u64) -> io::Result<usize>;
     fn read_exact_at(&self, out: &mut [u8], at: u64) -> io::Result<()>;
     fn write_all_at(&self, bytes: &[u8], at: u64) -> io::Result<()>;
 }
 
 impl FileAt for File {
+    fn read_at(&self, out: &mut [u8], at: u64) -> io::Result<usize> {
+        self.seek_read(out, at)
+    }
+
     fn read_exact_at(&self, mut out: &mut [u8], mut at: u64) -> io::Result<()> {
         while !out.is_empty() {
-            match self.seek_read(out, at) {
+            match self.read_at(out, at) {
                 Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
                 Ok(bytes) => (out, at) = (&mut out[bytes..], at + bytes as u64),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}

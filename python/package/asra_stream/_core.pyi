@@ -2,13 +2,25 @@
 
 import os
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Mesh",
+    "PointSpool",
+    "__version__",
+    "command",
+    "execute",
+    "reconstruct_columns",
+    "reconstruct_files",
+    "reconstruct_rows",
+    "reconstruct_spool",
+]
 __version__: str
 
+@final
 class Mesh:
     def vertices(self) -> NDArray[np.float32] | NDArray[np.float64]: ...
     def local_vertices(self) -> NDArray[np.float32]: ...
@@ -26,19 +38,20 @@ class Mesh:
     def save(self, path: str | os.PathLike[str], overwrite: bool, coordinates: str | None) -> None: ...
     def check(self) -> str: ...
 
+@final
 class PointSpool:
     def __new__(cls, in_memory: int, folder: str | os.PathLike[str] | None) -> PointSpool: ...
     def append(self, xyz: Sequence[NDArray[Any]], attributes: Sequence[tuple[str, NDArray[Any]]]) -> None: ...
 
-Progress = Callable[[dict[str, Any]], object] | None
+_Progress = Callable[[dict[str, Any]], object] | None
 
 def reconstruct_rows(
-    points: NDArray[Any], attributes: Sequence[tuple[str, NDArray[Any]]], options: Sequence[str], progress: Progress
+    points: NDArray[Any], attributes: Sequence[tuple[str, NDArray[Any]]], options: Sequence[str], progress: _Progress
 ) -> Mesh: ...
 def reconstruct_columns(
-    xyz: Sequence[NDArray[Any]], attributes: Sequence[tuple[str, NDArray[Any]]], options: Sequence[str], progress: Progress
+    xyz: Sequence[NDArray[Any]], attributes: Sequence[tuple[str, NDArray[Any]]], options: Sequence[str], progress: _Progress
 ) -> Mesh: ...
-def reconstruct_files(inputs: Sequence[str], options: Sequence[str], progress: Progress) -> Mesh: ...
-def reconstruct_spool(spool: PointSpool, options: Sequence[str], progress: Progress) -> Mesh: ...
-def execute(arguments: Sequence[str], progress: Progress) -> str: ...
+def reconstruct_files(inputs: Sequence[str], options: Sequence[str], progress: _Progress) -> Mesh: ...
+def reconstruct_spool(spool: PointSpool, options: Sequence[str], progress: _Progress) -> Mesh: ...
+def execute(arguments: Sequence[str], progress: _Progress) -> str: ...
 def command(arguments: Sequence[str]) -> int: ...

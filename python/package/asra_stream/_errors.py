@@ -1,13 +1,21 @@
 """Exceptions, one for each kind of failure: the same kinds that the command's exit codes tell."""
 
 import json
-from typing import Any
+from typing import Any, ClassVar
 
 
 class AsraError(Exception):
     """A failure. ``kind`` and ``exit_code`` are those of the command; ``path``, ``place``, ``offset``, ``needed`` and ``given`` are None where they are not known."""
 
     kind: str = "internal"
+    _classes: "ClassVar[dict[str, type[AsraError]]]" = {}
+
+    def __init_subclass__(cls, *, kind: str | None = None, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # A subclass that somebody else makes is of its parent's kind.
+        if kind is not None:
+            cls.kind = kind
+            AsraError._classes[kind] = cls
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -19,61 +27,39 @@ class AsraError(Exception):
         self.given = details.get("given")
 
 
-class UsageError(AsraError, ValueError):
+class UsageError(AsraError, ValueError, kind="usage"):
     """The arguments are wrong, or the output exists."""
 
-    kind = "usage"
 
-
-class DataError(AsraError, ValueError):
+class DataError(AsraError, ValueError, kind="data"):
     """The points are damaged, or not what they say they are."""
 
-    kind = "data"
 
-
-class NoInputError(AsraError, FileNotFoundError):
+class NoInputError(AsraError, FileNotFoundError, kind="no-input"):
     """An input is missing or may not be read."""
 
-    kind = "no-input"
 
-
-class InternalError(AsraError, RuntimeError):
+class InternalError(AsraError, RuntimeError, kind="internal"):
     """A defect of asra-stream."""
 
-    kind = "internal"
 
-
-class CannotFitError(AsraError, MemoryError):
+class CannotFitError(AsraError, MemoryError, kind="cannot-fit"):
     """More memory or disk is needed than may be had: ``needed`` bytes, where that is known."""
 
-    kind = "cannot-fit"
 
-
-class NoOutputError(AsraError, PermissionError):
+class NoOutputError(AsraError, PermissionError, kind="no-output"):
     """The output may not be written there."""
 
-    kind = "no-output"
 
-
-class IoError(AsraError, OSError):
+class IoError(AsraError, OSError, kind="io"):
     """The system said that reading or writing failed."""
 
-    kind = "io"
 
-
-class TemporaryError(AsraError, OSError):
+class TemporaryError(AsraError, OSError, kind="temporary"):
     """What was in the way may be gone next time: a full disk, an input that changed while it was read."""
-
-    kind = "temporary"
-
-
-_CLASSES = {
-    cls.kind: cls
-    for cls in (UsageError, DataError, NoInputError, InternalError, CannotFitError, NoOutputError, IoError, TemporaryError)
-}
 
 
 def of(failure: str) -> AsraError:
     """The exception for a failure as reports have it."""
     details = json.loads(failure)
-    return _CLASSES.get(details["kind"], InternalError)(details.pop("message"), **details)
+    return AsraError._classes.get(details["kind"], InternalError)(details.pop("message"), **details)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
+from ._errors import UsageError
 
 
 class Mesh:
@@ -81,6 +82,8 @@ class Mesh:
     @property
     def is_closed(self) -> bool:
         """Whether every edge has two triangles."""
+        if self.report["check"] is None:
+            raise UsageError("is_closed: the mesh was not checked, as no_check asked; check() does it", code=2)
         return self.report["check"]["closed"]
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False, coordinates: str | None = None) -> None:
@@ -89,21 +92,23 @@ class Mesh:
         ``coordinates`` is "input" (those of the points) or "local" (less :attr:`origin`); what is usual for the format if None. Raises UsageError for a file
         that exists, unless ``overwrite``, and for another ending; NoOutputError and IoError.
         """
-        self._core.save(os.fspath(path), overwrite, coordinates)
+        self._core.save(os.fsdecode(path), overwrite, coordinates)
 
-    def check(self) -> dict[str, Any]:
-        """What a strict check finds, with an exact search for triangles that intersect: a dict, see :func:`check`. Ctrl-C ends it."""
-        return json.loads(self._core.check())
+    def check(self, *, progress: Any = None, **options: Any) -> dict[str, Any]:
+        """What a strict check finds, with an exact search for triangles that intersect: a dict, see :func:`check`. With ``progress`` or options it goes through a
+        temporary file. Ctrl-C ends it."""
+        from ._run import check
+
+        if not progress and not options:
+            return json.loads(self._core.check())
+        with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
+            return check(self._written(folder, "mesh.ply"), progress=progress, **options)
 
     def compare(self, reference: "str | os.PathLike[str] | Mesh", *, progress: Any = None, **options: Any) -> dict[str, Any]:
         """How far it lies from a reference, a path or another mesh, and that from it: a dict, see :func:`compare`. Both go through temporary files."""
         from ._run import compare
 
-        with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
-            own = self._written(folder, "mesh.ply")
-            if isinstance(reference, Mesh):
-                reference = reference._written(folder, "reference.ply")
-            return compare(own, reference, progress=progress, **options)
+        return compare(self, reference, progress=progress, **options)
 
     def render(self, output: str | os.PathLike[str] | None = None, *, progress: Any = None, **options: Any) -> dict[str, Any] | bytes:
         """Draws a picture (PNG) to ``output``, and gives its path and triangles; without ``output``, gives the picture's bytes. Options as of :func:`render`."""
@@ -149,6 +154,15 @@ class Mesh:
         for name, values in self.attributes.items():
             mesh.point_data[name] = values
         return mesh
+
+    def __reduce__(self) -> Any:
+        raise TypeError("a Mesh lies in temporary storage, and cannot be pickled: save() it, or take its arrays")
+
+    def __copy__(self) -> "Mesh":
+        return Mesh(self._core)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Mesh":
+        return Mesh(self._core)
 
     def __len__(self) -> int:
         """The number of triangles."""

@@ -1,11 +1,12 @@
 """Keywords as the command's options."""
 
+import math
 import os
 
 
 def size(value):
     """A number of bytes as the command takes it."""
-    return str(int(value)) if isinstance(value, (int, float)) and not isinstance(value, bool) else str(value)
+    return str(int(value)) if isinstance(value, (int, float)) and math.isfinite(value) else str(value)
 
 
 def words(options):
@@ -13,11 +14,13 @@ def words(options):
     line = []
     for name, value in options.items():
         option = "--" + name.replace("_", "-")
+        # Numbers and arrays of NumPy as those of Python.
+        value = value.tolist() if hasattr(value, "tolist") else value
         if value is None or value is False:
             continue
         if value is True:
             line.append(option)
-        elif isinstance(value, (list, tuple)) or hasattr(value, "tolist"):
+        elif isinstance(value, (list, tuple)):
             line.append(f"{option}={','.join(str(one) for one in value)}")
         elif isinstance(value, os.PathLike):
             line.append(f"{option}={os.fspath(value)}")

@@ -5,17 +5,22 @@ import contextlib
 import json
 import os
 import sys
+import tempfile
 from typing import Any, cast
 
 import numpy as np
 
 from . import _clouds, _core
+from ._errors import UsageError
 from ._mesh import Mesh
 from ._options import words
 
 Path = str | os.PathLike[str]
 Paths = Path | collections.abc.Sequence[Path]
 Progress = collections.abc.Callable[[dict[str, Any]], object] | bool | None
+
+# What is said of a file; a mesh in memory has none.
+_OF_FILES = {"output", "overwrite", "tile", "preview", "coordinates", "report", "quiet", "verbose"}
 
 # Of points in pieces, what stays in memory, if nobody says how much memory there is.
 _PIECES_IN_MEMORY = 64 << 20
@@ -28,6 +33,8 @@ def _progress(progress):
         yield None
         return
     if progress is not True:
+        if not callable(progress):
+            raise TypeError(f"progress: expected a callable, True, False or None, found {type(progress).__name__}")
         yield progress
         return
     try:
@@ -64,13 +71,14 @@ def reconstruct(
         a path, a pattern such as ``"tiles/*.laz"``, a folder, or a list of these; or an iterable of arrays as above, which together may be
         larger than memory: they are kept in temporary storage.
     attributes : dict, optional
-        Names to arrays of n numbers; ``"rgb"`` to an array (n, 3). The mesh's vertices get them from their points. Not with paths and iterables.
+        Names to arrays of n numbers; ``"rgb"`` to an array (n, 3). The mesh's vertices get them from their points. Names are in lower case, with ``_`` for spaces.
+        Not with iterables. With paths, the command's words: ``"none"``, or names such as ``"rgb,intensity"``.
     progress : callable or bool, optional
         Called about ten times a second with a dict: stage, unit, done, total, fraction (of the whole run), seconds_left, ended. True shows a bar.
         What it raises ends the run, and is raised.
     **options
         The command's options, with ``_`` for ``-``: ``cell_size="auto"``, ``surface="terrain"``, ``max_memory="2G"``, ``threads=4`` ...
-        Lengths are in the points' unit.
+        Lengths are in the points' unit. Options of files (``output``, ``tile``, ``report`` ...) are for :func:`run`.
 
     Returns
     -------
@@ -84,19 +92,24 @@ def reconstruct(
 
     The points are not copied as a whole, and must not change meanwhile. Other threads of Python go on.
     """
+    for name in (name for name in options if name in _OF_FILES):
+        raise UsageError(f"{name}: is for run(), which writes files; save() writes this mesh", code=2)
     line = words(options)
     with _progress(progress) as tell:
         if _clouds.is_path(points):
-            _no_attributes(attributes, "files")
-            paths = [points] if isinstance(points, (str, os.PathLike)) else list(points)
-            return Mesh(_core.reconstruct_files([os.fspath(path) for path in paths], line, tell))
+            if isinstance(attributes, (str, list, tuple)):
+                line, attributes = line + words({"attributes": attributes}), None
+            _no_attributes(attributes, "files have")
+            return Mesh(_core.reconstruct_files(_paths(points), line, tell))
         cloud = _clouds.of(points)
         if cloud is None:
             if not isinstance(points, collections.abc.Iterable):
                 raise TypeError(f"points: expected an array, a cloud, a path or an iterable of arrays, found {type(points).__name__}")
-            _no_attributes(attributes, "an iterable")
+            _no_attributes(attributes, "pieces have")
             return Mesh(_core.reconstruct_spool(_spooled(points, options), line, tell))
         coordinates, own = cloud
+        if attributes is not None and not isinstance(attributes, collections.abc.Mapping):
+            raise TypeError(f"attributes: expected a dict of names and arrays, found {type(attributes).__name__}")
         named = {**own, **(attributes or {})}
         columns = [column for name, values in named.items() for column in _clouds.columns(name, values)]
         if isinstance(coordinates, tuple):
@@ -108,15 +121,16 @@ def reconstruct(
 
 def _no_attributes(attributes, what):
     if attributes:
-        raise ValueError(f"attributes: {what} have their own; pass them with the points")
+        raise ValueError(f"attributes: {what} their own; pass them with the points")
 
 
 def _spooled(pieces, options):
     spool = _core.PointSpool(_PIECES_IN_MEMORY, options.get("temp_dir"))
     for number, piece in enumerate(pieces):
-        cloud = _clouds.of(piece)
+        what = f"points: piece {number}"
+        cloud = _clouds.of(piece, what)
         if cloud is None:
-            raise TypeError(f"points: piece {number}: expected an array or a cloud, found {type(piece).__name__}")
+            raise TypeError(f"{what}: expected an array or a cloud, found {type(piece).__name__}")
         coordinates, own = cloud
         if not isinstance(coordinates, tuple):
             coordinates = [coordinates[:, axis] for axis in range(3)]
@@ -127,13 +141,16 @@ def _spooled(pieces, options):
 
 def _executed(command, positional, options, progress=None):
     with _progress(progress) as tell:
-        line = ["asra-stream", *command, *words(options), *positional]
+        # What comes after "--" is a name, whatever it begins with.
+        line = ["asra-stream", *command, *words(options), "--", *positional]
         return json.loads(_core.execute(line, tell))
 
 
 def _paths(inputs):
-    inputs = [inputs] if isinstance(inputs, (str, os.PathLike)) else inputs
-    return [os.fspath(path) for path in inputs]
+    inputs = [inputs] if isinstance(inputs, (str, bytes, os.PathLike)) else inputs
+    if not isinstance(inputs, collections.abc.Iterable):
+        raise TypeError(f"expected a path, or several, found {type(inputs).__name__}")
+    return [os.fsdecode(path) for path in inputs]
 
 
 def run(inputs: Paths, output: Path | None = None, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -168,7 +185,7 @@ def check(mesh: Path | Mesh, *, progress: Progress = None, **options: Any) -> di
     A mesh that is not closed is no error. Raises NoInputError, DataError, and UsageError for options.
     """
     if isinstance(mesh, Mesh):
-        return mesh.check()
+        return mesh.check(progress=progress, **options)
     return _executed(["check"], _paths(mesh), options, progress)
 
 
@@ -178,9 +195,10 @@ def compare(mesh: Path | Mesh, reference: Path | Mesh, *, progress: Progress = N
     ``mesh_to_reference`` and ``reference_to_mesh`` hold, for vertices and centroids, the mean, the root mean square, the 95th percentile and the maximum, in the unit of the
     coordinates and in per cent of the reference's longest side and diagonal. Raises NoInputError, DataError, and UsageError for options.
     """
-    if isinstance(mesh, Mesh):
-        return mesh.compare(reference, progress=progress, **options)
-    return _executed(["compare"], _paths([mesh, reference]), options, progress)
+    with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
+        sides = [("mesh.ply", mesh), ("reference.ply", reference)]
+        paths = [side._written(folder, name) if isinstance(side, Mesh) else side for name, side in sides]
+        return _executed(["compare"], _paths(paths), options, progress)
 
 
 def render(mesh: Path | Mesh, output: Path, *, progress: Progress = None, **options: Any) -> dict[str, Any]:

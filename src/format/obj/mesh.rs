@@ -1,7 +1,5 @@
 //! Wavefront OBJ: `v x y z`, or `v x y z r g b`, `f a b c …`, and the origin that the program's own comments tell; every other statement is passed over.
 
-use std::io::Seek;
-
 use crate::error::{Error, Result};
 use crate::format::read::convert::Converter;
 use crate::format::read::text::{Lines, shortened};
@@ -73,8 +71,6 @@ fn is_coloured(input: &Input) -> Result<bool> {
             break;
         }
     }
-    // The next lines are read from the start again.
-    lines.into_rest().rewind().map_err(Error::io(input.path, "read"))?;
     Ok(coloured)
 }
 

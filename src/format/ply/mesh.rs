@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use crate::error::{Error, Result};
 use crate::format::ply::mesh_header::{Element, Encoding, Header, Property, Type};
 use crate::format::read::convert::Converter;
-use crate::format::read::text::Lines;
+use crate::format::read::text::{FromStart, Lines};
 use crate::format::read::{Input, chosen};
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::Precision;
@@ -342,7 +342,7 @@ fn convert(
 /// The values of a file, one after the other.
 enum Values<'a> {
     Text { lines: Lines<'a>, at: usize },
-    Binary { reader: BufReader<&'a File>, order: Order, input: &'a Input<'a> },
+    Binary { reader: BufReader<FromStart<'a>>, order: Order, input: &'a Input<'a> },
 }
 
 /// The order of a value's bytes.

@@ -22,6 +22,24 @@ fn read(name: &str, bytes: &[u8]) -> Result<Elements> {
     Ok((vertices, faces))
 }
 
+#[test]
+fn lines_are_read_from_the_start_wherever_the_file_is() {
+    use std::io::{Seek, SeekFrom};
+
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("lines.obj");
+    std::fs::write(&path, "first\nsecond\n").unwrap();
+    let input = Input::open(&path).unwrap();
+    let mut lines = text::Lines::new(&input);
+    for expected in ["first", "second"] {
+        // As reading at places does on Windows.
+        (&input.file).seek(SeekFrom::Start(9)).unwrap();
+        assert!(lines.advance().unwrap());
+        assert_eq!(lines.line(), expected);
+    }
+    assert!(!lines.advance().unwrap());
+}
+
 fn expected() -> Elements {
     (VERTICES.to_vec(), FACES.to_vec())
 }

@@ -1,20 +1,35 @@
 //! Text, line by line, of bounded length.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Result as IoResult};
 use std::path::Path;
 use std::str::FromStr;
 
 use super::Input;
 use crate::error::{Error, Result};
+use crate::system::FileAt;
 
 /// The longest line: a polygon of a hundred thousand corners.
 const LONGEST: u64 = 1 << 20;
 
+/// A file from its start on, whatever place others have read from meanwhile: on Windows, the file's own moves with them.
+pub(crate) struct FromStart<'a> {
+    file: &'a File,
+    at: u64,
+}
+
+impl Read for FromStart<'_> {
+    fn read(&mut self, out: &mut [u8]) -> IoResult<usize> {
+        let bytes = self.file.read_at(out, self.at)?;
+        self.at += bytes as u64;
+        Ok(bytes)
+    }
+}
+
 /// The lines of a file, one in memory at a time.
 pub(crate) struct Lines<'a> {
     path: &'a Path,
-    reader: BufReader<&'a File>,
+    reader: BufReader<FromStart<'a>>,
     number: u64,
     bytes: Vec<u8>,
     line: String,
@@ -22,11 +37,11 @@ pub(crate) struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    /// The lines from the file's current position, which is its start if nothing has been read.
+    /// The lines from the file's start on.
     pub fn new(input: &'a Input) -> Lines<'a> {
         Lines {
             path: input.path,
-            reader: BufReader::with_capacity(1 << 16, &input.file),
+            reader: BufReader::with_capacity(1 << 16, FromStart { file: &input.file, at: 0 }),
             number: 0,
             bytes: Vec::new(),
             line: String::new(),
@@ -68,7 +83,7 @@ impl<'a> Lines<'a> {
     }
 
     /// The file behind the lines, at the byte after the current one.
-    pub fn into_rest(self) -> BufReader<&'a File> {
+    pub fn into_rest(self) -> BufReader<FromStart<'a>> {
         self.reader
     }
 
