@@ -237,7 +237,7 @@ const FACES: u32 = 1 << 4 | 1 << 10 | 1 << 12 | 1 << 14 | 1 << 16 | 1 << 22;
 const CORNERS: u32 = 1 | 1 << 2 | 1 << 6 | 1 << 8 | 1 << 18 | 1 << 20 | 1 << 24 | 1 << 26;
 
 /// All but the one in the middle.
-const ROUND: u32 = (1 << 27) - 1 & !(1 << 13);
+const ROUND: u32 = ((1 << 27) - 1) & !(1 << 13);
 
 /// The cells of `cells` that so many steps lead to from those of `ends`.
 fn within(steps: u32, ends: u32, cells: u32, by: &[u32; 27]) -> u32 {
