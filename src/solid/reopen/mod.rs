@@ -16,6 +16,7 @@
 //! All passes go over chunks of slices and hold some slices more on either side; from pass to pass, what is known of each cell lies in spools. Only blocks of cells near
 //! *deep* occupied cells are looked at, which no cell outside the solid touches: where there are none, nothing was filled that has points round it.
 
+mod blocks;
 mod field;
 mod layers;
 mod open;
@@ -33,12 +34,13 @@ use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 
+use self::blocks::{BLOCK, Blocks};
 use self::field::{INSIDE, Kernel, RANGE};
 use self::layers::{Cells, Found, Held, Layers, Stretch};
 use self::plane::{Moments, Near};
 use self::signs::Signs;
 use self::tile::{TILE, Tile};
-use self::wall::{Dipole, Wall};
+use self::wall::{Dipole, HIDDEN, Wall};
 use crate::error::Result;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::{CHUNK_SLICES, Context, chunks};
@@ -52,10 +54,7 @@ use crate::points::Coordinate;
 use crate::solid::exterior::{Padded, invert};
 use crate::solid::{Solid, faces, move_back};
 
-/// Cells of a block's side.
-const BLOCK: u32 = 8;
-
-/// So many deep occupied cells in a block are evidence that something was filled.
+/// So many deep occupied cells in a block are evidence that something was filled; and then, so many hidden walls.
 const EVIDENCE: u32 = 3;
 
 /// Blocks on every side of one with evidence: in these cells may open; and in these the walls are looked at that tell so.
@@ -121,8 +120,8 @@ pub struct Slabs<'a> {
     cells: Cell,
     /// The occupied cells that are looked at.
     active: SliceStore,
-    /// Blocks in which cells may open, a layer of blocks a slice.
-    allowed: SliceStore,
+    /// Blocks in which cells may open.
+    allowed: Blocks,
     /// Jobs in flight.
     jobs: usize,
 }
@@ -171,7 +170,7 @@ impl Slabs<'_> {
         let mut at = BTreeSet::new();
         let mut runs = Runs::default();
         for layer in chunk.start / BLOCK..chunk.end.div_ceil(BLOCK) {
-            self.allowed.read(layer, &mut runs)?;
+            self.allowed.read(layer * BLOCK, &mut runs)?;
             for z in 0..runs.row_count() {
                 for run in runs.row(z) {
                     let tiles = run.start * BLOCK / TILE..(run.end * BLOCK).div_ceil(TILE);
@@ -249,7 +248,7 @@ impl Solid {
         let mut steps = 0..=STEPS;
         let mut step = || progress(steps.next().unwrap_or(STEPS) * slices, STEPS * slices);
         step();
-        let Some(slabs) = Slabs::find(&self, occupied, context)? else { return Ok(self) };
+        let Some(mut slabs) = Slabs::find(&self, occupied, context)? else { return Ok(self) };
         let moments = moments(&slabs)?;
         step();
         let walls = slabs.planes(&moments)?;
@@ -259,14 +258,12 @@ impl Solid {
         step();
         let signs = Signs::find(&slabs, &walls)?;
         step();
-        let mut dipoles: Layers<Dipole> = Layers::new(context);
-        slabs.each(
-            |chunk| {
-                let held = signs.walls(&slabs, &walls, &chunk, wall::BOUNDS)?;
-                Ok(mapped(&held, &chunk, |cell, wall| Dipole::of(wall, cell, &held)))
-            },
-            |slices| dipoles.extend(&slices),
-        )?;
+        let evident = Blocks::with_cells(&slabs.hidden(&walls)?, EVIDENCE, self.cells, context)?;
+        if evident.is_empty() {
+            return Ok(self);
+        }
+        slabs.allowed = evident.widened(OPEN, context)?;
+        let dipoles = slabs.dipoles(&walls, &signs, &evident.widened(LOOKED_AT, context)?)?;
         step();
         let kernel = Kernel::new((SIGMA / side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
         let candidates = slabs.candidates(&self, &dipoles, &kernel)?;
@@ -385,69 +382,12 @@ impl<'a> Slabs<'a> {
             return Ok(None);
         }
         let cells = solid.cells;
-        let blocks = cells.map(|c| c.div_ceil(BLOCK));
-        let store = || SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut evident = store();
-        let mut jobs = 0..blocks[1];
-        context.workers.in_order(
-            context.memory.chunks_in_flight,
-            || Ok(jobs.next()),
-            |layer| {
-                let mut counts = vec![0u32; blocks[0] as usize * blocks[2] as usize];
-                let mut runs = Runs::default();
-                for y in layer * BLOCK..((layer + 1) * BLOCK).min(cells[1]) {
-                    deep.read(y, &mut runs)?;
-                    for z in 0..runs.row_count() {
-                        for x in runs.row(z).iter().flat_map(|run| run.start..run.end) {
-                            counts[(z / BLOCK * blocks[0] + x / BLOCK) as usize] += 1;
-                        }
-                    }
-                }
-                let mut bits = Bits::new(blocks[0], blocks[2]);
-                for (number, _) in counts.iter().enumerate().filter(|(_, count)| **count >= EVIDENCE) {
-                    bits.set(number as u32 % blocks[0], number as u32 / blocks[0]);
-                }
-                let mut slices = Slices::default();
-                slices.push(&bits);
-                Ok(slices)
-            },
-            |slices| evident.extend(&slices),
-        )?;
+        let evident = Blocks::with_cells(&deep, EVIDENCE, cells, context)?;
         if evident.is_empty() {
             return Ok(None);
         }
-        // The blocks within so many of one with evidence.
-        let widened = |by: u32| -> Result<SliceStore> {
-            let mut out = store();
-            let mut jobs = 0..blocks[1];
-            context.workers.in_order(
-                context.memory.chunks_in_flight,
-                || Ok(jobs.next()),
-                |layer| {
-                    let mut bits = Bits::new(blocks[0], blocks[2]);
-                    let mut runs = Runs::default();
-                    for other in layer.saturating_sub(by)..(layer + by + 1).min(blocks[1]) {
-                        evident.read(other, &mut runs)?;
-                        for z in 0..runs.row_count() {
-                            for run in runs.row(z) {
-                                for row in z.saturating_sub(by)..(z + by + 1).min(blocks[2]) {
-                                    for x in run.start.saturating_sub(by)..(run.end + by).min(blocks[0]) {
-                                        bits.set(x, row);
-                                    }
-                                }
-                            }
-                        }
-                    }
-                    let mut slices = Slices::default();
-                    slices.push(&bits);
-                    Ok(slices)
-                },
-                |slices| out.extend(&slices),
-            )?;
-            Ok(out)
-        };
-        let (allowed, looked_at) = (widened(OPEN)?, widened(LOOKED_AT)?);
-        let mut active = store();
+        let (allowed, looked_at) = (evident.widened(OPEN, context)?, evident.widened(LOOKED_AT, context)?);
+        let mut active = SliceStore::new(&context.workspace, context.memory.store_quota);
         let mut in_slice = Vec::with_capacity(cells[1] as usize);
         let mut jobs = chunks(cells[1]);
         context.workers.in_order(
@@ -458,7 +398,7 @@ impl<'a> Slabs<'a> {
                 let mut counts = Vec::with_capacity(chunk.len());
                 for y in chunk {
                     occupied.read(y, &mut runs)?;
-                    looked_at.read(y / BLOCK, &mut blocks)?;
+                    looked_at.read(y, &mut blocks)?;
                     let mut left = Runs::default();
                     for z in 0..runs.row_count() {
                         let row = blocks.row(z / BLOCK);
@@ -557,6 +497,51 @@ impl<'a> Slabs<'a> {
         Ok(out)
     }
 
+    /// The cells of hidden walls.
+    fn hidden(&self, walls: &Layers<Wall>) -> Result<SliceStore> {
+        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        self.each(
+            |chunk| {
+                let held = self.held(walls, &chunk, 0)?;
+                let mut slices = Slices::default();
+                for y in chunk {
+                    let (cells, walls) = held.slice(y.into());
+                    let mut rows = vec![Vec::new(); self.cells[2] as usize];
+                    for ((z, x), _) in cells.iter().zip(walls).filter(|(_, wall)| wall.kind == HIDDEN) {
+                        rows[z as usize].push(Run { start: x, end: x + 1 });
+                    }
+                    slices.push_runs(&joined(rows));
+                }
+                Ok(slices)
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+
+    /// What each wall adds to the winding number; those outside some blocks add nothing.
+    fn dipoles(&self, walls: &Layers<Wall>, signs: &Signs, near: &Blocks) -> Result<Layers<Dipole>> {
+        let mut out = Layers::new(self.context);
+        self.each(
+            |chunk| {
+                let held = signs.walls(self, walls, &chunk, wall::BOUNDS)?;
+                let mut blocks = Runs::default();
+                let slice = |y: u32| {
+                    near.read(y, &mut blocks)?;
+                    let (cells, values) = held.slice(y.into());
+                    let dipole = |((z, x), wall): ((u32, u32), &Wall)| match blocks::holds(&blocks, x, z) {
+                        true => Dipole::of(wall, [x, y, z].map(i64::from), &held),
+                        false => Dipole { mean: wall.mean, area: [0.0; 3], inside: 1.0 },
+                    };
+                    Ok(cells.iter().zip(values).map(dipole).collect())
+                };
+                chunk.map(slice).collect::<Result<Vec<Vec<Dipole>>>>()
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+
     /// The free cells that may open, each with what the walls near it add up to.
     fn candidates(
         &self,
@@ -606,16 +591,14 @@ impl<'a> Slabs<'a> {
                         let mut layer = None;
                         let [xs, ys, zs] = tile.ranges(0);
                         for (y, z) in ys.flat_map(|y| zs.clone().map(move |z| (y, z))) {
-                            let [block_y, block_z] = [y, z].map(|c| c as u32 / BLOCK);
-                            if layer != Some(block_y) {
-                                self.allowed.read(block_y, &mut allowed)?;
-                                layer = Some(block_y);
+                            if layer != Some(y / i64::from(BLOCK)) {
+                                self.allowed.read(y as u32, &mut allowed)?;
+                                layer = Some(y / i64::from(BLOCK));
                             }
                             let is_asked = |x: i64| {
-                                let block = x as u32 / BLOCK;
                                 free[tile.place([x, y, z])] == 1
                                     && solid.get([x, y, z])
-                                    && allowed.row(block_z).iter().any(|run| run.start <= block && block < run.end)
+                                    && blocks::holds(&allowed, x as u32, z as u32)
                             };
                             let mut asked = xs.clone().filter(|x| is_asked(*x)).peekable();
                             while let Some(first) = asked.next() {

@@ -217,7 +217,19 @@ fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
     let mut walls: BTreeMap<[i64; 3], Wall> = seen.collect();
     signed(&mut walls);
     let held = self::held(solid.cells, &walls);
-    let dipoles = walls.iter().map(|(at, wall)| (*at, Dipole::of(wall, [at[2], at[0], at[1]], &held)));
+    // From here on, hidden walls are the evidence.
+    let mut counts = BTreeMap::<Place, u32>::new();
+    for (at, _) in walls.iter().filter(|(_, wall)| wall.kind == HIDDEN) {
+        *counts.entry(block([at[2], at[0], at[1]])).or_default() += 1;
+    }
+    let evident: Vec<Place> = counts.into_iter().filter(|(_, count)| *count >= EVIDENCE).map(|(at, _)| at).collect();
+    let near =
+        |cell: Place, by: u32| evident.iter().any(|at| (0..3).all(|a| (at[a] - block(cell)[a]).abs() <= i64::from(by)));
+    let dipoles = walls.iter().map(|(at, wall)| {
+        let cell = [at[2], at[0], at[1]];
+        let none = Dipole { mean: wall.mean, area: [0.0; 3], inside: 1.0 };
+        (*at, if near(cell, LOOKED_AT) { Dipole::of(wall, cell, &held) } else { none })
+    });
     let dipoles: BTreeMap<[i64; 3], Dipole> = dipoles.collect();
     // Labels.
     let sigma = (3.0 / side).clamp(2.0, 3.0);
