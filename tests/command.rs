@@ -1075,8 +1075,8 @@ fn progress_in_json_is_an_object_a_line_to_the_end() {
     f.write("k.ply.gz", gzip(&f.read("k.ply")));
     f.write("plane.xyz", (0..2000).map(|i| format!("{} {} 0\n", i % 50, i / 50)).collect::<String>());
     for (line, stages) in [
-        ("k.ply.gz -o k.mesh.ply --preview", "unpack survey bucket raster seal surface check render write"),
-        ("k.ply -o k.tiles.ply --tile 0.3 --no-check", "survey bucket raster seal surface write"),
+        ("k.ply.gz -o k.mesh.ply --preview", "unpack survey bucket raster seal reopen surface check render write"),
+        ("k.ply -o k.tiles.ply --tile 0.3 --no-check", "survey bucket raster seal reopen surface write"),
         ("plane.xyz -o open.ply --surface terrain --cell-size 2", "survey bucket raster seal surface check write"),
         ("plan k.ply.gz", "unpack survey rehearse"),
         ("info k.ply", "survey"),

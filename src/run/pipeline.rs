@@ -400,19 +400,23 @@ fn reconstruct_as<T: Coordinate>(
         None => close::close(occupancy, grid.cell_size(), asked, context, done)?,
         Some(open) => close::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?,
     };
-    let closed = reopened(closed, &buckets, grid, context, progress)?;
-    let Closed { solid, occupancy, .. } = &closed;
-
     let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {
         Counted::Occupied
     } else {
         Counted::All
     };
-    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
-    let shell = match settings.surface.fit {
-        Fit::Auto => thickness::measure(&sampled, solid, context)?,
-        _ => None,
+    let sampled = Sampled { buckets: &buckets, occupied: &closed.occupancy.store, grid, counted };
+    let signed = matches!(closed.how, How::Sign(_));
+    let shell = match signed || settings.surface.fit == Fit::Auto {
+        true => thickness::measure(&sampled, &closed.solid, context)?,
+        false => None,
     };
+    let closed = match signed && !shell.is_some_and(|shell| shell.hides_walls()) {
+        true => reopened(closed, &buckets, grid, context, progress)?,
+        false => closed,
+    };
+    let Closed { solid, occupancy, .. } = &closed;
+    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let surface = SurfaceOptions {
         fit: settings.surface.fit.chosen(shell.is_some_and(|shell| shell.is_noisy())),
         ..settings.surface
@@ -490,13 +494,13 @@ fn reconstruct_as<T: Coordinate>(
         columns: closed.solid.ground.as_ref().map(|ground| ground.found),
         solid: closed.solid.volume,
         fit: surface.fit,
-        shell,
+        shell: shell.filter(|_| settings.surface.fit == Fit::Auto),
         counts,
         memory,
     })
 }
 
-/// What was closed by the sign of a field, with what that filled opened again where the points say so.
+/// What was closed, with what that filled opened again where the points say so.
 fn reopened<T: Coordinate>(
     closed: Closed,
     buckets: &Buckets<T>,
@@ -504,9 +508,6 @@ fn reopened<T: Coordinate>(
     context: &Context,
     progress: &mut Progress,
 ) -> Result<Closed> {
-    if !matches!(closed.how, How::Sign(_)) {
-        return Ok(closed);
-    }
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Reopen, None);
     let Closed { solid, occupancy, .. } = closed;

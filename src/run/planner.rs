@@ -275,7 +275,8 @@ fn jobs_of_all(threads: usize) -> u64 {
 
 /// Bytes of the one job at least that measures how noisy points are.
 fn measuring(workload: &Workload) -> u64 {
-    if workload.fit == Fit::Auto { thickness::bytes(workload.cells) } else { 0 }
+    let measured = workload.fit == Fit::Auto || workload.columns.is_none();
+    if measured { thickness::bytes(workload.cells) } else { 0 }
 }
 
 /// Bytes of a job that opens again what the closing filled; a surface that is not closed has none.

@@ -39,6 +39,9 @@ const EVEN: f64 = 1.5;
 /// however coarse its cells. Filled bodies are as thick, but their wider blocks 1.9 times and more.
 const FILLED: (f64, f64) = (0.42, 1.8);
 
+/// Noise as thick as this, in cells, leads planes of walls astray, and hides walls behind their own points.
+const HIDING: f64 = 0.25;
+
 /// How far behind a cell there is to be inside, in cells.
 const BEHIND: f64 = 3.0;
 
@@ -99,6 +102,11 @@ impl Shell {
     pub fn is_noisy(&self) -> bool {
         let even = if self.thickness > FILLED.0 { FILLED.1 } else { EVEN };
         self.thickness > NOISE && self.wider < even * self.thickness
+    }
+
+    /// Whether it is noise so thick that what the walls of a slot say of it means nothing ([`crate::solid::reopen`]).
+    pub fn hides_walls(&self) -> bool {
+        self.is_noisy() && self.thickness > HIDING
     }
 }
 
