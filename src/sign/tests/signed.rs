@@ -44,7 +44,8 @@ fn check(body: &Body, missing: f64, numbers: &mut Numbers) -> Result<(), TestCas
         }
         seen[usize::from(side == Side::Inside)] += 1;
     }
-    prop_assert!(seen.iter().all(|count| *count > 100), "{seen:?} cells were asked: too few of a side");
+    // A body that is thin all over has hardly a cell that lies clear of its wall; too many of these, and proptest gives up.
+    prop_assume!(seen.iter().all(|count| *count > 100));
     prop_assert!(wrong.is_empty(), "{} of {seen:?}, {:?}: {body:?}", wrong.len(), wrong[0]);
     Ok(())
 }
