@@ -79,6 +79,7 @@ mod resources;
 mod run;
 mod settings;
 mod sign;
+mod simplify;
 mod solid;
 mod stitch;
 mod storage;
@@ -103,7 +104,9 @@ pub use run::reconstruction::{Mesh, MeshSink, Reconstruction};
 pub use run::report::Report;
 pub use settings::closing::{Least, Sealing};
 pub use settings::open::{Facing, Hole, Kind as OpenKind, Open};
+pub use settings::simplification::{Borders, Simplification, Tolerance};
 pub use settings::surface::{Diagonals, Fit};
+pub use simplify::Figures as SimplificationFigures;
 pub use storage::atomic_file::Overwrite;
 
 /// The modules below the crate's face, for this project's own tests, benchmarks, fuzz targets and Python module. They change without notice.
@@ -121,7 +124,7 @@ pub mod internals {
     }
     opened! {
         #[cfg(feature = "compare")] compare, error, format, #[cfg(feature = "generate")] generate, grid, input, mesh, points,
-        #[cfg(feature = "render")] render, resources, run, settings, sign, solid, stitch, storage, surface,
+        #[cfg(feature = "render")] render, resources, run, settings, sign, simplify, solid, stitch, storage, surface,
     }
 }
 

@@ -194,6 +194,17 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             inputs.push(arguments.mesh.clone());
             inputs
         }
+        Some(Command::Simplify(arguments)) => {
+            let overwrite = may(arguments.overwrite);
+            put(arguments.output.clone(), "mesh", Kind::File, overwrite);
+            for path in write::beside(&arguments.output) {
+                put(path, "mesh's side-car", Kind::Beside, overwrite);
+            }
+            if let Some(path) = &arguments.report {
+                put(path.clone(), "report", Kind::Report, Overwrite::Refuse);
+            }
+            vec![arguments.mesh.clone()]
+        }
         Some(Command::Render(arguments)) => {
             let output = arguments.output.clone().unwrap_or_else(|| arguments.mesh.with_extension("png"));
             put(output, "picture", Kind::File, may(arguments.overwrite));

@@ -55,7 +55,7 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 30] = [
+pub const SETTINGS: [&str; 33] = [
     "attributes",
     "axis",
     "base",
@@ -71,12 +71,14 @@ pub const SETTINGS: [&str; 30] = [
     "layout",
     "max_hole",
     "max_memory",
+    "max_triangles",
     "min_component",
     "min_points",
     "output",
     "overwrite",
     "recursive",
     "seal",
+    "simplify",
     "size",
     "skip_bytes",
     "slices",
@@ -85,6 +87,7 @@ pub const SETTINGS: [&str; 30] = [
     "temp_dir",
     "threads",
     "tile",
+    "unsound",
     "window",
 ];
 

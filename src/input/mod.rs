@@ -28,7 +28,7 @@ use crate::format::unpack::Unpacking;
 use crate::points::attribute::{Schema, Wanted};
 use crate::points::crs::Crs;
 use crate::points::filter::Sieve;
-use crate::points::unit::{Measure, Unit};
+use crate::points::unit::{Measure, Unit, measured};
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::mapped;
@@ -193,19 +193,7 @@ impl<'a> Cloud<'a> {
     /// # Errors
     /// [`Error::InvalidSetting`] if the unit of the coordinates is not known, or not one of length.
     pub(crate) fn length(&self, setting: &'static str, length: f64, unit: Unit) -> Result<f64> {
-        let wrong = |words: &str| Err(Error::setting(setting, format!("`{setting}` {length}{unit}: {words}")));
-        match self.measure() {
-            Some(Measure::Length(own)) => Ok(unit.convert(length, own)),
-            Some(Measure::Degrees) => wrong(
-                "the input's coordinates are degrees, which have no length; reproject the input to metres or feet",
-            ),
-            Some(Measure::Mixed) => wrong(
-                "the input has one unit on the map and another in height; give a plain number, in the input's units",
-            ),
-            None => wrong(
-                "the unit of the input is not known; give a plain number, in the input's units, or name its reference system with `crs`",
-            ),
-        }
+        measured(setting, length, unit, self.measure())
     }
 
     /// Where the scans of each file were taken from, in the order of [`Cloud::sources`], as far as files tell.

@@ -62,6 +62,11 @@ impl Bounds {
     }
 
     /// The longest side; the first of equals.
+    pub fn longest_side(&self) -> f64 {
+        (0..3).map(|a| self.max[a] - self.min[a]).fold(0.0, f64::max)
+    }
+
+    /// The axis of the longest side.
     pub fn longest(&self) -> Axis {
         let e = self.extent();
         let mut best = Axis::X;

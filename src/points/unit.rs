@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::error::{Error, Result};
+
 /// A unit of length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -108,6 +110,26 @@ pub enum Measure {
     Mixed,
     /// Angles: longitude and latitude.
     Degrees,
+}
+
+/// The length of a setting, given in a unit, in that of coordinates.
+///
+/// # Errors
+/// [`Error::InvalidSetting`] if the unit of the coordinates is not known, or not one of length.
+pub(crate) fn measured(setting: &'static str, length: f64, unit: Unit, measure: Option<Measure>) -> Result<f64> {
+    let wrong = |words: &str| Err(Error::setting(setting, format!("`{setting}` {length}{unit}: {words}")));
+    match measure {
+        Some(Measure::Length(own)) => Ok(unit.convert(length, own)),
+        Some(Measure::Degrees) => {
+            wrong("the input's coordinates are degrees, which have no length; reproject the input to metres or feet")
+        }
+        Some(Measure::Mixed) => {
+            wrong("the input has one unit on the map and another in height; give a plain number, in the input's units")
+        }
+        None => wrong(
+            "the unit of the input is not known; give a plain number, in the input's units, or name its reference system with `crs`",
+        ),
+    }
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@ use crate::run::prepare::{Passes, expected_tiles, files, known, open, planned, s
 use crate::run::preview::{DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
 use crate::run::report::{OutputReport, Report};
+use crate::run::simplification::{Lengths, simplified};
 
 /// No mesh takes the place of the points it is made from.
 fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
@@ -78,10 +79,19 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
-    let made = reconstruct(&cloud, &surveyed, &settings, &context, progress)?;
+    let mut made = reconstruct(&cloud, &surveyed, &settings, &context, progress)?;
 
     if job.settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
+    }
+    let mut simplification = None;
+    if let Some(asked) = &settings.simplify {
+        let longest = surveyed.survey.bounds.longest_side();
+        let lengths = Lengths { cell: Some(surveyed.grid.cell_size()), longest };
+        let (fewer, figures) =
+            simplified(made.mesh, asked, lengths, made.memory.working, (workers, &workspace), progress)?;
+        made.mesh = fewer;
+        simplification = Some(figures);
     }
     let header = header_of(&cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
     let origin = if positions == Positions::Absolute { [0.0; 3] } else { made.origin };
@@ -153,6 +163,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         surveyed: &surveyed,
         settings: &settings,
         made: &made,
+        simplification,
         check: checked,
         output,
         progress,

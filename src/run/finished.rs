@@ -10,6 +10,7 @@ use crate::run::report::{
     Closing, FitReport, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report,
 };
 use crate::settings::Settings;
+use crate::simplify::Figures;
 use crate::storage::spool::Workspace;
 
 /// A mesh that is not what was promised is nobody's.
@@ -31,6 +32,8 @@ pub(crate) struct Finished<'a> {
     pub settings: &'a Settings,
     /// The mesh, and how it came to be.
     pub made: &'a Reconstructed,
+    /// How many triangles were left out, if any were to be.
+    pub simplification: Option<Figures>,
     /// What the check found, if there was one.
     pub check: Option<CheckReport>,
     /// Where the mesh went.
@@ -45,7 +48,7 @@ pub(crate) struct Finished<'a> {
 
 /// What is told of a run, with how long it took and what may be wrong.
 pub(crate) fn report(run: Finished<'_>) -> Report {
-    let Finished { cloud, surveyed, settings, made, check, output, progress, seconds, workspace } = run;
+    let Finished { cloud, surveyed, settings, made, simplification, check, output, progress, seconds, workspace } = run;
     let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
         inputs: input_reports(cloud),
@@ -56,6 +59,7 @@ pub(crate) fn report(run: Finished<'_>) -> Report {
         closing: Closing::of(made, &surveyed.grid),
         fit: FitReport { onto: made.fit, shell: made.shell },
         vertices: made.counts,
+        simplification,
         check,
         output,
         seconds: progress.times().iter().map(|(phase, time)| (*phase, time.as_secs_f64())).collect(),

@@ -12,6 +12,7 @@ use crate::resources::workers::Workers;
 use crate::run::preview::Preview;
 use crate::settings::closing::Sealing;
 use crate::settings::open::Hole;
+use crate::settings::simplification::{Simplification, Tolerance};
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
@@ -76,7 +77,7 @@ impl Job {
     /// # Errors
     /// [`Error::InvalidSetting`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
     pub(crate) fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
-        let Units { cell_size, seal, max_hole, base, tile } = self.units;
+        let Units { cell_size, seal, max_hole, base, tile, simplify } = self.units;
         let length = |setting: &'static str, length: f64, unit: Option<Unit>| {
             unit.map_or(Ok(length), |unit| cloud.length(setting, length, unit))
         };
@@ -92,6 +93,9 @@ impl Job {
                 *width = length("max_hole", *width, max_hole)?;
             }
             open.base = open.base.map(|height| length("base", height, base)).transpose()?;
+        }
+        if let Some(Simplification { tolerance: Some(Tolerance::Length(tolerance)), .. }) = &mut settings.simplify {
+            *tolerance = length("simplify", *tolerance, simplify)?;
         }
         let tile = self.tile.map(|side| length("tile", side, tile)).transpose()?;
         Ok(Job { settings, tile, units: Units::default(), ..self.clone() })
@@ -111,6 +115,8 @@ pub struct Units {
     pub base: Option<Unit>,
     /// The unit of the side of tiles.
     pub tile: Option<Unit>,
+    /// The unit of the tolerance of simplification.
+    pub simplify: Option<Unit>,
 }
 
 /// What a run may use. Nothing of it shows in the mesh.

@@ -24,8 +24,10 @@ pub mod preview;
 pub mod progress;
 pub mod reconstruction;
 pub mod report;
+pub mod simplification;
 pub mod workload;
 
 pub use self::files_to_mesh::run;
 pub use self::job::{Check, Job, Resources, Units, default_output_of};
 pub use self::prepare::{look, plan};
+pub use self::simplification::simplify_file;

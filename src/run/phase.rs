@@ -23,6 +23,8 @@ pub enum Phase {
     Reopen,
     /// Extraction, smoothing, fitting, stitching.
     Surface,
+    /// Leaving out triangles.
+    Simplify,
     /// Checking the mesh; and, where there is room for both, writing the mesh file.
     Check,
     /// Looking for triangles of the mesh that intersect.
@@ -50,6 +52,7 @@ impl Phase {
             Phase::Seal => ("seal", "slices"),
             Phase::Reopen => ("reopen", "slices"),
             Phase::Surface => ("surface", "faces"),
+            Phase::Simplify => ("simplify", "triangles"),
             Phase::Check => ("check", "triangles"),
             Phase::Intersect => ("intersect", "triangles"),
             Phase::Compare => ("compare", "distances"),

@@ -18,11 +18,14 @@ use crate::resources::memory::MemoryPlan;
 use crate::run::phase::Phase;
 use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::Warning;
+use crate::run::simplification;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Kind, Open};
+use crate::settings::simplification::Simplification;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
+use crate::simplify::Figures;
 use crate::solid::close::{How, PartingNothing};
 use crate::solid::component::Components;
 use crate::solid::heightfield::ColumnCounts as Columns;
@@ -61,6 +64,8 @@ pub struct Report {
     pub fit: FitReport,
     /// What became of the vertices.
     pub vertices: Counts,
+    /// How many triangles were left out, if any were to be.
+    pub simplification: Option<Figures>,
     /// The mesh as the check found it, unless it was left out.
     pub check: Option<CheckReport>,
     /// The mesh file.
@@ -114,6 +119,8 @@ pub struct Parameters {
     pub surface: SurfaceOptions,
     /// What was asked of a surface that is not closed.
     pub open: Option<Open>,
+    /// What was asked of a simplification.
+    pub simplify: Option<Simplification>,
 }
 
 /// The points.
@@ -261,8 +268,21 @@ impl Parameters {
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
             Fineness::Sampling | Fineness::Default => {}
         }
-        let Settings { seal, window, keep_outliers, min_points, min_component, surface, open, .. } = *settings;
-        Parameters { k, slices, cell_size, seal, window, keep_outliers, min_points, min_component, surface, open }
+        let Settings { seal, window, keep_outliers, min_points, min_component, surface, open, simplify, .. } =
+            *settings;
+        Parameters {
+            k,
+            slices,
+            cell_size,
+            seal,
+            window,
+            keep_outliers,
+            min_points,
+            min_component,
+            surface,
+            open,
+            simplify,
+        }
     }
 }
 
@@ -457,6 +477,7 @@ impl Report {
                 ),
             ));
         }
+        found.extend(self.simplification.as_ref().and_then(simplification::warning));
         if self.vertices.tangled > 0 {
             let tangled = thousands(self.vertices.tangled);
             found.push(Warning::bare(format!("{tangled} pairs of triangles still intersect")));
@@ -564,6 +585,12 @@ impl Report {
             lines.push(format!(
                 "kept off {} vertices kept off their points, so that no triangles intersect",
                 thousands(retreated)
+            ));
+        }
+        if let Some(Figures { before, reached, .. }) = self.simplification {
+            let (before, reached) = (thousands(before), short(reached));
+            lines.push(format!(
+                "fewer    of {before} triangles; no place of either surface is farther than {reached} from the other"
             ));
         }
         let stages = self

@@ -2,10 +2,12 @@
 
 pub mod closing;
 pub mod open;
+pub mod simplification;
 pub mod surface;
 
 use self::closing::{Least, Sealing};
 use self::open::Open;
+use self::simplification::Simplification;
 use self::surface::SurfaceOptions;
 use crate::error::{Error, Result};
 use crate::points::bounds::Axis;
@@ -71,6 +73,8 @@ pub struct Settings {
     pub surface: SurfaceOptions,
     /// What is asked of a surface that is not closed; `None` for one that is.
     pub open: Option<Open>,
+    /// How many triangles are left; all with `None`.
+    pub simplify: Option<Simplification>,
 }
 
 impl Default for Settings {
@@ -85,6 +89,7 @@ impl Default for Settings {
             min_component: Some(Least::Auto),
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
             open: None,
+            simplify: None,
         }
     }
 }
@@ -116,6 +121,6 @@ impl Settings {
             let message = "`min_component`: a surface that is seen from one side has no components; `min_points` thins out strays";
             return Err(Error::setting("min_component", message.into()));
         }
-        Ok(())
+        self.simplify.map_or(Ok(()), |asked| asked.validate())
     }
 }

@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 use super::shared::{InUnit, in_unit};
 use super::values::{bounds, cell_size, height, positive, sealing};
+use crate::cli::sizes;
 use crate::error::{Error, Result};
 use crate::grid::CELLS_LIMIT;
 use crate::input::{Depth, Filter, InputOptions, Layout, Returns, Withheld, tells_stations};
@@ -16,6 +17,7 @@ use crate::points::scalar::Endian;
 use crate::run::{Job, Resources, Units};
 use crate::settings::closing::{Least, Sealing};
 use crate::settings::open::{Facing, Hole, Kind, Open};
+use crate::settings::simplification::{Borders, Simplification, Tolerance};
 use crate::settings::surface::{Diagonals, Fit, SurfaceOptions};
 use crate::settings::{AxisChoice, Fineness, Resolution, Settings};
 
@@ -120,6 +122,34 @@ pub struct CloudArguments {
     /// What vertices are moved onto; the summary says so where points turn out to be noisy
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
     pub fit: Fit,
+    /// How many triangles are left.
+    #[command(flatten)]
+    pub simplification: SimplificationArguments,
+}
+
+/// How many triangles are left.
+#[derive(Debug, Args)]
+pub struct SimplificationArguments {
+    /// Leave out triangles as long as no place of either surface is farther than E from the other: a length (plain, or with a unit as in 5cm), cells as in 0.25c, or
+    /// per cents of the longest side as in 0.01%
+    #[arg(long, value_name = "E", value_parser = in_unit::<Tolerance>, allow_negative_numbers = true, help_heading = "Surface")]
+    pub simplify: Option<InUnit<Tolerance>>,
+    /// Leave at most so many triangles: with the least tolerance that does, or, within --simplify E, those that matter most
+    #[arg(long, value_name = "N", value_parser = sizes::count, help_heading = "Surface")]
+    pub max_triangles: Option<u64>,
+    /// What triangles are not joined across as they are left out: classes, where points have some
+    #[arg(long, value_enum, default_value_t, value_name = "WHAT", help_heading = "Surface")]
+    pub keep_borders: Borders,
+}
+
+impl SimplificationArguments {
+    /// What is asked of a reconstruction.
+    fn asked(&self) -> Option<Simplification> {
+        let tolerance = self.simplify.map(|tolerance| tolerance.value);
+        let (max_triangles, keep_borders) = (self.max_triangles, self.keep_borders);
+        let is_asked = tolerance.is_some() || max_triangles.is_some();
+        is_asked.then_some(Simplification { tolerance, max_triangles, keep_borders })
+    }
 }
 
 /// The axis as typed.
@@ -210,8 +240,8 @@ impl CloudArguments {
         let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
         let (min_points, min_component) = (self.min_points, Some(self.min_component));
         let (seal, window, open) = (self.seal.value, self.window, self.open()?);
-        let keep_outliers = self.keep_outliers;
-        Ok(Settings { fineness, axis, seal, window, keep_outliers, min_points, min_component, surface, open })
+        let (keep_outliers, simplify) = (self.keep_outliers, self.simplification.asked());
+        Ok(Settings { fineness, axis, seal, window, keep_outliers, min_points, min_component, surface, open, simplify })
     }
 
     /// How folders are looked into.
@@ -227,6 +257,7 @@ impl CloudArguments {
             max_hole: self.max_hole.and_then(|hole| hole.unit),
             base: self.base.and_then(|base| base.unit),
             tile: None,
+            simplify: self.simplification.simplify.and_then(|tolerance| tolerance.unit),
         }
     }
 

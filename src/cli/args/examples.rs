@@ -35,6 +35,12 @@ pub const DENSIFY: &str = "\
 Examples:
   asra-stream densify mesh.ply scan.ply -o dense.ply";
 
+pub const SIMPLIFY: &str = "\
+Examples:
+  asra-stream simplify mesh.ply 0.25c -o light.ply   the surface moves by a quarter of a cell at most
+  asra-stream simplify scan.stl 0.1mm -o light.stl
+  asra-stream simplify mesh.ply --max-triangles 500k -o light.glb";
+
 pub const RENDER: &str = "\
 Examples:
   asra-stream render mesh.ply                        six views beside each other: writes mesh.png
@@ -69,7 +75,7 @@ mod tests {
 
     #[test]
     fn examples_are_what_the_command_takes() {
-        let all = [RECONSTRUCT, PLAN, INFO, CHECK, COMPARE, DENSIFY, RENDER, GENERATE, COMPLETIONS, MAN];
+        let all = [RECONSTRUCT, PLAN, INFO, CHECK, COMPARE, DENSIFY, SIMPLIFY, RENDER, GENERATE, COMPLETIONS, MAN];
         for text in all {
             let commands: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("  asra-stream ")).collect();
             assert!(!commands.is_empty(), "{text}");

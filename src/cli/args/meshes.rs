@@ -5,11 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::shared::{InUnit, ResourceArguments, TalkArguments, coordinates_only, in_unit, overwrite};
+use crate::cli::sizes;
 use crate::compare;
 use crate::generate::densify;
 use crate::input::Layout;
 use crate::points::unit::Measure;
 use crate::render::{Background, ColourBy, Legend, Options, Shading, Size, Up, View};
+use crate::run::simplification::SimplifyJob;
+use crate::settings::simplification::{Borders, Simplification, Tolerance};
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
@@ -91,6 +94,44 @@ pub struct DensifyArguments {
     pub resources: ResourceArguments,
 }
 
+/// Arguments of `simplify`.
+#[derive(Debug, Args)]
+pub struct SimplifyArguments {
+    /// The mesh: .ply, .stl, .obj or .glb
+    pub mesh: PathBuf,
+    /// No place of either surface may be farther than this from the other: a length (plain, or with a unit as in 5cm), cells as in 0.25c of a mesh that this program
+    /// made, or per cents of the longest side as in 0.01%
+    #[arg(value_name = "E", value_parser = in_unit::<Tolerance>, allow_negative_numbers = true, required_unless_present = "max_triangles")]
+    pub tolerance: Option<InUnit<Tolerance>>,
+    /// Leave at most so many triangles: with the least E that does, or, within E, those that matter most
+    #[arg(long, value_name = "N", value_parser = sizes::count)]
+    pub max_triangles: Option<u64>,
+    /// The file: .ply, .stl, .obj or .glb
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Replace the file if it exists
+    #[arg(long)]
+    pub overwrite: bool,
+    /// What triangles are not joined across: classes, where vertices have some
+    #[arg(long, value_enum, default_value_t, value_name = "WHAT")]
+    pub keep_borders: Borders,
+    /// Take a mesh that is no oriented manifold, or intersects itself, too: such places stay as they are
+    #[arg(long)]
+    pub unsound: bool,
+    /// Do not look for triangles of the mesh that intersect
+    #[arg(long)]
+    pub no_intersections: bool,
+    /// Write the findings as JSON; an existing report is replaced
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub resources: ResourceArguments,
+}
+
 /// Arguments of `render`.
 #[derive(Debug, Args)]
 pub struct RenderArguments {
@@ -160,6 +201,24 @@ impl CompareArguments {
                 let (max, unit) = (max.map(|max| max.value), max.and_then(|max| max.unit));
                 compare::HeatMap { path, max, unit, overwrite }
             }),
+            resources: self.resources.resources(),
+        }
+    }
+}
+
+impl SimplifyArguments {
+    /// The job they describe.
+    pub fn job(&self) -> SimplifyJob {
+        let tolerance = self.tolerance.map(|tolerance| tolerance.value);
+        let (max_triangles, keep_borders) = (self.max_triangles, self.keep_borders);
+        SimplifyJob {
+            mesh: self.mesh.clone(),
+            output: self.output.clone(),
+            overwrite: overwrite(self.overwrite),
+            asked: Simplification { tolerance, max_triangles, keep_borders },
+            unit: self.tolerance.and_then(|tolerance| tolerance.unit),
+            unsound: self.unsound,
+            unseen: self.no_intersections,
             resources: self.resources.resources(),
         }
     }

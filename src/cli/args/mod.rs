@@ -12,7 +12,7 @@ use clap::{Args, Parser, Subcommand};
 use clap_complete::Shell;
 
 pub use self::generate::GenerateArguments;
-pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments};
+pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments, SimplifyArguments};
 pub use self::runs::{InfoArguments, PlanArguments, ReconstructArguments};
 pub use self::shared::overwrite;
 use crate::run::progress::Show;
@@ -44,6 +44,7 @@ impl Arguments {
             Some(Command::Check(check)) => check.talk.show(),
             Some(Command::Compare(compare)) => compare.talk.show(),
             Some(Command::Densify(densify)) => densify.talk.show(),
+            Some(Command::Simplify(simplify)) => simplify.talk.show(),
             Some(Command::Render(render)) => render.talk.show(),
             Some(Command::Generate(generate)) => generate.talk.show(),
             Some(Command::Completions(_) | Command::Man(_)) => Show::Nothing,
@@ -70,6 +71,10 @@ pub enum Command {
     #[command(after_help = examples::DENSIFY)]
     /// Add the centroids of a mesh's triangles to a cloud
     Densify(DensifyArguments),
+    #[command(after_help = examples::SIMPLIFY)]
+    /// Leave out triangles of a mesh as long as its surface stays within a distance from what it was, both ways; a closed mesh stays closed, and nothing
+    /// intersects
+    Simplify(SimplifyArguments),
     #[command(after_help = examples::RENDER)]
     /// Draw a picture of a mesh
     Render(RenderArguments),

@@ -13,6 +13,7 @@ use crate::points::unit::Unit;
 use crate::run::Resources;
 use crate::run::progress::Show;
 use crate::settings::open::Hole;
+use crate::settings::simplification::Tolerance;
 use crate::storage::atomic_file::Overwrite;
 
 /// How much is said on standard error.
@@ -125,6 +126,12 @@ pub(super) trait Measured {
 impl Measured for Hole {
     fn is_length(&self) -> bool {
         matches!(self, Hole::Length(_))
+    }
+}
+
+impl Measured for Tolerance {
+    fn is_length(&self) -> bool {
+        matches!(self, Tolerance::Length(_))
     }
 }
 

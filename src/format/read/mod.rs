@@ -73,31 +73,49 @@ pub fn has_triangles(path: &Path) -> Result<bool> {
     }
 }
 
+/// The longest header, or side-car, that is looked at for what it tells.
+const LONGEST: u64 = 1 << 20;
+
 /// The reference system of a mesh, as far as the file tells: a PLY file in its comments, as this program writes them, others in a `.prj` beside. What cannot be read
 /// tells nothing; whoever opens it says why.
 pub fn told_crs(path: &Path) -> Option<Crs> {
-    /// The longest header, or side-car, that is looked at.
-    const LONGEST: u64 = 1 << 20;
     let input = Input::open(path).ok()?;
-    let format = input.format().ok()??;
     let beside = path.with_extension("prj");
-    if format != Format::Ply {
+    if input.format().ok()?? != Format::Ply {
         let is_short = beside.metadata().is_ok_and(|there| there.is_file() && there.len() <= LONGEST);
         return is_short.then(|| named(&std::fs::read_to_string(&beside).ok()?))?;
     }
-    let mut head = vec![0; input.length.min(LONGEST) as usize];
-    input.read_at(0, &mut head).ok()?;
-    let lines = head.split(|byte| *byte == b'\n').take_while(|line| line.trim_ascii() != b"end_header");
     let (mut name, mut wkt) = (None, String::new());
-    for line in lines {
-        let text = |rest: &[u8]| String::from_utf8_lossy(rest).into_owned();
-        if let Some(rest) = line.strip_prefix(b"comment wkt ") {
-            wkt += &text(rest);
-        } else if let Some(rest) = line.strip_prefix(b"comment crs ") {
-            name = name.or(Some(text(rest)));
+    for comment in comments(&input)? {
+        if let Some(rest) = comment.strip_prefix("wkt ") {
+            wkt += rest;
+        } else if let Some(rest) = comment.strip_prefix("crs ") {
+            name = name.or(Some(rest.to_owned()));
         }
     }
     Crs::parse(&wkt).filter(|crs| crs.wkt.is_some()).or_else(|| named(&name?))
+}
+
+/// The side of the cells that a mesh was made with, where a PLY file tells, as this program writes it.
+pub fn told_cell_size(path: &Path) -> Option<f64> {
+    let input = Input::open(path).ok()?;
+    if input.format().ok()?? != Format::Ply {
+        return None;
+    }
+    let told = comments(&input)?.into_iter().find_map(|comment| {
+        let number = comment.strip_prefix("cell_size ")?.split(' ').next()?.to_owned();
+        number.parse::<f64>().ok()
+    });
+    told.filter(|side| *side > 0.0 && side.is_finite())
+}
+
+/// The comments of a PLY header.
+fn comments(input: &Input) -> Option<Vec<String>> {
+    let mut head = vec![0; input.length.min(LONGEST) as usize];
+    input.read_at(0, &mut head).ok()?;
+    let lines = head.split(|byte| *byte == b'\n').take_while(|line| line.trim_ascii() != b"end_header");
+    let comments = lines.filter_map(|line| line.strip_prefix(b"comment "));
+    Some(comments.map(|comment| String::from_utf8_lossy(comment).into_owned()).collect())
 }
 
 /// A system as this program writes it: its text, or its code, behind which its name stands.

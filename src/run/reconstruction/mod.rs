@@ -25,9 +25,11 @@ use crate::run::pipeline::reconstruct;
 use crate::run::prepare::{Passes, known_of_points, open_all, planned, surveyed};
 use crate::run::progress::Progress;
 use crate::run::report::{OutputReport, Report};
+use crate::run::simplification::{Lengths, simplified};
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::Open;
+use crate::settings::simplification::Simplification;
 use crate::settings::surface::{Diagonals, Fit};
 use crate::settings::{AxisChoice, Fineness, Resolution};
 use crate::storage::spool::Workspace;
@@ -214,6 +216,12 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
+    /// Leaves out triangles, within a tolerance or down to a number; all stay by default. No vertex is moved, and no guarantee is lost.
+    pub fn simplify(mut self, asked: Simplification) -> Self {
+        self.job.settings.simplify = Some(asked);
+        self
+    }
+
     /// Which points count: all by default.
     pub fn filter(mut self, filter: Filter) -> Self {
         self.job.input.filter = filter;
@@ -350,9 +358,18 @@ fn made(
     let job = &job.measured_as(cloud)?;
     let (surveyed, settings) = surveyed(cloud, &job.settings, workers, progress)?;
     let (surveyed, context) = planned(surveyed, &settings, workers, workspace, job.resources.budget(), progress)?;
-    let made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
+    let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
     if settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
+    }
+    let mut simplification = None;
+    if let Some(asked) = &settings.simplify {
+        let longest = surveyed.survey.bounds.longest_side();
+        let lengths = Lengths { cell: Some(surveyed.grid.cell_size()), longest };
+        let (fewer, figures) =
+            simplified(made.mesh, asked, lengths, made.memory.working, (workers, workspace), progress)?;
+        made.mesh = fewer;
+        simplification = Some(figures);
     }
     let header = header_of(cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
     let checked = match job.check {
@@ -382,6 +399,7 @@ fn made(
         surveyed: &surveyed,
         settings: &settings,
         made: &made,
+        simplification,
         check: checked,
         output,
         progress,

@@ -1,0 +1,288 @@
+//! Pass after pass over a mesh that does not fit in memory: each cuts space in another way, so that what lay on a border lies within a part the next time.
+
+use glam::DVec3;
+
+use super::collapse::Limits;
+use super::part::Gathered;
+use super::soup::{Record, Sample, Soup};
+use super::space::Space;
+use crate::error::{Error, Result};
+use crate::mesh::MeshSource;
+use crate::mesh::measure::{Corners, GROUP, is_degenerate};
+use crate::points::Coordinate;
+use crate::resources::workers::Workers;
+use crate::storage::partitions::Partitions;
+use crate::storage::spool::Workspace;
+
+/// Triangles of a part, about: what one thread works on at a time. Fixed, since it shows in the bytes.
+pub(super) const PART: u64 = 1 << 16;
+/// The share of the sample on the first side of each plane, pass after pass. If all of the last pass was one part, there is none after it.
+const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
+/// A part may be so much larger than intended: a sample tells its triangles' number, and those of other parts that reach into it come on top.
+const UNEVEN: u64 = 2;
+/// Vertices that are read along with a group of triangles if its numbers span no more.
+const WINDOW: usize = 4 * GROUP;
+/// Records read at a time.
+const BLOCK: usize = 1 << 13;
+
+/// Where a pass has its triangles from.
+#[derive(Clone, Copy)]
+pub(super) enum Triangles<'a, T> {
+    /// The mesh as it was given, and the class of each vertex by the attribute of this number.
+    Mesh(&'a dyn MeshSource, Option<usize>),
+    Soup(&'a Soup<T>),
+}
+
+/// What all passes work with.
+pub(super) struct Passes<'a> {
+    pub(super) workers: &'a Workers,
+    pub(super) workspace: &'a Workspace,
+    pub(super) room: Room,
+}
+
+/// The budget, shared out. Nothing of it shows in the bytes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Room {
+    budget: u64,
+    /// Parts under way.
+    jobs: u64,
+    /// Full pages of the partitions that stay in memory; as much for each soup.
+    pub(super) quota: u64,
+    pages: u64,
+}
+
+/// The least for pages of the partitions.
+const PAGES: u64 = 1 << 20;
+
+impl Room {
+    /// The least that simplifying so many triangles needs, in bytes, beside what the final numbering takes.
+    pub(super) fn least<T: Coordinate>(triangles: u64) -> u64 {
+        let parts = triangles.div_ceil(PART / 2);
+        let part = triangles.min(UNEVEN * PART);
+        let paged = if parts > 1 { pages::<T>(parts) } else { 0 };
+        part * Gathered::bytes::<T>() + paged + reading::<T>(triangles) + 3 * Sample::<T>::BYTES.min(triangles * 24)
+    }
+
+    pub(super) fn of<T: Coordinate>(triangles: u64, budget: u64, numbering: u64) -> Result<Room> {
+        let least = Room::least::<T>(triangles) + numbering;
+        if budget < least {
+            return Err(refused(budget, least));
+        }
+        let fixed = least - triangles.min(UNEVEN * PART) * Gathered::bytes::<T>();
+        // A quarter of what is left may hold records that would go to disk.
+        let spare = budget - least;
+        let quota = spare / 8;
+        let pages = pages::<T>(triangles.div_ceil(PART / 2)).max(PAGES.min(spare / 16));
+        Ok(Room { budget, jobs: budget - fixed - 2 * quota - spare / 16, quota, pages })
+    }
+
+    /// How many parts of so many triangles at most can be under way.
+    fn in_flight<T: Coordinate>(&self, largest: u64, threads: usize) -> Result<usize> {
+        let each = largest * Gathered::bytes::<T>();
+        if each > self.jobs {
+            return Err(refused(self.budget, self.budget + each - self.jobs));
+        }
+        Ok((self.jobs / each.max(1)).min(threads as u64 + 1) as usize)
+    }
+}
+
+fn refused(given: u64, needed: u64) -> Error {
+    use bytesize::ByteSize;
+    let needed = needed.next_multiple_of(1 << 20);
+    Error::Budget { given: ByteSize(given), needed: ByteSize(needed), what: "simplifying the mesh" }
+}
+
+/// Bytes of the partitions' pages, at the least.
+fn pages<T>(parts: u64) -> u64 {
+    parts * (8 * size_of::<Record<T>>() + 64) as u64
+}
+
+/// Bytes of a group of triangles that is read, with the vertices that its numbers span, and of its records.
+fn reading<T>(triangles: u64) -> u64 {
+    triangles.min(GROUP as u64) * (12 + 4 * 24 + 4 * 8 + 2 * size_of::<Record<T>>() as u64 + 110)
+}
+
+impl Passes<'_> {
+    /// Simplifies, pass after pass. `progress` is told the part that is done.
+    pub(super) fn simplified<T: Coordinate>(
+        &self,
+        from: &Triangles<T>,
+        limits: Limits,
+        progress: &mut dyn FnMut(f64),
+    ) -> Result<Soup<T>> {
+        let mut soup: Option<Soup<T>> = None;
+        for (number, share) in SHARES.into_iter().enumerate() {
+            let again = soup.as_ref().map(Triangles::Soup);
+            // The first pass has by far the most to do.
+            let (before, after) = [(0.0, 0.7), (0.7, 0.9), (0.9, 1.0)][number];
+            let told = &mut |part: f64| progress(before + part * (after - before));
+            let (left, parts) = self.pass(again.as_ref().unwrap_or(from), limits, share, told)?;
+            soup = Some(left);
+            if parts == 1 {
+                break;
+            }
+        }
+        Ok(soup.expect("there is a first pass"))
+    }
+
+    /// One pass: the triangles that are left, and the number of parts.
+    fn pass<T: Coordinate>(
+        &self,
+        from: &Triangles<T>,
+        limits: Limits,
+        share: f64,
+        progress: &mut dyn FnMut(f64),
+    ) -> Result<(Soup<T>, usize)> {
+        let count = from.count();
+        let sample = match from {
+            Triangles::Soup(soup) => soup.sample().places(),
+            Triangles::Mesh(mesh, _) => sample(*mesh)?,
+        };
+        let space = Space::of(sample, count, PART, share);
+        let mut partitions =
+            Partitions::<Record<T>>::new(space.parts(), self.room.pages, self.room.quota, self.workspace);
+        let mut done = 0;
+        from.visit(self, |records| {
+            for record in records {
+                let places = record.places();
+                let low = std::array::from_fn(|a| places[0][a].min(places[1][a]).min(places[2][a]));
+                let high = std::array::from_fn(|a| places[0][a].max(places[1][a]).max(places[2][a]));
+                let mut put = Ok(());
+                space.meet(low, high, |part| {
+                    if put.is_ok() {
+                        put = partitions.push(part as usize, record);
+                    }
+                });
+                put?;
+            }
+            done += records.len() as u64;
+            progress(0.2 * done as f64 / count as f64);
+            Ok(())
+        })?;
+
+        let largest = (0..partitions.count()).map(|part| partitions.records(part)).max().unwrap_or(0);
+        let in_flight = self.room.in_flight::<T>(largest, self.workers.threads())?;
+        let mut left = Soup::new(self.workspace, self.room.quota);
+        let mut finished = 0;
+        let simplify = |part: usize| {
+            let mut gathered = Gathered::with_room(partitions.records(part) as usize);
+            partitions.read(part, |record| {
+                gathered.push(record);
+                Ok(())
+            })?;
+            Ok(gathered.simplified::<T>(limits, |place| space.part(place) as usize == part))
+        };
+        self.workers.in_order_range(in_flight, partitions.count(), simplify, |records| {
+            left.append(&records)?;
+            finished += 1;
+            progress(0.2 + 0.8 * f64::from(finished) / partitions.count() as f64);
+            Ok(())
+        })?;
+        Ok((left, space.parts()))
+    }
+}
+
+/// How large a mesh and its triangles are, about.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scale {
+    /// The diagonal of the box of the sampled places.
+    pub(super) diagonal: f64,
+    /// The root mean square of an edge.
+    pub(super) edge: f64,
+}
+
+/// First corners of some triangles of a mesh: a run of them at even distances, so that few vertices have to be read.
+fn sample<T: Coordinate>(mesh: &dyn MeshSource) -> Result<Vec<[T; 3]>> {
+    let mut places = Vec::new();
+    sampled(mesh, |corners| places.push(corners[0].map(T::from_f64)))?;
+    Ok(places)
+}
+
+/// The scale of a mesh, by the same triangles.
+pub(super) fn scale(mesh: &dyn MeshSource) -> Result<Scale> {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (mut squares, mut edges) = (0.0, 0u64);
+    sampled(mesh, |corners| {
+        let [a, b, c] = corners.map(DVec3::from_array);
+        for corner in [a, b, c] {
+            low = low.min(corner);
+            high = high.max(corner);
+        }
+        squares += a.distance_squared(b) + b.distance_squared(c) + c.distance_squared(a);
+        edges += 3;
+    })?;
+    let diagonal = if edges > 0 { low.distance(high) } else { 0.0 };
+    Ok(Scale { diagonal, edge: libm::sqrt(squares / edges.max(1) as f64) })
+}
+
+fn sampled(mesh: &dyn MeshSource, mut visit: impl FnMut([[f64; 3]; 3])) -> Result<()> {
+    /// Triangles of a run.
+    const RUN: u64 = 64;
+    /// Runs at most.
+    const RUNS: u64 = 1 << 11;
+    let triangles = mesh.face_count();
+    let runs = triangles.div_ceil(RUN).min(RUNS);
+    let (mut faces, mut corners) = (Vec::new(), Corners::default());
+    for run in 0..runs {
+        let first = (u128::from(triangles) * u128::from(run) / u128::from(runs)) as u64;
+        faces.clear();
+        faces.resize(RUN.min(triangles - first) as usize, [0; 3]);
+        mesh.read_faces(first, &mut faces)?;
+        faces.retain(|face| !is_degenerate(*face));
+        // Few enough that far vertices are picked one by one.
+        corners.fill(mesh, &mut faces, 1 << 10)?;
+        faces.iter().for_each(|face| visit(face.map(|v| corners.table[v as usize])));
+    }
+    Ok(())
+}
+
+impl<T: Coordinate> Triangles<'_, T> {
+    pub(super) fn count(&self) -> u64 {
+        match self {
+            Triangles::Mesh(mesh, _) => mesh.face_count(),
+            Triangles::Soup(soup) => soup.count(),
+        }
+    }
+
+    /// Visits all triangles in order. Those that repeat a vertex are left out.
+    fn visit(&self, passes: &Passes, mut visit: impl FnMut(&[Record<T>]) -> Result<()>) -> Result<()> {
+        match self {
+            Triangles::Soup(soup) => {
+                let mut records = vec![<Record<T> as bytemuck::Zeroable>::zeroed(); BLOCK];
+                for first in (0..soup.count()).step_by(BLOCK) {
+                    let records = &mut records[..(soup.count() - first).min(BLOCK as u64) as usize];
+                    soup.read(first, records)?;
+                    visit(records)?;
+                }
+                Ok(())
+            }
+            Triangles::Mesh(mesh, classes) => {
+                let groups = mesh.face_count().div_ceil(GROUP as u64) as usize;
+                let read = |group: usize| read_group(*mesh, *classes, group);
+                passes.workers.in_order_range(1, groups, read, |records: Vec<Record<T>>| visit(&records))
+            }
+        }
+    }
+}
+
+/// A group of triangles with their corners' places and classes.
+fn read_group<T: Coordinate>(mesh: &dyn MeshSource, classes: Option<usize>, group: usize) -> Result<Vec<Record<T>>> {
+    let first = (group * GROUP) as u64;
+    let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(GROUP as u64) as usize];
+    mesh.read_faces(first, &mut faces)?;
+    faces.retain(|face| !is_degenerate(*face));
+    let numbers = faces.clone();
+    let mut corners = Corners::default();
+    corners.fill(mesh, &mut faces, WINDOW)?;
+    let mut of_class = Corners::<f64>::default();
+    if let Some(attribute) = classes {
+        let mut again = numbers.clone();
+        of_class.fill_from(&|first, out| mesh.read_attribute(attribute, first, out), &mut again, WINDOW)?;
+    }
+    let class = |v: u32| of_class.table.get(v as usize).map_or(0, |class| *class as u16);
+    let record = |(face, number): (&[u32; 3], &[u32; 3])| {
+        let places = face.map(|v| corners.table[v as usize]);
+        Record::new(*number, face.map(class), places, super::gap::Drift::NONE)
+    };
+    Ok(faces.iter().zip(&numbers).map(record).collect())
+}
