@@ -23,6 +23,7 @@ use crate::resources::workers::Workers;
 use crate::run::workload::{PointWorkload, Workload};
 use crate::settings::surface::Fit;
 use crate::sign;
+use crate::simplify::Extent;
 use crate::solid::heightfield;
 use crate::solid::reopen;
 use crate::stitch::slab::Size;
@@ -183,6 +184,7 @@ impl MemoryPlan {
             held + sealing + slices.max(deciding(workload)).max(measuring),
             held + standing + mesh + slabs,
             check,
+            mesh + workload.simplified().map_or(0, |extent| extent.memory(self.working, self.threads)),
         ];
         let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
         if self.is_roomy(memory) {
@@ -194,7 +196,8 @@ impl MemoryPlan {
         let sealing = sealing + reopening_records(workload).saturating_sub(self.store_quota);
         let standing = if self.store_quota > 0 { 0 } else { workload.standing_slice_bytes() };
         let surface = standing + workload.mesh_bytes() - mesh;
-        Ok((memory, bucketed + sealing.max(surface)))
+        let simplifying = workload.mesh_bytes() - mesh + workload.simplified().map_or(0, Extent::disk);
+        Ok((memory, bucketed + sealing.max(surface).max(simplifying)))
     }
 
     /// The least budget for a workload on `threads` threads, in bytes.
@@ -212,6 +215,7 @@ impl MemoryPlan {
                 .max(reopening(workload))
                 .max(slab)
                 .max(checking(workload, threads).jobs)
+                .max(workload.simplified().map_or(0, Extent::least_memory))
     }
 
     /// Bytes of a job over a chunk of slices with the smallest ball, and with columns, if there are any.

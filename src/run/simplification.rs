@@ -21,7 +21,7 @@ use crate::run::job::Resources;
 use crate::run::phase::{Forecast, Phase};
 use crate::run::progress::{Progress, Warning};
 use crate::settings::simplification::{Borders, Simplification, Tolerance};
-use crate::simplify::{Figures, Options, least_memory, simplify};
+use crate::simplify::{Extent, Figures, Options, simplify};
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 use crate::storage::steady::Steady;
@@ -173,7 +173,7 @@ fn checked_and_simplified(
     progress: &mut Progress,
 ) -> Result<(MeshSpool, MeshHeader, SimplifyReport)> {
     let share = budget / 8 * 7;
-    let least = least_memory(opened);
+    let least = Extent::of(opened).least_memory();
     if share < least {
         let needed = ByteSize((least * 8).div_ceil(7).next_multiple_of(1 << 20));
         return Err(Error::Budget { given: ByteSize(budget), needed, what: "simplifying the mesh" });

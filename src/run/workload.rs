@@ -7,6 +7,7 @@ use crate::grid::{Cell, Grid};
 use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
 use crate::points::Precision;
 use crate::settings::surface::Fit;
+use crate::simplify::Extent;
 use crate::stitch::slab::{Made, Size};
 use crate::surface::plane;
 
@@ -36,6 +37,8 @@ pub struct Workload {
     counted: Option<PointWorkload>,
     /// The columns of a surface that is seen from one side.
     pub(crate) columns: Option<ColumnWorkload>,
+    /// Whether triangles are left out in the end.
+    simplified: bool,
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
@@ -79,6 +82,7 @@ impl Workload {
             falls: false,
             counted: None,
             columns: None,
+            simplified: false,
         }
     }
 
@@ -117,6 +121,11 @@ impl Workload {
         assert_eq!(faces.len(), self.cells[1] as usize, "a number of faces for each slice");
         let slabs = (0..slab_count(self.smooth, self.cells[1])).map(|number| Size::counted(faces, number, self.smooth));
         Workload { slabs: slabs.collect(), falls, ..self.clone() }
+    }
+
+    /// The same workload for a mesh of which triangles are left out in the end.
+    pub fn with_simplification(self, simplified: bool) -> Workload {
+        Workload { simplified, ..self }
     }
 
     /// The same workload with vertices that are moved onto something else than their nearest points.
@@ -161,6 +170,12 @@ impl Workload {
     /// Vertices to expect.
     pub fn vertices(&self) -> u64 {
         self.faces()
+    }
+
+    /// The mesh that is simplified, if it is.
+    pub fn simplified(&self) -> Option<Extent> {
+        let (triangles, vertices, precision) = (self.triangles(), self.vertices(), self.precision);
+        self.simplified.then_some(Extent { triangles, vertices, precision })
     }
 
     /// Bytes of the mesh to expect, in temporary storage.

@@ -74,11 +74,11 @@ impl Boxes {
     /// Bytes for each triangle, at most: two boxes a leaf, as many leaves again to make a power of two, a place and a leaf.
     pub(super) const BYTES: u64 = (4 * size_of::<Extent>() / LEAF + 2 * size_of::<u32>() + 16) as u64;
 
-    /// A tree of the triangles given, each with its centre; `extent` gives its box.
+    /// A tree of the triangles given, each with its centre; `corners` its corners.
     pub(super) fn build(
         centres: impl Iterator<Item = (u32, DVec3)> + Clone,
         count: usize,
-        extent: impl Fn(u32) -> Extent,
+        corners: impl Fn(u32) -> [DVec3; 3],
     ) -> Boxes {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for (_, centre) in centres.clone() {
@@ -105,7 +105,7 @@ impl Boxes {
             filled[leaf] += 1;
         }
         for leaf in 0..leaves {
-            boxes.nodes[leaves - 1 + leaf] = boxes.leaf_extent(leaf, &extent);
+            boxes.nodes[leaves - 1 + leaf] = boxes.leaf_extent(leaf, &corners);
         }
         for node in (0..leaves - 1).rev() {
             boxes.nodes[node] = boxes.nodes[2 * node + 1].with(boxes.nodes[2 * node + 2]);
@@ -117,27 +117,38 @@ impl Boxes {
         self.nodes.len() / 2
     }
 
-    fn leaf_extent(&self, leaf: usize, extent: &impl Fn(u32) -> Extent) -> Extent {
-        let there = self.triangles[leaf * LEAF..][..LEAF].iter().filter(|t| **t != NONE);
-        there.fold(Extent::EMPTY, |all, &triangle| all.with(extent(triangle)))
+    fn leaf_extent(&self, leaf: usize, corners: &impl Fn(u32) -> [DVec3; 3]) -> Extent {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for &triangle in self.triangles[leaf * LEAF..][..LEAF].iter().filter(|t| **t != NONE) {
+            for corner in corners(triangle) {
+                low = low.min(corner);
+                high = high.max(corner);
+            }
+        }
+        Extent { low: low.to_array().map(below), high: high.to_array().map(above) }
     }
 
-    /// Takes a triangle out.
-    pub(super) fn remove(&mut self, triangle: u32, extent: impl Fn(u32) -> Extent) {
-        let leaf = self.leaves[triangle as usize] as usize;
-        let places = &mut self.triangles[leaf * LEAF..][..LEAF];
-        places.iter_mut().filter(|place| **place == triangle).for_each(|place| *place = NONE);
-        self.follow(leaf, &extent);
+    /// Takes triangles out.
+    pub(super) fn remove(&mut self, gone: impl Iterator<Item = u32> + Clone, corners: impl Fn(u32) -> [DVec3; 3]) {
+        // All of them before any box is made: they have no corners any more.
+        for triangle in gone.clone() {
+            let leaf = self.leaves[triangle as usize] as usize;
+            let places = &mut self.triangles[leaf * LEAF..][..LEAF];
+            places.iter_mut().filter(|place| **place == triangle).for_each(|place| *place = NONE);
+        }
+        for triangle in gone {
+            self.follow(self.leaves[triangle as usize] as usize, &corners);
+        }
     }
 
     /// A triangle has changed.
-    pub(super) fn update(&mut self, triangle: u32, extent: impl Fn(u32) -> Extent) {
-        self.follow(self.leaves[triangle as usize] as usize, &extent);
+    pub(super) fn update(&mut self, triangle: u32, corners: impl Fn(u32) -> [DVec3; 3]) {
+        self.follow(self.leaves[triangle as usize] as usize, &corners);
     }
 
-    fn follow(&mut self, leaf: usize, extent: &impl Fn(u32) -> Extent) {
+    fn follow(&mut self, leaf: usize, corners: &impl Fn(u32) -> [DVec3; 3]) {
         let mut node = self.first_leaf() + leaf;
-        let mut now = self.leaf_extent(leaf, extent);
+        let mut now = self.leaf_extent(leaf, corners);
         loop {
             if self.nodes[node] == now {
                 return;

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use super::boxes::{Boxes, Extent};
+use super::boxes::Boxes;
+use super::fan::{Fan, shape};
 use super::gap::{Drift, MOST, Overlay, ROUNDING};
 use super::piece::{NONE, Piece, Ring};
 use super::quadric::Quadric;
 use super::queue::Queue;
-use crate::mesh::intersect::intersect;
 
 /// What a collapse has to keep to.
 #[derive(Debug, Clone, Copy)]
@@ -37,24 +37,6 @@ fn mixed(number: u32) -> u64 {
     z ^ (z >> 31)
 }
 
-/// How a triangle is shaped: 1 if its sides are equal, 0 if it has no area.
-fn shape([a, b, c]: [DVec3; 3]) -> f64 {
-    let sides = (b - a).length_squared() + (c - b).length_squared() + (a - c).length_squared();
-    let area = (b - a).cross(c - a).length();
-    if sides > 0.0 { area * (2.0 * 3f64.sqrt()) / sides } else { 0.0 }
-}
-
-/// Why collapses were refused.
-#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
-pub struct Refused {
-    pub link: u64,
-    pub degree: u64,
-    pub shape: u64,
-    pub gap: u64,
-    pub intersections: u64,
-    pub fallback: u64,
-}
-
 /// A piece while it is simplified.
 pub(super) struct Simplifier {
     pub(super) piece: Piece,
@@ -71,9 +53,8 @@ pub(super) struct Simplifier {
     boxed: usize,
     overlay: Overlay,
     targets: Vec<(f32, u32, u32)>,
-    near: Vec<u32>,
+    fan: Fan,
     bounds: Vec<Drift>,
-    pub(super) refused: Refused,
 }
 
 impl Simplifier {
@@ -90,9 +71,8 @@ impl Simplifier {
             boxed: 0,
             overlay: Overlay::default(),
             targets: Vec::new(),
-            near: Vec::new(),
+            fan: Fan::default(),
             bounds: Vec::new(),
-            refused: Refused::default(),
             piece,
             limits,
         };
@@ -106,7 +86,7 @@ impl Simplifier {
         let corners = |t: u32| triangles[t as usize].map(|v| positions[v as usize]);
         let there = (0..triangles.len() as u32).filter(|t| triangles[*t as usize][0] != NONE);
         let centres = there.map(|t| (t, corners(t).into_iter().sum::<DVec3>() / 3.0));
-        self.boxes = Boxes::build(centres, triangles.len(), |t| Extent::of(corners(t)));
+        self.boxes = Boxes::build(centres, triangles.len(), corners);
         self.boxed = self.triangles;
     }
 
@@ -263,19 +243,17 @@ impl Simplifier {
     /// Moves a vertex to a neighbour, if everything allows it. `used` is the most that its triangles have used up.
     fn collapse(&mut self, vertex: u32, target: u32, used: Drift, ring: &Ring) -> bool {
         if !self.links(vertex, target, ring) {
-            self.refused.link += 1;
             return false;
         }
         let n = ring.vertices.len();
         if self.piece.star(target).len() + ring.triangles.len() > MOST_ROUND + 4
             && self.piece.star(target).len() + ring.triangles.len() > n + MOST_ROUND
         {
-            self.refused.degree += 1;
             return false;
         }
         let own = self.piece.position(vertex);
         let at = ring.vertices.iter().position(|v| *v == target).expect("a target is a neighbour");
-        // New triangles: target, r_k, r_(k+1), the ring read from the target on.
+        // The ring, read from the target on.
         let place = |k: usize| -> u32 {
             if ring.closed {
                 ring.vertices[(at + k) % n]
@@ -287,18 +265,6 @@ impl Simplifier {
         };
         // An open ring read backwards runs the other way round.
         let mirrored = !ring.closed && at != 0;
-        let new = |k: usize| -> [u32; 3] {
-            if mirrored { [target, place(k + 1), place(k)] } else { [target, place(k), place(k + 1)] }
-        };
-        let corners = |t: [u32; 3]| t.map(|v| self.piece.position(v));
-
-        let least_old = ring.triangles.iter().map(|t| shape(self.piece.corners(*t))).fold(1.0, f64::min);
-        let least_new = (1..n - 1).map(|k| shape(corners(new(k)))).fold(1.0, f64::min);
-        if least_new < SHAPE.min(least_old) {
-            self.refused.shape += 1;
-            return false;
-        }
-
         let mut axis = DVec3::ZERO;
         for &t in &ring.triangles {
             let [a, b, c] = self.piece.corners(t);
@@ -309,7 +275,13 @@ impl Simplifier {
         }
         let length = axis.length();
         let relative = (0..n).map(|k| self.piece.position(place(k)) - own);
-        let seen = length > 0.0 && self.overlay.look(axis / length, relative, ring.closed);
+        let seen = self.overlay.look(if length > 0.0 { axis / length } else { DVec3::Z }, relative, ring.closed)
+            && length > 0.0;
+        self.fan.spread(&self.piece, place, n, mirrored, &self.overlay);
+        let least_old = ring.triangles.iter().map(|t| shape(self.piece.corners(*t))).fold(1.0, f64::min);
+        if self.fan.shape() < SHAPE.min(least_old) {
+            return false;
+        }
         // Old triangles in the order of `place`.
         let old = |j: usize| -> usize {
             let t = match (ring.closed, mirrored) {
@@ -328,14 +300,11 @@ impl Simplifier {
             self.bounds.resize(n - 1, bound);
         }
         if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) {
-            self.refused.gap += 1;
-            if !seen {
-                self.refused.fallback += 1;
-            }
+            if !seen {}
             return false;
         }
-        if self.meets(ring, n, new, seen) {
-            self.refused.intersections += 1;
+        let overlay = seen.then_some(&self.overlay);
+        if self.fan.meets(&self.piece, &mut self.boxes, &ring.triangles, own, overlay) {
             return false;
         }
 
@@ -345,16 +314,13 @@ impl Simplifier {
         let Simplifier { piece, boxes, .. } = self;
         piece.collapse(vertex, target, ring);
         let Piece { triangles, positions, drift: carried, .. } = piece;
-        // One that is gone may not have been taken out of the boxes yet.
-        let corners = |t: u32| triangles[t as usize].iter().filter(|v| **v != NONE).map(|v| positions[*v as usize]);
-        let extent = |t: u32| Extent::of(corners(t));
-        for &t in &ring.triangles {
-            if triangles[t as usize][0] == NONE {
-                boxes.remove(t, extent);
-                self.triangles -= 1;
-            } else {
-                boxes.update(t, extent);
-            }
+        // Those that are gone are taken out of the boxes first.
+        let corners = |t: u32| triangles[t as usize].map(|v| positions[v as usize]);
+        let gone = ring.triangles.iter().copied().filter(|t| triangles[*t as usize][0] == NONE);
+        self.triangles -= gone.clone().count();
+        boxes.remove(gone, corners);
+        for &t in ring.triangles.iter().filter(|t| triangles[**t as usize][0] != NONE) {
+            boxes.update(t, corners);
         }
         for (t, bound) in following {
             carried[t] = bound;
@@ -382,48 +348,5 @@ impl Simplifier {
             }
         }
         true
-    }
-
-    /// Whether a new triangle would meet one that stays, or, where they are not seen to be apart, another new one.
-    fn meets(&mut self, ring: &Ring, n: usize, new: impl Fn(usize) -> [u32; 3], apart: bool) -> bool {
-        if n < 3 {
-            return false;
-        }
-        let Simplifier { piece, boxes, near, .. } = self;
-        let corners = |t: [u32; 3]| t.map(|v| piece.positions[v as usize]);
-        let all = Extent::of(ring.vertices.iter().map(|v| piece.positions[*v as usize]));
-        near.clear();
-        boxes.near(&all, near);
-        for &t in near.iter() {
-            if ring.triangles.contains(&t) {
-                continue;
-            }
-            let there = piece.triangles[t as usize];
-            let its = corners(there);
-            let extent = Extent::of(its);
-            if !extent.meets(&all) {
-                continue;
-            }
-            for k in 1..n - 1 {
-                let fresh = new(k);
-                let places = corners(fresh);
-                if Extent::of(places).meets(&extent)
-                    && intersect(fresh, places.map(|p| p.to_array()), there, its.map(|p| p.to_array()))
-                {
-                    return true;
-                }
-            }
-        }
-        if !apart {
-            for k in 1..n - 1 {
-                for l in 1..k {
-                    let (a, b) = (new(k), new(l));
-                    if intersect(a, corners(a).map(|p| p.to_array()), b, corners(b).map(|p| p.to_array())) {
-                        return true;
-                    }
-                }
-            }
-        }
-        false
     }
 }

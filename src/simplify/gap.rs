@@ -27,6 +27,9 @@ pub(super) const ROUNDING: f64 = 1e-13;
 /// A star whose middle vertex is going to its ring's first vertex: places relative to the vertex that goes, seen along an axis.
 #[derive(Debug, Default)]
 pub(super) struct Overlay {
+    /// Two axes across that which it is seen along.
+    right: DVec3,
+    up: DVec3,
     /// The ring, across the axis.
     across: Vec<DVec2>,
     /// The ring, along the axis.
@@ -46,6 +49,16 @@ fn area(a: DVec2, b: DVec2, c: DVec2) -> f64 {
 }
 
 impl Overlay {
+    /// Where the ring's vertex of this number is, across the axis.
+    pub(super) fn seen(&self, number: usize) -> DVec2 {
+        self.across[number]
+    }
+
+    /// Where a place, relative to the vertex that goes, is across the axis.
+    pub(super) fn across(&self, place: DVec3) -> DVec2 {
+        DVec2::new(place.dot(self.right), place.dot(self.up))
+    }
+
     /// Looks at a star along a unit vector `axis`. `ring` gives places relative to the vertex that goes, beginning with the vertex that it goes to.
     /// `false` if the old or the new triangles do not cover one polygon once, seen from there.
     pub(super) fn look(&mut self, axis: DVec3, ring: impl Iterator<Item = DVec3>, closed: bool) -> bool {
@@ -55,6 +68,7 @@ impl Overlay {
         let b = axis.x * axis.y * a;
         let right = DVec3::new(1.0 + sign * axis.x * axis.x * a, sign * b, -sign * axis.x);
         let up = DVec3::new(b, sign + axis.y * axis.y * a, -axis.y);
+        (self.right, self.up) = (right, up);
         self.across.clear();
         self.height.clear();
         self.closed = closed;

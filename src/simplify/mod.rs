@@ -24,6 +24,7 @@
 mod boxes;
 mod collapse;
 mod count;
+mod fan;
 mod gap;
 mod number;
 mod part;
@@ -71,13 +72,54 @@ pub struct Figures {
     pub most: Option<u64>,
 }
 
-/// The least memory that simplifying needs, in bytes.
-pub fn least_memory(mesh: &dyn MeshSource) -> u64 {
-    let least = match mesh.precision() {
-        Precision::Single => Room::least::<f32>(mesh.face_count()),
-        Precision::Double => Room::least::<f64>(mesh.face_count()),
-    };
-    least + number::bytes(mesh.vertex_count())
+/// A mesh as far as the memory to simplify it depends on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Extent {
+    /// Its triangles.
+    pub triangles: u64,
+    /// Its vertices.
+    pub vertices: u64,
+    /// Their precision.
+    pub precision: Precision,
+}
+
+impl Extent {
+    /// The extent of a mesh.
+    pub fn of(mesh: &dyn MeshSource) -> Extent {
+        Extent { triangles: mesh.face_count(), vertices: mesh.vertex_count(), precision: mesh.precision() }
+    }
+
+    /// The least memory that simplifying it needs, in bytes.
+    pub fn least_memory(self) -> u64 {
+        let least = match self.precision {
+            Precision::Single => Room::least::<f32>(self.triangles),
+            Precision::Double => Room::least::<f64>(self.triangles),
+        };
+        least + number::bytes(self.vertices)
+    }
+
+    /// The memory that simplifying it is going to take of so much, in bytes: never more than that, and [`Extent::least_memory`] at least.
+    pub fn memory(self, budget: u64, threads: usize) -> u64 {
+        let numbering = number::bytes(self.vertices);
+        let budget = budget.max(self.least_memory());
+        let used =
+            match self.precision {
+                Precision::Single => Room::of::<f32>(self.triangles, budget, numbering)
+                    .map(|room| room.used::<f32>(self.triangles, threads)),
+                Precision::Double => Room::of::<f64>(self.triangles, budget, numbering)
+                    .map(|room| room.used::<f64>(self.triangles, threads)),
+            };
+        used.map_or(budget, |used| (used + numbering).min(budget))
+    }
+
+    /// The temporary disk that simplifying it takes, in bytes: triangles with their corners, as they are sorted to parts, and those that are left.
+    pub fn disk(self) -> u64 {
+        let record = match self.precision {
+            Precision::Single => size_of::<soup::Record<f32>>(),
+            Precision::Double => size_of::<soup::Record<f64>>(),
+        };
+        2 * self.triangles * record as u64
+    }
 }
 
 /// Simplifies a mesh. `progress` is told the part that is done.
@@ -85,7 +127,7 @@ pub fn least_memory(mesh: &dyn MeshSource) -> u64 {
 /// Triangles that name a vertex twice are left out, and vertices that no triangle names. Where the mesh is no manifold, it stays as it is; triangles that
 /// intersect may stay, but no more come.
 ///
-/// Memory: `budget`, no less than [`least_memory`]. Disk: about 160 bytes for each triangle in single precision, 230 in double.
+/// Memory: `budget`, no less than [`Extent::least_memory`]. Disk: [`Extent::disk`].
 ///
 /// # Errors
 /// [`Error::Budget`]; [`Error::Usage`] if the attribute is not there; what reading the mesh or the work directory gives; [`Error::Interrupted`].

@@ -29,15 +29,14 @@ impl Gathered {
         }
     }
 
-    /// Bytes for each triangle, while it is simplified and until its record is written.
+    /// Bytes for each triangle, while it is read and while it is simplified, whichever is more.
     pub(super) fn bytes<T: Coordinate>() -> u64 {
-        let read = size_of::<[u32; 3]>() + size_of::<[u16; 3]>() + size_of::<[[f64; 3]; 3]>() + size_of::<Drift>();
-        // Corners that are sorted by their vertices.
-        let sorted = 3 * size_of::<u64>();
-        // There is about half a vertex to a triangle; open and broken meshes have up to three.
+        let kept = size_of::<[u32; 3]>() + size_of::<Drift>();
+        // Corners that are sorted by their vertices. There is about half a vertex to a triangle; open and broken meshes have up to three.
+        let read = kept + size_of::<[u16; 3]>() + size_of::<[[f64; 3]; 3]>() + 3 * size_of::<u64>();
         let of_vertex = piece::VERTEX_BYTES + queue::Queue::BYTES + 8;
-        let worked = piece::TRIANGLE_BYTES + boxes::Boxes::BYTES + of_vertex;
-        (read + sorted + size_of::<Record<T>>()) as u64 + worked
+        let worked = piece::TRIANGLE_BYTES + boxes::Boxes::BYTES + size_of::<Record<T>>() as u64;
+        (read as u64).max(worked) + of_vertex
     }
 
     pub(super) fn push<T: Coordinate>(&mut self, record: &Record<T>) {

@@ -8,22 +8,22 @@ use super::soup::{Record, Sample, Soup};
 use super::space::Space;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{Corners, GROUP, is_degenerate};
+use crate::mesh::measure::{Corners, is_degenerate};
 use crate::points::Coordinate;
 use crate::resources::workers::Workers;
 use crate::storage::partitions::Partitions;
 use crate::storage::spool::Workspace;
 
 /// Triangles of a part, about: what one thread works on at a time. Fixed, since it shows in the bytes.
-pub(super) const PART: u64 = 1 << 16;
+const PART: u64 = 1 << 15;
 /// The share of the sample on the first side of each plane, pass after pass. If all of the last pass was one part, there is none after it.
 const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
 /// A part may be so much larger than intended: a sample tells its triangles' number, and those of other parts that reach into it come on top.
 const UNEVEN: u64 = 2;
-/// Vertices that are read along with a group of triangles if its numbers span no more.
-const WINDOW: usize = 4 * GROUP;
-/// Records read at a time.
+/// Records, or triangles of the mesh, that are read at a time.
 const BLOCK: usize = 1 << 13;
+/// Vertices that are read along with a group of triangles if its numbers span no more.
+const WINDOW: usize = 1 << 16;
 
 /// Where a pass has its triangles from.
 #[derive(Clone, Copy)]
@@ -44,23 +44,32 @@ pub(super) struct Passes<'a> {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Room {
     budget: u64,
-    /// Parts under way.
+    /// What parts under way take together.
     jobs: u64,
-    /// Full pages of the partitions that stay in memory; as much for each soup.
+    /// What each store keeps in memory.
     pub(super) quota: u64,
+    /// Pages of the partitions.
     pages: u64,
 }
 
-/// The least for pages of the partitions.
-const PAGES: u64 = 1 << 20;
+/// Stores of triangles at a time: those that a pass reads, sorts and writes, and two results of trials.
+const STORES: u64 = 5;
 
 impl Room {
-    /// The least that simplifying so many triangles needs, in bytes, beside what the final numbering takes.
+    /// The least that simplifying so many triangles needs, in bytes, beside the numbering.
     pub(super) fn least<T: Coordinate>(triangles: u64) -> u64 {
-        let parts = triangles.div_ceil(PART / 2);
-        let part = triangles.min(UNEVEN * PART);
-        let paged = if parts > 1 { pages::<T>(parts) } else { 0 };
-        part * Gathered::bytes::<T>() + paged + reading::<T>(triangles) + 3 * Sample::<T>::BYTES.min(triangles * 24)
+        Room::fixed::<T>(triangles) + Room::largest::<T>(triangles)
+    }
+
+    fn fixed<T: Coordinate>(triangles: u64) -> u64 {
+        pages::<T>(triangles.div_ceil(PART / 2))
+            + reading::<T>(triangles)
+            + 3 * Sample::<T>::BYTES.min(triangles * size_of::<[T; 3]>() as u64)
+    }
+
+    /// A part, if it is as much larger than intended as one may be.
+    fn largest<T: Coordinate>(triangles: u64) -> u64 {
+        triangles.min(UNEVEN * PART) * Gathered::bytes::<T>()
     }
 
     pub(super) fn of<T: Coordinate>(triangles: u64, budget: u64, numbering: u64) -> Result<Room> {
@@ -68,12 +77,18 @@ impl Room {
         if budget < least {
             return Err(refused(budget, least));
         }
-        let fixed = least - triangles.min(UNEVEN * PART) * Gathered::bytes::<T>();
-        // A quarter of what is left may hold records that would go to disk.
         let spare = budget - least;
-        let quota = spare / 8;
-        let pages = pages::<T>(triangles.div_ceil(PART / 2)).max(PAGES.min(spare / 16));
-        Ok(Room { budget, jobs: budget - fixed - 2 * quota - spare / 16, quota, pages })
+        let quota = (spare / 2 / STORES).min(triangles * size_of::<Record<T>>() as u64);
+        let pages = pages::<T>(triangles.div_ceil(PART / 2)) + spare / 16;
+        let jobs = Room::largest::<T>(triangles) + spare - STORES * quota - spare / 16;
+        Ok(Room { budget, jobs, quota, pages })
+    }
+
+    /// What is going to be used of it, at the most.
+    pub(super) fn used<T: Coordinate>(&self, triangles: u64, threads: usize) -> u64 {
+        let parts = (threads as u64 + 1).min(triangles.div_ceil(PART).max(1));
+        let pages = self.pages.min(triangles * size_of::<Record<T>>() as u64);
+        Room::fixed::<T>(triangles) + self.jobs.min(parts * Room::largest::<T>(triangles)) + STORES * self.quota + pages
     }
 
     /// How many parts of so many triangles at most can be under way.
@@ -99,7 +114,8 @@ fn pages<T>(parts: u64) -> u64 {
 
 /// Bytes of a group of triangles that is read, with the vertices that its numbers span, and of its records.
 fn reading<T>(triangles: u64) -> u64 {
-    triangles.min(GROUP as u64) * (12 + 4 * 24 + 4 * 8 + 2 * size_of::<Record<T>>() as u64 + 110)
+    let group = triangles.min(BLOCK as u64) * (2 * size_of::<Record<T>>() as u64 + 3 * 12 + 110);
+    group + (WINDOW as u64).min(3 * triangles) * (24 + 8)
 }
 
 impl Passes<'_> {
@@ -257,7 +273,7 @@ impl<T: Coordinate> Triangles<'_, T> {
                 Ok(())
             }
             Triangles::Mesh(mesh, classes) => {
-                let groups = mesh.face_count().div_ceil(GROUP as u64) as usize;
+                let groups = mesh.face_count().div_ceil(BLOCK as u64) as usize;
                 let read = |group: usize| read_group(*mesh, *classes, group);
                 passes.workers.in_order_range(1, groups, read, |records: Vec<Record<T>>| visit(&records))
             }
@@ -267,8 +283,8 @@ impl<T: Coordinate> Triangles<'_, T> {
 
 /// A group of triangles with their corners' places and classes.
 fn read_group<T: Coordinate>(mesh: &dyn MeshSource, classes: Option<usize>, group: usize) -> Result<Vec<Record<T>>> {
-    let first = (group * GROUP) as u64;
-    let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(GROUP as u64) as usize];
+    let first = (group * BLOCK) as u64;
+    let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
     mesh.read_faces(first, &mut faces)?;
     faces.retain(|face| !is_degenerate(*face));
     let numbers = faces.clone();
