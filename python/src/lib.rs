@@ -106,6 +106,12 @@ impl CoreMesh {
         py.detach(|| self.mesh.save_as(path, overwrite, positions)).map_err(|error| raised(py, error))
     }
 
+    /// The mesh with fewer triangles, as options of the command ask.
+    fn simplify(&self, py: Python<'_>, options: Vec<String>, progress: Option<Bound<'_, PyAny>>) -> PyResult<CoreMesh> {
+        let asked = job(options).and_then(|job| self.mesh.simplification_of(&job)).map_err(|error| raised(py, error))?;
+        made(py, progress, |observer| self.mesh.simplify_observed(&asked, observer))
+    }
+
     /// What a strict check finds, as JSON.
     fn check(&self, py: Python<'_>) -> PyResult<String> {
         let report = drive(py, None, |observer| self.mesh.check_observed(observer))?;

@@ -61,12 +61,12 @@ impl Bounds {
         std::array::from_fn(|a| self.max[a] - self.min[a])
     }
 
-    /// The longest side; the first of equals.
+    /// The longest side's length.
     pub fn longest_side(&self) -> f64 {
         (0..3).map(|a| self.max[a] - self.min[a]).fold(0.0, f64::max)
     }
 
-    /// The axis of the longest side.
+    /// The longest side; the first of equals.
     pub fn longest(&self) -> Axis {
         let e = self.extent();
         let mut best = Axis::X;

@@ -89,7 +89,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         let longest = surveyed.survey.bounds.longest_side();
         let lengths = Lengths { cell: Some(surveyed.grid.cell_size()), longest };
         let (fewer, figures) =
-            simplified(made.mesh, asked, lengths, made.memory.working, (workers, &workspace), progress)?;
+            simplified(&made.mesh, asked, lengths, made.memory.working, (workers, &workspace), progress)?;
         made.mesh = fewer;
         simplification = Some(figures);
     }

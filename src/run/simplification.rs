@@ -49,7 +49,7 @@ fn options(asked: &Simplification, lengths: Lengths, schema: &Schema) -> Result<
 /// # Errors
 /// Those of [`simplify`].
 pub(super) fn simplified(
-    mesh: MeshSpool,
+    mesh: &MeshSpool,
     asked: &Simplification,
     lengths: Lengths,
     budget: u64,
@@ -59,7 +59,7 @@ pub(super) fn simplified(
     let options = options(asked, lengths, mesh.schema())?;
     progress.begin(Phase::Simplify, Some(mesh.face_count()));
     let triangles = mesh.face_count() as f64;
-    simplify(&mesh, &options, budget, workers, workspace, &mut |part| progress.set((part * triangles) as u64))
+    simplify(mesh, &options, budget, workers, workspace, &mut |part| progress.set((part * triangles) as u64))
 }
 
 /// What is to be told where there are more triangles than were asked for.

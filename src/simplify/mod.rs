@@ -34,6 +34,8 @@ mod quadric;
 mod queue;
 mod soup;
 mod space;
+#[cfg(test)]
+mod tests;
 
 use self::collapse::Limits;
 use self::count::Knob;
@@ -56,6 +58,9 @@ pub struct Options {
     /// The attribute of vertices, a whole number up to 65,535, that edges are not collapsed across.
     pub borders: Option<String>,
 }
+
+/// A tolerance is kept to with so much to spare: drift is rounded up to single precision between passes.
+const LESS: f64 = 1.0 - 1e-6;
 
 /// What came of a simplification.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -160,7 +165,8 @@ fn simplify_as<T: Coordinate>(
     let passes = Passes { workers, workspace, room: Room::of::<T>(before, budget, numbering)? };
     let from = Triangles::Mesh(mesh, classes);
     let told = &mut |part: f64| progress(0.95 * part);
-    let within = Limits { tolerance: options.tolerance.unwrap_or(f64::INFINITY), cost: f64::INFINITY };
+    let within =
+        Limits { tolerance: options.tolerance.map_or(f64::INFINITY, |asked| asked * LESS), cost: f64::INFINITY };
     let soup: Soup<T> = match options.most {
         Some(most) if most < before => {
             let scale = passes::scale(mesh)?;

@@ -16,6 +16,31 @@ use crate::storage::spool::Workspace;
 
 /// Triangles of a part, about: what one thread works on at a time. Fixed, since it shows in the bytes.
 const PART: u64 = 1 << 15;
+#[cfg(not(test))]
+const fn part() -> u64 {
+    PART
+}
+
+#[cfg(test)]
+thread_local! {
+    static SMALLER: std::cell::Cell<u64> = const { std::cell::Cell::new(PART) };
+}
+
+/// Tests make parts smaller, so that there are several.
+#[cfg(test)]
+fn part() -> u64 {
+    SMALLER.get()
+}
+
+/// Does some work with smaller parts.
+#[cfg(test)]
+pub(super) fn with_parts_of<R>(triangles: u64, work: impl FnOnce() -> R) -> R {
+    SMALLER.set(triangles);
+    let done = work();
+    SMALLER.set(PART);
+    done
+}
+
 /// The share of the sample on the first side of each plane, pass after pass. If all of the last pass was one part, there is none after it.
 const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
 /// A part may be so much larger than intended: a sample tells its triangles' number, and those of other parts that reach into it come on top.
@@ -154,7 +179,7 @@ impl Passes<'_> {
             Triangles::Soup(soup) => soup.sample().places(),
             Triangles::Mesh(mesh, _) => sample(*mesh)?,
         };
-        let space = Space::of(sample, count, PART, share);
+        let space = Space::of(sample, count, part(), share);
         let mut partitions =
             Partitions::<Record<T>>::new(space.parts(), self.room.pages, self.room.quota, self.workspace);
         let mut done = 0;

@@ -27,7 +27,7 @@ from ._errors import (
     UsageError,
 )
 from ._mesh import Mesh
-from ._run import check, compare, info, plan, reconstruct, render, run
+from ._run import check, compare, info, plan, reconstruct, render, run, simplify
 
 __all__ = [
     "AsraError",
@@ -48,4 +48,5 @@ __all__ = [
     "reconstruct",
     "render",
     "run",
+    "simplify",
 ]

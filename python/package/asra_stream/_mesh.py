@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from . import _core
 from ._errors import UsageError
+from ._options import words
 
 
 class Mesh:
@@ -93,6 +94,24 @@ class Mesh:
         that exists, unless ``overwrite``, and for another ending; NoOutputError and IoError.
         """
         self._core.save(os.fsdecode(path), overwrite, coordinates)
+
+    def simplify(
+        self, tolerance: float | str | None = None, *, max_triangles: int | None = None, keep_borders: str | None = None, progress: Any = None
+    ) -> "Mesh":
+        """The mesh with fewer triangles: as few as can be with no place of either surface farther than ``tolerance`` from the other.
+
+        ``tolerance`` is a length, cells as in "0.25c", or per cents of the longest side as in "0.01%"; ``max_triangles`` is a number of triangles, with the least
+        tolerance that does or, within ``tolerance``, those that matter most. ``keep_borders`` is "classification" (triangles are not joined across classes) or "none".
+        Every vertex that is left is one of this mesh's, with its attributes; a closed mesh stays closed, and no triangles intersect.
+        ``report["simplification"]`` tells the distance that was reached. Raises UsageError, CannotFitError, and what ``progress`` raises.
+        """
+        if tolerance is None and max_triangles is None:
+            raise UsageError("simplify: expected a tolerance, max_triangles, or both", code=2)
+        line = words({"simplify": tolerance, "max_triangles": max_triangles, "keep_borders": keep_borders})
+        from ._run import _progress
+
+        with _progress(progress) as tell:
+            return Mesh(self._core.simplify(line, tell))
 
     def check(self, *, progress: Any = None, **options: Any) -> dict[str, Any]:
         """What a strict check finds, with an exact search for triangles that intersect: a dict, see :func:`check`. With ``progress`` or options it goes through a

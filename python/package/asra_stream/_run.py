@@ -201,6 +201,19 @@ def compare(mesh: Path | Mesh, reference: Path | Mesh, *, progress: Progress = N
         return _executed(["compare"], _paths(paths), options, progress)
 
 
+def simplify(mesh: Path | Mesh, output: Path, tolerance: float | str | None = None, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
+    """Leaves out triangles of a mesh file, or a :class:`Mesh`, and writes what is left to ``output``: .ply, .stl, .obj or .glb.
+
+    ``tolerance`` and ``max_triangles`` as of :meth:`Mesh.simplify`. Gives a dict: ``simplification`` holds the triangles ``before`` and ``after``, and the distance that was
+    ``reached``, in the unit of the coordinates; ``before`` and ``after`` what a check finds. Raises DataError for a mesh that is no oriented manifold or intersects itself,
+    unless ``unsound=True``; UsageError for a file that exists, unless ``overwrite=True``, and for options; NoInputError, NoOutputError, CannotFitError.
+    """
+    with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
+        path = mesh._written(folder, "mesh.ply") if isinstance(mesh, Mesh) else mesh
+        positional = _paths(path) + ([] if tolerance is None else [str(tolerance)])
+        return _executed(["simplify"], positional, {"output": output, **options}, progress)
+
+
 def render(mesh: Path | Mesh, output: Path, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """Draws a picture (PNG) of a mesh file, or a :class:`Mesh`: ``views="iso,top"``, ``size="1600x1200"``, ``color_by="height"`` ...
 

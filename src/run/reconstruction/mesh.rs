@@ -11,9 +11,19 @@ use crate::points::Precision;
 use crate::points::attribute::{Attribute, Schema};
 use crate::points::crs::Crs;
 use crate::points::scalar::Scalar;
+#[cfg(feature = "internals")]
+use crate::points::unit::measured;
 use crate::resources::workers::Workers;
+#[cfg(feature = "internals")]
+use crate::run::job::Job;
 use crate::run::observer::{Observer, watched};
+use crate::run::phase::Phase;
+use crate::run::progress::Progress;
 use crate::run::report::Report;
+use crate::run::simplification::{Lengths, simplified};
+use crate::settings::simplification::Simplification;
+#[cfg(feature = "internals")]
+use crate::settings::simplification::Tolerance;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 
@@ -227,6 +237,62 @@ impl Mesh {
         let mut report = check(&self.spool, memory, workers, &self.workspace, &mut |_| ())?;
         report.intersections = Some(intersections(&self.spool, memory, workers, &self.workspace, &mut |_| ())?);
         Ok(report)
+    }
+
+    /// The mesh with fewer triangles, see [`Simplification`]. Every vertex that is left is one of this mesh's, with its attributes; components, tunnels and rims
+    /// stay, no triangles intersect, and no place of either surface is farther from the other than the report's `simplification` tells. It is checked to be sound.
+    ///
+    /// Memory: as much as the run was granted.
+    ///
+    /// # Errors
+    /// [`Error::InvalidSetting`]; [`Error::Budget`]; [`Error::Io`]; [`Error::Interrupted`].
+    pub fn simplify(&self, asked: &Simplification) -> Result<Mesh> {
+        self.simplified(asked, &self.workers, &mut Progress::told(None))
+    }
+
+    /// As [`Mesh::simplify`]; an observer is told how far it is, and may end it.
+    ///
+    /// # Errors
+    /// The same as [`Mesh::simplify`].
+    pub fn simplify_observed(&self, asked: &Simplification, observer: &dyn Observer) -> Result<Mesh> {
+        let workers = Workers::new(self.workers.threads())?;
+        watched(Some(observer), &workers, || self.simplified(asked, &workers, &mut Progress::told(Some(observer))))
+    }
+
+    /// What a job asks of the simplification of this mesh, in the unit of its coordinates.
+    ///
+    /// # Errors
+    /// [`Error::InvalidSetting`] if the tolerance has a unit, and that of the mesh is not known; [`Error::Usage`] if none is asked for.
+    #[cfg(feature = "internals")]
+    #[doc(hidden)]
+    pub fn simplification_of(&self, job: &Job) -> Result<Simplification> {
+        let asked = job.settings.simplify;
+        let mut asked = asked.ok_or_else(|| Error::Usage("`simplify`: a tolerance, or `max_triangles`".to_owned()))?;
+        if let (Some(Tolerance::Length(length)), Some(unit)) = (&mut asked.tolerance, job.units.simplify) {
+            *length = measured("simplify", *length, unit, self.crs().and_then(Crs::measure))?;
+        }
+        Ok(asked)
+    }
+
+    fn simplified(&self, asked: &Simplification, workers: &Workers, progress: &mut Progress) -> Result<Mesh> {
+        asked.validate()?;
+        let Report { grid, points, memory, parameters, .. } = &self.report;
+        let lengths = Lengths { cell: Some(grid.cell_size), longest: points.bounds.longest_side() };
+        let memory = memory.plan.working;
+        let (spool, figures) = simplified(&self.spool, asked, lengths, memory, (workers, &self.workspace), progress)?;
+        progress.begin(Phase::Check, Some(spool.face_count()));
+        let found = check(&spool, memory, workers, &self.workspace, &mut |done| progress.set(done))?;
+        if !found.is_sound(parameters.open.is_some_and(|open| open.base.is_none())) {
+            return Err(Error::CheckFailed(found.to_string()));
+        }
+        progress.end();
+        let mut report = self.report.clone();
+        report.parameters.simplify = Some(*asked);
+        (report.output.vertices, report.output.triangles) = (spool.vertex_count(), spool.face_count());
+        report.output.bytes = spool.bytes();
+        (report.simplification, report.check) = (Some(figures), Some(found));
+        report.judge();
+        Ok(Mesh::new(spool, self.header.clone(), report, self.workers.clone(), self.workspace.clone()))
     }
 
     /// Hands it on piece by piece; no more than a piece is copied at a time.

@@ -367,7 +367,7 @@ fn made(
         let longest = surveyed.survey.bounds.longest_side();
         let lengths = Lengths { cell: Some(surveyed.grid.cell_size()), longest };
         let (fewer, figures) =
-            simplified(made.mesh, asked, lengths, made.memory.working, (workers, workspace), progress)?;
+            simplified(&made.mesh, asked, lengths, made.memory.working, (workers, workspace), progress)?;
         made.mesh = fewer;
         simplification = Some(figures);
     }
