@@ -15,6 +15,7 @@ use asra_stream::internals::run::planner::beside_the_heap;
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::{Job, Resources, plan, run};
 use asra_stream::internals::settings::open::{Facing, Kind, Open};
+use asra_stream::internals::settings::simplification::{Simplification, Tolerance};
 use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
 use asra_stream::internals::settings::{Fineness, Resolution, Settings};
 use asra_stream::internals::storage::atomic_file::Overwrite;
@@ -136,6 +137,8 @@ struct Case {
     threads: usize,
     /// Whether points have attributes.
     carried: bool,
+    /// Whether triangles are left out in the end.
+    simplified: bool,
     /// The budget: so many times the least.
     factor: f64,
 }
@@ -161,6 +164,7 @@ impl Case {
             settings: Settings {
                 fineness: Fineness::Given(Resolution::K(self.k)),
                 open,
+                simplify: self.simplified.then(|| Simplification::within(Tolerance::Cells(0.25))),
                 surface: SurfaceOptions { smooth: self.smooth, fit: self.fit, ..Settings::default().surface },
                 ..Settings::default()
             },
@@ -226,13 +230,23 @@ fn cases() -> impl Strategy<Value = Case> {
     let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
     let smooth = prop_oneof![1 => Just(0), 3 => Just(1), 1 => Just(3)];
     let noise = prop_oneof![Just(0.0), Just(0.002), Just(0.01)];
-    (clouds, 2_000..60_000usize, noise, 2.0..7.0, surfaces, fits, smooth, 1..5usize, any::<bool>(), 1.0..3.0).prop_map(
-        |(cloud, points, noise, k, surface, fit, smooth, threads, carried, factor)| {
+    (
+        clouds,
+        2_000..60_000usize,
+        noise,
+        2.0..7.0,
+        surfaces,
+        fits,
+        smooth,
+        1..5usize,
+        [any::<bool>(), any::<bool>()],
+        1.0..3.0,
+    )
+        .prop_map(|(cloud, points, noise, k, surface, fit, smooth, threads, [carried, simplified], factor)| {
             // Half of the budgets are the least.
             let factor = if factor < 2.0 { 1.0 } else { factor };
-            Case { cloud, points, noise, k, surface, fit, smooth, threads, carried, factor }
-        },
-    )
+            Case { cloud, points, noise, k, surface, fit, smooth, threads, carried, simplified, factor }
+        })
 }
 
 #[test]
@@ -249,7 +263,19 @@ fn no_more_is_counted_than_planned() {
 fn walls_cost_no_more_than_planned() {
     for (surface, fit, smooth) in [(Some(Kind::Terrain), Fit::Plane, 0), (None, Fit::Nearest, 1)] {
         let (cloud, points, noise, k) = (Cloud::Steps, 100_000, 0.001, 7.0);
-        let case = Case { cloud, points, noise, k, surface, fit, smooth, threads: 1, carried: false, factor: 1.0 };
+        let case = Case {
+            cloud,
+            points,
+            noise,
+            k,
+            surface,
+            fit,
+            smooth,
+            threads: 1,
+            carried: false,
+            simplified: false,
+            factor: 1.0,
+        };
         case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
     }
 }

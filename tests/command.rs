@@ -7,6 +7,7 @@ mod command {
     pub mod folder;
     mod outputs;
     mod poses;
+    mod simplify;
 }
 
 use std::io::{BufRead, BufReader};

@@ -123,7 +123,7 @@ pub fn survey_with(
         _ if always => 1,
         Fineness::Given(_) => 0,
         Fineness::Sampling => 1,
-        Fineness::Default => u64::from(passes.expected <= COARSE_ENOUGH),
+        Fineness::Default => u64::from(passes.expected <= COARSE_ENOUGH || settings.is_finest()),
     };
     let (survey, coarse_grid) = survey(cloud, workers, in_flight, |records| passes.read(records))?;
     let farthest = survey.bounds.min.into_iter().chain(survey.bounds.max).fold(0.0, |most: f64, c| most.max(c.abs()));
@@ -135,7 +135,7 @@ pub fn survey_with(
     let measured = match settings.fineness {
         Fineness::Given(_) => always,
         Fineness::Sampling => true,
-        Fineness::Default => always || survey.points <= COARSE_ENOUGH,
+        Fineness::Default => always || survey.points <= COARSE_ENOUGH || settings.is_finest(),
     };
     let sampling = if measured {
         passes.next();
@@ -147,6 +147,8 @@ pub fn survey_with(
         Fineness::Given(resolution) => resolution,
         // A single place has no sampling distance; any cell does.
         Fineness::Sampling => Resolution::Cell(sampling.map_or(1.0, |d| d * AUTO_CELL)),
+        // Of a number of triangles, most is made of the finest cells that the sampling carries.
+        Fineness::Default if settings.is_finest() => Resolution::Cell(sampling.map_or(1.0, |d| d * AUTO_CELL)),
         Fineness::Default if survey.points > COARSE_ENOUGH => Resolution::default(),
         Fineness::Default => {
             let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?;

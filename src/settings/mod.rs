@@ -95,6 +95,11 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// Whether the finest cells are taken that the sampling carries, unless told otherwise: a number of triangles says how large the mesh becomes.
+    pub fn is_finest(&self) -> bool {
+        self.fineness == Fineness::Default && self.simplify.is_some_and(|asked| asked.max_triangles.is_some())
+    }
+
     /// Checks what can be checked without the input.
     ///
     /// # Errors

@@ -192,6 +192,12 @@ impl Simplifier {
         }
     }
 
+    /// The other triangle that two vertices have, beside the one given.
+    fn across(&self, a: u32, b: u32, beside: u32) -> Option<u32> {
+        let others = self.piece.star(a).iter().copied().filter(|t| *t != beside);
+        others.into_iter().find(|t| self.piece.triangles[*t as usize].contains(&b))
+    }
+
     /// Whether the two vertices' neighbours in common are those across their edge, and no triangle would come twice.
     fn links(&self, vertex: u32, target: u32, ring: &Ring) -> bool {
         let n = ring.vertices.len();
@@ -227,13 +233,7 @@ impl Simplifier {
             let other = ring.vertices[if at == 0 { n - 1 } else { 0 }];
             if n == 2 {
                 // The last triangle of a component stays; so does one whose inner edge is a rim, too.
-                let inner = self
-                    .piece
-                    .star(target)
-                    .iter()
-                    .filter(|t| self.piece.triangles[**t as usize].contains(&other))
-                    .count();
-                return inner == 2;
+                return self.across(target, other, ring.triangles[0]).is_some();
             }
             return !self.piece.star(target).iter().any(|t| self.piece.triangles[*t as usize].contains(&other));
         }
@@ -299,8 +299,12 @@ impl Simplifier {
             self.bounds.clear();
             self.bounds.resize(n - 1, bound);
         }
+        // Where a triangle goes whose vertex has no other, the edge that it stood on has all of it; so does the triangle on the edge's other side.
+        let inner = if n == 2 { self.across(target, place(1), ring.triangles[0]) } else { None };
+        if let Some(inner) = inner {
+            self.bounds[0] = self.bounds[0].with(self.piece.drift[inner as usize]);
+        }
         if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) {
-            if !seen {}
             return false;
         }
         let overlay = seen.then_some(&self.overlay);
@@ -325,15 +329,8 @@ impl Simplifier {
         for (t, bound) in following {
             carried[t] = bound;
         }
-        if n == 2 {
-            // What covered the triangle is now the edge it stood on.
-            let other = place(1);
-            for at in 0..piece.star(target).len() {
-                let t = piece.star(target)[at] as usize;
-                if piece.triangles[t].contains(&other) {
-                    piece.drift[t] = piece.drift[t].with(first);
-                }
-            }
+        if let Some(inner) = inner {
+            carried[inner as usize] = first;
         }
         if self.triangles * 2 < self.boxed {
             self.make_boxes();

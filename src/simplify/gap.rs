@@ -141,9 +141,7 @@ impl Overlay {
         let (mut gaps, mut spent) = ([[0f64; 2]; MOST], [Drift::NONE; MOST]);
         let least = ROUNDING * self.size * self.size;
         let mut doubtful = !self.closed;
-        for k in 1..n - 1 {
-            spent[k] = used(k);
-        }
+        spent[1..n - 1].iter_mut().zip(1..).for_each(|(spent, k)| *spent = used(k));
         spent[1] = spent[1].with(used(0));
         if self.closed {
             spent[n - 2] = spent[n - 2].with(used(n - 1));

@@ -128,11 +128,5 @@ pub(super) fn numbered<T: Coordinate>(mesh: &dyn MeshSource, soup: &Soup<T>, pas
 }
 
 fn each<T: Coordinate>(soup: &Soup<T>, mut visit: impl FnMut(&Record<T>) -> Result<()>) -> Result<()> {
-    let mut records = vec![<Record<T> as bytemuck::Zeroable>::zeroed(); BLOCK];
-    for first in (0..soup.count()).step_by(BLOCK) {
-        let records = &mut records[..(soup.count() - first).min(BLOCK as u64) as usize];
-        soup.read(first, records)?;
-        records.iter().try_for_each(&mut visit)?;
-    }
-    Ok(())
+    soup.each_block(|records| records.iter().try_for_each(&mut visit))
 }

@@ -288,15 +288,7 @@ impl<T: Coordinate> Triangles<'_, T> {
     /// Visits all triangles in order. Those that repeat a vertex are left out.
     fn visit(&self, passes: &Passes, mut visit: impl FnMut(&[Record<T>]) -> Result<()>) -> Result<()> {
         match self {
-            Triangles::Soup(soup) => {
-                let mut records = vec![<Record<T> as bytemuck::Zeroable>::zeroed(); BLOCK];
-                for first in (0..soup.count()).step_by(BLOCK) {
-                    let records = &mut records[..(soup.count() - first).min(BLOCK as u64) as usize];
-                    soup.read(first, records)?;
-                    visit(records)?;
-                }
-                Ok(())
-            }
+            Triangles::Soup(soup) => soup.each_block(visit),
             Triangles::Mesh(mesh, classes) => {
                 let groups = mesh.face_count().div_ceil(BLOCK as u64) as usize;
                 let read = |group: usize| read_group(*mesh, *classes, group);

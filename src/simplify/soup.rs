@@ -40,6 +40,8 @@ impl<T: Coordinate> Record<T> {
     }
 }
 
+/// Triangles read at a time.
+const BLOCK: usize = 1 << 13;
 /// Places that are kept of a pass's triangles, to cut space by: the most.
 const SAMPLE: usize = 1 << 18;
 
@@ -108,8 +110,15 @@ impl<T: Coordinate> Soup<T> {
         self.spool.append(bytemuck::cast_slice(records)).map(|_| ())
     }
 
-    pub(super) fn read(&self, first: u64, out: &mut [Record<T>]) -> Result<()> {
-        self.spool.read_at(first * size_of::<Record<T>>() as u64, bytemuck::cast_slice_mut(out))
+    /// Visits all triangles in order, some at a time.
+    pub(super) fn each_block(&self, mut visit: impl FnMut(&[Record<T>]) -> Result<()>) -> Result<()> {
+        let mut records = Vec::new();
+        for first in (0..self.count).step_by(BLOCK) {
+            records.resize((self.count - first).min(BLOCK as u64) as usize, Record::zeroed());
+            self.spool.read_at(first * size_of::<Record<T>>() as u64, bytemuck::cast_slice_mut(&mut records))?;
+            visit(&records)?;
+        }
+        Ok(())
     }
 
     pub(super) fn sample(&self) -> &Sample<T> {
