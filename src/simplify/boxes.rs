@@ -36,7 +36,8 @@ impl Extent {
 
     /// Whether they have a place in common.
     pub(super) fn meets(&self, other: &Extent) -> bool {
-        (0..3).all(|a| self.low[a] <= other.high[a] && other.low[a] <= self.high[a])
+        // Without branches: half of all boxes that are asked meet.
+        (0..3).fold(true, |meet, a| meet & (self.low[a] <= other.high[a]) & (other.low[a] <= self.high[a]))
     }
 }
 
@@ -62,19 +63,21 @@ fn above(x: f64) -> f32 {
 #[derive(Debug, Default)]
 pub(super) struct Boxes {
     nodes: Vec<Extent>,
-    /// The triangles of leaf l: `LEAF` from `LEAF * l`.
+    /// The triangles of leaf l, and their boxes: `LEAF` from `LEAF * l`.
     triangles: Vec<u32>,
-    /// Of each triangle: its leaf.
-    leaves: Vec<u32>,
+    extents: Vec<Extent>,
+    /// Of each triangle: its place among these.
+    places: Vec<u32>,
     /// Nodes to be looked at.
     waiting: Vec<u32>,
 }
 
 impl Boxes {
-    /// Bytes for each triangle, at most: two boxes a leaf, as many leaves again to make a power of two, a place and a leaf.
-    pub(super) const BYTES: u64 = (4 * size_of::<Extent>() / LEAF + 2 * size_of::<u32>() + 16) as u64;
+    /// Bytes for each triangle, at most: up to two places, half as many nodes, a place and a leaf; and while it is made, its number on the curve.
+    pub(super) const BYTES: u64 =
+        (2 * (size_of::<Extent>() + size_of::<u32>()) + 4 * size_of::<Extent>() / LEAF + size_of::<u32>() + 8) as u64;
 
-    /// A tree of the triangles given, each with its centre; `corners` its corners.
+    /// A tree of the triangles given, each with its centre; `corners` gives its corners.
     pub(super) fn build(
         centres: impl Iterator<Item = (u32, DVec3)> + Clone,
         count: usize,
@@ -92,20 +95,24 @@ impl Boxes {
         let mut boxes = Boxes {
             nodes: vec![Extent::EMPTY; 2 * leaves - 1],
             triangles: vec![NONE; leaves * LEAF],
-            leaves: vec![NONE; count],
+            extents: vec![Extent::EMPTY; leaves * LEAF],
+            places: vec![NONE; count],
             waiting: Vec::new(),
         };
         // Spread over all leaves, so that none is much fuller than another.
         let len = order.len();
-        let mut filled = vec![0u8; leaves];
+        let (mut before, mut filled) = (usize::MAX, 0);
         for (at, (_, triangle)) in order.into_iter().enumerate() {
             let leaf = at * leaves / len;
-            boxes.triangles[leaf * LEAF + usize::from(filled[leaf])] = triangle;
-            boxes.leaves[triangle as usize] = leaf as u32;
-            filled[leaf] += 1;
+            filled = if leaf == before { filled + 1 } else { 0 };
+            before = leaf;
+            let place = leaf * LEAF + filled;
+            boxes.triangles[place] = triangle;
+            boxes.extents[place] = Extent::of(corners(triangle));
+            boxes.places[triangle as usize] = place as u32;
         }
         for leaf in 0..leaves {
-            boxes.nodes[leaves - 1 + leaf] = boxes.leaf_extent(leaf, &corners);
+            boxes.nodes[leaves - 1 + leaf] = boxes.leaf_extent(leaf);
         }
         for node in (0..leaves - 1).rev() {
             boxes.nodes[node] = boxes.nodes[2 * node + 1].with(boxes.nodes[2 * node + 2]);
@@ -117,38 +124,27 @@ impl Boxes {
         self.nodes.len() / 2
     }
 
-    fn leaf_extent(&self, leaf: usize, corners: &impl Fn(u32) -> [DVec3; 3]) -> Extent {
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for &triangle in self.triangles[leaf * LEAF..][..LEAF].iter().filter(|t| **t != NONE) {
-            for corner in corners(triangle) {
-                low = low.min(corner);
-                high = high.max(corner);
-            }
-        }
-        Extent { low: low.to_array().map(below), high: high.to_array().map(above) }
+    fn leaf_extent(&self, leaf: usize) -> Extent {
+        self.extents[leaf * LEAF..][..LEAF].iter().fold(Extent::EMPTY, |all, extent| all.with(*extent))
     }
 
-    /// Takes triangles out.
-    pub(super) fn remove(&mut self, gone: impl Iterator<Item = u32> + Clone, corners: impl Fn(u32) -> [DVec3; 3]) {
-        // All of them before any box is made: they have no corners any more.
-        for triangle in gone.clone() {
-            let leaf = self.leaves[triangle as usize] as usize;
-            let places = &mut self.triangles[leaf * LEAF..][..LEAF];
-            places.iter_mut().filter(|place| **place == triangle).for_each(|place| *place = NONE);
-        }
-        for triangle in gone {
-            self.follow(self.leaves[triangle as usize] as usize, &corners);
-        }
+    /// Takes a triangle out.
+    pub(super) fn remove(&mut self, triangle: u32) {
+        let place = self.places[triangle as usize] as usize;
+        (self.triangles[place], self.extents[place]) = (NONE, Extent::EMPTY);
+        self.follow(place / LEAF);
     }
 
-    /// A triangle has changed.
-    pub(super) fn update(&mut self, triangle: u32, corners: impl Fn(u32) -> [DVec3; 3]) {
-        self.follow(self.leaves[triangle as usize] as usize, &corners);
+    /// A triangle has these corners now.
+    pub(super) fn update(&mut self, triangle: u32, corners: [DVec3; 3]) {
+        let place = self.places[triangle as usize] as usize;
+        self.extents[place] = Extent::of(corners);
+        self.follow(place / LEAF);
     }
 
-    fn follow(&mut self, leaf: usize, corners: &impl Fn(u32) -> [DVec3; 3]) {
+    fn follow(&mut self, leaf: usize) {
         let mut node = self.first_leaf() + leaf;
-        let mut now = self.leaf_extent(leaf, corners);
+        let mut now = self.leaf_extent(leaf);
         loop {
             if self.nodes[node] == now {
                 return;
@@ -162,21 +158,25 @@ impl Boxes {
         }
     }
 
-    /// Adds the triangles to `found` that may meet the box: all of a leaf whose box does.
+    /// Adds the triangles to `found` whose boxes meet the place.
     pub(super) fn near(&mut self, place: &Extent, found: &mut Vec<u32>) {
         let first = self.first_leaf();
         self.waiting.clear();
-        self.waiting.push(0);
+        if self.nodes[0].meets(place) {
+            self.waiting.push(0);
+        }
         while let Some(node) = self.waiting.pop() {
             let node = node as usize;
-            if !self.nodes[node].meets(place) {
-                continue;
-            }
             if node >= first {
-                let leaf = &self.triangles[(node - first) * LEAF..][..LEAF];
-                found.extend(leaf.iter().filter(|t| **t != NONE));
+                let at = (node - first) * LEAF;
+                let there = self.extents[at..][..LEAF].iter().zip(&self.triangles[at..][..LEAF]);
+                found.extend(there.filter(|(extent, _)| extent.meets(place)).map(|(_, triangle)| *triangle));
             } else {
-                self.waiting.extend([2 * node as u32 + 1, 2 * node as u32 + 2]);
+                for child in [2 * node + 1, 2 * node + 2] {
+                    if self.nodes[child].meets(place) {
+                        self.waiting.push(child as u32);
+                    }
+                }
             }
         }
     }

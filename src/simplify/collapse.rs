@@ -122,7 +122,7 @@ impl Simplifier {
         quadric
     }
 
-    /// The neighbours that a vertex may go to, the cheapest first, in `self.targets`.
+    /// The neighbours that a vertex may go to, in `self.targets`.
     fn look(&mut self, vertex: u32) {
         self.targets.clear();
         let quadric = self.quadric(vertex);
@@ -138,7 +138,20 @@ impl Simplifier {
                 }
             }
         }
-        self.targets.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+    }
+
+    /// Takes the cheapest of the neighbours that [`Simplifier::look`] has found.
+    fn next_target(&mut self) -> Option<(f32, u32, u32)> {
+        let key = |target: &(f32, u32, u32)| (target.1, target.2);
+        let before = |a: &(f32, u32, u32), b: &(f32, u32, u32)| a.0.total_cmp(&b.0).then(key(a).cmp(&key(b)));
+        let least = (0..self.targets.len())
+            .reduce(|a, b| if before(&self.targets[b], &self.targets[a]).is_lt() { b } else { a })?;
+        Some(self.targets.swap_remove(least))
+    }
+
+    /// The least that a move to one of them costs.
+    fn least_cost(&self) -> f32 {
+        self.targets.iter().fold(f32::INFINITY, |least, target| least.min(target.0))
     }
 
     fn same_class(&self, a: u32, b: u32) -> bool {
@@ -153,7 +166,7 @@ impl Simplifier {
             return;
         }
         self.look(vertex);
-        self.costs[vertex as usize] = self.targets.first().map_or(f32::INFINITY, |target| target.0);
+        self.costs[vertex as usize] = self.least_cost();
         self.queue.put(vertex, self.costs[vertex as usize]);
     }
 
@@ -170,7 +183,7 @@ impl Simplifier {
             self.look(vertex);
             if std::mem::take(&mut self.stale[vertex as usize]) {
                 // It waits again if it costs more by now.
-                let now = self.targets.first().map_or(f32::INFINITY, |target| target.0);
+                let now = self.least_cost();
                 self.costs[vertex as usize] = now;
                 if now > cost {
                     self.queue.put(vertex, now);
@@ -184,8 +197,9 @@ impl Simplifier {
             if ring.vertices.len() > MOST {
                 continue;
             }
-            for tried in 0..self.targets.len().min(MOST_TRIED) {
-                if self.collapse(vertex, self.targets[tried].2, used, &ring) {
+            for _ in 0..MOST_TRIED {
+                let Some((_, _, target)) = self.next_target() else { break };
+                if self.collapse(vertex, target, used, &ring) {
                     break;
                 }
             }
@@ -318,13 +332,14 @@ impl Simplifier {
         let Simplifier { piece, boxes, .. } = self;
         piece.collapse(vertex, target, ring);
         let Piece { triangles, positions, drift: carried, .. } = piece;
-        // Those that are gone are taken out of the boxes first.
-        let corners = |t: u32| triangles[t as usize].map(|v| positions[v as usize]);
-        let gone = ring.triangles.iter().copied().filter(|t| triangles[*t as usize][0] == NONE);
-        self.triangles -= gone.clone().count();
-        boxes.remove(gone, corners);
-        for &t in ring.triangles.iter().filter(|t| triangles[**t as usize][0] != NONE) {
-            boxes.update(t, corners);
+        for &t in &ring.triangles {
+            let corners = triangles[t as usize];
+            if corners[0] == NONE {
+                boxes.remove(t);
+                self.triangles -= 1;
+            } else {
+                boxes.update(t, corners.map(|v| positions[v as usize]));
+            }
         }
         for (t, bound) in following {
             carried[t] = bound;

@@ -54,6 +54,8 @@ pub(super) struct Ring {
     pub(super) vertices: Vec<u32>,
     pub(super) triangles: Vec<u32>,
     pub(super) closed: bool,
+    /// The other two corners of each triangle, while they are put in order.
+    sides: Vec<[u32; 2]>,
 }
 
 impl Piece {
@@ -114,36 +116,32 @@ impl Piece {
 
     /// The triangles round a vertex in order; `false` if they are no disc and no half of one.
     pub(super) fn ring(&self, vertex: u32, ring: &mut Ring) -> bool {
-        let Ring { vertices, triangles, closed } = ring;
+        let Ring { vertices, triangles, closed, sides } = ring;
         vertices.clear();
         triangles.clear();
         let star = self.star(vertex);
         if star.is_empty() {
             return false;
         }
+        sides.clear();
+        sides.extend(star.iter().map(|t| self.others(*t, vertex)));
         // Where the star is open it begins with the vertex that no triangle ends with.
-        let mut first = star[0];
-        *closed = true;
-        for &t in star {
-            let [from, _] = self.others(t, vertex);
-            if star.iter().all(|other| self.others(*other, vertex)[1] != from) {
-                (first, *closed) = (t, false);
-                break;
-            }
-        }
-        let [start, mut end] = self.others(first, vertex);
+        let open = sides.iter().position(|[from, _]| sides.iter().all(|[_, to]| to != from));
+        *closed = open.is_none();
+        let first = open.unwrap_or(0);
+        let [start, mut end] = sides[first];
         vertices.push(start);
-        triangles.push(first);
+        triangles.push(star[first]);
         while end != start {
             vertices.push(end);
             if vertices.len() > star.len() + 1 {
                 return false;
             }
-            let mut following = star.iter().filter(|t| self.others(**t, vertex)[0] == end);
+            let mut following = (0..star.len()).filter(|at| sides[*at][0] == end);
             match (following.next(), following.next()) {
-                (Some(&t), None) => {
-                    triangles.push(t);
-                    end = self.others(t, vertex)[1];
+                (Some(at), None) => {
+                    triangles.push(star[at]);
+                    end = sides[at][1];
                 }
                 (None, _) => break,
                 _ => return false,
