@@ -210,6 +210,10 @@ fn checked_and_simplified(
     let crs = format::read::told_crs(&job.mesh);
     let measure = crs.as_ref().and_then(|crs| crs.measure());
     let asked = match (job.asked.tolerance, job.unit) {
+        (Some(Tolerance::Length(length)), Some(unit)) if measure.is_none() => {
+            let unknown = "the unit of the mesh is not known; give a plain number, in its units";
+            return Err(Error::setting("simplify", format!("`simplify` {length}{unit}: {unknown}")));
+        }
         (Some(Tolerance::Length(length)), Some(unit)) => {
             let length = measured("simplify", length, unit, measure)?;
             Simplification { tolerance: Some(Tolerance::Length(length)), ..job.asked }

@@ -36,7 +36,7 @@ fn a_mesh_becomes_lighter_and_stays_sound() {
     f.ok("simplify light.ply 0.5c -o lighter.stl -q");
     f.ok("check lighter.stl");
     f.fails("simplify lighter.stl 0.5c -o x.ply", 2, &["--simplify 0.5c: the mesh does not say how long"]);
-    f.fails("simplify full.ply 5mm -o x.ply", 2, &["the unit of the input is not known"]);
+    f.fails("simplify full.ply 5mm -o x.ply", 2, &["--simplify 5mm: the unit of the mesh is not known"]);
     f.fails("simplify full.ply -o x.ply", 2, &["<E>"]);
     f.fails("simplify full.ply 0.1% -o full.ply --overwrite", 2, &["full.ply"]);
     f.fails("simplify full.ply 0.1% -o light.ply", 73, &["light.ply"]);
