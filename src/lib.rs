@@ -70,6 +70,7 @@ mod format;
 #[cfg(feature = "generate")]
 mod generate;
 mod grid;
+mod ground;
 mod input;
 mod mesh;
 mod points;
@@ -102,6 +103,7 @@ pub use run::phase::Phase;
 pub use run::reconstruction::{Mesh, MeshSink, Reconstruction};
 pub use run::report::Report;
 pub use settings::closing::{Least, Sealing};
+pub use settings::ground::{ClassSet, Classes};
 pub use settings::open::{Facing, Hole, Kind as OpenKind, Open};
 pub use settings::surface::{Diagonals, Fit};
 pub use storage::atomic_file::Overwrite;
@@ -120,7 +122,7 @@ pub mod internals {
         };
     }
     opened! {
-        #[cfg(feature = "compare")] compare, error, format, #[cfg(feature = "generate")] generate, grid, input, mesh, points,
+        #[cfg(feature = "compare")] compare, error, format, #[cfg(feature = "generate")] generate, grid, ground, input, mesh, points,
         #[cfg(feature = "render")] render, resources, run, settings, sign, solid, stitch, storage, surface,
     }
 }

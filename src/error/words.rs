@@ -55,12 +55,13 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 30] = [
+pub const SETTINGS: [&str; 32] = [
     "attributes",
     "axis",
     "base",
     "bounds",
     "cell_size",
+    "classes",
     "color_by",
     "coordinates",
     "crs",
@@ -86,6 +87,7 @@ pub const SETTINGS: [&str; 30] = [
     "threads",
     "tile",
     "window",
+    "write_classes",
 ];
 
 /// A message in the command's words: settings that stand in backticks become options.

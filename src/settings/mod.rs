@@ -1,10 +1,12 @@
 //! Settings of a reconstruction: plain values that every stage may read. Files, memory and threads are not among them.
 
 pub mod closing;
+pub mod ground;
 pub mod open;
 pub mod surface;
 
 use self::closing::{Least, Sealing};
+use self::ground::Classes;
 use self::open::Open;
 use self::surface::SurfaceOptions;
 use crate::error::{Error, Result};
@@ -71,6 +73,8 @@ pub struct Settings {
     pub surface: SurfaceOptions,
     /// What is asked of a surface that is not closed; `None` for one that is.
     pub open: Option<Open>,
+    /// What tells the ground, if the open surface is that.
+    pub classes: Classes,
 }
 
 impl Default for Settings {
@@ -85,6 +89,7 @@ impl Default for Settings {
             min_component: Some(Least::Auto),
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
             open: None,
+            classes: Classes::Auto,
         }
     }
 }
