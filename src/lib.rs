@@ -70,6 +70,7 @@ mod format;
 #[cfg(feature = "generate")]
 mod generate;
 mod grid;
+mod ground;
 mod input;
 mod mesh;
 mod points;
@@ -103,6 +104,7 @@ pub use run::phase::Phase;
 pub use run::reconstruction::{Mesh, MeshSink, Reconstruction};
 pub use run::report::Report;
 pub use settings::closing::{Least, Sealing};
+pub use settings::ground::{ClassSet, Classes};
 pub use settings::open::{Facing, Hole, Kind as OpenKind, Open};
 pub use settings::simplification::{Borders, Simplification, Tolerance};
 pub use settings::surface::{Diagonals, Fit};
@@ -123,7 +125,7 @@ pub mod internals {
         };
     }
     opened! {
-        #[cfg(feature = "compare")] compare, error, format, #[cfg(feature = "generate")] generate, grid, input, mesh, points,
+        #[cfg(feature = "compare")] compare, error, format, #[cfg(feature = "generate")] generate, grid, ground, input, mesh, points,
         #[cfg(feature = "render")] render, resources, run, settings, sign, simplify, solid, stitch, storage, surface,
     }
 }

@@ -147,7 +147,10 @@ impl Case {
     fn job(&self, folder: &Path) -> Job {
         let path = folder.join("cloud.bin");
         let mut bytes = Vec::new();
+        // The ground filter goes by metres.
+        let scale = if self.surface == Some(Kind::Ground) { 400.0 } else { 1.0 };
         for point in self.cloud.points(self.points, self.noise) {
+            let point = point.map(|c| c * scale);
             bytes.extend_from_slice(bytemuck::bytes_of(&point));
             if self.carried {
                 bytes.extend(point[0].to_bits().to_le_bytes());
@@ -157,6 +160,7 @@ impl Case {
         let layout: Layout = if self.carried { "xyz,i:u32" } else { "xyz" }.parse().unwrap();
         let open = self.surface.map(|kind| match kind {
             Kind::Terrain => Open::TERRAIN,
+            Kind::Ground => Open::GROUND,
             Kind::Sheet => Open { kind, facing: Facing::Direction([0.8, 0.0, 0.6]), ..Open::TERRAIN },
         });
         Job {
@@ -277,5 +281,29 @@ fn walls_cost_no_more_than_planned() {
             factor: 1.0,
         };
         case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
+    }
+}
+
+/// Beside the plan, points are judged in the blocks in flight; before it, tiles are filled.
+#[test]
+fn the_ground_filter_keeps_the_budget() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    for (threads, budget) in [(1, 40 << 20), (2, 64 << 20), (4, 256 << 20)] {
+        let (cloud, points, noise, k) = (Cloud::Walls, 400_000, 0.0001, 4.0);
+        let surface = Some(Kind::Ground);
+        let case =
+            Case { cloud, points, noise, k, surface, fit: Fit::Auto, smooth: 1, threads, carried: true, factor: 1.0 };
+        let folder = tempfile::tempdir().unwrap();
+        let mut job = case.job(folder.path());
+        job.resources.max_memory = Some(budget);
+        let before = HELD.load(Relaxed);
+        MOST.store(before, Relaxed);
+        {
+            let workers = job.resources.workers().unwrap();
+            run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
+        }
+        let counted = (MOST.load(Relaxed) - before) as u64;
+        let granted = budget - beside_the_heap(threads);
+        assert!(counted <= granted, "{counted} of {granted} with {threads} threads");
     }
 }

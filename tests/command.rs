@@ -5,6 +5,7 @@
 mod command {
     mod compare;
     pub mod folder;
+    mod ground;
     mod outputs;
     mod poses;
     mod simplify;

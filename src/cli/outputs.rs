@@ -163,6 +163,9 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
                     put(path, "preview", Kind::File, overwrite);
                 }
             }
+            if let Some(path) = &arguments.write_classes {
+                put(path.clone(), "file of classes", Kind::File, overwrite);
+            }
             if let Some(path) = &arguments.report {
                 put(path.clone(), "report", Kind::Report, overwrite);
             }

@@ -55,12 +55,13 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 33] = [
+pub const SETTINGS: [&str; 35] = [
     "attributes",
     "axis",
     "base",
     "bounds",
     "cell_size",
+    "classes",
     "color_by",
     "coordinates",
     "crs",
@@ -89,6 +90,7 @@ pub const SETTINGS: [&str; 33] = [
     "tile",
     "unsound",
     "window",
+    "write_classes",
 ];
 
 /// A message in the command's words: settings that stand in backticks become options.

@@ -27,7 +27,7 @@ use crate::format::point_format::{BlockCutter, Decode, PointFormat};
 use crate::format::unpack::Unpacking;
 use crate::points::attribute::{Schema, Wanted};
 use crate::points::crs::Crs;
-use crate::points::filter::Sieve;
+use crate::points::filter::{Sieve, Verdict, judged};
 use crate::points::unit::{Measure, Unit, measured};
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::{Spares, Workers};
@@ -60,6 +60,7 @@ pub struct Cloud<'a> {
     precision: Precision,
     schema: Schema,
     filter: Filter,
+    verdict: Option<Arc<dyn Verdict>>,
     crs: Option<Crs>,
     unpacked: u64,
     unpacked_later: u64,
@@ -96,6 +97,7 @@ impl<'a> Cloud<'a> {
             precision: Precision::Single,
             schema: Schema::default(),
             filter: options.filter.clone(),
+            verdict: None,
             crs: None,
             unpacked: 0,
             unpacked_later: 0,
@@ -154,6 +156,7 @@ impl<'a> Cloud<'a> {
             formats: vec![Arc::new(format)],
             schema,
             filter: options.filter.clone(),
+            verdict: None,
             crs,
             unpacked: 0,
             unpacked_later: 0,
@@ -248,7 +251,35 @@ impl<'a> Cloud<'a> {
             Carried::Only(names) => self.schema_of(names),
         };
         let sieve = Sieve::new(&self.filter, schema, self.formats.iter().map(|format| format.attributes()));
-        Blocks { waiting: self.formats.iter(), current: None, precision: self.precision, sieve: Arc::new(sieve) }
+        let (precision, verdict) = (self.precision, self.verdict.clone());
+        Blocks { waiting: self.formats.iter(), current: None, precision, sieve: Arc::new(sieve), verdict }
+    }
+
+    /// From now on, of the points that count, those that `verdict` lets through.
+    pub(crate) fn judge_by(&mut self, verdict: Arc<dyn Verdict>) {
+        self.verdict = Some(verdict);
+    }
+
+    /// From now on, of the points that count, those of these classes.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if a file's points have no classes.
+    pub(crate) fn keep_classes(&mut self, classes: &[u8]) -> Result<()> {
+        let asked = |class: &&u8| self.filter.keep_class.is_empty() || self.filter.keep_class.contains(class);
+        let kept: Vec<u8> = classes.iter().filter(asked).copied().collect();
+        let none = kept.is_empty();
+        self.filter = Filter { keep_class: kept, ..self.filter.clone() };
+        if none {
+            // No class at all would be every class.
+            self.filter.drop_class = (0..=u8::MAX).collect();
+        }
+        for (source, format) in self.sources.iter().zip(&self.formats) {
+            if let Err(missing) = self.filter.check(format.attributes()) {
+                let path = source.path.display();
+                return Err(Error::Usage(format!("{path}: its points have no {missing}, which `classes` asks for")));
+            }
+        }
+        Ok(())
     }
 
     /// One pass over everything, decoded with what is `carried`: `work` sees each block's points on some worker, `sink` the results in file order. At most
@@ -325,6 +356,7 @@ pub struct Blocks<'a> {
     current: Option<Box<dyn BlockCutter<'a> + 'a>>,
     precision: Precision,
     sieve: Arc<Sieve>,
+    verdict: Option<Arc<dyn Verdict>>,
 }
 
 impl<'a> Blocks<'a> {
@@ -336,7 +368,8 @@ impl<'a> Blocks<'a> {
         loop {
             if let Some(cutter) = &mut self.current {
                 if let Some(records) = cutter.next()? {
-                    return Ok(Some(Block { records, precision: self.precision, sieve: Arc::clone(&self.sieve) }));
+                    let (sieve, verdict) = (Arc::clone(&self.sieve), self.verdict.clone());
+                    return Ok(Some(Block { records, precision: self.precision, sieve, verdict }));
                 }
                 self.current = None;
             }
@@ -353,6 +386,7 @@ pub struct Block<'a> {
     records: Box<dyn Decode + 'a>,
     precision: Precision,
     sieve: Arc<Sieve>,
+    verdict: Option<Arc<dyn Verdict>>,
 }
 
 impl Block<'_> {
@@ -372,7 +406,7 @@ impl Block<'_> {
         batch.station = self.records.station();
         self.records.decode(batch)?;
         self.sieve.sift(batch);
-        Ok(())
+        self.verdict.as_deref().map_or(Ok(()), |verdict| judged(batch, verdict))
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Formats decode whatever a block holds; here, in one place for all of them, points and their attributes are sifted.
 
+use crate::error::Result;
 use crate::points::attribute::{Attribute, Schema};
 use crate::points::bounds::Bounds;
 use crate::points::scalar::{Endian, Reader, reader};
@@ -45,6 +46,40 @@ pub enum Withheld {
     Dropped,
     /// They count like any other.
     Kept,
+}
+
+/// Says which points count by what was found out about all of them.
+pub trait Verdict: std::fmt::Debug + Send + Sync {
+    /// For each of the points, whether it counts.
+    ///
+    /// # Errors
+    /// Errors of reading what was found out.
+    fn judge(&self, points: &Points) -> Result<Vec<bool>>;
+}
+
+/// Leaves in a batch the points that count by `verdict`, with their attributes, and counts the others as filtered.
+///
+/// # Errors
+/// Those of the verdict.
+pub fn judged(batch: &mut Batch, verdict: &dyn Verdict) -> Result<()> {
+    fn left<T: Copy>(points: &mut Vec<T>, counts: &[bool]) {
+        let mut counts = counts.iter();
+        points.retain(|_| counts.next().is_some_and(|counts| *counts));
+    }
+    let counts = verdict.judge(&batch.points)?;
+    let stride = batch.attributes.len() / counts.len().max(1);
+    let mut kept = 0;
+    for number in counts.iter().enumerate().filter(|(_, counts)| **counts).map(|(number, _)| number) {
+        batch.attributes.copy_within(number * stride..(number + 1) * stride, kept * stride);
+        kept += 1;
+    }
+    batch.attributes.truncate(kept * stride);
+    batch.filtered += (counts.len() - kept) as u64;
+    match &mut batch.points {
+        Points::Single(points) => left(points, &counts),
+        Points::Double(points) => left(points, &counts),
+    }
+    Ok(())
 }
 
 /// Whether an attribute must be there for the filter to work.
@@ -280,6 +315,31 @@ mod tests {
             let infinite = points.iter().filter(|(p, _)| !finite(p)).count();
             prop_assert_eq!(batch.dropped, infinite as u64);
             prop_assert_eq!(batch.filtered, (points.len() - infinite - expected.len()) as u64);
+        }
+    }
+
+    /// Points above a height count.
+    #[derive(Debug)]
+    struct Above(f32);
+
+    impl Verdict for Above {
+        fn judge(&self, points: &Points) -> Result<Vec<bool>> {
+            let Points::Single(points) = points else { unreachable!() };
+            Ok(points.iter().map(|point| point[2] > self.0).collect())
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_verdict_leaves_points_with_their_attributes(heights in prop::collection::vec(0u8..9, 0..60), stride in 0usize..4) {
+            let mut batch = Batch::new(crate::points::Precision::Single);
+            batch.points = Points::Single(heights.iter().map(|height| [1.0, 2.0, f32::from(*height)]).collect());
+            batch.attributes = heights.iter().flat_map(|height| vec![*height; stride]).collect();
+            judged(&mut batch, &Above(4.0)).unwrap();
+            let high: Vec<u8> = heights.iter().copied().filter(|height| *height > 4).collect();
+            prop_assert_eq!(batch.attributes, high.iter().flat_map(|height| vec![*height; stride]).collect::<Vec<_>>());
+            prop_assert_eq!(batch.points, Points::Single(high.iter().map(|height| [1.0, 2.0, f32::from(*height)]).collect()));
+            prop_assert_eq!(batch.filtered, (heights.len() - high.len()) as u64);
         }
     }
 

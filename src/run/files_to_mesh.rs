@@ -15,12 +15,13 @@ use crate::mesh::{MeshHeader, MeshSource};
 #[cfg(feature = "render")]
 use crate::render;
 use crate::resources::workers::Workers;
+use crate::run::bare_earth::{bare_earth, budget_beside, verdicts};
 use crate::run::finished::{Finished, refuse_unsound, report};
 use crate::run::job::{Check, Job, default_output_of};
 use crate::run::mesh_header::header_of;
 use crate::run::phase::Phase;
 use crate::run::pipeline::reconstruct;
-use crate::run::prepare::{Passes, expected_tiles, files, known, open, planned, surveyed};
+use crate::run::prepare::{Passes, describe, expected_tiles, files, known, open, planned, surveyed};
 #[cfg(feature = "render")]
 use crate::run::preview::{DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
@@ -51,6 +52,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         None => default_output_of(&job.inputs, &files)?,
     };
     refuse_input_as_output(&files, &output)?;
+    let verdicts = verdicts(&job.write_classes, &job.settings, job.overwrite)?;
+    if let Some(verdicts) = verdicts {
+        refuse_input_as_output(&files, verdicts.path)?;
+    }
     let positions = Positions::of(&output, job.positions)?;
     // What can fail for want of room or rights fails now, not after the work.
     let mut target = match job.tile {
@@ -61,17 +66,21 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
     let workspace = job.resources.workspace(&output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
-    let cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
+    let mut cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
     let job = &job.measured_as(&cloud)?;
     if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
         tiles.set_side(side);
     }
 
+    describe(&cloud, &job.settings, progress);
+    let budget = job.resources.budget();
+    let ground = bare_earth(&mut cloud, &job.settings, verdicts, budget, workers, &workspace, progress)?;
     let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, progress)?;
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
     }
-    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, job.resources.budget(), progress)?;
+    let budget = budget_beside(&settings, budget, workers);
+    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, budget, progress)?;
     #[cfg(feature = "render")]
     let picture = picture
         .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));
@@ -161,6 +170,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     Ok(report(Finished {
         cloud: &cloud,
         surveyed: &surveyed,
+        ground,
         settings: &settings,
         made: &made,
         simplification,

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::input::{Cloud, Source};
 use crate::mesh::check::CheckReport;
 use crate::resources::machine;
+use crate::run::bare_earth::GroundReport;
 use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::Progress;
 use crate::run::report::{
@@ -28,6 +29,8 @@ pub(crate) struct Finished<'a> {
     pub cloud: &'a Cloud<'a>,
     /// What the survey found.
     pub surveyed: &'a Surveyed,
+    /// How the ground was told, if that alone counts.
+    pub ground: Option<GroundReport>,
     /// What was asked for.
     pub settings: &'a Settings,
     /// The mesh, and how it came to be.
@@ -48,12 +51,25 @@ pub(crate) struct Finished<'a> {
 
 /// What is told of a run, with how long it took and what may be wrong.
 pub(crate) fn report(run: Finished<'_>) -> Report {
-    let Finished { cloud, surveyed, settings, made, simplification, check, output, progress, seconds, workspace } = run;
+    let Finished {
+        cloud,
+        surveyed,
+        ground,
+        settings,
+        made,
+        simplification,
+        check,
+        output,
+        progress,
+        seconds,
+        workspace,
+    } = run;
     let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
         inputs: input_reports(cloud),
         parameters: Parameters::of(settings),
         points: PointsReport::of(cloud, surveyed),
+        ground,
         grid: GridReport::of(&surveyed.grid),
         points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
         closing: Closing::of(made, &surveyed.grid),

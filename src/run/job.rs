@@ -35,6 +35,8 @@ pub struct Job {
     /// Whether a picture of the mesh is drawn, too.
     #[cfg(feature = "render")]
     pub preview: Preview,
+    /// The LAZ or LAS file that the verdicts of the ground filter are written to, if any.
+    pub write_classes: Option<PathBuf>,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
     /// Which coordinates the mesh file has; by default what is usual for its format.
@@ -65,6 +67,7 @@ impl Job {
             units: Units::default(),
             #[cfg(feature = "render")]
             preview: Preview::None,
+            write_classes: None,
             overwrite: Overwrite::Refuse,
             positions: None,
             resources: Resources::default(),

@@ -7,7 +7,8 @@
 //!
 //! [`files_to_mesh`] has a file in the end, [`reconstruction`] a mesh in memory.
 
-pub mod estimate;
+pub mod bare_earth;
+mod estimate;
 mod files_to_mesh;
 mod finished;
 pub mod forecast;

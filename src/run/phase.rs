@@ -7,6 +7,8 @@
 pub enum Phase {
     /// Unpacking compressed files, reading standard input.
     Unpack,
+    /// Telling which points lie on the ground.
+    Ground,
     /// Counting points and finding their box.
     Survey,
     /// Counting points by class and return.
@@ -45,6 +47,7 @@ impl Phase {
         match self {
             Phase::Unpack => ("unpack", "bytes"),
             Phase::Survey => ("survey", "points"),
+            Phase::Ground => ("ground", "points"),
             Phase::Count => ("count", "points"),
             Phase::Rehearse => ("rehearse", "slices"),
             Phase::Bucket => ("bucket", "points"),

@@ -9,6 +9,7 @@ use crate::input::tally::Tally;
 use crate::input::{Cloud, Opening, Unpacked, find};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
+use crate::run::bare_earth::{bare_earth, budget_beside};
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job, default_output};
@@ -44,13 +45,15 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let files = files(job, progress)?;
     let (workspace, unwritable) = job.resources.looking(&default_output(&job.inputs, &files))?;
     progress.expect_run(known(job, &files, Passes::Few));
-    let cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+    let mut cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
     let job = &job.measured_as(&cloud)?;
     describe(&cloud, &job.settings, progress);
+    let budget = job.resources.budget();
+    bare_earth(&mut cloud, &job.settings, None, budget, workers, &workspace, progress)?;
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
-    let budget = job.resources.budget();
+    let budget = budget_beside(&job.settings, budget, workers);
     let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget, progress)?;
     let memory = pipeline::plan(&surveyed, workers, budget)?;
     Ok(Planned { cloud, surveyed, workspace, unwritable, tiles, memory })
@@ -195,7 +198,7 @@ pub(super) fn known_of_points(job: &Job, points: u64, passes: Passes) -> Known {
 }
 
 /// Says how every file was understood, and what its scans' places are good for.
-fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) {
+pub(super) fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) {
     for source in cloud.sources() {
         progress.note(&format!("{}: {}", source.path.display(), source.description));
     }
@@ -203,7 +206,7 @@ fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) {
         progress.note(&format!("coordinate reference system: {line}"));
     }
     let scans: usize = cloud.stations().map(|stations| stations.len()).sum();
-    if scans > 0 && settings.open.is_some_and(|open| open.kind == Kind::Terrain) {
+    if scans > 0 && settings.open.is_some_and(|open| open.kind != Kind::Sheet) {
         progress.note("the file tells where its scans were taken from: `surface` sheet `facing` @poses makes a sheet seen from there");
     }
 }
@@ -233,7 +236,7 @@ pub fn contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Option<String> {
     ))
 }
 
-/// Surveys a cloud, once it is told how its files were understood; with the settings as its points settle them.
+/// Surveys a cloud; with the settings as its points settle them.
 ///
 /// # Errors
 /// Errors of reading the input and of laying the grid; [`Error::InvalidSetting`] if its reference system contradicts its coordinates.
@@ -243,7 +246,6 @@ pub(crate) fn surveyed(
     workers: &Workers,
     progress: &mut Progress,
 ) -> Result<(Surveyed, Settings)> {
-    describe(cloud, settings, progress);
     let surveyed = survey_cloud(cloud, settings, workers, progress)?;
     refuse_contradiction(cloud, &surveyed)?;
     let settings = Settings { open: surveyed.open, ..*settings };

@@ -117,7 +117,7 @@ fn options(settings: &Settings, bounds: &Bounds, schema: &Schema) -> render::Opt
     let [iso, behind] = [View::iso(), View::from_angles(125.0, 30.0)];
     let (views, plain) = match &settings.open {
         None => (vec![iso, behind], ColourBy::None),
-        Some(Open { kind: Kind::Terrain, .. }) => (vec![iso, View::top()], ColourBy::Height),
+        Some(Open { kind: Kind::Terrain | Kind::Ground, .. }) => (vec![iso, View::top()], ColourBy::Height),
         Some(Open { kind: Kind::Sheet, facing, .. }) => {
             let seen = View::from_direction(facing.direction(bounds));
             let aside = View::from_angles(seen.azimuth + 40.0, (seen.elevation + 20.0).min(90.0));

@@ -15,6 +15,7 @@ use crate::mesh::check::CheckReport;
 use crate::points::Precision;
 use crate::points::bounds::Bounds;
 use crate::resources::memory::MemoryPlan;
+use crate::run::bare_earth::GroundReport;
 use crate::run::phase::Phase;
 use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::Warning;
@@ -54,6 +55,9 @@ pub struct Report {
     pub parameters: Parameters,
     /// The points.
     pub points: PointsReport,
+    /// How the ground was told, of a surface that is that alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ground: Option<GroundReport>,
     /// The grid.
     pub grid: GridReport,
     /// Points to an occupied cell, on average.
@@ -550,9 +554,13 @@ impl Report {
 
     fn detail_lines(&self) -> Vec<String> {
         let mut points = format!("points   {}", thousands(self.points.count));
-        for (count, why) in
-            [(self.points.dropped, "dropped: not finite"), (self.points.filtered, "left out by filters")]
-        {
+        for (count, why) in [
+            (self.points.dropped, "dropped: not finite"),
+            (
+                self.points.filtered,
+                if self.ground.is_some() { "no ground, or left out by filters" } else { "left out by filters" },
+            ),
+        ] {
             if count > 0 {
                 points += &format!(" ({} {why})", thousands(count));
             }
@@ -563,6 +571,7 @@ impl Report {
                 let kind = match open.kind {
                     Kind::Sheet => "sheet",
                     Kind::Terrain => "terrain",
+                    Kind::Ground => "ground",
                 };
                 let (data, bridged) = (thousands(columns.data), thousands(columns.bridged));
                 let facing = open.facing;

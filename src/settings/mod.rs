@@ -1,11 +1,13 @@
 //! Settings of a reconstruction: plain values that every stage may read. Files, memory and threads are not among them.
 
 pub mod closing;
+pub mod ground;
 pub mod open;
 pub mod simplification;
 pub mod surface;
 
 use self::closing::{Least, Sealing};
+use self::ground::Classes;
 use self::open::Open;
 use self::simplification::Simplification;
 use self::surface::SurfaceOptions;
@@ -75,6 +77,8 @@ pub struct Settings {
     pub open: Option<Open>,
     /// How many triangles are left; all with `None`.
     pub simplify: Option<Simplification>,
+    /// What tells the ground, if the open surface is that.
+    pub classes: Classes,
 }
 
 impl Default for Settings {
@@ -90,6 +94,7 @@ impl Default for Settings {
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
             open: None,
             simplify: None,
+            classes: Classes::Auto,
         }
     }
 }

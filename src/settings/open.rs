@@ -13,6 +13,8 @@ pub enum Kind {
     Sheet,
     /// Ground, buildings and trees, seen from above.
     Terrain,
+    /// Bare earth, seen from above: points on the ground alone.
+    Ground,
 }
 
 /// Where a surface was seen from.
@@ -155,6 +157,9 @@ pub struct Open {
 impl Open {
     /// Terrain with the usual widest hole.
     pub const TERRAIN: Open = Open { kind: Kind::Terrain, facing: Facing::UP, max_hole: Hole::DEFAULT, base: None };
+
+    /// Bare earth with the usual widest hole.
+    pub const GROUND: Open = Open { kind: Kind::Ground, ..Open::TERRAIN };
 
     /// A sheet that was seen from `facing`, with the usual widest hole.
     pub const fn sheet(facing: Facing) -> Open {

@@ -16,6 +16,7 @@ use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::run::{Job, Resources, Units};
 use crate::settings::closing::{Least, Sealing};
+use crate::settings::ground::Classes;
 use crate::settings::open::{Facing, Hole, Kind, Open};
 use crate::settings::simplification::{Borders, Simplification, Tolerance};
 use crate::settings::surface::{Diagonals, Fit, SurfaceOptions};
@@ -113,6 +114,9 @@ pub struct CloudArguments {
     /// Close terrain into a body with a flat bottom at this height, such as 120 or -3m
     #[arg(long, value_name = "Z", value_parser = height, allow_hyphen_values = true, help_heading = "Surface")]
     pub base: Option<InUnit<f64>>,
+    /// What tells the ground of --surface ground: classes, such as 2,9; a filter (none); or classes 2 and 9 where any point has class 2, else the filter (auto)
+    #[arg(long, value_name = "auto|none|LIST", help_heading = "Surface")]
+    pub classes: Option<Classes>,
     /// Steps of smoothing: the first is the paper's, those after it do not shrink the surface
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Surface")]
     pub smooth: u32,
@@ -176,6 +180,8 @@ pub enum SurfaceWord {
     Sheet,
     /// One layer, seen from above.
     Terrain,
+    /// Bare earth, seen from above: the points on the ground alone.
+    Ground,
 }
 
 /// The byte order as typed.
@@ -193,6 +199,9 @@ impl CloudArguments {
     /// Options of an open surface.
     fn open(&self) -> Result<Option<Open>> {
         let wrong = |message: &str| Err(Error::Usage(message.into()));
+        if self.classes.is_some() && self.surface != SurfaceWord::Ground {
+            return wrong("--classes: is for --surface ground; --keep-class takes points of some classes only");
+        }
         let max_hole = self.max_hole.map_or(Hole::DEFAULT, |hole| hole.value);
         let base = self.base.map(|base| base.value);
         match self.surface {
@@ -216,10 +225,13 @@ impl CloudArguments {
                     wrong(&format!("--surface sheet: --facing must say where the points were seen from{told}"))
                 }
             },
-            SurfaceWord::Terrain => match self.facing {
-                None | Some(Facing::UP) => Ok(Some(Open { max_hole, base, ..Open::TERRAIN })),
-                Some(_) => wrong("--facing: terrain is seen from +z; --surface sheet is for other directions"),
-            },
+            SurfaceWord::Terrain | SurfaceWord::Ground => {
+                let usual = if self.surface == SurfaceWord::Ground { Open::GROUND } else { Open::TERRAIN };
+                match self.facing {
+                    None | Some(Facing::UP) => Ok(Some(Open { max_hole, base, ..usual })),
+                    Some(_) => wrong("--facing: terrain is seen from +z; --surface sheet is for other directions"),
+                }
+            }
         }
     }
 
@@ -241,7 +253,20 @@ impl CloudArguments {
         let (min_points, min_component) = (self.min_points, Some(self.min_component));
         let (seal, window, open) = (self.seal.value, self.window, self.open()?);
         let (keep_outliers, simplify) = (self.keep_outliers, self.simplification.asked());
-        Ok(Settings { fineness, axis, seal, window, keep_outliers, min_points, min_component, surface, open, simplify })
+        let classes = self.classes.unwrap_or_default();
+        Ok(Settings {
+            fineness,
+            axis,
+            seal,
+            window,
+            keep_outliers,
+            min_points,
+            min_component,
+            surface,
+            open,
+            classes,
+            simplify,
+        })
     }
 
     /// How folders are looked into.

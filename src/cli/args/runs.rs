@@ -36,6 +36,9 @@ pub struct ReconstructArguments {
     /// Write a file for each square of this side, in the input's units or as in 100m, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
     #[arg(long, value_name = "SIDE", value_parser = side, allow_negative_numbers = true)]
     pub tile: Option<InUnit<f64>>,
+    /// Write all points with the ground filter's verdicts as their classes (2 on the ground, 1 elsewhere; 7, 9 and 18 stay), a .laz or .las file: with --surface ground
+    #[arg(long, value_name = "FILE")]
+    pub write_classes: Option<PathBuf>,
     /// Draw a picture of the mesh, too [default: the mesh's name with .png]
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     pub preview: Option<Option<PathBuf>>,
@@ -119,6 +122,7 @@ impl ReconstructArguments {
                 Some(None) => Preview::Beside,
                 Some(Some(path)) => Preview::At(path.clone()),
             },
+            write_classes: self.write_classes.clone(),
             overwrite: overwrite(self.overwrite),
             positions,
             check,

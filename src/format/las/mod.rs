@@ -16,6 +16,7 @@ pub(crate) mod header;
 #[cfg(test)]
 mod tests;
 pub(crate) mod window;
+pub(crate) mod write;
 
 use std::sync::Arc;
 

@@ -15,6 +15,7 @@ use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::resources::workers::Workers;
+use crate::run::bare_earth::{bare_earth, budget_beside, verdicts};
 use crate::run::finished::{Finished, refuse_unsound, report};
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job};
@@ -22,12 +23,13 @@ use crate::run::mesh_header::header_of;
 use crate::run::observer::{Observer, watched};
 use crate::run::phase::Phase;
 use crate::run::pipeline::reconstruct;
-use crate::run::prepare::{Passes, known_of_points, open_all, planned, surveyed};
+use crate::run::prepare::{Passes, describe, known_of_points, open_all, planned, surveyed};
 use crate::run::progress::Progress;
 use crate::run::report::{OutputReport, Report};
 use crate::run::simplification::{Lengths, simplified};
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
+use crate::settings::ground::Classes;
 use crate::settings::open::Open;
 use crate::settings::simplification::Simplification;
 use crate::settings::surface::{Diagonals, Fit};
@@ -222,6 +224,19 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
+    /// What tells the ground, for [`Open::GROUND`]: classes 2 and 9 by default, if any point has class 2, else a filter.
+    pub fn classes(mut self, classes: Classes) -> Self {
+        self.job.settings.classes = classes;
+        self
+    }
+
+    /// Writes the verdicts of the ground filter to a LAZ or LAS file, by its name: all points that count, in their order, with class 2 on the ground and 1 elsewhere.
+    /// Classes 7, 9 and 18 stay. A file that is there is not replaced. The file is whole before the mesh is made.
+    pub fn write_classes(mut self, path: impl Into<PathBuf>) -> Self {
+        self.job.write_classes = Some(path.into());
+        self
+    }
+
     /// Which points count: all by default.
     pub fn filter(mut self, filter: Filter) -> Self {
         self.job.input.filter = filter;
@@ -328,17 +343,17 @@ impl<'a> Reconstruction<'a> {
 fn of_source(source: &dyn PointSource, job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Mesh> {
     let start = Instant::now();
     job.settings.validate()?;
-    let cloud = Cloud::of_source(source, &job.input)?;
+    let mut cloud = Cloud::of_source(source, &job.input)?;
     let points = forecast::records(&cloud);
     progress.expect_run(Known { write: forecast::Write::Not, ..known_of_points(job, points, Passes::All) });
-    made(&cloud, job, workers, &workspace(job, workers)?, progress, start)
+    made(&mut cloud, job, workers, &workspace(job, workers)?, progress, start)
 }
 
 fn of_files(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Mesh> {
     let start = Instant::now();
     let workspace = workspace(job, workers)?;
-    let cloud = open_all(job, &workspace, workers, progress)?;
-    made(&cloud, job, workers, &workspace, progress, start)
+    let mut cloud = open_all(job, &workspace, workers, progress)?;
+    made(&mut cloud, job, workers, &workspace, progress, start)
 }
 
 fn workspace(job: &Job, workers: &Workers) -> Result<Workspace> {
@@ -348,7 +363,7 @@ fn workspace(job: &Job, workers: &Workers) -> Result<Workspace> {
 
 /// Makes the mesh of a cloud, and checks it.
 fn made(
-    cloud: &Cloud,
+    cloud: &mut Cloud,
     job: &Job,
     workers: &Workers,
     workspace: &Workspace,
@@ -356,8 +371,13 @@ fn made(
     start: Instant,
 ) -> Result<Mesh> {
     let job = &job.measured_as(cloud)?;
+    describe(cloud, &job.settings, progress);
+    let verdicts = verdicts(&job.write_classes, &job.settings, job.overwrite)?;
+    let budget = job.resources.budget();
+    let ground = bare_earth(cloud, &job.settings, verdicts, budget, workers, workspace, progress)?;
     let (surveyed, settings) = surveyed(cloud, &job.settings, workers, progress)?;
-    let (surveyed, context) = planned(surveyed, &settings, workers, workspace, job.resources.budget(), progress)?;
+    let budget = budget_beside(&settings, budget, workers);
+    let (surveyed, context) = planned(surveyed, &settings, workers, workspace, budget, progress)?;
     let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
     if settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
@@ -397,6 +417,7 @@ fn made(
     let report = report(Finished {
         cloud,
         surveyed: &surveyed,
+        ground,
         settings: &settings,
         made: &made,
         simplification,

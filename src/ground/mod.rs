@@ -1,0 +1,208 @@
+//! Bare earth: which points lie on the ground, for clouds without classes.
+//!
+//! ```text
+//!  points --lowest--> the lowest of each cell --sink--> without pits --open--> cells on the ground --fill--> heights
+//!                                                                                                              |
+//!  points ---------------------------------------------------------------------------- near their height? <----+
+//! ```
+//!
+//! A simple morphological filter (SMRF: T. Pingel, K. Clarke, W. McBride, *An improved simple morphological filter for the terrain classification of airborne LIDAR
+//! data*, ISPRS Journal 77, 2013). A cell whose lowest point stands higher above the opened surface than a slope lets expect is an object's. What is left is
+//! interpolated, and a point near that is ground. docs/algorithm.md has the rules.
+//!
+//! The raster is one of tiles over the plane in temporary storage. Every step makes a tile of the tiles round it, so memory depends on neither the number of points nor
+//! the area; what it depends on is the number of jobs in flight, and the share for the first step's tiles.
+
+mod fill;
+mod lowest;
+mod opening;
+mod tiles;
+mod verdict;
+
+use self::fill::{REACH, fill};
+use self::lowest::lowest;
+use self::opening::open;
+use self::tiles::{Place, TILE, Tiles};
+pub use self::verdict::GroundModel;
+use crate::error::Result;
+use crate::input::Cloud;
+use crate::resources::workers::Workers;
+use crate::storage::spool::Workspace;
+
+/// The part of the budget that the first step's tiles take: one in so many.
+const SHARE: u64 = 4;
+
+/// What the filter goes by. Lengths are in the unit of the coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundOptions {
+    /// The side of a cell.
+    pub cell: f64,
+    /// The largest window's radius, in cells: half the width of the widest building that is told from the ground.
+    pub window: u32,
+    /// The steepest ground, as rise over run.
+    pub slope: f64,
+    /// A cell lies in a pit if it is so far below all its neighbours: a stray point below the ground.
+    pub pit: f64,
+    /// How far from the ground's height a point on level ground may lie.
+    pub near: f64,
+    /// How much farther it may lie where the ground rises by its own length.
+    pub scaling: f64,
+}
+
+impl GroundOptions {
+    /// The usual ones, where a metre has so many units.
+    pub fn usual(metre: f64) -> GroundOptions {
+        GroundOptions {
+            cell: metre,
+            window: 18,
+            slope: 0.15,
+            pit: 5.0 * metre,
+            near: 0.3 * metre,
+            scaling: 0.6 * metre,
+        }
+    }
+}
+
+/// What was found.
+#[derive(Debug)]
+pub struct Found {
+    /// Points by class.
+    pub classes: [u64; 256],
+    /// All points.
+    pub points: u64,
+    /// The lowest points, of which the ground is to be made.
+    lowest: Tiles,
+}
+
+/// Looks at the points: how many there are of each class, and the lowest of each cell. `progress` is told the records that were read.
+///
+/// Memory: a quarter of `budget`. Temporary disk: 64 KiB for each square of 128 cells with points.
+///
+/// # Errors
+/// Errors of reading the input; [`crate::Error::Budget`] if the points lie all over the world; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
+pub fn look(
+    cloud: &Cloud,
+    asked: GroundOptions,
+    budget: u64,
+    workers: &Workers,
+    workspace: &Workspace,
+    progress: impl FnMut(u64),
+) -> Result<Found> {
+    let lowest::Lowest { heights, classes, points } =
+        lowest(cloud, asked.cell, budget / SHARE, workers, workspace, progress)?;
+    Ok(Found { classes, points, lowest: heights })
+}
+
+impl Found {
+    /// The ground below the points. `progress` is told the steps that are done, of how many.
+    ///
+    /// Memory: [`JOB_BYTES`] for each job, at most two a thread, as many as a quarter of `budget` holds. Temporary disk: 200 KiB for each square of 128 cells with points.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn model(
+        self,
+        asked: GroundOptions,
+        budget: u64,
+        workers: &Workers,
+        workspace: &Workspace,
+        mut progress: impl FnMut(u64, u64),
+    ) -> Result<GroundModel> {
+        let in_flight = ((budget / SHARE / JOB_BYTES) as usize).clamp(1, 2 * workers.threads());
+        let all = 3 * self.lowest.places().len() as u64;
+        let mut done = 0;
+        let mut step = |from: &Tiles, work: &(dyn Fn(&Tiles, Place) -> Result<Vec<f32>> + Sync)| {
+            let mut made = Tiles::new(workspace, 0);
+            let places = from.places();
+            workers.in_order_range(
+                in_flight,
+                places.len(),
+                |number| Ok((places[number], work(from, places[number])?)),
+                |(place, heights)| {
+                    done += 1;
+                    progress(done, all);
+                    made.append(place, &heights)
+                },
+            )?;
+            Ok(made)
+        };
+        let sunk = step(&self.lowest, &|tiles, place| without_pits(tiles, place, asked.pit as f32))?;
+        let whole = step(&sunk, &|tiles, place| Ok(middle(&filled(tiles, place)?, WINDOW, 0)))?;
+        let ground = step(&whole, &|tiles, place| {
+            let own = sunk.window(first_cell(place, 0), TILE)?;
+            on_ground(tiles, place, own, asked)
+        })?;
+        drop((whole, sunk));
+        GroundModel::of(&ground, asked, in_flight, workers, workspace)
+    }
+}
+
+/// Cells along the side of a window that is filled.
+const WINDOW: usize = TILE + 2 * REACH;
+
+/// Memory of a job: a window to be filled, its levels, and what is made of it.
+pub const JOB_BYTES: u64 = (WINDOW * WINDOW * size_of::<f32>() * 4) as u64;
+
+// Windows that are filled begin at multiples of the reach, and a tile is a multiple of it.
+const _: () = assert!(TILE.is_multiple_of(REACH));
+
+/// The first cell of a window that reaches `beyond` cells farther than a tile.
+fn first_cell(place: Place, beyond: usize) -> Place {
+    place.map(|at| at * TILE as i64 - beyond as i64)
+}
+
+/// A window round a tile, filled.
+fn filled(tiles: &Tiles, place: Place) -> Result<Vec<f32>> {
+    let mut window = tiles.window(first_cell(place, REACH), WINDOW)?;
+    fill(&mut window, WINDOW);
+    Ok(window)
+}
+
+/// The tile in the middle of a window of `side` cells, and `margin` cells round it.
+fn middle(window: &[f32], side: usize, margin: usize) -> Vec<f32> {
+    let first = (side - TILE) / 2 - margin;
+    let lines = (0..TILE + 2 * margin).map(|y| (first + y) * side + first);
+    lines.flat_map(|at| window[at..at + TILE + 2 * margin].iter().copied()).collect()
+}
+
+/// A tile without what lies in a pit: so much lower than a closing with its neighbours leaves it. What is filled beside a pit is filled with it, and no lower.
+fn without_pits(tiles: &Tiles, place: Place, pit: f32) -> Result<Vec<f32>> {
+    // Twice the window's radius, and one.
+    const MARGIN: usize = 3;
+    let side = TILE + 2 * MARGIN;
+    let window = tiles.window(first_cell(place, REACH), WINDOW)?;
+    let mut own = middle(&window, WINDOW, 0);
+    let mut whole = window;
+    fill(&mut whole, WINDOW);
+    let upside_down: Vec<f32> = middle(&whole, WINDOW, MARGIN).iter().map(|height| -height).collect();
+    open(&upside_down, side, 1, |_, closed| {
+        for (own, closed) in own.iter_mut().zip(middle(closed, side, 0)) {
+            if -closed - *own > pit {
+                *own = f32::NAN;
+            }
+        }
+    });
+    Ok(own)
+}
+
+/// The lowest points of a tile's cells that lie on the ground: those that no window lowers by more than the slope allows.
+fn on_ground(whole: &Tiles, place: Place, mut own: Vec<f32>, asked: GroundOptions) -> Result<Vec<f32>> {
+    let margin = 2 * asked.window as usize;
+    let side = TILE + 2 * margin;
+    let window = whole.window(first_cell(place, margin), side)?;
+    let mut before = middle(&window, side, 0);
+    open(&window, side, asked.window, |radius, opened| {
+        let opened = middle(opened, side, 0);
+        let most = (asked.slope * asked.cell * f64::from(radius)) as f32;
+        for ((own, before), opened) in own.iter_mut().zip(&before).zip(&opened) {
+            if before - opened > most {
+                *own = f32::NAN;
+            }
+        }
+        before = opened;
+    });
+    Ok(own)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,192 @@
+//! The filter against its definition, cell by cell, on whole rasters.
+
+use std::collections::HashMap;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::input::{Arrays, InputOptions, PointSlice};
+use crate::points::Points;
+use crate::points::filter::Verdict;
+
+const USUAL: GroundOptions = GroundOptions { cell: 1.0, window: 4, slope: 0.15, pit: 5.0, near: 0.3, scaling: 0.6 };
+
+/// The verdicts on points, with so much memory and so many threads.
+fn verdicts(points: &[[f64; 3]], asked: GroundOptions, budget: u64, threads: usize) -> Vec<bool> {
+    let dir = tempfile::tempdir().unwrap();
+    let (workers, workspace) = (Workers::new(threads).unwrap(), Workspace::new(dir.path()).unwrap());
+    let arrays = Arrays::new(PointSlice::from(points));
+    let cloud = Cloud::of_source(&arrays, &InputOptions::default()).unwrap();
+    let found = look(&cloud, asked, budget, &workers, &workspace, |_| ()).unwrap();
+    let mut last = (0, 0);
+    let model = found.model(asked, budget, &workers, &workspace, |done, all| last = (done, all)).unwrap();
+    assert_eq!(last.0, last.1);
+    model.judge(&Points::Double(points.to_vec())).unwrap()
+}
+
+/// The same by definition: one raster in memory, windows that are sets of cells, no tiles but for where the filling begins.
+fn twin(points: &[[f64; 3]], asked: GroundOptions) -> Vec<bool> {
+    let cell = |p: &[f64; 3]| [(p[1] / asked.cell).floor() as i64, (p[0] / asked.cell).floor() as i64];
+    let mut lowest: HashMap<[i64; 2], f32> = HashMap::new();
+    for p in points {
+        let height = lowest.entry(cell(p)).or_insert(f32::INFINITY);
+        *height = height.min(p[2] as f32);
+    }
+    let tile = TILE as i64;
+    let tiles: std::collections::BTreeSet<[i64; 2]> = lowest.keys().map(|c| c.map(|at| at.div_euclid(tile))).collect();
+    let bounds =
+        |a: usize| (tiles.iter().map(|t| t[a]).min().unwrap() - 1, tiles.iter().map(|t| t[a]).max().unwrap() + 2);
+    let ((top, bottom), (left, right)) = (bounds(0), bounds(1));
+    let side = (bottom - top).max(right - left) as usize * TILE;
+    let first = [top * tile, left * tile];
+    let raster = |of: &HashMap<[i64; 2], f32>| -> Vec<f32> {
+        let at = |i: usize| [first[0] + (i / side) as i64, first[1] + (i % side) as i64];
+        (0..side * side).map(|i| of.get(&at(i)).copied().unwrap_or(f32::NAN)).collect()
+    };
+    let whole = |of: &HashMap<[i64; 2], f32>| {
+        let mut raster = raster(of);
+        fill(&mut raster, side);
+        // Tiles without points have no heights.
+        for (i, height) in raster.iter_mut().enumerate() {
+            let at = [first[0] + (i / side) as i64, first[1] + (i % side) as i64];
+            if !tiles.contains(&at.map(|at| at.div_euclid(tile))) {
+                *height = f32::NAN;
+            }
+        }
+        raster
+    };
+    let window = |radius: u32| -> Vec<(i64, i64)> {
+        let mut cells = std::collections::BTreeSet::from([(0, 0)]);
+        for number in 1..=radius {
+            let near: Vec<(i64, i64)> = cells.iter().copied().collect();
+            for (y, x) in near {
+                for (dy, dx) in (-1..=1i64).flat_map(|dy| (-1..=1i64).map(move |dx| (dy, dx))) {
+                    if number % 2 == 0 || dy * dx == 0 {
+                        cells.insert((y + dy, x + dx));
+                    }
+                }
+            }
+        }
+        cells.into_iter().collect()
+    };
+    let look_up = |raster: &[f32], c: [i64; 2]| {
+        let [y, x] = [c[0] - first[0], c[1] - first[1]];
+        let inside = (0..side as i64).contains(&y) && (0..side as i64).contains(&x);
+        if inside { raster[y as usize * side + x as usize] } else { f32::NAN }
+    };
+    let lowest_round = |raster: &[f32], c: [i64; 2], cells: &[(i64, i64)]| {
+        let round = cells.iter().map(|(dy, dx)| look_up(raster, [c[0] + dy, c[1] + dx]));
+        round.filter(|height| !height.is_nan()).fold(f32::INFINITY, f32::min)
+    };
+    let opened = |raster: &[f32], c: [i64; 2], cells: &[(i64, i64)]| {
+        let lowest = cells.iter().map(|(dy, dx)| lowest_round(raster, [c[0] + dy, c[1] + dx], cells));
+        lowest.filter(|height| *height < f32::INFINITY).fold(f32::NEG_INFINITY, f32::max)
+    };
+    let mut all = raster(&lowest);
+    fill(&mut all, side);
+    let upside_down: Vec<f32> = all.iter().map(|height| -height).collect();
+    let one = window(1);
+    let sunk: HashMap<[i64; 2], f32> = lowest
+        .iter()
+        .filter(|(c, height)| -opened(&upside_down, **c, &one) - **height <= asked.pit as f32)
+        .map(|(c, height)| (*c, *height))
+        .collect();
+    let surface = whole(&sunk);
+    let windows: Vec<Vec<(i64, i64)>> = (1..=asked.window).map(window).collect();
+    let on_ground = |c: [i64; 2]| {
+        let mut before = look_up(&surface, c);
+        windows.iter().zip(1..).all(|(cells, radius)| {
+            let opened = opened(&surface, c, cells);
+            let lowered = before - opened;
+            before = opened;
+            lowered <= (asked.slope * asked.cell * f64::from(radius)) as f32
+        })
+    };
+    let ground: HashMap<[i64; 2], f32> =
+        sunk.iter().filter(|(c, _)| on_ground(**c)).map(|(c, height)| (*c, *height)).collect();
+    let mut ground = raster(&ground);
+    fill(&mut ground, side);
+    let is_ground = |p: &[f64; 3]| {
+        let at = [p[1], p[0]].map(|c| c / asked.cell - 0.5);
+        let [y, x] = at.map(|c| c.floor());
+        let (v, u) = (at[0] - y, at[1] - x);
+        let height = |dy: i64, dx: i64| f64::from(look_up(&ground, [y as i64 + dy, x as i64 + dx]));
+        let [a, b, c, d] = [height(0, 0), height(0, 1), height(1, 0), height(1, 1)];
+        let ground = (a * (1.0 - u) + b * u) * (1.0 - v) + (c * (1.0 - u) + d * u) * v;
+        let along = ((b - a) * (1.0 - v) + (d - c) * v) / asked.cell;
+        let across = ((c - a) * (1.0 - u) + (d - b) * u) / asked.cell;
+        (p[2] - ground).abs() <= asked.near + asked.scaling * (along * along + across * across).sqrt()
+    };
+    points.iter().map(is_ground).collect()
+}
+
+/// Hills with boxes and strays on them, some below.
+fn scene(count: usize, seed: u64, extent: f64, corner: [f64; 2]) -> Vec<[f64; 3]> {
+    let mut state = seed;
+    let mut next = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / (1u64 << 24) as f64
+    };
+    (0..count)
+        .map(|_| {
+            let (x, y) = (next() * extent, next() * extent);
+            let ground = 3.0 * (x / 17.0).sin() + 2.0 * (y / 23.0).cos();
+            let lift = match next() {
+                _ if (x / 6.0) as i64 % 3 == 1 && (y / 5.0) as i64 % 2 == 1 => 4.0,
+                share if share < 0.1 => 6.0 * next(),
+                share if share < 0.103 => -9.0,
+                _ => 0.0,
+            };
+            [corner[0] + x, corner[1] + y, ground + lift + 0.05 * next()]
+        })
+        .collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn the_verdicts_are_those_of_the_definition_whatever_memory_and_threads(
+        count in 1usize..3000,
+        seed in any::<u64>(),
+        extent in 5.0f64..200.0,
+        corner in prop::array::uniform2(-150.0f64..150.0),
+        window in 1u32..5,
+        budget in 0u64..(8 << 20),
+    ) {
+        let points = scene(count, seed, extent, corner);
+        let asked = GroundOptions { window, ..USUAL };
+        let expected = twin(&points, asked);
+        prop_assert_eq!(&verdicts(&points, asked, budget.max(SHARE * tiles::TILE_BYTES), 2), &expected);
+        prop_assert_eq!(&verdicts(&points, asked, 1 << 30, 1), &expected);
+    }
+}
+
+#[test]
+fn boxes_crowns_and_strays_are_no_ground_and_hills_are() {
+    let points = scene(40_000, 7, 100.0, [1000.0, -2000.0]);
+    let asked = GroundOptions { window: 8, ..USUAL };
+    let found = verdicts(&points, asked, 1 << 26, 2);
+    let (mut wrong, mut ground) = ([0, 0], 0);
+    for (point, is_ground) in points.iter().zip(&found) {
+        let (x, y) = (point[0] - 1000.0, point[1] + 2000.0);
+        let above = point[2] - (3.0 * (x / 17.0).sin() + 2.0 * (y / 23.0).cos());
+        ground += usize::from((0.0..0.1).contains(&above));
+        match above {
+            _ if (0.0..0.1).contains(&above) && !is_ground => wrong[0] += 1,
+            _ if !(-1.0..1.0).contains(&above) && *is_ground => wrong[1] += 1,
+            _ => {}
+        }
+    }
+    assert!(wrong[0] * 100 < ground && wrong[1] == 0, "{wrong:?} of {ground}");
+}
+
+#[test]
+fn the_order_of_points_changes_nothing() {
+    let mut points = scene(5000, 3, 150.0, [-60.0, 20.0]);
+    let found = verdicts(&points, USUAL, 1 << 26, 2);
+    points.reverse();
+    let mut reversed = verdicts(&points, USUAL, 1 << 26, 2);
+    reversed.reverse();
+    assert_eq!(found, reversed);
+}
