@@ -291,8 +291,19 @@ fn the_ground_filter_keeps_the_budget() {
     for (threads, budget) in [(1, 40 << 20), (2, 64 << 20), (4, 256 << 20)] {
         let (cloud, points, noise, k) = (Cloud::Walls, 400_000, 0.0001, 4.0);
         let surface = Some(Kind::Ground);
-        let case =
-            Case { cloud, points, noise, k, surface, fit: Fit::Auto, smooth: 1, threads, carried: true, simplified: false, factor: 1.0 };
+        let case = Case {
+            cloud,
+            points,
+            noise,
+            k,
+            surface,
+            fit: Fit::Auto,
+            smooth: 1,
+            threads,
+            carried: true,
+            simplified: false,
+            factor: 1.0,
+        };
         let folder = tempfile::tempdir().unwrap();
         let mut job = case.job(folder.path());
         job.resources.max_memory = Some(budget);

@@ -55,16 +55,19 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 35] = [
+pub const SETTINGS: [&str; 39] = [
     "attributes",
     "axis",
     "base",
     "bounds",
     "cell_size",
     "classes",
+    "clip",
     "color_by",
     "coordinates",
     "crs",
+    "dsm",
+    "dtm",
     "endian",
     "facing",
     "heatmap_max",
@@ -77,6 +80,7 @@ pub const SETTINGS: [&str; 35] = [
     "min_points",
     "output",
     "overwrite",
+    "raster_size",
     "recursive",
     "seal",
     "simplify",

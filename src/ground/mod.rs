@@ -13,14 +13,15 @@
 //! The raster is one of tiles over the plane in temporary storage. Every step makes a tile of the tiles round it, so memory depends on neither the number of points nor
 //! the area; what it depends on is the number of jobs in flight, and the share for the first step's tiles.
 
-mod fill;
-mod lowest;
-mod opening;
-mod tiles;
+pub mod cells;
+pub mod fill;
+pub mod opening;
+pub mod surface;
+pub mod tiles;
 mod verdict;
 
+use self::cells::{Cells, Lowest, gather};
 use self::fill::{REACH, fill};
-use self::lowest::lowest;
 use self::opening::open;
 use self::tiles::{Place, TILE, Tiles};
 pub use self::verdict::GroundModel;
@@ -88,8 +89,8 @@ pub fn look(
     workspace: &Workspace,
     progress: impl FnMut(u64),
 ) -> Result<Found> {
-    let lowest::Lowest { heights, classes, points } =
-        lowest(cloud, asked.cell, budget / SHARE, workers, workspace, progress)?;
+    let Cells { heights, classes, points } =
+        gather::<Lowest>(cloud, asked.cell, budget / SHARE, workers, workspace, progress)?;
     Ok(Found { classes, points, lowest: heights })
 }
 
@@ -108,7 +109,7 @@ impl Found {
         workspace: &Workspace,
         mut progress: impl FnMut(u64, u64),
     ) -> Result<GroundModel> {
-        let in_flight = ((budget / SHARE / JOB_BYTES) as usize).clamp(1, 2 * workers.threads());
+        let in_flight = jobs_in_flight(budget, workers);
         let all = 3 * self.lowest.places().len() as u64;
         let mut done = 0;
         let mut step = |from: &Tiles, work: &(dyn Fn(&Tiles, Place) -> Result<Vec<f32>> + Sync)| {
@@ -135,6 +136,11 @@ impl Found {
         drop((whole, sunk));
         GroundModel::of(&ground, asked, in_flight, workers, workspace)
     }
+}
+
+/// Jobs of [`JOB_BYTES`] at a time.
+fn jobs_in_flight(budget: u64, workers: &Workers) -> usize {
+    ((budget / SHARE / JOB_BYTES) as usize).clamp(1, 2 * workers.threads())
 }
 
 /// Cells along the side of a window that is filled.

@@ -1,6 +1,7 @@
 //! The cloud, and how it is meshed: arguments of all commands that reconstruct, or tell what a reconstruction would be.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 
@@ -12,6 +13,7 @@ use crate::grid::CELLS_LIMIT;
 use crate::input::{Depth, Filter, InputOptions, Layout, Returns, Withheld, tells_stations};
 use crate::points::attribute::Wanted;
 use crate::points::bounds::{Axis, Bounds};
+use crate::points::clip::Clip;
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::run::{Job, Resources, Units};
@@ -62,6 +64,9 @@ pub struct CloudArguments {
     /// Take points within this box only: XMIN,YMIN,XMAX,YMAX or XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX
     #[arg(long, value_name = "BOX", value_parser = bounds, allow_hyphen_values = true, help_heading = "Input")]
     pub bounds: Option<Bounds>,
+    /// Take points within the polygons of this file only, GeoJSON or WKT, in the input's coordinates; those on the boundary, too
+    #[arg(long, value_name = "FILE", help_heading = "Input")]
+    pub clip: Option<PathBuf>,
     /// Take points that are marked as withheld, too
     #[arg(long, help_heading = "Input")]
     pub keep_withheld: bool,
@@ -199,9 +204,6 @@ impl CloudArguments {
     /// Options of an open surface.
     fn open(&self) -> Result<Option<Open>> {
         let wrong = |message: &str| Err(Error::Usage(message.into()));
-        if self.classes.is_some() && self.surface != SurfaceWord::Ground {
-            return wrong("--classes: is for --surface ground; --keep-class takes points of some classes only");
-        }
         let max_hole = self.max_hole.map_or(Hole::DEFAULT, |hole| hole.value);
         let base = self.base.map(|base| base.value);
         match self.surface {
@@ -283,6 +285,7 @@ impl CloudArguments {
             base: self.base.and_then(|base| base.unit),
             tile: None,
             simplify: self.simplification.simplify.and_then(|tolerance| tolerance.unit),
+            raster_size: None,
         }
     }
 
@@ -300,6 +303,7 @@ impl CloudArguments {
                 _ => Returns::All,
             },
             bounds: self.bounds,
+            clip: self.clip.as_deref().map(Clip::read).transpose()?.map(Arc::new),
             withheld: if self.keep_withheld { Withheld::Kept } else { Withheld::Dropped },
         };
         let (layout, skip_bytes, attributes) = (self.layout.clone(), self.skip_bytes, self.attributes.clone());
