@@ -45,6 +45,8 @@ pub(super) fn with_parts_of<R>(triangles: u64, work: impl FnOnce() -> R) -> R {
 const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
 /// A part may be so much larger than intended: a sample tells its triangles' number, and those of other parts that reach into it come on top.
 const UNEVEN: u64 = 2;
+/// Parts of a row.
+const ROW: usize = 64;
 /// Records, or triangles of the mesh, that are read at a time.
 const BLOCK: usize = 1 << 13;
 /// Vertices that are read along with a group of triangles if its numbers span no more.
@@ -132,9 +134,11 @@ fn refused(given: u64, needed: u64) -> Error {
     Error::Budget { given: ByteSize(given), needed: ByteSize(needed), what: "simplifying the mesh" }
 }
 
-/// Bytes of the partitions' pages, at the least.
+/// Bytes of the partitions' pages, at the least: of a row's parts as long as pages are, and of rows a quarter.
 fn pages<T>(parts: u64) -> u64 {
-    parts * (8 * size_of::<Record<T>>() + 64) as u64
+    let page = |records: u64| records * size_of::<Record<T>>() as u64 + 64;
+    let (fine, coarse) = (parts.min(ROW as u64) * page(256), parts.div_ceil(ROW as u64) * page(128));
+    2 * fine.max(coarse)
 }
 
 /// Bytes of a group of triangles that is read, with the vertices that its numbers span, and of its records.
@@ -180,47 +184,71 @@ impl Passes<'_> {
             Triangles::Mesh(mesh, _) => sample(*mesh)?,
         };
         let space = Space::of(sample, count, part(), share);
-        let mut partitions =
-            Partitions::<Record<T>>::new(space.parts(), self.room.pages, self.room.quota, self.workspace);
+        // Parts in rows, so that records are sorted to few partitions at a time, in large pages: first to rows, then to the parts of a row.
+        let rows = space.parts().div_ceil(ROW);
+        let mut coarse = Partitions::<Record<T>>::new(rows, self.room.pages / 2, self.room.quota, self.workspace);
         let mut done = 0;
         from.visit(self, |records| {
             for record in records {
-                let places = record.places();
-                let low = std::array::from_fn(|a| places[0][a].min(places[1][a]).min(places[2][a]));
-                let high = std::array::from_fn(|a| places[0][a].max(places[1][a]).max(places[2][a]));
-                let mut put = Ok(());
-                space.meet(low, high, |part| {
-                    if put.is_ok() {
-                        put = partitions.push(part as usize, record);
+                // Parts come in their order.
+                let mut last = None;
+                meeting(&space, record, |part| match part / ROW {
+                    row if last == Some(row) => Ok(()),
+                    row => {
+                        last = Some(row);
+                        coarse.push(row, record)
                     }
-                });
-                put?;
+                })?;
             }
             done += records.len() as u64;
             progress(0.2 * done as f64 / count as f64);
             Ok(())
         })?;
 
-        let largest = (0..partitions.count()).map(|part| partitions.records(part)).max().unwrap_or(0);
-        let in_flight = self.room.in_flight::<T>(largest, self.workers.threads())?;
         let mut left = Soup::new(self.workspace, self.room.quota);
         let mut finished = 0;
-        let simplify = |part: usize| {
-            let mut gathered = Gathered::with_room(partitions.records(part) as usize);
-            partitions.read(part, |record| {
-                gathered.push(record);
+        for row in 0..rows {
+            let parts = row * ROW..space.parts().min((row + 1) * ROW);
+            let mut fine =
+                Partitions::<Record<T>>::new(parts.len(), self.room.pages / 2, self.room.quota, self.workspace);
+            coarse.read(row, |record| {
+                meeting(&space, record, |part| {
+                    if parts.contains(&part) { fine.push(part - parts.start, record) } else { Ok(()) }
+                })
+            })?;
+            let largest = (0..fine.count()).map(|part| fine.records(part)).max().unwrap_or(0);
+            let in_flight = self.room.in_flight::<T>(largest, self.workers.threads())?;
+            let simplify = |number: usize| {
+                let mut gathered = Gathered::with_room(fine.records(number) as usize);
+                fine.read(number, |record| {
+                    gathered.push(record);
+                    Ok(())
+                })?;
+                Ok(gathered.simplified::<T>(limits, |place| space.part(place) as usize == parts.start + number))
+            };
+            self.workers.in_order_range(in_flight, parts.len(), simplify, |records| {
+                left.append(&records)?;
+                finished += 1;
+                progress(0.2 + 0.8 * f64::from(finished) / space.parts() as f64);
                 Ok(())
             })?;
-            Ok(gathered.simplified::<T>(limits, |place| space.part(place) as usize == part))
-        };
-        self.workers.in_order_range(in_flight, partitions.count(), simplify, |records| {
-            left.append(&records)?;
-            finished += 1;
-            progress(0.2 + 0.8 * f64::from(finished) / partitions.count() as f64);
-            Ok(())
-        })?;
+        }
         Ok((left, space.parts()))
     }
+}
+
+/// Calls `visit` with each part that a triangle's box meets.
+fn meeting<T: Coordinate>(space: &Space, record: &Record<T>, mut visit: impl FnMut(usize) -> Result<()>) -> Result<()> {
+    let places = record.places();
+    let low = std::array::from_fn(|a| places[0][a].min(places[1][a]).min(places[2][a]));
+    let high = std::array::from_fn(|a| places[0][a].max(places[1][a]).max(places[2][a]));
+    let mut visited = Ok(());
+    space.meet(low, high, |part| {
+        if visited.is_ok() {
+            visited = visit(part as usize);
+        }
+    });
+    visited
 }
 
 /// How large a mesh and its triangles are, about.

@@ -69,20 +69,20 @@ impl Space {
         }
     }
 
-    /// Calls `visit` with every part that the box of some places meets.
+    /// Calls `visit` with every part that the box of some places meets, in order.
     pub(super) fn meet(&self, low: [f64; 3], high: [f64; 3], mut visit: impl FnMut(u32)) {
-        // Planes that are still to be passed: as deep as the tree, which no box can make deeper.
-        let mut waiting = vec![0];
-        while let Some(node) = waiting.pop() {
-            match self.nodes[node] {
-                Node::Part(part) => visit(part),
-                Node::Plane { axis, at, second } => {
-                    if high[axis] >= at {
-                        waiting.push(second as usize);
-                    }
-                    if low[axis] < at {
-                        waiting.push(node + 1);
-                    }
+        self.meet_below(0, low, high, &mut visit);
+    }
+
+    fn meet_below(&self, node: usize, low: [f64; 3], high: [f64; 3], visit: &mut impl FnMut(u32)) {
+        match self.nodes[node] {
+            Node::Part(part) => visit(part),
+            Node::Plane { axis, at, second } => {
+                if low[axis] < at {
+                    self.meet_below(node + 1, low, high, visit);
+                }
+                if high[axis] >= at {
+                    self.meet_below(second as usize, low, high, visit);
                 }
             }
         }
