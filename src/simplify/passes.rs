@@ -46,7 +46,7 @@ const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
 /// A part may be so much larger than intended: a sample tells its triangles' number, and those of other parts that reach into it come on top.
 const UNEVEN: u64 = 2;
 /// Parts of a row.
-const ROW: usize = 64;
+const ROW: usize = if cfg!(test) { 4 } else { 64 };
 /// Records, or triangles of the mesh, that are read at a time.
 const BLOCK: usize = 1 << 13;
 /// Vertices that are read along with a group of triangles if its numbers span no more.
@@ -170,6 +170,11 @@ impl Passes<'_> {
         Ok(soup.expect("there is a first pass"))
     }
 
+    /// Partitions for the parts of a row.
+    fn row_of<T: Coordinate>(&self, parts: usize) -> Partitions<Record<T>> {
+        Partitions::new(parts, self.room.pages / 2, self.room.quota, self.workspace)
+    }
+
     /// One pass: the triangles that are left, and the number of parts.
     fn pass<T: Coordinate>(
         &self,
@@ -187,14 +192,16 @@ impl Passes<'_> {
         // Parts in rows, so that records are sorted to few partitions at a time, in large pages: first to rows, then to the parts of a row.
         let rows = space.parts().div_ceil(ROW);
         let mut coarse = Partitions::<Record<T>>::new(rows, self.room.pages / 2, self.room.quota, self.workspace);
+        let mut only = (rows == 1).then(|| self.row_of(space.parts()));
         let mut done = 0;
         from.visit(self, |records| {
             for record in records {
                 // Parts come in their order.
                 let mut last = None;
-                meeting(&space, record, |part| match part / ROW {
-                    row if last == Some(row) => Ok(()),
-                    row => {
+                meeting(&space, record, |part| match (&mut only, part / ROW) {
+                    (Some(only), _) => only.push(part, record),
+                    (_, row) if last == Some(row) => Ok(()),
+                    (_, row) => {
                         last = Some(row);
                         coarse.push(row, record)
                     }
@@ -209,8 +216,7 @@ impl Passes<'_> {
         let mut finished = 0;
         for row in 0..rows {
             let parts = row * ROW..space.parts().min((row + 1) * ROW);
-            let mut fine =
-                Partitions::<Record<T>>::new(parts.len(), self.room.pages / 2, self.room.quota, self.workspace);
+            let mut fine = only.take().unwrap_or_else(|| self.row_of(parts.len()));
             coarse.read(row, |record| {
                 meeting(&space, record, |part| {
                     if parts.contains(&part) { fine.push(part - parts.start, record) } else { Ok(()) }
