@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use bytesize::ByteSize;
 
 use super::tiles::{Place, TILE, Tiles, cell_of, place_of};
+use super::window::SHARE;
 use crate::error::{Error, Result};
 use crate::input::{Carried, Cloud};
 use crate::points::scalar::{Endian, reader};
@@ -154,8 +155,8 @@ pub fn gather<G: Gathered>(
                     if passes > MOST_PASSES {
                         let tiles = (seen.len() as u64).div_ceil(MOST_PASSES);
                         return Err(Error::Budget {
-                            given: ByteSize(memory * super::SHARE),
-                            needed: ByteSize(tiles * bytes * super::SHARE),
+                            given: ByteSize(memory * SHARE),
+                            needed: ByteSize(tiles * bytes * SHARE),
                             what: "a raster of points that lie so far apart",
                         });
                     }

@@ -3,7 +3,7 @@
 use super::fill::{REACH, fill};
 use super::opening::opened;
 use super::tiles::{Place, TILE, Tiles};
-use super::{WINDOW, first_cell, jobs_in_flight, middle};
+use super::window::{WINDOW, first_cell, jobs_in_flight, middle};
 use crate::error::Result;
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
@@ -14,7 +14,7 @@ pub const MOST: u32 = (TILE / 2 - 1) as u32;
 /// The heights, and for those cells without one that no window of `radius` reaches whose cells are all without, the height that filling gives: holes narrower than such a window. Beyond the ends
 /// of the data nothing is filled.
 ///
-/// Memory: [`super::JOB_BYTES`] for each job, as many as a quarter of `budget` holds.
+/// Memory: [`super::window::JOB_BYTES`] for each job, as many as a quarter of `budget` holds.
 ///
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].

@@ -119,11 +119,11 @@ pub fn survey_with(
     let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
     progress.begin(Phase::Survey, known);
     let mut passes = Passes { progress, expected: forecast::records(cloud), records: 0, planned: 1, done: 0 };
-    passes.planned += match settings.fineness {
+    passes.planned += match settings.fineness() {
         _ if always => 1,
         Fineness::Given(_) => 0,
         Fineness::Sampling => 1,
-        Fineness::Default => u64::from(passes.expected <= COARSE_ENOUGH || settings.is_finest()),
+        Fineness::Default => u64::from(passes.expected <= COARSE_ENOUGH),
     };
     let (survey, coarse_grid) = survey(cloud, workers, in_flight, |records| passes.read(records))?;
     let farthest = survey.bounds.min.into_iter().chain(survey.bounds.max).fold(0.0, |most: f64, c| most.max(c.abs()));
@@ -132,10 +132,10 @@ pub fn survey_with(
             "a coordinate of {farthest:e} leaves single precision no room for a surface, which ends at {FARTHEST_SINGLE:e}; scale the points down"
         )));
     }
-    let measured = match settings.fineness {
+    let measured = match settings.fineness() {
         Fineness::Given(_) => always,
         Fineness::Sampling => true,
-        Fineness::Default => always || survey.points <= COARSE_ENOUGH || settings.is_finest(),
+        Fineness::Default => always || survey.points <= COARSE_ENOUGH,
     };
     let sampling = if measured {
         passes.next();
@@ -143,12 +143,10 @@ pub fn survey_with(
     } else {
         None
     };
-    let resolution = match settings.fineness {
+    let resolution = match settings.fineness() {
         Fineness::Given(resolution) => resolution,
         // A single place has no sampling distance; any cell does.
         Fineness::Sampling => Resolution::Cell(sampling.map_or(1.0, |d| d * AUTO_CELL)),
-        // Of a number of triangles, most is made of the finest cells that the sampling carries.
-        Fineness::Default if settings.is_finest() => Resolution::Cell(sampling.map_or(1.0, |d| d * AUTO_CELL)),
         Fineness::Default if survey.points > COARSE_ENOUGH => Resolution::default(),
         Fineness::Default => {
             let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?;

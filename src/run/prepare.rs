@@ -211,6 +211,13 @@ pub(super) fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) 
     }
 }
 
+/// Whether a cloud is likely to be ground that was scanned from the air: points tell of returns, and lie in a box that is flat.
+fn is_tile(cloud: &Cloud, surveyed: &Surveyed) -> bool {
+    const FLAT: f64 = 4.0;
+    let [x, y, z] = surveyed.survey.bounds.extent();
+    cloud.has_attribute("return_number") && z * FLAT < x.max(y)
+}
+
 /// No mesh is put where its points cannot be.
 fn refuse_contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Result<()> {
     match contradiction(cloud, surveyed) {
@@ -248,6 +255,11 @@ pub(crate) fn surveyed(
 ) -> Result<(Surveyed, Settings)> {
     let surveyed = survey_cloud(cloud, settings, workers, progress)?;
     refuse_contradiction(cloud, &surveyed)?;
+    if settings.open.is_none() && is_tile(cloud, &surveyed) {
+        progress.note(
+            "the points look like a tile of terrain, scanned from above: `surface` terrain makes one layer of it, `surface` ground bare earth",
+        );
+    }
     let settings = Settings { open: surveyed.open, ..*settings };
     Ok((surveyed, settings))
 }

@@ -100,9 +100,14 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Whether the finest cells are taken that the sampling carries, unless told otherwise: a number of triangles says how large the mesh becomes.
-    pub fn is_finest(&self) -> bool {
-        self.fineness == Fineness::Default && self.simplify.is_some_and(|asked| asked.max_triangles.is_some())
+    /// How fine the grid is to be, if nothing was said: an open surface has cells tied to the sampling distance, as k says nothing of a sheet; and so has a mesh of which
+    /// a number of triangles is asked for, which is made of the finest.
+    pub fn fineness(&self) -> Fineness {
+        let few = self.simplify.is_some_and(|asked| asked.max_triangles.is_some());
+        match self.fineness {
+            Fineness::Default if self.open.is_some() || few => Fineness::Sampling,
+            fineness => fineness,
+        }
     }
 
     /// Checks what can be checked without the input.
