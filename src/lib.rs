@@ -93,6 +93,7 @@ pub use mesh::check::CheckReport;
 pub use points::Precision;
 pub use points::attribute::{Attribute, Wanted};
 pub use points::bounds::{Axis, Bounds};
+pub use points::clip::Clip;
 pub use points::crs::Crs;
 pub use points::scalar::{Endian, Scalar};
 #[cfg(feature = "allocator")]

@@ -166,6 +166,12 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             if let Some(path) = &arguments.write_classes {
                 put(path.clone(), "file of classes", Kind::File, overwrite);
             }
+            if let Some(path) = &arguments.dtm {
+                put(path.clone(), "raster of the ground", Kind::File, overwrite);
+            }
+            if let Some(path) = &arguments.dsm {
+                put(path.clone(), "raster of what is highest", Kind::File, overwrite);
+            }
             if let Some(path) = &arguments.report {
                 put(path.clone(), "report", Kind::Report, overwrite);
             }

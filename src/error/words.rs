@@ -55,16 +55,19 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 32] = [
+pub const SETTINGS: [&str; 36] = [
     "attributes",
     "axis",
     "base",
     "bounds",
     "cell_size",
     "classes",
+    "clip",
     "color_by",
     "coordinates",
     "crs",
+    "dsm",
+    "dtm",
     "endian",
     "facing",
     "heatmap_max",
@@ -76,6 +79,7 @@ pub const SETTINGS: [&str; 32] = [
     "min_points",
     "output",
     "overwrite",
+    "raster_size",
     "recursive",
     "seal",
     "size",

@@ -6,6 +6,7 @@
 pub(crate) mod columns;
 pub(crate) mod detect_layout;
 pub(crate) mod e57;
+pub mod geotiff;
 pub mod glb;
 pub(crate) mod las;
 pub(crate) mod layout;

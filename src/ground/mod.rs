@@ -13,55 +13,26 @@
 //! The raster is one of tiles over the plane in temporary storage. Every step makes a tile of the tiles round it, so memory depends on neither the number of points nor
 //! the area; what it depends on is the number of jobs in flight, and the share for the first step's tiles.
 
-mod fill;
-mod lowest;
-mod opening;
-mod tiles;
+pub mod cells;
+pub mod fill;
+pub mod opening;
+mod options;
+pub mod surface;
+pub mod tiles;
 mod verdict;
+mod window;
 
+use self::cells::{Cells, Lowest, gather};
 use self::fill::{REACH, fill};
-use self::lowest::lowest;
 use self::opening::open;
+pub use self::options::GroundOptions;
 use self::tiles::{Place, TILE, Tiles};
 pub use self::verdict::GroundModel;
+use self::window::{SHARE, WINDOW, filled, first_cell, jobs_in_flight, middle};
 use crate::error::Result;
 use crate::input::Cloud;
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
-
-/// The part of the budget that the first step's tiles take: one in so many.
-const SHARE: u64 = 4;
-
-/// What the filter goes by. Lengths are in the unit of the coordinates.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GroundOptions {
-    /// The side of a cell.
-    pub cell: f64,
-    /// The largest window's radius, in cells: half the width of the widest building that is told from the ground.
-    pub window: u32,
-    /// The steepest ground, as rise over run.
-    pub slope: f64,
-    /// A cell lies in a pit if it is so far below all its neighbours: a stray point below the ground.
-    pub pit: f64,
-    /// How far from the ground's height a point on level ground may lie.
-    pub near: f64,
-    /// How much farther it may lie where the ground rises by its own length.
-    pub scaling: f64,
-}
-
-impl GroundOptions {
-    /// The usual ones, where a metre has so many units.
-    pub fn usual(metre: f64) -> GroundOptions {
-        GroundOptions {
-            cell: metre,
-            window: 18,
-            slope: 0.15,
-            pit: 5.0 * metre,
-            near: 0.3 * metre,
-            scaling: 0.6 * metre,
-        }
-    }
-}
 
 /// What was found.
 #[derive(Debug)]
@@ -88,15 +59,15 @@ pub fn look(
     workspace: &Workspace,
     progress: impl FnMut(u64),
 ) -> Result<Found> {
-    let lowest::Lowest { heights, classes, points } =
-        lowest(cloud, asked.cell, budget / SHARE, workers, workspace, progress)?;
+    let Cells { heights, classes, points } =
+        gather::<Lowest>(cloud, asked.cell, budget / SHARE, workers, workspace, progress)?;
     Ok(Found { classes, points, lowest: heights })
 }
 
 impl Found {
     /// The ground below the points. `progress` is told the steps that are done, of how many.
     ///
-    /// Memory: [`JOB_BYTES`] for each job, at most two a thread, as many as a quarter of `budget` holds. Temporary disk: 200 KiB for each square of 128 cells with points.
+    /// Memory: [`window::JOB_BYTES`] for each job, at most two a thread, as many as a quarter of `budget` holds. Temporary disk: 200 KiB for each square of 128 cells with points.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
@@ -108,7 +79,7 @@ impl Found {
         workspace: &Workspace,
         mut progress: impl FnMut(u64, u64),
     ) -> Result<GroundModel> {
-        let in_flight = ((budget / SHARE / JOB_BYTES) as usize).clamp(1, 2 * workers.threads());
+        let in_flight = jobs_in_flight(budget, workers);
         let all = 3 * self.lowest.places().len() as u64;
         let mut done = 0;
         let mut step = |from: &Tiles, work: &(dyn Fn(&Tiles, Place) -> Result<Vec<f32>> + Sync)| {
@@ -135,34 +106,6 @@ impl Found {
         drop((whole, sunk));
         GroundModel::of(&ground, asked, in_flight, workers, workspace)
     }
-}
-
-/// Cells along the side of a window that is filled.
-const WINDOW: usize = TILE + 2 * REACH;
-
-/// Memory of a job: a window to be filled, its levels, and what is made of it.
-pub const JOB_BYTES: u64 = (WINDOW * WINDOW * size_of::<f32>() * 4) as u64;
-
-// Windows that are filled begin at multiples of the reach, and a tile is a multiple of it.
-const _: () = assert!(TILE.is_multiple_of(REACH));
-
-/// The first cell of a window that reaches `beyond` cells farther than a tile.
-fn first_cell(place: Place, beyond: usize) -> Place {
-    place.map(|at| at * TILE as i64 - beyond as i64)
-}
-
-/// A window round a tile, filled.
-fn filled(tiles: &Tiles, place: Place) -> Result<Vec<f32>> {
-    let mut window = tiles.window(first_cell(place, REACH), WINDOW)?;
-    fill(&mut window, WINDOW);
-    Ok(window)
-}
-
-/// The tile in the middle of a window of `side` cells, and `margin` cells round it.
-fn middle(window: &[f32], side: usize, margin: usize) -> Vec<f32> {
-    let first = (side - TILE) / 2 - margin;
-    let lines = (0..TILE + 2 * margin).map(|y| (first + y) * side + first);
-    lines.flat_map(|at| window[at..at + TILE + 2 * margin].iter().copied()).collect()
 }
 
 /// A tile without what lies in a pit: so much lower than a closing with its neighbours leaves it. What is filled beside a pit is filled with it, and no lower.

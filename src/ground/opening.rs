@@ -26,6 +26,18 @@ pub fn open(heights: &[f32], width: usize, most: u32, mut seen: impl FnMut(u32, 
     }
 }
 
+/// The surface under one window, of heights that are all known.
+pub fn opened(heights: &[f32], width: usize, window: u32) -> Vec<f32> {
+    let (mut cells, mut rows) = (heights.to_vec(), vec![0.0; heights.len()]);
+    for number in 1..=window {
+        step(&mut cells, &mut rows, width, number, f32::INFINITY, |a, b| if b < a { b } else { a });
+    }
+    for number in 1..=window {
+        step(&mut cells, &mut rows, width, number, f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
+    }
+    cells
+}
+
 /// The best of each cell's neighbours and its own: of four or eight, as step `number` goes. `worst` stands beyond the ends.
 fn step(cells: &mut [f32], spare: &mut [f32], width: usize, number: u32, worst: f32, best: impl Fn(f32, f32) -> f32) {
     let rows = cells.len() / width;
@@ -123,6 +135,20 @@ mod tests {
                 before.copy_from_slice(found);
             });
             prop_assert_eq!(windows, most);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn one_window_is_as_the_last_of_many(
+            width in 2usize..24,
+            heights in prop::collection::vec((0u32..50).prop_map(|h| h as f32 / 4.0), 60..400),
+            window in 1u32..7,
+        ) {
+            let heights = &heights[..heights.len() / width * width];
+            let mut last = Vec::new();
+            open(heights, width, window, |_, found| last = found.to_vec());
+            prop_assert_eq!(super::opened(heights, width, window), last);
         }
     }
 

@@ -3,8 +3,9 @@
 use bytemuck::cast_slice_mut;
 
 use super::fill::{REACH, fill};
+use super::options::GroundOptions;
 use super::tiles::{Place, TILE, Tiles};
-use super::{GroundOptions, WINDOW, first_cell, middle};
+use super::window::{WINDOW, first_cell, middle};
 use crate::error::Result;
 use crate::points::Points;
 use crate::points::filter::Verdict;

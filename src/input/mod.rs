@@ -123,6 +123,9 @@ impl<'a> Cloud<'a> {
             cloud.sources.iter_mut().for_each(|source| source.crs.clone_from(given));
         }
         cloud.crs = common_crs(&cloud.sources)?;
+        if let Some(clip) = &options.filter.clip {
+            clip.check(cloud.crs())?;
+        }
         (cloud.unpacked, cloud.unpacked_later) = (unpacking.bytes(), unpacking.later());
         cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
         Ok(cloud)
@@ -267,6 +270,16 @@ impl<'a> Cloud<'a> {
         Blocks { waiting: self.formats.iter(), current: None, precision, sieve: Arc::new(sieve), verdict }
     }
 
+    /// Which points count now.
+    pub(crate) fn sifting(&self) -> Sifting {
+        Sifting { filter: self.filter.clone(), verdict: self.verdict.clone() }
+    }
+
+    /// From now on, the points count that counted then.
+    pub(crate) fn sift_by(&mut self, sifting: Sifting) {
+        (self.filter, self.verdict) = (sifting.filter, sifting.verdict);
+    }
+
     /// From now on, of the points that count, those that `verdict` lets through.
     pub(crate) fn judge_by(&mut self, verdict: Arc<dyn Verdict>) {
         self.verdict = Some(verdict);
@@ -349,6 +362,13 @@ fn common_crs(sources: &[Source]) -> Result<Option<Crs>> {
         )));
     }
     Ok(Some(crs.clone()))
+}
+
+/// Which points of a cloud count.
+#[derive(Debug)]
+pub(crate) struct Sifting {
+    filter: Filter,
+    verdict: Option<Arc<dyn Verdict>>,
 }
 
 /// What a pass over a cloud is for.

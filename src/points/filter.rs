@@ -2,9 +2,12 @@
 //!
 //! Formats decode whatever a block holds; here, in one place for all of them, points and their attributes are sifted.
 
+use std::sync::Arc;
+
 use crate::error::Result;
 use crate::points::attribute::{Attribute, Schema};
 use crate::points::bounds::Bounds;
+use crate::points::clip::Clip;
 use crate::points::scalar::{Endian, Reader, reader};
 use crate::points::{Batch, Coordinate, Points};
 
@@ -20,6 +23,8 @@ pub struct Filter {
     pub returns: Returns,
     /// The box in which points count, its faces included.
     pub bounds: Option<Bounds>,
+    /// The polygons on the map within which points count.
+    pub clip: Option<Arc<Clip>>,
     /// What becomes of points that are marked as withheld: deleted, but still in the file.
     pub withheld: Withheld,
 }
@@ -133,6 +138,7 @@ pub struct Sieve {
     kept: usize,
     tests: Vec<Test>,
     bounds: Option<Bounds>,
+    clip: Option<Arc<Clip>>,
 }
 
 /// A number of a point's record, and what it must be.
@@ -185,7 +191,7 @@ impl Sieve {
         if filter.withheld == Withheld::Dropped {
             test("withheld", Some(Passes::OneOf(vec![0])));
         }
-        Sieve { decoded, kept: bytes, tests, bounds: filter.bounds }
+        Sieve { decoded, kept: bytes, tests, bounds: filter.bounds, clip: filter.clip.clone() }
     }
 
     /// Leaves in a decoded batch what counts, with the attributes that are kept, and counts the rest.
@@ -209,7 +215,12 @@ impl Sieve {
     ) {
         let stride = self.decoded.stride();
         assert_eq!(attributes.len(), points.len() * stride, "a record for each point");
-        if self.tests.is_empty() && self.bounds.is_none() && self.kept == stride && all_finite(points) {
+        if self.tests.is_empty()
+            && self.bounds.is_none()
+            && self.clip.is_none()
+            && self.kept == stride
+            && all_finite(points)
+        {
             return;
         }
         let mut left = 0;
@@ -232,6 +243,7 @@ impl Sieve {
     fn passes(&self, point: [f64; 3], record: &[u8]) -> bool {
         let inside = self.bounds.is_none_or(|b| (0..3).all(|a| b.min[a] <= point[a] && point[a] <= b.max[a]));
         inside
+            && self.clip.as_ref().is_none_or(|clip| clip.holds(point[0], point[1]))
             && self.tests.iter().all(|test| {
                 let value = (test.read)(&record[test.at..]);
                 match &test.passes {
@@ -284,6 +296,7 @@ mod tests {
                 keep_class: keep_class.clone(),
                 returns: [Returns::All, Returns::First, Returns::Last][returns],
                 bounds: boxed.then_some(Bounds { min: [-1.0; 3], max: [1e9; 3] }),
+                clip: None,
                 withheld: if withheld { Withheld::Kept } else { Withheld::Dropped },
             };
             let there = las_like();

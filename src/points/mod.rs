@@ -2,6 +2,7 @@
 
 pub mod attribute;
 pub mod bounds;
+pub mod clip;
 pub mod crs;
 pub(crate) mod filter;
 pub mod scalar;

@@ -1,11 +1,12 @@
 //! Bare earth: of a cloud's points, those on the ground, by their classes or by a filter, before anything else is made of them.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::words::thousands;
 use crate::error::{Error, Result};
 use crate::format::las::write::{ClassifiedFile, ClassifiedPoint, Steps, is_packed};
+use crate::ground::cells::{Highest, Mean};
 use crate::ground::{GroundModel, GroundOptions, look};
 use crate::input::{Carried, Cloud};
 use crate::points::bounds::Bounds;
@@ -14,11 +15,13 @@ use crate::points::scalar::{Endian, reader};
 use crate::points::unit::Measure;
 use crate::points::{Batch, Points};
 use crate::resources::workers::Workers;
+use crate::run::job::Job;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
+use crate::run::rasters::{Raster, check_name};
 use crate::settings::Settings;
 use crate::settings::ground::{ClassSet, Classes};
-use crate::settings::open::Kind;
+use crate::settings::open::{Hole, Kind};
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 
@@ -36,13 +39,72 @@ pub enum GroundReport {
     },
 }
 
-/// Where the verdicts on points are written, and whether they may replace a file.
+/// What is written of all points, or of those on the ground, before the mesh is made.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Verdicts<'a> {
-    /// The file.
-    pub path: &'a Path,
-    /// What becomes of one that is there.
+pub(crate) struct Beside<'a> {
+    /// The verdicts on points.
+    pub classes: Option<&'a Path>,
+    /// The heights of the ground.
+    pub dtm: Option<&'a Path>,
+    /// The heights of what is highest.
+    pub dsm: Option<&'a Path>,
+    /// The side of a raster's cells.
+    pub side: Option<f64>,
+    /// The widest hole that is filled.
+    pub hole: Hole,
+    /// What becomes of files that are there.
     pub overwrite: Overwrite,
+}
+
+impl<'a> Beside<'a> {
+    /// Nothing.
+    pub(crate) const NOTHING: Beside<'static> =
+        Beside { classes: None, dtm: None, dsm: None, side: None, hole: Hole::DEFAULT, overwrite: Overwrite::Refuse };
+
+    /// What a job asks for.
+    ///
+    /// # Errors
+    /// [`Error::InvalidSetting`] if names do not end as they must, or nothing tells the ground.
+    pub(crate) fn of(job: &'a Job) -> Result<Beside<'a>> {
+        let (classes, dtm, dsm) = (job.write_classes.as_deref(), job.dtm.as_deref(), job.dsm.as_deref());
+        if let Some(path) = classes {
+            if !is_asked(&job.settings) && dtm.is_none() {
+                let words = "`write_classes`: is for `surface` ground, or beside `dtm`";
+                return Err(Error::setting("write_classes", words.into()));
+            }
+            if is_packed(path).is_none() {
+                let words = format!("`write_classes` {}: expected a name with .laz or .las", path.display());
+                return Err(Error::setting("write_classes", words));
+            }
+        }
+        if job.settings.classes != Classes::Auto && !is_asked(&job.settings) && dtm.is_none() {
+            let words =
+                "`classes`: is for `surface` ground, or beside `dtm`; a filter of classes takes points of some only";
+            return Err(Error::setting("classes", words.into()));
+        }
+        dtm.map_or(Ok(()), |path| check_name("dtm", path))?;
+        dsm.map_or(Ok(()), |path| check_name("dsm", path))?;
+        let side = job.raster_size;
+        if let Some(side) = side {
+            if dtm.is_none() && dsm.is_none() {
+                return Err(Error::setting("raster_size", "`raster_size`: is for `dtm` and `dsm`".into()));
+            }
+            if !(side.is_finite() && side > 0.0) {
+                return Err(Error::setting("raster_size", format!("`raster_size` {side}: expected a length above 0")));
+            }
+        }
+        let hole = job.settings.open.map_or(Hole::DEFAULT, |open| open.max_hole);
+        Ok(Beside { classes, dtm, dsm, side, hole, overwrite: job.overwrite })
+    }
+
+    /// The files that are written.
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &'a Path> {
+        [self.classes, self.dtm, self.dsm].into_iter().flatten()
+    }
+
+    fn raster(&self, path: &'a Path) -> Raster<'a> {
+        Raster { path, overwrite: self.overwrite, side: self.side, hole: self.hole }
+    }
 }
 
 /// What stays in memory of a model while points are judged, of each block in flight: a tile and an order.
@@ -60,43 +122,81 @@ fn is_asked(settings: &Settings) -> bool {
     settings.open.is_some_and(|open| open.kind == Kind::Ground)
 }
 
-/// Leaves of a cloud the points on the ground, if the settings ask for these; the file of verdicts is whole then, if one was asked for.
+/// What tells the ground.
+enum Telling {
+    Classes(ClassSet),
+    Model(Arc<GroundModel>, f64),
+}
+
+/// Leaves of a cloud the points on the ground, if the settings ask for these. What is to be written beside the mesh is whole then.
 ///
 /// # Errors
-/// [`Error::InvalidSetting`] if the coordinates are degrees; [`Error::Usage`] if there are no classes to go by, or none to write; errors of reading the
+/// [`Error::InvalidSetting`] if the coordinates are degrees, or there are no verdicts to write; [`Error::Usage`] if there are no classes to go by; errors of reading the
 /// input and of writing.
 pub(crate) fn bare_earth(
     cloud: &mut Cloud,
     settings: &Settings,
-    verdicts: Option<Verdicts>,
+    beside: Beside,
     budget: u64,
     workers: &Workers,
     workspace: &Workspace,
     progress: &mut Progress,
 ) -> Result<Option<GroundReport>> {
-    if !is_asked(settings) {
+    if let Some(path) = beside.dsm {
+        beside.raster(path).write::<Highest>(cloud, budget, workers, workspace, progress)?;
+    }
+    if !is_asked(settings) && beside.dtm.is_none() {
         return Ok(None);
     }
-    let by_classes = |cloud: &mut Cloud, classes: ClassSet| {
-        if verdicts.is_some() {
+    let telling = told(cloud, settings, budget, workers, workspace, progress)?;
+    let report = match &telling {
+        Telling::Classes(_) if beside.classes.is_some() => {
             let words = "`write_classes`: the ground is told by the classes that the points have; `classes` none has it told by the filter";
             return Err(Error::setting("write_classes", words.into()));
         }
-        cloud.keep_classes(&classes.iter().collect::<Vec<_>>())?;
-        Ok(Some(GroundReport::Classes(Classes::Of(classes).to_string())))
+        Telling::Classes(classes) => GroundReport::Classes(Classes::Of(*classes).to_string()),
+        Telling::Model(model, cell) => {
+            if let Some(path) = beside.classes {
+                write(path, cloud, model, beside.overwrite, workers)?;
+            }
+            GroundReport::Filter { cell: *cell }
+        }
     };
+    let all = cloud.sifting();
+    match telling {
+        Telling::Classes(classes) => cloud.keep_classes(&classes.iter().collect::<Vec<_>>())?,
+        Telling::Model(model, _) => cloud.judge_by(model),
+    }
+    if let Some(path) = beside.dtm {
+        beside.raster(path).write::<Mean>(cloud, budget, workers, workspace, progress)?;
+    }
+    if !is_asked(settings) {
+        cloud.sift_by(all);
+    }
+    Ok(Some(report))
+}
+
+/// Finds out what tells the ground.
+fn told(
+    cloud: &Cloud,
+    settings: &Settings,
+    budget: u64,
+    workers: &Workers,
+    workspace: &Workspace,
+    progress: &mut Progress,
+) -> Result<Telling> {
     if let Classes::Of(classes) = settings.classes {
-        return by_classes(cloud, classes);
+        return Ok(Telling::Classes(classes));
     }
     let metre = match cloud.measure() {
         Some(Measure::Length(unit)) => 1.0 / unit.in_metres(),
         Some(Measure::Degrees) => {
-            let words = "`surface` ground: the input's coordinates are degrees, in which the filter's lengths cannot be told; reproject the input to metres or feet";
-            return Err(Error::setting("surface", words.into()));
+            let words = "`classes`: the input's coordinates are degrees, in which the ground filter's lengths cannot be told; reproject the input to metres or feet";
+            return Err(Error::setting("classes", words.into()));
         }
         Some(Measure::Mixed) => {
-            let words = "`surface` ground: the input has one unit on the map and another in height; reproject the input to one unit";
-            return Err(Error::setting("surface", words.into()));
+            let words = "`classes`: the input has one unit on the map and another in height, and the ground filter wants one; reproject the input";
+            return Err(Error::setting("classes", words.into()));
         }
         None => 1.0,
     };
@@ -107,39 +207,14 @@ pub(crate) fn bare_earth(
         progress.end();
         let (ground, all) = (thousands(found.classes[2]), thousands(found.points));
         progress.note(&format!("ground: told by classes 2 and 9 ({ground} of {all} points are of class 2)"));
-        return by_classes(cloud, ClassSet::GROUND);
+        return Ok(Telling::Classes(ClassSet::GROUND));
     }
     if cloud.measure().is_none() {
         progress.note("ground: the unit of the coordinates is not known, and taken to be the metre; `crs` names the reference system");
     }
     let model = found.model(asked, budget, workers, workspace, |_, _| ())?;
     progress.end();
-    let model: Arc<GroundModel> = Arc::new(model);
-    if let Some(Verdicts { path, overwrite }) = verdicts {
-        write(path, cloud, &model, overwrite, workers)?;
-    }
-    cloud.judge_by(model);
-    Ok(Some(GroundReport::Filter { cell: asked.cell }))
-}
-
-/// The file of verdicts that a job asks for.
-///
-/// # Errors
-/// [`Error::InvalidSetting`] if the surface is not the ground, or the name does not end in .laz or .las.
-pub(crate) fn verdicts<'a>(
-    path: &'a Option<PathBuf>,
-    settings: &Settings,
-    overwrite: Overwrite,
-) -> Result<Option<Verdicts<'a>>> {
-    let Some(path) = path else { return Ok(None) };
-    if !is_asked(settings) {
-        return Err(Error::setting("write_classes", "`write_classes`: is for `surface` ground".into()));
-    }
-    if is_packed(path).is_none() {
-        let words = format!("`write_classes` {}: expected a name with .laz or .las", path.display());
-        return Err(Error::setting("write_classes", words));
-    }
-    Ok(Some(Verdicts { path, overwrite }))
+    Ok(Telling::Model(Arc::new(model), asked.cell))
 }
 
 /// The attributes that are written with a point, if files have them.

@@ -15,7 +15,7 @@ use crate::mesh::{MeshHeader, MeshSource};
 #[cfg(feature = "render")]
 use crate::render;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{bare_earth, budget_beside, verdicts};
+use crate::run::bare_earth::{Beside, bare_earth, budget_beside};
 use crate::run::finished::{Finished, refuse_unsound, report};
 use crate::run::job::{Check, Job, default_output_of};
 use crate::run::mesh_header::header_of;
@@ -51,10 +51,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         None => default_output_of(&job.inputs, &files)?,
     };
     refuse_input_as_output(&files, &output)?;
-    let verdicts = verdicts(&job.write_classes, &job.settings, job.overwrite)?;
-    if let Some(verdicts) = verdicts {
-        refuse_input_as_output(&files, verdicts.path)?;
-    }
+    Beside::of(job)?.paths().try_for_each(|path| refuse_input_as_output(&files, path))?;
     let positions = Positions::of(&output, job.positions)?;
     // What can fail for want of room or rights fails now, not after the work.
     let mut target = match job.tile {
@@ -73,7 +70,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
 
     describe(&cloud, &job.settings, progress);
     let budget = job.resources.budget();
-    let ground = bare_earth(&mut cloud, &job.settings, verdicts, budget, workers, &workspace, progress)?;
+    let ground = bare_earth(&mut cloud, &job.settings, Beside::of(job)?, budget, workers, &workspace, progress)?;
     let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, progress)?;
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));

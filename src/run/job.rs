@@ -36,6 +36,12 @@ pub struct Job {
     pub preview: Preview,
     /// The LAZ or LAS file that the verdicts of the ground filter are written to, if any.
     pub write_classes: Option<PathBuf>,
+    /// The GeoTIFF file of the ground's heights, if any.
+    pub dtm: Option<PathBuf>,
+    /// The GeoTIFF file of the heights of what is highest, if any.
+    pub dsm: Option<PathBuf>,
+    /// The side of the cells of both, in the input's units; a metre by default.
+    pub raster_size: Option<f64>,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
     /// Which coordinates the mesh file has; by default what is usual for its format.
@@ -67,6 +73,9 @@ impl Job {
             #[cfg(feature = "render")]
             preview: Preview::None,
             write_classes: None,
+            dtm: None,
+            dsm: None,
+            raster_size: None,
             overwrite: Overwrite::Refuse,
             positions: None,
             resources: Resources::default(),
@@ -79,7 +88,7 @@ impl Job {
     /// # Errors
     /// [`Error::InvalidSetting`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
     pub(crate) fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
-        let Units { cell_size, seal, max_hole, base, tile } = self.units;
+        let Units { cell_size, seal, max_hole, base, tile, raster_size } = self.units;
         let length = |setting: &'static str, length: f64, unit: Option<Unit>| {
             unit.map_or(Ok(length), |unit| cloud.length(setting, length, unit))
         };
@@ -97,7 +106,8 @@ impl Job {
             open.base = open.base.map(|height| length("base", height, base)).transpose()?;
         }
         let tile = self.tile.map(|side| length("tile", side, tile)).transpose()?;
-        Ok(Job { settings, tile, units: Units::default(), ..self.clone() })
+        let raster_size = self.raster_size.map(|side| length("raster_size", side, raster_size)).transpose()?;
+        Ok(Job { settings, tile, raster_size, units: Units::default(), ..self.clone() })
     }
 }
 
@@ -114,6 +124,8 @@ pub struct Units {
     pub base: Option<Unit>,
     /// The unit of the side of tiles.
     pub tile: Option<Unit>,
+    /// The unit of the side of a raster's cells.
+    pub raster_size: Option<Unit>,
 }
 
 /// What a run may use. Nothing of it shows in the mesh.

@@ -23,6 +23,7 @@ mod prepare;
 #[cfg(feature = "render")]
 pub mod preview;
 pub mod progress;
+mod rasters;
 pub mod reconstruction;
 pub mod report;
 pub mod workload;

@@ -9,6 +9,8 @@ pub enum Phase {
     Unpack,
     /// Telling which points lie on the ground.
     Ground,
+    /// Making a raster of heights.
+    Gather,
     /// Counting points and finding their box.
     Survey,
     /// Counting points by class and return.
@@ -46,6 +48,7 @@ impl Phase {
             Phase::Unpack => ("unpack", "bytes"),
             Phase::Survey => ("survey", "points"),
             Phase::Ground => ("ground", "points"),
+            Phase::Gather => ("gather", "points"),
             Phase::Count => ("count", "points"),
             Phase::Rehearse => ("rehearse", "slices"),
             Phase::Bucket => ("bucket", "points"),

@@ -119,7 +119,7 @@ pub fn survey_with(
     let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
     progress.begin(Phase::Survey, known);
     let mut passes = Passes { progress, expected: forecast::records(cloud), records: 0, planned: 1, done: 0 };
-    passes.planned += match settings.fineness {
+    passes.planned += match settings.fineness() {
         _ if always => 1,
         Fineness::Given(_) => 0,
         Fineness::Sampling => 1,
@@ -132,7 +132,7 @@ pub fn survey_with(
             "a coordinate of {farthest:e} leaves single precision no room for a surface, which ends at {FARTHEST_SINGLE:e}; scale the points down"
         )));
     }
-    let measured = match settings.fineness {
+    let measured = match settings.fineness() {
         Fineness::Given(_) => always,
         Fineness::Sampling => true,
         Fineness::Default => always || survey.points <= COARSE_ENOUGH,
@@ -143,7 +143,7 @@ pub fn survey_with(
     } else {
         None
     };
-    let resolution = match settings.fineness {
+    let resolution = match settings.fineness() {
         Fineness::Given(resolution) => resolution,
         // A single place has no sampling distance; any cell does.
         Fineness::Sampling => Resolution::Cell(sampling.map_or(1.0, |d| d * AUTO_CELL)),

@@ -9,7 +9,7 @@ use crate::input::tally::Tally;
 use crate::input::{Cloud, Opening, Unpacked, find};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{bare_earth, budget_beside};
+use crate::run::bare_earth::{Beside, bare_earth, budget_beside};
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job, default_output};
@@ -49,7 +49,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let job = &job.measured_as(&cloud)?;
     describe(&cloud, &job.settings, progress);
     let budget = job.resources.budget();
-    bare_earth(&mut cloud, &job.settings, None, budget, workers, &workspace, progress)?;
+    bare_earth(&mut cloud, &job.settings, Beside::NOTHING, budget, workers, &workspace, progress)?;
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
@@ -210,6 +210,13 @@ pub(super) fn describe(cloud: &Cloud, settings: &Settings, progress: &Progress) 
     }
 }
 
+/// Whether a cloud is likely to be ground that was scanned from the air: points tell of returns, and lie in a box that is flat.
+fn is_tile(cloud: &Cloud, surveyed: &Surveyed) -> bool {
+    const FLAT: f64 = 4.0;
+    let [x, y, z] = surveyed.survey.bounds.extent();
+    cloud.has_attribute("return_number") && z * FLAT < x.max(y)
+}
+
 /// No mesh is put where its points cannot be.
 fn refuse_contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Result<()> {
     match contradiction(cloud, surveyed) {
@@ -247,6 +254,11 @@ pub(crate) fn surveyed(
 ) -> Result<(Surveyed, Settings)> {
     let surveyed = survey_cloud(cloud, settings, workers, progress)?;
     refuse_contradiction(cloud, &surveyed)?;
+    if settings.open.is_none() && is_tile(cloud, &surveyed) {
+        progress.note(
+            "the points look like a tile of terrain, scanned from above: `surface` terrain makes one layer of it, `surface` ground bare earth",
+        );
+    }
     let settings = Settings { open: surveyed.open, ..*settings };
     Ok((surveyed, settings))
 }

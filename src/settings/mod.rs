@@ -95,6 +95,14 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// How fine the grid is to be, if nothing was said: an open surface has cells tied to the sampling distance, as k says nothing of a sheet.
+    pub fn fineness(&self) -> Fineness {
+        match (self.fineness, self.open) {
+            (Fineness::Default, Some(_)) => Fineness::Sampling,
+            (fineness, _) => fineness,
+        }
+    }
+
     /// Checks what can be checked without the input.
     ///
     /// # Errors

@@ -95,15 +95,15 @@ fn feet_are_no_metres_and_degrees_have_no_ground() {
     assert!((found["ground"]["filter"]["cell"].as_f64().unwrap() - 3937.0 / 1200.0).abs() < 1e-9);
     assert!(found["check"]["bounds"][1][2].as_f64().unwrap() < 5.5 / 0.3048);
     f.write("deg.xyz", "1.5 2.5 3\n1.6 2.5 3\n1.6 2.6 3\n");
-    f.fails("deg.xyz --surface ground --crs EPSG:4326 -o d.ply", 2, &["--surface ground: ", "degrees"]);
+    f.fails("deg.xyz --surface ground --crs EPSG:4326 -o d.ply", 2, &["--classes: ", "degrees"]);
 }
 
 #[test]
 fn what_cannot_be_asked_of_the_ground_is_refused() {
     let f = Folder::new();
     f.write("s.xyz", scene());
-    f.fails("s.xyz --classes 2 -o x.ply", 2, &["--classes: is for --surface ground"]);
-    f.fails("s.xyz --write-classes c.laz -o x.ply", 2, &["--write-classes: is for --surface ground"]);
+    f.fails("s.xyz --classes 2 -o x.ply", 2, &["--classes: is for --surface ground, or beside --dtm"]);
+    f.fails("s.xyz --write-classes c.laz -o x.ply", 2, &["--write-classes: is for --surface ground, or beside --dtm"]);
     f.fails("s.xyz --surface ground --write-classes c.txt -o x.ply", 2, &["--write-classes c.txt: expected a name"]);
     f.fails("s.xyz --surface ground --classes 2,300 -o x.ply", 2, &["expected auto, none, or classes"]);
     f.fails("s.xyz --surface ground --classes 2 -o x.ply", 2, &["s.xyz: its points have no classification"]);
@@ -118,4 +118,181 @@ fn what_cannot_be_asked_of_the_ground_is_refused() {
     );
     f.fails("c.laz --surface ground --classes 77 -o h.ply", 65, &["no points"]);
     assert!(!f.path("d.laz").exists() && !f.path("h.ply").exists());
+}
+
+/// The tags of a TIFF file's directories, with their values as numbers, and the samples of a block of each.
+mod tiff {
+    use std::collections::HashMap;
+    use std::io::Read;
+
+    pub type Tags = HashMap<u16, Vec<f64>>;
+
+    fn int(bytes: &[u8]) -> usize {
+        bytes.iter().rev().fold(0, |sum, byte| sum << 8 | usize::from(*byte))
+    }
+
+    pub fn directories(file: &[u8]) -> Vec<Tags> {
+        assert_eq!(&file[..4], b"II*\0");
+        let mut at = int(&file[4..8]);
+        let mut out = Vec::new();
+        while at > 0 {
+            let entries = int(&file[at..at + 2]);
+            let mut tags = Tags::new();
+            for entry in file[at + 2..][..12 * entries].chunks_exact(12) {
+                let (tag, kind, count) = (int(&entry[..2]), int(&entry[2..4]), int(&entry[4..8]));
+                let size = [0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8][kind];
+                let values = if size * count <= 4 { &entry[8..] } else { &file[int(&entry[8..])..] };
+                let number = |value: &[u8]| match kind {
+                    12 => f64::from_le_bytes(value.try_into().unwrap()),
+                    _ => int(value) as f64,
+                };
+                tags.insert(tag as u16, values[..size * count].chunks_exact(size).map(number).collect());
+            }
+            at = int(&file[at + 2 + 12 * entries..][..4]);
+            out.push(tags);
+        }
+        out
+    }
+
+    /// The heights of a whole image, row by row.
+    pub fn heights(file: &[u8], tags: &Tags) -> (usize, Vec<f32>) {
+        let of = |tag: u16| tags[&tag][0] as usize;
+        let (width, height, side) = (of(256), of(257), of(322));
+        assert_eq!((of(258), of(339), of(317), of(323)), (32, 3, 3, side));
+        let mut out = vec![f32::NAN; width * height];
+        for (number, (at, len)) in tags[&324].iter().zip(&tags[&325]).enumerate().filter(|(_, (_, len))| **len > 0.0) {
+            let mut bytes = Vec::new();
+            let packed = &file[*at as usize..][..*len as usize];
+            flate2::read::ZlibDecoder::new(packed).read_to_end(&mut bytes).unwrap();
+            let across = width.div_ceil(side);
+            for row in 0..side {
+                // The predictor: differences of bytes along a row, most significant bytes of all samples first.
+                let line = &mut bytes[4 * side * row..][..4 * side];
+                (1..line.len()).for_each(|i| line[i] = line[i].wrapping_add(line[i - 1]));
+                for column in 0..side {
+                    let [y, x] = [number / across * side + row, number % across * side + column];
+                    if y < height && x < width {
+                        let bytes = [0, 1, 2, 3].map(|byte| line[byte * side + column]);
+                        out[y * width + x] = f32::from_be_bytes(bytes);
+                    }
+                }
+            }
+        }
+        (width, out)
+    }
+}
+
+/// Heights of points by cell, from the text.
+fn cells(text: &str, side: f64) -> std::collections::HashMap<[i64; 2], Vec<f64>> {
+    let mut out: std::collections::HashMap<[i64; 2], Vec<f64>> = Default::default();
+    for line in text.lines() {
+        let [x, y, z]: [f64; 3] =
+            line.split(' ').map(|word| word.parse().unwrap()).collect::<Vec<f64>>().try_into().unwrap();
+        out.entry([y, x].map(|c| (c / side).floor() as i64)).or_default().push(z);
+    }
+    out
+}
+
+#[test]
+fn rasters_hold_the_heights_of_cells_where_they_lie() {
+    let f = Folder::new();
+    f.write("s.xyz", scene());
+    let side = 0.5;
+    f.ok("s.xyz --surface terrain --crs EPSG:2154 --dsm s.tif --dtm g.tif --raster-size 50cm --max-hole 0c -o m.ply");
+    let expected = cells(&scene(), side);
+    let file = f.read("s.tif");
+    let directories = tiff::directories(&file);
+    assert_eq!(directories.len(), 1, "a raster of one block has no overviews");
+    let tags = &directories[0];
+    let (width, heights) = tiff::heights(&file, tags);
+    let (west, north) = (tags[&33922][3], tags[&33922][4]);
+    assert_eq!(tags[&33550][..2], [side, side]);
+    let keys: Vec<[f64; 4]> = tags[&34735].chunks_exact(4).map(|key| key.try_into().unwrap()).collect();
+    assert!(keys.contains(&[3072.0, 0.0, 1.0, 2154.0]) && keys.contains(&[1025.0, 0.0, 1.0, 1.0]), "{keys:?}");
+    assert_eq!(tags[&42113].iter().map(|c| *c as u8 as char).collect::<String>(), "nan\0");
+    let mut found = 0;
+    for (i, height) in heights.iter().enumerate() {
+        let cell = [(north / side) as i64 - 1 - (i / width) as i64, (west / side) as i64 + (i % width) as i64];
+        match expected.get(&cell) {
+            None => assert!(height.is_nan(), "{cell:?}"),
+            Some(points) => {
+                assert_eq!(f64::from(*height), f64::from(points.iter().copied().fold(f64::MIN, f64::max) as f32));
+                found += 1;
+            }
+        }
+    }
+    assert_eq!(found, expected.len());
+
+    // The ground: below the house and the trees there is none, and elsewhere it is the mean.
+    let file = f.read("g.tif");
+    let (width, heights) = tiff::heights(&file, &tiff::directories(&file)[0]);
+    let known = heights.iter().filter(|height| !height.is_nan()).count();
+    assert!(known > 15_000 && heights.iter().all(|height| height.is_nan() || *height < 5.5), "{known}");
+    assert!(width <= 240);
+
+    // A surface of the ground alone has the same raster of all, and the same of the ground; holes are filled by default.
+    f.ok("s.xyz --surface ground --crs EPSG:2154 --dsm t.tif --dtm h.tif --raster-size 0.5 --max-hole 0c -o n.ply -j 1 --max-memory 64M");
+    assert!(f.read("t.tif") == f.read("s.tif") && f.read("h.tif") == file);
+    f.ok("s.xyz --surface ground --crs EPSG:2154 --dtm f.tif --raster-size 0.5 -o o.ply");
+    let filled = f.read("f.tif");
+    let (_, heights) = tiff::heights(&filled, &tiff::directories(&filled)[0]);
+    assert!(heights.iter().filter(|height| !height.is_nan()).count() > known + 1000);
+}
+
+#[test]
+fn overviews_are_means_of_what_is_known() {
+    let f = Folder::new();
+    f.ok("generate terrain 60k --size 100 -o t.bin");
+    let run = f.ok("t.bin --surface terrain --dsm s.tif --raster-size 0.2 --max-hole 3c -o m.ply");
+    assert!(run.err.contains("s.tif: 50"), "{}", run.err);
+    let file = f.read("s.tif");
+    let levels: Vec<(usize, Vec<f32>)> =
+        tiff::directories(&file).iter().map(|tags| tiff::heights(&file, tags)).collect();
+    assert_eq!(levels.len(), 2);
+    assert_eq!(tiff::directories(&file)[1][&254], [1.0]);
+    let ((width, fine), (half, coarse)) = (&levels[0], &levels[1]);
+    for (i, height) in coarse.iter().enumerate() {
+        let (y, x) = (2 * (i / half), 2 * (i % half));
+        let parts = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(dy, dx)| match (y + dy, x + dx) {
+            (y, x) if x < *width => fine.get(y * width + x).copied().unwrap_or(f32::NAN),
+            _ => f32::NAN,
+        });
+        let known: Vec<f64> = parts.iter().filter(|part| !part.is_nan()).map(|part| f64::from(*part)).collect();
+        let mean = (known.iter().sum::<f64>() / known.len() as f64) as f32;
+        assert!(mean.is_nan() && height.is_nan() || mean == *height, "{y} {x}: {height} for {parts:?}");
+    }
+}
+
+#[test]
+fn rasters_that_cannot_be_are_refused() {
+    let f = Folder::new();
+    f.write("s.xyz", "0 0 1\n1 0 1\n0 1 1\n1 1 1\n1000000000 0 1\n");
+    f.fails("s.xyz --surface terrain --dsm s.png -o x.ply", 2, &["--dsm s.png: expected a name with .tif"]);
+    f.fails("s.xyz --surface terrain --raster-size 1 -o x.ply", 2, &["--raster-size: is for --dtm and --dsm"]);
+    f.fails("s.xyz --surface terrain --dsm s.tif --raster-size 0 -o x.ply", 2, &["--raster-size"]);
+    f.fails(
+        "s.xyz --surface terrain --dsm s.tif --raster-size 0.001 -o x.ply",
+        2,
+        &["the raster would be", "--bounds"],
+    );
+    f.fails("s.xyz --surface terrain --dsm s.tif --dtm s.tif -o x.ply", 2, &["cannot be both"]);
+    f.fails("s.xyz --surface terrain --crs EPSG:4326 --dsm s.tif -o x.ply", 2, &["--raster-size: must be given"]);
+    assert!(!f.path("s.tif").exists());
+}
+
+#[test]
+fn points_are_clipped_by_polygons() {
+    let f = Folder::new();
+    f.write("s.xyz", scene());
+    f.write("p.wkt", "POLYGON((700010 6200010,700070 6200010,700070 6200050,700010 6200050,700010 6200010))");
+    f.ok("s.xyz --surface terrain --cell-size 1 --clip p.wkt -o p.ply");
+    f.ok("s.xyz --surface terrain --cell-size 1 --bounds 700010,6200010,700070,6200050 -o b.ply");
+    assert!(f.read("p.ply") == f.read("b.ply"), "a box is a box");
+    f.write("cross.wkt", "POLYGON((0 0,9 9,9 0,0 9,0 0))");
+    f.fails("s.xyz --clip cross.wkt -o x.ply", 65, &["cross.wkt: ", "expected none that cross"]);
+    f.fails("s.xyz --clip gone.wkt -o x.ply", 66, &["gone.wkt"]);
+    f.write("deg.json", r#"{"type":"Polygon","coordinates":[[[3,43],[4,43],[4,44],[3,43]]]}"#);
+    f.fails("s.xyz --crs EPSG:2154 --clip deg.json -o x.ply", 2, &["deg.json: ", "degrees by their looks"]);
+    f.write("far.wkt", "POLYGON((0 0,9 0,9 9,0 0))");
+    f.fails("s.xyz --clip far.wkt -o x.ply", 65, &["no points", "left out by filters"]);
 }

@@ -1,6 +1,7 @@
 //! The cloud, and how it is meshed: arguments of all commands that reconstruct, or tell what a reconstruction would be.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 
@@ -11,6 +12,7 @@ use crate::grid::CELLS_LIMIT;
 use crate::input::{Depth, Filter, InputOptions, Layout, Returns, Withheld, tells_stations};
 use crate::points::attribute::Wanted;
 use crate::points::bounds::{Axis, Bounds};
+use crate::points::clip::Clip;
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::run::{Job, Resources, Units};
@@ -60,6 +62,9 @@ pub struct CloudArguments {
     /// Take points within this box only: XMIN,YMIN,XMAX,YMAX or XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX
     #[arg(long, value_name = "BOX", value_parser = bounds, allow_hyphen_values = true, help_heading = "Input")]
     pub bounds: Option<Bounds>,
+    /// Take points within the polygons of this file only, GeoJSON or WKT, in the input's coordinates; those on the boundary, too
+    #[arg(long, value_name = "FILE", help_heading = "Input")]
+    pub clip: Option<PathBuf>,
     /// Take points that are marked as withheld, too
     #[arg(long, help_heading = "Input")]
     pub keep_withheld: bool,
@@ -71,7 +76,7 @@ pub struct CloudArguments {
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u32).range(1..=i64::from(CELLS_LIMIT)))]
     #[arg(allow_negative_numbers = true, help_heading = "Grid", conflicts_with = "cell_size")]
     pub slices: Option<u32>,
-    /// Side of a cell, in the input's units or as in 5cm, or `auto`: 1.25 sampling distances; instead of --k
+    /// Side of a cell, in the input's units or as in 5cm, or `auto`: 1.25 sampling distances, the default of open surfaces; instead of --k
     #[arg(long, value_name = "W|auto", value_parser = cell_size, allow_negative_numbers = true, help_heading = "Grid")]
     pub cell_size: Option<InUnit<Fineness>>,
     /// The axis to slice along
@@ -169,9 +174,6 @@ impl CloudArguments {
     /// Options of an open surface.
     fn open(&self) -> Result<Option<Open>> {
         let wrong = |message: &str| Err(Error::Usage(message.into()));
-        if self.classes.is_some() && self.surface != SurfaceWord::Ground {
-            return wrong("--classes: is for --surface ground; --keep-class takes points of some classes only");
-        }
         let max_hole = self.max_hole.map_or(Hole::DEFAULT, |hole| hole.value);
         let base = self.base.map(|base| base.value);
         match self.surface {
@@ -240,6 +242,7 @@ impl CloudArguments {
             max_hole: self.max_hole.and_then(|hole| hole.unit),
             base: self.base.and_then(|base| base.unit),
             tile: None,
+            raster_size: None,
         }
     }
 
@@ -257,6 +260,7 @@ impl CloudArguments {
                 _ => Returns::All,
             },
             bounds: self.bounds,
+            clip: self.clip.as_deref().map(Clip::read).transpose()?.map(Arc::new),
             withheld: if self.keep_withheld { Withheld::Kept } else { Withheld::Dropped },
         };
         let (layout, skip_bytes, attributes) = (self.layout.clone(), self.skip_bytes, self.attributes.clone());

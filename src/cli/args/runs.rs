@@ -39,6 +39,15 @@ pub struct ReconstructArguments {
     /// Write all points with the ground filter's verdicts as their classes (2 on the ground, 1 elsewhere; 7, 9 and 18 stay), a .laz or .las file: with --surface ground
     #[arg(long, value_name = "FILE")]
     pub write_classes: Option<PathBuf>,
+    /// Write the heights of the ground as GeoTIFF, of each cell the mean of its points on the ground (told as --classes says); holes up to --max-hole are filled
+    #[arg(long, value_name = "FILE")]
+    pub dtm: Option<PathBuf>,
+    /// Write the heights of what is highest as GeoTIFF, of each cell the highest point; holes up to --max-hole are filled
+    #[arg(long, value_name = "FILE")]
+    pub dsm: Option<PathBuf>,
+    /// Side of a cell of --dtm and --dsm, in the input's units or as in 50cm [default: 1m]
+    #[arg(long, value_name = "SIDE", value_parser = side, allow_negative_numbers = true)]
+    pub raster_size: Option<InUnit<f64>>,
     /// Draw a picture of the mesh, too [default: the mesh's name with .png]
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
     pub preview: Option<Option<PathBuf>>,
@@ -115,18 +124,24 @@ impl ReconstructArguments {
             CoordinatesWord::Input => Positions::Absolute,
             CoordinatesWord::Local => Positions::Shifted,
         });
+        let job = tiled(self.cloud.job(self.resources.resources())?, self.tile);
+        let units = Units { raster_size: self.raster_size.and_then(|side| side.unit), ..job.units };
         Ok(Job {
             output,
+            units,
             preview: match &self.preview {
                 None => Preview::None,
                 Some(None) => Preview::Beside,
                 Some(Some(path)) => Preview::At(path.clone()),
             },
             write_classes: self.write_classes.clone(),
+            dtm: self.dtm.clone(),
+            dsm: self.dsm.clone(),
+            raster_size: self.raster_size.map(|side| side.value),
             overwrite: overwrite(self.overwrite),
             positions,
             check,
-            ..tiled(self.cloud.job(self.resources.resources())?, self.tile)
+            ..job
         })
     }
 }

@@ -15,7 +15,7 @@ use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{bare_earth, budget_beside, verdicts};
+use crate::run::bare_earth::{Beside, bare_earth, budget_beside};
 use crate::run::finished::{Finished, refuse_unsound, report};
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job};
@@ -229,6 +229,24 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
+    /// Writes a GeoTIFF of the ground's heights, told as [`Reconstruction::classes`] says: of each cell, the mean of its points' on the ground.
+    pub fn dtm(mut self, path: impl Into<PathBuf>) -> Self {
+        self.job.dtm = Some(path.into());
+        self
+    }
+
+    /// Writes a GeoTIFF of the heights of what is highest: of each cell, the highest of its points'.
+    pub fn dsm(mut self, path: impl Into<PathBuf>) -> Self {
+        self.job.dsm = Some(path.into());
+        self
+    }
+
+    /// The side of the cells of [`Reconstruction::dtm`] and [`Reconstruction::dsm`]: a metre by default.
+    pub fn raster_size(mut self, side: f64) -> Self {
+        self.job.raster_size = Some(side);
+        self
+    }
+
     /// Which points count: all by default.
     pub fn filter(mut self, filter: Filter) -> Self {
         self.job.input.filter = filter;
@@ -364,9 +382,8 @@ fn made(
 ) -> Result<Mesh> {
     let job = &job.measured_as(cloud)?;
     describe(cloud, &job.settings, progress);
-    let verdicts = verdicts(&job.write_classes, &job.settings, job.overwrite)?;
     let budget = job.resources.budget();
-    let ground = bare_earth(cloud, &job.settings, verdicts, budget, workers, workspace, progress)?;
+    let ground = bare_earth(cloud, &job.settings, Beside::of(job)?, budget, workers, workspace, progress)?;
     let (surveyed, settings) = surveyed(cloud, &job.settings, workers, progress)?;
     let budget = budget_beside(&settings, budget, workers);
     let (surveyed, context) = planned(surveyed, &settings, workers, workspace, budget, progress)?;

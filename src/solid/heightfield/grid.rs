@@ -26,7 +26,7 @@ impl Facing {
 
 impl Hole {
     /// The radius, in cells of side `w`, of the disc that bridges it, rounded up.
-    fn radius(self, w: f64) -> f64 {
+    pub(crate) fn radius(self, w: f64) -> f64 {
         match self {
             Hole::Cells(cells) => f64::from(cells.div_ceil(2)),
             Hole::Length(length) => (length / w / 2.0).ceil(),
