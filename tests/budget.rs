@@ -9,6 +9,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
+use asra_stream::Error;
 use asra_stream::internals::input::{InputOptions, Layout};
 use asra_stream::internals::resources::memory::MemoryPlan;
 use asra_stream::internals::run::planner::beside_the_heap;
@@ -306,6 +307,14 @@ fn the_ground_filter_keeps_the_budget() {
         };
         let folder = tempfile::tempdir().unwrap();
         let mut job = case.job(folder.path());
+        // Less than the least is refused, with a figure that does.
+        job.resources.max_memory = Some(budget / 2);
+        let refused = run(&job, &job.resources.workers().unwrap(), &mut Progress::new(Show::Nothing));
+        let budget = match refused {
+            Err(Error::Budget { needed, .. }) => needed.0,
+            Ok(_) => budget,
+            Err(error) => panic!("{error}"),
+        };
         job.resources.max_memory = Some(budget);
         let before = HELD.load(Relaxed);
         MOST.store(before, Relaxed);

@@ -85,6 +85,9 @@ mod tests {
                 assert_eq!(*found, plane);
             } else if is_in(cell, holes[0]) {
                 assert!((found - plane).abs() < 6.0, "{cell:?}: {found} for {plane}");
+            } else if is_in(cell, ([-60, 70], 20)) && !is_in(cell, ([-60, 70], 18)) {
+                // At the ends of a wide hole the window does not reach everywhere.
+                assert!(found.is_nan() || (found - plane).abs() < 6.0, "{cell:?}: {found} for {plane}");
             } else {
                 assert!(found.is_nan(), "{cell:?}: {found}");
             }

@@ -483,7 +483,7 @@ mod tests {
             ("POLYGON((0 0,1 0,1 1,0 1))", "the last corner as the first"),
             ("POLYGON((0 0,4 4,4 0,0 4,0 0))", "two that cross"),
             ("POLYGON((0 0,4 0,4 4,0 4,0 0),(3 1,6 1,6 2,3 2,3 1))", "two that cross"),
-            ("POLYGON((0 0,1 0,1 x,0 0))", "byte 18"),
+            ("POLYGON((0 0,1 0,1 x,0 0))", "byte 19"),
             ("POLYGON((0 0,1 0,1 1,0 0)) trailing", "the end"),
             (r#"{"type":"Point","coordinates":[0,0]}"#, "Point"),
             (r#"{"type":"Polygon","coordinates":[[[0,0],[1,0],[1,"a"],[0,0]]]}"#, "/coordinates/0/2"),

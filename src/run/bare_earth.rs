@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use bytesize::ByteSize;
+
 use crate::error::words::thousands;
 use crate::error::{Error, Result};
 use crate::format::las::write::{ClassifiedFile, ClassifiedPoint, Steps, is_packed};
@@ -115,6 +117,19 @@ pub(crate) fn budget_beside(settings: &Settings, budget: u64, workers: &Workers)
     match is_asked(settings) {
         true => budget.saturating_sub(JUDGING * workers.threads() as u64),
         false => budget,
+    }
+}
+
+/// An error of what has the budget that [`budget_beside`] leaves: the figures of a refusal are those of the whole.
+pub(crate) fn of_whole_budget(error: Error, settings: &Settings, budget: u64, workers: &Workers) -> Error {
+    let beside = budget - budget_beside(settings, budget, workers);
+    match error {
+        Error::Budget { given, needed, what } => Error::Budget {
+            given: given + beside,
+            needed: ByteSize((needed.0 + beside).next_multiple_of(1 << 20)),
+            what,
+        },
+        other => other,
     }
 }
 

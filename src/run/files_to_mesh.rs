@@ -15,7 +15,7 @@ use crate::mesh::{MeshHeader, MeshSource};
 #[cfg(feature = "render")]
 use crate::render;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{Beside, bare_earth, budget_beside};
+use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::finished::{Finished, refuse_unsound, report};
 use crate::run::job::{Check, Job, default_output_of};
 use crate::run::mesh_header::header_of;
@@ -76,8 +76,9 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
     }
-    let budget = budget_beside(&settings, budget, workers);
-    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, budget, progress)?;
+    let left = budget_beside(&settings, budget, workers);
+    let whole = |error| of_whole_budget(error, &settings, budget, workers);
+    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, left, progress).map_err(whole)?;
     #[cfg(feature = "render")]
     let picture = picture
         .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));
@@ -85,7 +86,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
-    let mut made = reconstruct(&cloud, &surveyed, &settings, &context, progress)?;
+    let mut made = reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
 
     if job.settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);

@@ -9,7 +9,7 @@ use crate::input::tally::Tally;
 use crate::input::{Cloud, Opening, Unpacked, find};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{Beside, bare_earth, budget_beside};
+use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job, default_output};
@@ -53,9 +53,10 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
-    let budget = budget_beside(&job.settings, budget, workers);
-    let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, budget, progress)?;
-    let memory = pipeline::plan(&surveyed, workers, budget)?;
+    let left = budget_beside(&job.settings, budget, workers);
+    let whole = |error| of_whole_budget(error, &job.settings, budget, workers);
+    let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, left, progress)?;
+    let memory = pipeline::plan(&surveyed, workers, left).map_err(whole)?;
     Ok(Planned { cloud, surveyed, workspace, unwritable, tiles, memory })
 }
 

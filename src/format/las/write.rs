@@ -52,11 +52,11 @@ impl Steps {
     pub fn of(bounds: &Bounds, digits: i32) -> Steps {
         let offset = bounds.min.map(f64::floor);
         let longest = (0..3).map(|a| bounds.max[a] - offset[a]).fold(0.0, f64::max);
-        let fits = |digits: &i32| longest * 10f64.powi(*digits) < f64::from(i32::MAX);
+        // The nearest numbers to powers of ten, on every machine.
+        let step = |digits: i32| format!("1e{}", -digits).parse::<f64>().unwrap_or(f64::MAX);
+        let fits = |digits: &i32| longest / step(*digits) < f64::from(i32::MAX);
         let digits = (-300..=digits).rev().find(fits).unwrap_or(-300);
-        // Of the powers that are no integers, the decimal ones are the nearest numbers to what is meant.
-        let step = if digits >= 0 { 1.0 / 10f64.powi(digits) } else { 10f64.powi(-digits) };
-        Steps { step, offset }
+        Steps { step: step(digits), offset }
     }
 }
 

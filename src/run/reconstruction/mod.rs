@@ -15,7 +15,7 @@ use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{Beside, bare_earth, budget_beside};
+use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::finished::{Finished, refuse_unsound, report};
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job};
@@ -393,9 +393,10 @@ fn made(
     let budget = job.resources.budget();
     let ground = bare_earth(cloud, &job.settings, Beside::of(job)?, budget, workers, workspace, progress)?;
     let (surveyed, settings) = surveyed(cloud, &job.settings, workers, progress)?;
-    let budget = budget_beside(&settings, budget, workers);
-    let (surveyed, context) = planned(surveyed, &settings, workers, workspace, budget, progress)?;
-    let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress)?;
+    let left = budget_beside(&settings, budget, workers);
+    let whole = |error| of_whole_budget(error, &settings, budget, workers);
+    let (surveyed, context) = planned(surveyed, &settings, workers, workspace, left, progress).map_err(whole)?;
+    let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
     if settings.open.is_some() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
