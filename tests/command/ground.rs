@@ -42,7 +42,7 @@ fn the_filter_tells_the_ground_and_its_verdicts_tell_it_again() {
     assert!(top < 5.5, "no house, no trees: {top}");
 
     let tally: serde_json::Value = serde_json::from_str(&f.ok("info c.laz --json").out).unwrap();
-    let classes = &tally["classes"];
+    let classes = &tally["classification"];
     let count = |class: &str| classes[class].as_u64().unwrap_or_else(|| panic!("{tally}"));
     assert_eq!(count("1") + count("2"), 40_000, "{tally}");
     assert_eq!(count("2"), by_filter["points"]["count"].as_u64().unwrap());
@@ -60,7 +60,7 @@ fn the_filter_tells_the_ground_and_its_verdicts_tell_it_again() {
     f.ok("c.laz --surface ground --classes none --write-classes c.las -o n.ply --report n.json");
     assert_eq!(report(&f, "n.json")["points"]["count"], by_filter["points"]["count"]);
     let tally: serde_json::Value = serde_json::from_str(&f.ok("info c.las --json").out).unwrap();
-    assert_eq!(&tally["classes"], classes);
+    assert_eq!(&tally["classification"], classes);
 }
 
 #[test]
