@@ -221,6 +221,7 @@ fn settings() -> impl Strategy<Value = Settings> {
             min_component,
             surface: SurfaceOptions { smooth, diagonals, fit },
             open: None,
+            ..Settings::default()
         },
     )
 }

@@ -289,7 +289,7 @@ mod tests {
             file.finish().unwrap();
             let mut reader = las::Reader::from_path(&path).unwrap();
             prop_assert_eq!(reader.header().number_of_points(), points.len() as u64);
-            let read: Vec<las::Point> = reader.points().map(|point| point.unwrap()).collect();
+            let read: Vec<las::Point> = reader.read_all().unwrap().points().map(|point| point.unwrap()).collect();
             prop_assert_eq!(read.len(), points.len());
             for (read, point) in read.iter().zip(&points) {
                 let place = [read.x, read.y, read.z];
