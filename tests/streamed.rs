@@ -221,8 +221,7 @@ fn settings() -> impl Strategy<Value = Settings> {
             min_component,
             surface: SurfaceOptions { smooth, diagonals, fit },
             open: None,
-            classes: Default::default(),
-            simplify: None,
+            ..Settings::default()
         },
     )
 }
