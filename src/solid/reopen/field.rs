@@ -10,9 +10,14 @@
 use std::f64::consts::{PI, SQRT_2};
 use std::ops::Range;
 
-use super::layers::{Held, Stretch};
+use super::Slabs;
+use super::blocks::{self, BLOCK};
+use super::layers::{Found, Held, Layers, Stretch};
 use super::tile::Tile;
 use super::wall::Dipole;
+use crate::error::Result;
+use crate::grid::slice::{Runs, SliceStore, Slices};
+use crate::solid::Solid;
 
 /// How far, in σ, walls and labels count.
 pub const RANGE: f64 = 3.0;
@@ -26,6 +31,12 @@ const FINENESS: f32 = 64.0;
 /// A cell is inside if the winding number there is more, and surely outside if it is less than the second.
 pub const INSIDE: f32 = 0.5;
 pub const SURE: f32 = 0.3;
+
+/// Free cells may open within so many cells of an occupied one that is looked at.
+const BAND: i64 = 4;
+
+/// How often labels are put right.
+pub(super) const LABELLINGS: u32 = 4;
 
 /// The Gaussian, and what a wall weighs by its distance.
 #[derive(Debug)]
@@ -148,5 +159,152 @@ impl Kernel {
     pub fn along_slices(&self, tile: &Tile, blurred: &[f32], [x, y, z]: [i64; 3]) -> f32 {
         let places = (y - self.reach..=y + self.reach).map(|y| tile.place([x, y, z]));
         self.weights.iter().zip(places).fold(0.0, |sum, (weight, place)| sum + weight * blurred[place])
+    }
+}
+
+impl Slabs<'_> {
+    /// The free cells that may open, each with what the walls near it add up to.
+    pub(super) fn candidates(
+        &self,
+        solid: &Solid,
+        occupied: &SliceStore,
+        dipoles: &Layers<Dipole>,
+        kernel: &Kernel,
+    ) -> Result<(SliceStore, Layers<f32>)> {
+        let mut store = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        let mut sums = Layers::new(self.context);
+        let reach = BAND;
+        let round = -reach..=reach;
+        let ball: Vec<[i64; 3]> = round
+            .clone()
+            .flat_map(|y| round.clone().map(move |z| (y, z)))
+            .flat_map(|(y, z)| (-reach..=reach).map(move |x| [x, y, z]))
+            .filter(|d| d.iter().map(|c| c * c).sum::<i64>() <= reach * reach)
+            .collect();
+        self.each(
+            |chunk| {
+                let mut found = Found::new(chunk.clone());
+                let tiles = self.tiles(&chunk, 0)?;
+                if !tiles.is_empty() {
+                    let held = self.held(dipoles, &chunk, kernel.reach)?;
+                    let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
+                    // All of them: those that are not looked at may lie where cells may open.
+                    let occupied = Slabs::stretch(occupied, &chunk, 0)?;
+                    let mut allowed = Runs::default();
+                    for tile in tiles {
+                        let mut near_walls = vec![false; tile.len()];
+                        for y in i64::from(chunk.start) - reach..i64::from(chunk.end) + reach {
+                            let (cells, _) = held.slice(y);
+                            let [xs, _, zs] =
+                                [0, 1, 2].map(|a| tile.low[a] - reach..tile.low[a] + tile.size[a] as i64 + reach);
+                            for z in zs {
+                                for number in cells.range(z, xs.clone()) {
+                                    let at = [i64::from(cells.x(number)), y, z];
+                                    for d in &ball {
+                                        let cell = [0, 1, 2].map(|a| at[a] + d[a]);
+                                        if tile.holds(cell, 0) {
+                                            near_walls[tile.place(cell)] = true;
+                                        }
+                                    }
+                                }
+                            }
+                        }
+                        let mut layer = None;
+                        let [xs, ys, zs] = tile.ranges(0);
+                        for (y, z) in ys.flat_map(|y| zs.clone().map(move |z| (y, z))) {
+                            if layer != Some(y / i64::from(BLOCK)) {
+                                self.allowed.read(y as u32, &mut allowed)?;
+                                layer = Some(y / i64::from(BLOCK));
+                            }
+                            let is_asked = |x: i64| {
+                                near_walls[tile.place([x, y, z])]
+                                    && solid.get([x, y, z])
+                                    && !occupied.get([x, y, z])
+                                    && blocks::holds(&allowed, x as u32, z as u32)
+                            };
+                            let mut asked = xs.clone().filter(|x| is_asked(*x)).peekable();
+                            while let Some(first) = asked.next() {
+                                let mut end = first + 1;
+                                while asked.next_if_eq(&end).is_some() {
+                                    end += 1;
+                                }
+                                let sums = kernel.near(first..end, y, z, &held);
+                                (first..end).zip(sums).for_each(|(x, sum)| found.push([x, y, z], sum));
+                            }
+                        }
+                    }
+                }
+                let (runs, values) = found.sorted(self.cells);
+                let mut slices = Slices::default();
+                runs.iter().for_each(|runs| slices.push_runs(runs));
+                Ok((slices, values))
+            },
+            |(slices, values)| {
+                store.extend(&slices)?;
+                sums.extend(&values)
+            },
+        )?;
+        Ok((store, sums))
+    }
+
+    /// The candidates that are outside, and those of them that surely are.
+    pub(super) fn labelled(
+        &self,
+        solid: &Solid,
+        dipoles: &Layers<Dipole>,
+        (candidates, sums): &(SliceStore, Layers<f32>),
+        kernel: &Kernel,
+    ) -> Result<(SliceStore, SliceStore)> {
+        let store = || SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        let mut outside = store();
+        let mut sure = store();
+        for labelling in 0..LABELLINGS {
+            let (mut next, mut certain) = (store(), store());
+            self.each(
+                |chunk| {
+                    let (mut out, mut out_sure) = (Found::new(chunk.clone()), Found::new(chunk.clone()));
+                    let tiles = self.tiles(&chunk, kernel.reach)?;
+                    if !tiles.is_empty() {
+                        let held = self.held(dipoles, &chunk, kernel.reach)?;
+                        let solid = Slabs::stretch(&solid.store, &chunk, kernel.reach)?;
+                        let opened = Slabs::stretch(&outside, &chunk, kernel.reach)?;
+                        let asked = Held::read(candidates, sums, i64::from(chunk.start)..i64::from(chunk.end))?;
+                        for tile in tiles.iter().filter(|tile| asked.any_of(tile.ranges(kernel.reach))) {
+                            let shares = kernel.shares(tile, &solid, &opened, &held);
+                            let blurred = kernel.blur(tile, &shares);
+                            let reach = kernel.reach;
+                            let [xs, ys, zs] =
+                                [0, 1, 2].map(|a| tile.low[a] + reach..tile.low[a] + tile.size[a] as i64 - reach);
+                            for y in ys {
+                                let (cells, sums) = asked.slice(y);
+                                for z in zs.clone() {
+                                    for number in cells.range(z, xs.clone()) {
+                                        let cell = [i64::from(cells.x(number)), y, z];
+                                        let winding = sums[number] + kernel.along_slices(tile, &blurred, cell);
+                                        if winding <= INSIDE {
+                                            out.push(cell, ());
+                                            if winding < SURE {
+                                                out_sure.push(cell, ());
+                                            }
+                                        }
+                                    }
+                                }
+                            }
+                        }
+                    }
+                    Ok([out, out_sure].map(|found| {
+                        let mut slices = Slices::default();
+                        found.sorted(self.cells).0.iter().for_each(|runs| slices.push_runs(runs));
+                        slices
+                    }))
+                },
+                |[out, out_sure]| {
+                    next.extend(&out)?;
+                    if labelling + 1 == LABELLINGS { certain.extend(&out_sure) } else { Ok(()) }
+                },
+            )?;
+            (outside, sure) = (next, certain);
+        }
+        Ok((outside, sure))
     }
 }

@@ -17,6 +17,7 @@
 //! *deep* occupied cells are looked at, which no cell outside the solid touches: where there are none, nothing was filled that has points round it.
 
 mod blocks;
+mod core;
 mod field;
 mod layers;
 mod open;
@@ -32,12 +33,12 @@ mod tests;
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Pod;
 
 use self::blocks::{BLOCK, Blocks};
-use self::field::{INSIDE, Kernel, RANGE};
+use self::field::{Kernel, RANGE};
 use self::layers::{Cells, Found, Held, Layers, Stretch};
-use self::plane::{Moments, Near};
+use self::plane::{Moments, Near, Sum};
 use self::signs::Signs;
 use self::tile::{TILE, Tile};
 use self::wall::{Dipole, HIDDEN, Wall};
@@ -45,7 +46,7 @@ use crate::error::Result;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::{CHUNK_SLICES, Context, chunks};
 use crate::grid::dilate::Ball;
-use crate::grid::label::{Components, Labeller, Labels, Measure, Parts, Scratch, overlaps};
+use crate::grid::label::overlaps;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::BUCKET_SLICES;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
@@ -61,25 +62,15 @@ const EVIDENCE: u32 = 3;
 const OPEN: u32 = 1;
 const LOOKED_AT: u32 = 2;
 
-/// Free cells may open within so many cells of an occupied one.
-const BAND: i64 = 4;
-
 /// The Gaussian's standard deviation: in sampling distances, and in cells from and to.
 const SIGMA: f64 = 3.0;
 const SIGMA_CELLS: (f64, f64) = (2.0, 3.0);
 
-/// How often labels are put right, and rounds of growth, at most.
-const LABELLINGS: u32 = 4;
+/// Rounds of growth, at most.
 const ROUNDS: u32 = 24;
 
 /// Steps of the work before growth, for progress.
 const STEPS: u64 = 9;
-
-/// Parts of the solid that are cut off and have fewer cells are opened, too.
-const BITS: u64 = 30;
-
-/// In-cell offsets are summed as integers, in this part of a cell.
-const QUANTA: f64 = (1 << 16) as f64;
 
 /// Slices that a job holds, at most: its own, and those that the Gaussian reaches.
 const HELD: u32 = CHUNK_SLICES + 2 * (RANGE * SIGMA_CELLS.1) as u32;
@@ -178,11 +169,16 @@ impl Slabs<'_> {
                 }
             }
         }
+        Ok(self.tiles_at(at, chunk, margin))
+    }
+
+    /// The tiles of a chunk at these places: rows and x, in tiles.
+    fn tiles_at(&self, at: BTreeSet<(u32, u32)>, chunk: &Range<u32>, margin: i64) -> Vec<Tile> {
         let tile = |(z, x): (u32, u32)| {
             let side = |tile: u32, a: usize| tile * TILE..((tile + 1) * TILE).min(self.cells[a]);
             Tile::new([side(x, 0), chunk.clone(), side(z, 2)], margin)
         };
-        Ok(at.into_iter().map(tile).collect())
+        at.into_iter().map(tile).collect()
     }
 
     /// Makes a store of what `work` finds in every tile.
@@ -266,7 +262,7 @@ impl Solid {
         let dipoles = slabs.dipoles(&walls, &signs, &evident.widened(LOOKED_AT, context)?)?;
         step();
         let kernel = Kernel::new((SIGMA / side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
-        let candidates = slabs.candidates(&self, &dipoles, &kernel)?;
+        let candidates = slabs.candidates(&self, occupied, &dipoles, &kernel)?;
         step();
         let (outside, sure) = slabs.labelled(&self, &dipoles, &candidates, &kernel)?;
         drop((candidates, dipoles));
@@ -542,352 +538,6 @@ impl<'a> Slabs<'a> {
         Ok(out)
     }
 
-    /// The free cells that may open, each with what the walls near it add up to.
-    fn candidates(
-        &self,
-        solid: &Solid,
-        dipoles: &Layers<Dipole>,
-        kernel: &Kernel,
-    ) -> Result<(SliceStore, Layers<f32>)> {
-        let mut store = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        let mut sums = Layers::new(self.context);
-        let reach = BAND;
-        let round = -reach..=reach;
-        let ball: Vec<[i64; 3]> = round
-            .clone()
-            .flat_map(|y| round.clone().map(move |z| (y, z)))
-            .flat_map(|(y, z)| (-reach..=reach).map(move |x| [x, y, z]))
-            .filter(|d| d.iter().map(|c| c * c).sum::<i64>() <= reach * reach)
-            .collect();
-        self.each(
-            |chunk| {
-                let mut found = Found::new(chunk.clone());
-                let tiles = self.tiles(&chunk, 0)?;
-                if !tiles.is_empty() {
-                    let held = self.held(dipoles, &chunk, kernel.reach)?;
-                    let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
-                    let mut allowed = Runs::default();
-                    for tile in tiles {
-                        let mut free = vec![0u8; tile.len()];
-                        for y in i64::from(chunk.start) - reach..i64::from(chunk.end) + reach {
-                            let (cells, _) = held.slice(y);
-                            let [xs, _, zs] =
-                                [0, 1, 2].map(|a| tile.low[a] - reach..tile.low[a] + tile.size[a] as i64 + reach);
-                            for z in zs {
-                                for number in cells.range(z, xs.clone()) {
-                                    let at = [i64::from(cells.x(number)), y, z];
-                                    for d in &ball {
-                                        let cell = [0, 1, 2].map(|a| at[a] + d[a]);
-                                        if tile.holds(cell, 0) {
-                                            free[tile.place(cell)] |= 1;
-                                        }
-                                    }
-                                    if tile.holds(at, 0) {
-                                        free[tile.place(at)] |= 2;
-                                    }
-                                }
-                            }
-                        }
-                        let mut layer = None;
-                        let [xs, ys, zs] = tile.ranges(0);
-                        for (y, z) in ys.flat_map(|y| zs.clone().map(move |z| (y, z))) {
-                            if layer != Some(y / i64::from(BLOCK)) {
-                                self.allowed.read(y as u32, &mut allowed)?;
-                                layer = Some(y / i64::from(BLOCK));
-                            }
-                            let is_asked = |x: i64| {
-                                free[tile.place([x, y, z])] == 1
-                                    && solid.get([x, y, z])
-                                    && blocks::holds(&allowed, x as u32, z as u32)
-                            };
-                            let mut asked = xs.clone().filter(|x| is_asked(*x)).peekable();
-                            while let Some(first) = asked.next() {
-                                let mut end = first + 1;
-                                while asked.next_if_eq(&end).is_some() {
-                                    end += 1;
-                                }
-                                let sums = kernel.near(first..end, y, z, &held);
-                                (first..end).zip(sums).for_each(|(x, sum)| found.push([x, y, z], sum));
-                            }
-                        }
-                    }
-                }
-                let (runs, values) = found.sorted(self.cells);
-                let mut slices = Slices::default();
-                runs.iter().for_each(|runs| slices.push_runs(runs));
-                Ok((slices, values))
-            },
-            |(slices, values)| {
-                store.extend(&slices)?;
-                sums.extend(&values)
-            },
-        )?;
-        Ok((store, sums))
-    }
-
-    /// The candidates that are outside, and those of them that surely are.
-    fn labelled(
-        &self,
-        solid: &Solid,
-        dipoles: &Layers<Dipole>,
-        (candidates, sums): &(SliceStore, Layers<f32>),
-        kernel: &Kernel,
-    ) -> Result<(SliceStore, SliceStore)> {
-        let store = || SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        let mut outside = store();
-        let mut sure = store();
-        for labelling in 0..LABELLINGS {
-            let (mut next, mut certain) = (store(), store());
-            self.each(
-                |chunk| {
-                    let (mut out, mut out_sure) = (Found::new(chunk.clone()), Found::new(chunk.clone()));
-                    let tiles = self.tiles(&chunk, kernel.reach)?;
-                    if !tiles.is_empty() {
-                        let held = self.held(dipoles, &chunk, kernel.reach)?;
-                        let solid = Slabs::stretch(&solid.store, &chunk, kernel.reach)?;
-                        let opened = Slabs::stretch(&outside, &chunk, kernel.reach)?;
-                        let asked = Held::read(candidates, sums, i64::from(chunk.start)..i64::from(chunk.end))?;
-                        for tile in tiles.iter().filter(|tile| asked.any_of(tile.ranges(kernel.reach))) {
-                            let shares = kernel.shares(tile, &solid, &opened, &held);
-                            let blurred = kernel.blur(tile, &shares);
-                            let reach = kernel.reach;
-                            let [xs, ys, zs] =
-                                [0, 1, 2].map(|a| tile.low[a] + reach..tile.low[a] + tile.size[a] as i64 - reach);
-                            for y in ys {
-                                let (cells, sums) = asked.slice(y);
-                                for z in zs.clone() {
-                                    for number in cells.range(z, xs.clone()) {
-                                        let cell = [i64::from(cells.x(number)), y, z];
-                                        let winding = sums[number] + kernel.along_slices(tile, &blurred, cell);
-                                        if winding <= INSIDE {
-                                            out.push(cell, ());
-                                            if winding < field::SURE {
-                                                out_sure.push(cell, ());
-                                            }
-                                        }
-                                    }
-                                }
-                            }
-                        }
-                    }
-                    Ok([out, out_sure].map(|found| {
-                        let mut slices = Slices::default();
-                        found.sorted(self.cells).0.iter().for_each(|runs| slices.push_runs(runs));
-                        slices
-                    }))
-                },
-                |[out, out_sure]| {
-                    next.extend(&out)?;
-                    if labelling + 1 == LABELLINGS { certain.extend(&out_sure) } else { Ok(()) }
-                },
-            )?;
-            (outside, sure) = (next, certain);
-        }
-        Ok((outside, sure))
-    }
-
-    /// The core: what is opened at once, with what it cuts off.
-    fn core(&self, solid: &Solid, target: &SliceStore, sure: &SliceStore) -> Result<SliceStore> {
-        let parts = self.parts(
-            1,
-            |chunk, tiles, found| {
-                let stretch = |store| Slabs::stretch(store, chunk, 1);
-                let slices = i64::from(chunk.start) - 1..i64::from(chunk.end) + 1;
-                let certain = both(&stretch(target)?, &stretch(sure)?, slices);
-                let solid = stretch(&solid.store)?;
-                tiles
-                    .iter()
-                    .for_each(|tile| open::plates(tile, &solid, &certain, |cell, plate| found.push(cell, plate)));
-                Ok(())
-            },
-            |plate| Known { deep: plate.deep.into(), joined: plate.joined.into() },
-        )?;
-        let labels = parts.judged(self.context, |known| known.deep & known.joined)?;
-        let opened = self.with_bits(solid, self.judged(&labels, None)?)?;
-        let parts = self.changes(solid, &opened, None)?;
-        let mut merges = false;
-        parts.for_each(|sum| merges |= sum.euler < 0)?;
-        // Perhaps they make no tunnel, but join a cavity to the outside.
-        let parts = match merges {
-            true => self.changes(solid, &opened, Some(&self.cavities(solid)?))?,
-            false => parts,
-        };
-        let no_tunnels = |sum: &Changes| sum.euler + i32::from(sum.touches) >= 0;
-        let labels = parts.judged(self.context, |sum| u8::from(no_tunnels(sum)))?;
-        let opened = self.judged(&labels, None)?;
-        // Tunnels may vanish, but no piece may be cut off.
-        let Some(pieces) = self.cut_off(solid, &opened)? else { return Ok(opened) };
-        let parts = self.changes(solid, &opened, Some(&pieces))?;
-        let labels = parts.judged(self.context, |sum| u8::from(sum.euler <= 0 || sum.touches == 0))?;
-        self.judged(&labels, None)
-    }
-
-    /// The parts of what is opened, joined by faces, with what each changes, and whether it shares a face with a cell of `marked`.
-    fn changes(&self, solid: &Solid, opened: &SliceStore, marked: Option<&SliceStore>) -> Result<Components<Changes>> {
-        self.parts(
-            1,
-            |chunk, tiles, found| {
-                let stretch = |store| Slabs::stretch(store, chunk, 1);
-                let (solid, opened) = (stretch(&solid.store)?, stretch(opened)?);
-                let marked = marked.map(stretch).transpose()?;
-                let mut found = |cell, change| found.push(cell, change);
-                tiles.iter().for_each(|tile| open::changes(tile, &solid, &opened, marked.as_ref(), &mut found));
-                Ok(())
-            },
-            |change| Changes { euler: change.euler.into(), touches: change.touches.into(), filler: [0; 3] },
-        )
-    }
-
-    /// The parts, joined by faces, of the cells that `work` finds in tiles with a margin; `of` tells what a cell adds to its part.
-    fn parts<C: Copy + Send, M: Measure>(
-        &self,
-        margin: i64,
-        work: impl Fn(&Range<u32>, &[Tile], &mut Found<C>) -> Result<()> + Sync,
-        of: impl Fn(C) -> M + Sync,
-    ) -> Result<Components<M>> {
-        let mut labeller = Labeller::new(self.context);
-        self.each(
-            |chunk| {
-                let (tiles, mut found) = (self.tiles(&chunk, margin)?, Found::new(chunk.clone()));
-                if !tiles.is_empty() {
-                    work(&chunk, &tiles, &mut found)?;
-                }
-                let (runs, values) = found.sorted(self.cells);
-                let mut values = values.into_iter().flatten();
-                Ok(Parts::of(runs, |_, _, run| {
-                    let mut sum = M::default();
-                    for value in values.by_ref().take((run.end - run.start) as usize) {
-                        sum.add(&of(value));
-                    }
-                    sum
-                }))
-            },
-            |parts: Parts<M>| labeller.add(parts),
-        )?;
-        labeller.finish()
-    }
-
-    /// The parts of the outside, joined by faces, that the solid encloses.
-    fn cavities(&self, solid: &Solid) -> Result<SliceStore> {
-        let [width, slices, rows] = self.cells;
-        let mut labeller = Labeller::new(self.context);
-        self.each(
-            |chunk| {
-                let whole = || {
-                    let mut whole = Runs::default();
-                    (0..rows).for_each(|_| {
-                        whole.push_run(0, width);
-                        whole.end_row();
-                    });
-                    whole
-                };
-                let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
-                let outside = chunk.clone().map(|y| without(&whole(), solid.slice(y.into()))).collect();
-                Ok(Parts::of(outside, |y, z, run| {
-                    let y = chunk.start + y as u32;
-                    let at_end =
-                        run.start == 0 || run.end == width || z == 0 || z + 1 == rows || y == 0 || y + 1 == slices;
-                    Reaches { end: at_end.into() }
-                }))
-            },
-            |parts: Parts<Reaches>| labeller.add(parts),
-        )?;
-        let labels = labeller.finish()?.judged(self.context, |reaches| u8::from(reaches.end == 0))?;
-        self.judged(&labels, None)
-    }
-
-    /// What is opened, with the pieces of the solid that are thereby cut off and small.
-    fn with_bits(&self, solid: &Solid, opened: SliceStore) -> Result<SliceStore> {
-        if opened.is_empty() {
-            return Ok(opened);
-        }
-        let is_bit = |piece: &Piece| piece.touched > 0 && piece.cells < BITS;
-        let mut any = false;
-        let labels = self.pieces(solid, &opened, true)?.judged(self.context, |piece| {
-            any |= is_bit(piece);
-            u8::from(is_bit(piece))
-        })?;
-        if any { self.judged(&labels, Some(&opened)) } else { Ok(opened) }
-    }
-
-    /// The pieces that opening cuts off from larger ones, if it makes more pieces of the solid.
-    fn cut_off(&self, solid: &Solid, opened: &SliceStore) -> Result<Option<SliceStore>> {
-        let pieces = self.pieces(solid, opened, true)?;
-        let (mut after, mut before, mut largest) = (0u64, 0u64, 0);
-        pieces.for_each(|piece| {
-            if piece.touched > 0 {
-                after += 1;
-                largest = largest.max(piece.cells);
-            }
-        })?;
-        if after < 2 {
-            return Ok(None);
-        }
-        self.pieces(solid, opened, false)?.for_each(|piece| before += u64::from(piece.touched > 0))?;
-        if after <= before {
-            return Ok(None);
-        }
-        let labels = pieces.judged(self.context, |piece| u8::from(piece.touched > 0 && piece.cells < largest))?;
-        Ok(Some(self.judged(&labels, None)?))
-    }
-
-    /// The pieces of the solid; if `without_opened`, of what is left of it, and of each whether it lies beside what is opened; else whether it holds some of that.
-    fn pieces(&self, solid: &Solid, opened: &SliceStore, without_opened: bool) -> Result<Components<Piece>> {
-        let mut labeller = Labeller::new(self.context);
-        self.each(
-            |chunk| {
-                let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
-                let opened = Slabs::stretch(opened, &chunk, 1)?;
-                let slice = |y: u32| match without_opened {
-                    true => without(solid.slice(y.into()), opened.slice(y.into())),
-                    false => solid.slice(y.into()).clone(),
-                };
-                let slices: Vec<Runs> = chunk.clone().map(slice).collect();
-                Ok(Parts::of(slices, |y, z, run| {
-                    let (y, z) = (i64::from(chunk.start) + y as i64, i64::from(z));
-                    let (start, end) = (i64::from(run.start), i64::from(run.end));
-                    let touched = opened.any(start - i64::from(without_opened)..end + i64::from(without_opened), y, z)
-                        || without_opened
-                            && (opened.any(start..end, y, z - 1)
-                                || opened.any(start..end, y, z + 1)
-                                || opened.any(start..end, y - 1, z)
-                                || opened.any(start..end, y + 1, z));
-                    Piece { cells: u64::from(run.end - run.start), touched: u64::from(touched) }
-                }))
-            },
-            |parts: Parts<Piece>| labeller.add(parts),
-        )?;
-        labeller.finish()
-    }
-
-    /// The cells with verdict 1, and those of `more`.
-    fn judged(&self, labels: &Labels, more: Option<&SliceStore>) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        self.each(
-            |chunk| {
-                let (mut scratch, mut other, mut slices) = (Scratch::default(), Runs::default(), Slices::default());
-                for y in chunk {
-                    let mut rows: Vec<Vec<Run>> = vec![Vec::new(); self.cells[2] as usize];
-                    labels.for_each(y, &mut scratch, |z, run, verdict| {
-                        if verdict == 1 {
-                            rows[z as usize].push(run);
-                        }
-                    })?;
-                    if let Some(more) = more {
-                        more.read(y, &mut other)?;
-                        for z in 0..other.row_count() {
-                            rows[z as usize].extend(other.row(z));
-                        }
-                    }
-                    slices.push_runs(&joined(rows));
-                }
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
-    }
-
     /// A round of growth: what is opened then, and whether it is more.
     fn grown(&self, solid: &Solid, opened: SliceStore, target: &SliceStore) -> Result<(SliceStore, bool)> {
         let more = self.found(open::SUBGRIDS, |chunk, tiles, found| {
@@ -929,148 +579,4 @@ fn joined(rows: Vec<Vec<Run>>) -> Runs {
         out.end_row();
     }
     out
-}
-
-/// The cells of a slice that are not in `gone`.
-fn without(slice: &Runs, gone: &Runs) -> Runs {
-    let mut out = Runs::default();
-    for z in 0..slice.row_count() {
-        let mut gone = gone.row(z).iter().peekable();
-        for run in slice.row(z) {
-            let mut start = run.start;
-            while gone.next_if(|gone| gone.end <= start).is_some() {}
-            while let Some(hole) = gone.peek().filter(|hole| hole.start < run.end) {
-                if hole.start > start {
-                    out.push_run(start, hole.start);
-                }
-                start = hole.end;
-                if hole.end > run.end {
-                    break;
-                }
-                gone.next();
-            }
-            if start < run.end {
-                out.push_run(start, run.end);
-            }
-        }
-        out.end_row();
-    }
-    out
-}
-
-/// The cells that are in both of two stretches.
-fn both(a: &Stretch, b: &Stretch, slices: Range<i64>) -> Stretch {
-    let first = slices.start;
-    let slice = |y: i64| {
-        let (a, b) = (a.slice(y), b.slice(y));
-        let mut out = Runs::default();
-        for z in 0..a.row_count().min(b.row_count()) {
-            overlaps(a.row(z), b.row(z), |i, j| {
-                let (a, b) = (a.row(z)[i], b.row(z)[j]);
-                out.push_run(a.start.max(b.start), a.end.min(b.end));
-            });
-            out.end_row();
-        }
-        out
-    };
-    Stretch::of(first, slices.map(slice).collect())
-}
-
-/// A cell's points as they are summed; 2³¹ points would overflow them.
-#[derive(Debug, Clone, Copy, Default)]
-struct Sum {
-    points: u64,
-    first: [u64; 3],
-    second: [u64; 6],
-}
-
-impl Sum {
-    fn add(&mut self, within: [f64; 3]) {
-        let o = within.map(|c| (c * QUANTA) as u64);
-        self.points += 1;
-        for (sum, o) in self.first.iter_mut().zip(o) {
-            *sum += o;
-        }
-        let [x, y, z] = o;
-        for (sum, o) in self.second.iter_mut().zip([x * x, y * y, z * z, x * y, x * z, y * z]) {
-            *sum += o;
-        }
-    }
-
-    fn moments(&self) -> Moments {
-        let points = (self.points as f64).max(1.0);
-        let [x, y, z] = self.first.map(|sum| sum as f64 / points / QUANTA);
-        let second = self.second.map(|sum| sum as f64 / points / (QUANTA * QUANTA));
-        let means = [x * x, y * y, z * z, x * y, x * z, y * z];
-        Moments {
-            weight: (self.points as f32).min(plane::MOST),
-            mean: [x, y, z].map(|c| c as f32),
-            covariance: std::array::from_fn(|i| (second[i] - means[i]) as f32),
-        }
-    }
-}
-
-/// What is known of a part of the core.
-#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
-#[repr(C)]
-struct Known {
-    /// Whether some of it lies deep.
-    deep: u8,
-    /// Whether it reaches the outside.
-    joined: u8,
-}
-
-impl Measure for Known {
-    fn add(&mut self, other: &Known) {
-        self.deep |= other.deep;
-        self.joined |= other.joined;
-    }
-}
-
-/// What a part changes that is opened at once.
-#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
-#[repr(C)]
-struct Changes {
-    /// How the Euler number of the solid changes.
-    euler: i32,
-    /// Whether it touches a marked cell.
-    touches: u8,
-    /// Nothing.
-    filler: [u8; 3],
-}
-
-impl Measure for Changes {
-    fn add(&mut self, other: &Changes) {
-        self.euler += other.euler;
-        self.touches |= other.touches;
-    }
-}
-
-/// Whether a part of the outside reaches the end of the grid.
-#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
-#[repr(C)]
-struct Reaches {
-    end: u8,
-}
-
-impl Measure for Reaches {
-    fn add(&mut self, other: &Reaches) {
-        self.end |= other.end;
-    }
-}
-
-/// A part of the solid.
-#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
-#[repr(C)]
-struct Piece {
-    cells: u64,
-    /// Its runs that touch what is opened.
-    touched: u64,
-}
-
-impl Measure for Piece {
-    fn add(&mut self, other: &Piece) {
-        self.cells += other.cells;
-        self.touched += other.touched;
-    }
 }

@@ -26,6 +26,43 @@ pub struct Moments {
     pub covariance: [f32; 6],
 }
 
+/// In-cell offsets are summed as integers, in this part of a cell.
+const QUANTA: f64 = (1 << 16) as f64;
+
+/// A cell's points as they are summed; 2³¹ points would overflow them.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Sum {
+    points: u64,
+    first: [u64; 3],
+    second: [u64; 6],
+}
+
+impl Sum {
+    pub(super) fn add(&mut self, within: [f64; 3]) {
+        let o = within.map(|c| (c * QUANTA) as u64);
+        self.points += 1;
+        for (sum, o) in self.first.iter_mut().zip(o) {
+            *sum += o;
+        }
+        let [x, y, z] = o;
+        for (sum, o) in self.second.iter_mut().zip([x * x, y * y, z * z, x * y, x * z, y * z]) {
+            *sum += o;
+        }
+    }
+
+    pub(super) fn moments(&self) -> Moments {
+        let points = (self.points as f64).max(1.0);
+        let [x, y, z] = self.first.map(|sum| sum as f64 / points / QUANTA);
+        let second = self.second.map(|sum| sum as f64 / points / (QUANTA * QUANTA));
+        let means = [x * x, y * y, z * z, x * y, x * z, y * z];
+        Moments {
+            weight: (self.points as f32).min(MOST),
+            mean: [x, y, z].map(|c| c as f32),
+            covariance: std::array::from_fn(|i| (second[i] - means[i]) as f32),
+        }
+    }
+}
+
 /// More points of one cell count as so many.
 pub const MOST: f32 = 3.0;
 

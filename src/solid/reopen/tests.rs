@@ -4,6 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
 
+use super::core::BITS;
+use super::field::LABELLINGS;
 use super::layers::Held;
 use super::signs::linked;
 use super::wall::{HIDDEN, Relation, SEEN, THIN};
@@ -348,45 +350,42 @@ fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
         }
     };
     with_bits(&mut opened);
-    // How the Euler number changes, cell by cell.
-    let mut changes = BTreeMap::new();
-    let mut rest = solid.clone();
-    for cell in opened.all().filter(|cell| opened.at(*cell)) {
-        let round = || cube(1).into_iter().map(|d| add(cell, d));
-        let before = euler(round(), |cell| rest.at(cell));
-        rest.put(cell, false);
-        changes.insert(cell, euler(round(), |cell| rest.at(cell)) - before);
-    }
+    // Groups are put back until all that are left may stay.
     let beside =
         |group: &[Place], marks: &Marks| group.iter().any(|cell| FACES.iter().any(|d| marks.at(add(*cell, *d))));
-    let change = |group: &[Place]| group.iter().map(|cell| changes[cell]).sum::<i64>();
     let cavities = cavities(solid);
-    for group in opened.groups() {
-        if change(&group) + i64::from(beside(&group, &cavities)) < 0 {
-            group.iter().for_each(|cell| opened.put(*cell, false));
-        }
-    }
-    // Pieces that are cut off.
-    let mut pieces = left(&opened).groups();
-    pieces.retain(|piece| beside(piece, &opened));
-    let before = solid.groups().iter().filter(|piece| piece.iter().any(|cell| opened.at(*cell))).count();
-    if pieces.len() > before {
-        let largest = pieces.iter().map(Vec::len).max().unwrap();
-        let mut cut_off = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
-        pieces.iter().filter(|piece| piece.len() < largest).flatten().for_each(|cell| cut_off.put(*cell, true));
-        // Changes once more, as if groups that stay were none.
-        let mut changes = BTreeMap::new();
-        let mut rest = solid.clone();
-        for cell in opened.all().filter(|cell| opened.at(*cell)) {
-            let round = || cube(1).into_iter().map(|d| add(cell, d));
-            let before = euler(round(), |cell| rest.at(cell));
-            rest.put(cell, false);
-            changes.insert(cell, euler(round(), |cell| rest.at(cell)) - before);
-        }
-        for group in opened.groups() {
-            if group.iter().map(|cell| changes[cell]).sum::<i64>() > 0 && beside(&group, &cut_off) {
-                group.iter().for_each(|cell| opened.put(*cell, false));
+    loop {
+        let before = opened.clone();
+        let changes = changes(solid, &opened);
+        let change = |group: &[Place]| group.iter().map(|cell| changes[cell]).sum::<i64>();
+        // Those that lower the Euler number, with the cavities that they reach.
+        let lowering: Vec<Vec<Place>> = opened.groups().into_iter().filter(|group| change(group) < 0).collect();
+        let mut cluster = cavities.clone();
+        lowering.iter().flatten().for_each(|cell| cluster.put(*cell, true));
+        for cluster in cluster.groups() {
+            let of_cluster: Vec<Place> = cluster.iter().copied().filter(|cell| opened.at(*cell)).collect();
+            let with_cavity = of_cluster.len() < cluster.len();
+            if change(&of_cluster) + i64::from(with_cavity) < 0 {
+                of_cluster.iter().for_each(|cell| opened.put(*cell, false));
             }
+        }
+        // Those that cut off pieces.
+        let mut pieces = left(&opened).groups();
+        pieces.retain(|piece| beside(piece, &opened));
+        let at_first = solid.groups().iter().filter(|piece| piece.iter().any(|cell| opened.at(*cell))).count();
+        if pieces.len() > at_first {
+            let largest = pieces.iter().map(Vec::len).max().unwrap();
+            let mut cut_off = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+            pieces.iter().filter(|piece| piece.len() < largest).flatten().for_each(|cell| cut_off.put(*cell, true));
+            let changes = self::changes(solid, &opened);
+            for group in opened.groups() {
+                if group.iter().map(|cell| changes[cell]).sum::<i64>() > 0 && beside(&group, &cut_off) {
+                    group.iter().for_each(|cell| opened.put(*cell, false));
+                }
+            }
+        }
+        if opened.set == before.set {
+            break;
         }
     }
     // Growth.
@@ -405,6 +404,19 @@ fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
         }
     }
     left(&opened)
+}
+
+/// How the Euler number of the solid changes with each cell that opens, one after the other.
+fn changes(solid: &Marks, opened: &Marks) -> BTreeMap<Place, i64> {
+    let mut changes = BTreeMap::new();
+    let mut rest = solid.clone();
+    for cell in opened.all().filter(|cell| opened.at(*cell)) {
+        let round = || cube(1).into_iter().map(|d| add(cell, d));
+        let before = euler(round(), |cell| rest.at(cell));
+        rest.put(cell, false);
+        changes.insert(cell, euler(round(), |cell| rest.at(cell)) - before);
+    }
+    changes
 }
 
 /// Whether a cell may open without a change of topology; `out` tells which cells round it are outside.
