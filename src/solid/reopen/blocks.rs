@@ -1,5 +1,8 @@
 //! Blocks of cells: where there is evidence that something was filled, and what lies near it.
 
+use std::ops::Range;
+
+use super::layers::Stretch;
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::context::Context;
@@ -86,6 +89,14 @@ impl Blocks {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.store.is_empty()
+    }
+
+    /// The blocks that some slices of the grid pass through, counted in blocks.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn of_slices(&self, slices: &Range<u32>) -> Result<Stretch> {
+        Stretch::read(&self.store, i64::from(slices.start / BLOCK)..i64::from(slices.end.div_ceil(BLOCK)))
     }
 
     /// The blocks that slice `y` of the grid passes through.

@@ -271,8 +271,14 @@ impl Solid {
             let held = signs.walls(&slabs, &walls, chunk, open::LOOK)?;
             let solid = Slabs::stretch(&self.store, chunk, open::LOOK)?;
             let outside = Slabs::stretch(&outside, chunk, open::LOOK)?;
+            // Tiles reach beyond the blocks in which cells may open.
+            let allowed = slabs.allowed.of_slices(chunk)?;
             for tile in tiles {
-                open::target(tile, &held, &solid, &outside, |cell| found.push(cell, ()));
+                open::target(tile, &held, &solid, &outside, |cell| {
+                    if allowed.get(cell.map(|c| c / i64::from(BLOCK))) {
+                        found.push(cell, ());
+                    }
+                });
             }
             Ok(())
         })?;

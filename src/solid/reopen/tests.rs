@@ -306,7 +306,7 @@ fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
     let mut target = free.clone();
     for at in walls.keys() {
         let cell = [at[2], at[0], at[1]];
-        if may_open(cell).is_some_and(|behind| may_open(behind).is_none()) {
+        if near(cell, OPEN) && may_open(cell).is_some_and(|behind| may_open(behind).is_none()) {
             target.put(cell, true);
         }
     }
