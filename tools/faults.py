@@ -93,6 +93,7 @@ class Bench:
         (stock / "s.pcd").write_bytes(fields.encode() + raw)
         (stock / "k.ply.gz").write_bytes(gzip.compress((stock / "k.ply").read_bytes(), 1, mtime=0))
         (stock / "s.las").write_bytes(self.las(raw, count))
+        (stock / "c.wkt").write_text("POLYGON ((-2 -2, 2 -2, 2 2, -2 2, -2 -2))\n")
         for name in ("m.ply", "m.obj", "m.stl", "m.glb"):
             make(f"k.ply -o {name} -q")
         for line, inputs, outputs, reports, *rest in [
@@ -113,6 +114,11 @@ class Bench:
             ("compare m.ply k.ply --heatmap o.ply --report o.json", ["m.ply", "k.ply"], ["o.ply"], ["o.json"]),
             ("densify m.glb k.ply -o o.bin", ["m.glb", "k.ply"], ["o.bin", "o.bin.json"], []),
             ("render m.ply -o o.png --views iso,top --size 400x300", ["m.ply"], ["o.png"], []),
+            ("k.ply -o o.ply --simplify 0.25c --report o.json", ["k.ply"], ["o.ply"], ["o.json"]),
+            ("simplify m.ply 0.5c -o o.ply --report o.json", ["m.ply"], ["o.ply"], ["o.json"]),
+            ("simplify m.glb 1% --max-triangles 2000 -o o.glb", ["m.glb"], ["o.glb"], []),
+            ("t.xyz --surface ground --cell-size auto -o o.ply --dtm d.tif --dsm s.tif --raster-size 0.05", ["t.xyz"], ["o.ply", "d.tif", "s.tif"], []),
+            ("s.las --surface ground --cell-size auto --clip c.wkt -o o.ply --write-classes w.las", ["s.las", "c.wkt"], ["o.ply", "w.las"], []),
             ("info k.ply.gz", ["k.ply.gz"], [], []),
             ("plan s.las", ["s.las"], [], []),
             ("generate torus 20000 -o o.bin", [], ["o.bin", "o.bin.json"], []),
