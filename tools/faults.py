@@ -11,6 +11,7 @@
     python3 tools/faults.py errors 2000            # one system call fails, once or from then on (needs a C compiler, x86-64)
     python3 tools/faults.py signals 300            # INT, TERM, HUP, KILL
     python3 tools/faults.py disks 100              # small file systems in memory, for outputs or for temporary files (needs root)
+    python3 tools/faults.py mutants 10000          # an input is damaged; meant for a program built with CARGO_PROFILE_RELEASE_OVERFLOW_CHECKS=true
 
 Each trial has a number, from which alone all its choices come: `--first N` begins with number N, as a failure names it. Inputs of more formats can be named with --input, with
 options for them, which may make the runs shorter: --input 'pump.e57 --cell-size 0.2'.
@@ -118,7 +119,7 @@ class Bench:
             ("simplify m.ply 0.5c -o o.ply --report o.json", ["m.ply"], ["o.ply"], ["o.json"]),
             ("simplify m.glb 1% --max-triangles 2000 -o o.glb", ["m.glb"], ["o.glb"], []),
             ("t.xyz --surface ground --cell-size auto -o o.ply --dtm d.tif --dsm s.tif --raster-size 0.05", ["t.xyz"], ["o.ply", "d.tif", "s.tif"], []),
-            ("s.las --surface ground --cell-size auto --clip c.wkt -o o.ply --write-classes w.las", ["s.las", "c.wkt"], ["o.ply", "w.las"], []),
+            ("s.las --surface ground --classes none --cell-size auto --clip c.wkt -o o.ply --write-classes w.laz", ["s.las", "c.wkt"], ["o.ply", "w.laz"], []),
             ("info k.ply.gz", ["k.ply.gz"], [], []),
             ("plan s.las", ["s.las"], [], []),
             ("generate torus 20000 -o o.bin", [], ["o.bin", "o.bin.json"], []),
@@ -345,9 +346,66 @@ def disks(bench, number):
     return f"{which}, exit {code}", wrong, f"{kib} KiB{inodes} for {which}: {moved.line}\n      {words.strip()[-300:]}"
 
 
+def damaged(raw, chance):
+    """The bytes of a file with one to three places changed, most of them in its head, where most is decided."""
+    raw = bytearray(raw)
+    for _ in range(chance.randint(1, 3)):
+        if not raw:
+            break
+        at = chance.randrange(min(len(raw), 512) if chance.random() < 0.6 else len(raw))
+        run = min(chance.randint(1, 8), len(raw) - at)
+        match chance.randrange(8):
+            case 0:
+                raw[at] ^= 1 << chance.randrange(8)
+            case 1:
+                raw[at] = chance.randrange(256)
+            case 2:
+                raw[at : at + run] = b"\xff" * run
+            case 3:
+                raw[at : at + run] = bytes(run)
+            case 4:
+                raw[at : at + run] = chance.randbytes(run)
+            case 5:
+                del raw[at:]
+            case 6:
+                del raw[at : at + run]
+            case 7:
+                to = chance.randint(0, len(raw))
+                raw[to:to] = raw[at : at + run]
+    return bytes(raw)
+
+
+def mutants(bench, number):
+    chance = random.Random(f"mutants {number}")
+    scenario = chance.choice([s for s in bench.scenarios if s.inputs])
+    name = chance.choice(scenario.inputs)
+    folder = bench.folder(f"t{number}", scenario)
+    (folder / name).write_bytes(damaged((folder / name).read_bytes(), chance))
+    inputs = {name: digest(folder / name) for name in scenario.inputs}
+    process = bench.start(scenario, [bench.program], folder, [], subprocess.PIPE)
+    code, words = bench.finish(process)
+    wrong = ["hangs"] if code is None else []
+    if code is not None and code not in CODES:
+        wrong.append(f"exit code {code}")
+    if "panicked" in words or "report this" in words:
+        wrong.append("a panic or a defect")
+    wrong += [f"input {name} changed" for name, was in inputs.items() if digest(folder / name) != was]
+    there = {name for name in scenario.outputs if (folder / name).exists()}
+    if there and code not in (0, 4):
+        wrong.append(f"made nevertheless: {' '.join(sorted(there))}")
+    if code == 0 and there != set(scenario.outputs):
+        wrong.append(f"made only: {' '.join(sorted(there))}")
+    known = {*scenario.inputs, *scenario.outputs, *scenario.reports, "temp"}
+    left = [p.name for p in folder.iterdir() if p.name not in known] + [f"temp/{p.name}" for p in (folder / "temp").iterdir()]
+    if left:
+        wrong.append(f"left behind: {' '.join(left)}")
+    shutil.rmtree(folder)
+    return f"{Path(name).suffix} exit {code}", wrong, f"{name} damaged: {scenario.line}\n      {words.strip()[-300:]}"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=["errors", "signals", "disks"])
+    parser.add_argument("kind", choices=["errors", "signals", "disks", "mutants"])
     parser.add_argument("trials", type=int)
     parser.add_argument("--first", type=int, default=0, help="the number of the first trial")
     parser.add_argument("--points", type=int, default=20_000, help="points of the clouds")
@@ -358,7 +416,7 @@ def main():
     bench = Bench(given.program.resolve(), given.points, [[Path(path).resolve(), *options] for path, *options in map(shlex.split, given.input)])
     if given.kind == "errors":
         subprocess.run(["cc", "-O1", "-o", str(bench.root / "inject"), str(HERE / "inject.c")], check=True)
-    trial = {"errors": errors, "signals": signals, "disks": disks}[given.kind]
+    trial = {"errors": errors, "signals": signals, "disks": disks, "mutants": mutants}[given.kind]
     outcomes, failed = Counter(), 0
     try:
         with concurrent.futures.ThreadPoolExecutor(given.at_once) as pool:

@@ -108,7 +108,8 @@ impl CoreMesh {
 
     /// The mesh with fewer triangles, as options of the command ask.
     fn simplify(&self, py: Python<'_>, options: Vec<String>, progress: Option<Bound<'_, PyAny>>) -> PyResult<CoreMesh> {
-        let asked = job(options).and_then(|job| self.mesh.simplification_of(&job)).map_err(|error| raised(py, error))?;
+        let asked =
+            job(options).and_then(|job| self.mesh.simplification_of(&job)).map_err(|error| raised(py, error))?;
         made(py, progress, |observer| self.mesh.simplify_observed(&asked, observer))
     }
 
