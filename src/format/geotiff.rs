@@ -5,7 +5,6 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
 
 use tiff_core::{Compression, Predictor, Tag, TagValue};
 use tiff_writer::{ImageBuilder, ImageHandle, TiffWriter, WriteOptions};
@@ -13,7 +12,7 @@ use tiff_writer::{ImageBuilder, ImageHandle, TiffWriter, WriteOptions};
 use crate::error::{Error, Result};
 use crate::points::crs::Crs;
 use crate::points::unit::Measure;
-use crate::storage::atomic_file::{AtomicFile, Overwrite};
+use crate::storage::atomic_file::AtomicFile;
 
 /// Cells along the side of a block.
 pub const BLOCK: usize = 256;
@@ -57,19 +56,18 @@ impl Area {
     }
 }
 
-/// Writes a raster. `heights` gives the heights of [`BLOCK`]² cells from a row and a column on, the southernmost row first, NaN where none is known; or `None` if none of them is.
+/// Fills a file with a raster. `heights` gives the heights of [`BLOCK`]² cells from a row and a column on, the southernmost row first, NaN where none is known; or `None` if none of them is.
 ///
 /// # Errors
-/// [`Error::InvalidSetting`] if it has too many cells; those of [`AtomicFile::create`]; [`Error::Io`]; those of `heights`.
+/// [`Error::InvalidSetting`] if it has too many cells; [`Error::Io`]; those of `heights`.
 pub fn write(
-    path: &Path,
-    overwrite: Overwrite,
+    file: &AtomicFile,
     area: Area,
     crs: Option<&Crs>,
     heights: impl Fn([i64; 2]) -> Result<Option<Vec<f32>>>,
 ) -> Result<()> {
     area.check()?;
-    let file = AtomicFile::create(path, overwrite)?;
+    let path = file.path();
     let out = BufWriter::with_capacity(1 << 16, file.file().try_clone().map_err(Error::io(path, "write"))?);
     let failed = |error: tiff_writer::Error| match error {
         tiff_writer::Error::Io(error) => Error::io(path, "write")(error),
@@ -104,8 +102,7 @@ pub fn write(
     let Tree { writer, .. } = tree;
     let mut out = writer.finish().map_err(failed)?;
     out.flush().map_err(Error::io(path, "write"))?;
-    drop(out);
-    file.finish()
+    Ok(())
 }
 
 /// The levels in the making.

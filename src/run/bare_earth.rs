@@ -24,7 +24,7 @@ use crate::run::rasters::{Raster, check_name};
 use crate::settings::Settings;
 use crate::settings::ground::{ClassSet, Classes};
 use crate::settings::open::{Hole, Kind};
-use crate::storage::atomic_file::Overwrite;
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
 use crate::storage::spool::Workspace;
 
 /// How the ground was told.
@@ -41,7 +41,7 @@ pub enum GroundReport {
     },
 }
 
-/// What is written of all points, or of those on the ground, before the mesh is made.
+/// What is asked for beside the mesh: of all points, or of those on the ground.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Beside<'a> {
     /// The verdicts on points.
@@ -59,10 +59,6 @@ pub(crate) struct Beside<'a> {
 }
 
 impl<'a> Beside<'a> {
-    /// Nothing.
-    pub(crate) const NOTHING: Beside<'static> =
-        Beside { classes: None, dtm: None, dsm: None, side: None, hole: Hole::DEFAULT, overwrite: Overwrite::Refuse };
-
     /// What a job asks for.
     ///
     /// # Errors
@@ -104,8 +100,43 @@ impl<'a> Beside<'a> {
         [self.classes, self.dtm, self.dsm].into_iter().flatten()
     }
 
-    fn raster(&self, path: &'a Path) -> Raster<'a> {
-        Raster { path, overwrite: self.overwrite, side: self.side, hole: self.hole }
+    /// Creates the files: what can fail for want of room or rights, or for files that are there, fails now.
+    ///
+    /// # Errors
+    /// Those of [`AtomicFile::create`].
+    pub(crate) fn create(&self) -> Result<BesideFiles> {
+        let file = |path: Option<&Path>| path.map(|path| AtomicFile::create(path, self.overwrite)).transpose();
+        let [classes, dtm, dsm] = [file(self.classes)?, file(self.dtm)?, file(self.dsm)?];
+        Ok(BesideFiles { classes, dtm, dsm, side: self.side, hole: self.hole })
+    }
+}
+
+/// The files beside the mesh. They get their names when the mesh has its own: what fails leaves none.
+#[derive(Debug, Default)]
+pub(crate) struct BesideFiles {
+    classes: Option<AtomicFile>,
+    dtm: Option<AtomicFile>,
+    dsm: Option<AtomicFile>,
+    side: Option<f64>,
+    hole: Hole,
+}
+
+impl BesideFiles {
+    fn raster<'a>(&self, file: &'a AtomicFile) -> Raster<'a> {
+        Raster { file, side: self.side, hole: self.hole }
+    }
+
+    /// Takes the lengths of what is asked for, now that the input's unit is known.
+    pub(crate) fn measure_as(&mut self, asked: &Beside) {
+        (self.side, self.hole) = (asked.side, asked.hole);
+    }
+
+    /// Gives the files their names.
+    ///
+    /// # Errors
+    /// Those of [`AtomicFile::finish`].
+    pub(crate) fn finish(self) -> Result<()> {
+        [self.classes, self.dtm, self.dsm].into_iter().flatten().try_for_each(AtomicFile::finish)
     }
 }
 
@@ -143,7 +174,7 @@ enum Telling {
     Model(Arc<GroundModel>, f64),
 }
 
-/// Leaves of a cloud the points on the ground, if the settings ask for these. What is to be written beside the mesh is whole then.
+/// Leaves of a cloud the points on the ground, if the settings ask for these. The files beside the mesh are whole then.
 ///
 /// # Errors
 /// [`Error::InvalidSetting`] if the coordinates are degrees, or there are no verdicts to write; [`Error::Usage`] if there are no classes to go by; errors of reading the
@@ -151,14 +182,14 @@ enum Telling {
 pub(crate) fn bare_earth(
     cloud: &mut Cloud,
     settings: &Settings,
-    beside: Beside,
+    beside: &mut BesideFiles,
     budget: u64,
     workers: &Workers,
     workspace: &Workspace,
     progress: &mut Progress,
 ) -> Result<Option<GroundReport>> {
-    if let Some(path) = beside.dsm {
-        beside.raster(path).write::<Highest>(cloud, budget, workers, workspace, progress)?;
+    if let Some(file) = &beside.dsm {
+        beside.raster(file).fill::<Highest>(cloud, budget, workers, workspace, progress)?;
     }
     if !is_asked(settings) && beside.dtm.is_none() {
         return Ok(None);
@@ -171,8 +202,8 @@ pub(crate) fn bare_earth(
         }
         Telling::Classes(classes) => GroundReport::Classes(Classes::Of(*classes).to_string()),
         Telling::Model(model, cell) => {
-            if let Some(path) = beside.classes {
-                write(path, cloud, model, beside.overwrite, workers)?;
+            if let Some(file) = beside.classes.take() {
+                beside.classes = Some(classified(file, cloud, model, workers)?);
             }
             GroundReport::Filter { cell: *cell }
         }
@@ -182,8 +213,8 @@ pub(crate) fn bare_earth(
         Telling::Classes(classes) => cloud.keep_classes(&classes.iter().collect::<Vec<_>>())?,
         Telling::Model(model, _) => cloud.judge_by(model),
     }
-    if let Some(path) = beside.dtm {
-        beside.raster(path).write::<Mean>(cloud, budget, workers, workspace, progress)?;
+    if let Some(file) = &beside.dtm {
+        beside.raster(file).fill::<Mean>(cloud, budget, workers, workspace, progress)?;
     }
     if !is_asked(settings) {
         cloud.sift_by(all);
@@ -241,7 +272,7 @@ const DIGITS: i32 = 5;
 
 /// Writes all points that count, in the order of the input, with class 2 if they lie on the ground and 1 if not; classes for noise (7, 18) and water (9) stay.
 /// Steps are as fine as the coordinates' own digits, up to five behind the point.
-fn write(path: &Path, cloud: &Cloud, model: &GroundModel, overwrite: Overwrite, workers: &Workers) -> Result<()> {
+fn classified(file: AtomicFile, cloud: &Cloud, model: &GroundModel, workers: &Workers) -> Result<AtomicFile> {
     let in_flight = 2 * workers.threads();
     let place = |points: &Points, number: usize| match points {
         Points::Single(points) => points[number].map(f64::from),
@@ -261,7 +292,7 @@ fn write(path: &Path, cloud: &Cloud, model: &GroundModel, overwrite: Overwrite, 
         digits = digits.max(needed);
         Ok(())
     })?;
-    let mut file = ClassifiedFile::create(path, Steps::of(&bounds, digits), cloud.crs(), overwrite)?;
+    let mut file = ClassifiedFile::begin(file, Steps::of(&bounds, digits), cloud.crs())?;
     let schema = cloud.schema_of(&WRITTEN);
     let columns =
         WRITTEN.map(|name| schema.column(name).map(|column| (column.offset, reader(column.scalar, Endian::NATIVE))));
@@ -290,7 +321,7 @@ fn write(path: &Path, cloud: &Cloud, model: &GroundModel, overwrite: Overwrite, 
         Ok((0..batch.points.len()).map(of).collect::<Vec<_>>())
     };
     cloud.for_each_batch(workers, in_flight, Carried::Only(&WRITTEN), work, |points| file.append(&points))?;
-    file.finish()
+    file.filled()
 }
 
 /// The digits behind the point that a coordinate has, from `least` to [`DIGITS`].

@@ -53,6 +53,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     };
     refuse_input_as_output(&files, &output)?;
     Beside::of(job)?.paths().try_for_each(|path| refuse_input_as_output(&files, path))?;
+    let mut beside = Beside::of(job)?.create()?;
     let positions = Positions::of(&output, job.positions)?;
     // What can fail for want of room or rights fails now, not after the work.
     let mut target = match job.tile {
@@ -71,7 +72,8 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
 
     describe(&cloud, &job.settings, progress);
     let budget = job.resources.budget();
-    let ground = bare_earth(&mut cloud, &job.settings, Beside::of(job)?, budget, workers, &workspace, progress)?;
+    beside.measure_as(&Beside::of(job)?);
+    let ground = bare_earth(&mut cloud, &job.settings, &mut beside, budget, workers, &workspace, progress)?;
     let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, progress)?;
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
@@ -148,6 +150,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
             (Tiles::path(&output), written)
         }
     };
+    beside.finish()?;
     #[cfg(feature = "render")]
     let preview = drawn.map(DrawnPreview::write).transpose()?;
     #[cfg(not(feature = "render"))]

@@ -9,7 +9,7 @@ use crate::input::tally::Tally;
 use crate::input::{Cloud, Opening, Unpacked, find};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
+use crate::run::bare_earth::{BesideFiles, bare_earth, budget_beside, of_whole_budget};
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job, default_output};
@@ -49,7 +49,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let job = &job.measured_as(&cloud)?;
     describe(&cloud, &job.settings, progress);
     let budget = job.resources.budget();
-    bare_earth(&mut cloud, &job.settings, Beside::NOTHING, budget, workers, &workspace, progress)?;
+    bare_earth(&mut cloud, &job.settings, &mut BesideFiles::default(), budget, workers, &workspace, progress)?;
     let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;

@@ -14,16 +14,14 @@ use crate::resources::workers::Workers;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::settings::open::Hole;
-use crate::storage::atomic_file::Overwrite;
+use crate::storage::atomic_file::AtomicFile;
 use crate::storage::spool::Workspace;
 
 /// A raster that is asked for.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Raster<'a> {
     /// The file.
-    pub path: &'a Path,
-    /// What becomes of one that is there.
-    pub overwrite: Overwrite,
+    pub file: &'a AtomicFile,
     /// The side of a cell; a metre if none was given.
     pub side: Option<f64>,
     /// The widest hole that is filled.
@@ -45,11 +43,11 @@ pub(crate) fn check_name(setting: &'static str, path: &Path) -> Result<()> {
 }
 
 impl Raster<'_> {
-    /// Writes the heights that `G` gathers of the cloud's points.
+    /// Fills the file with the heights that `G` gathers of the cloud's points.
     ///
     /// # Errors
     /// Errors of reading the input; [`Error::InvalidSetting`] if there would be too many cells, or the side of one is not to be told; [`Error::Io`].
-    pub(crate) fn write<G: Gathered>(
+    pub(crate) fn fill<G: Gathered>(
         &self,
         cloud: &Cloud,
         budget: u64,
@@ -75,14 +73,14 @@ impl Raster<'_> {
         area.check()?;
         let radius = self.hole.radius(side).ceil().clamp(0.0, f64::from(MOST)) as u32;
         let heights = without_small_holes(&heights, radius, budget, workers, workspace)?;
-        geotiff::write(self.path, self.overwrite, area, cloud.crs(), |first| {
+        geotiff::write(self.file, area, cloud.crs(), |first| {
             workers.check_cancelled()?;
             block(&heights, first)
         })?;
         let [rows, columns] = area.cells;
         progress.note(&format!(
             "{}: {} x {} cells of {}",
-            self.path.display(),
+            self.file.path().display(),
             thousands(columns),
             thousands(rows),
             short(side)

@@ -118,6 +118,12 @@ pub enum Hole {
     Length(f64),
 }
 
+impl Default for Hole {
+    fn default() -> Hole {
+        Hole::DEFAULT
+    }
+}
+
 impl Hole {
     /// The widest hole that is bridged unless told otherwise: about twenty sampling distances. On an airborne tile of 10 million points twelve holes stay open, ponds
     /// by their looks.

@@ -280,6 +280,20 @@ fn rasters_that_cannot_be_are_refused() {
     assert!(!f.path("s.tif").exists());
 }
 
+/// Files beside the mesh get their names with it, and what is there already is told before anything is read.
+#[test]
+fn a_run_that_fails_leaves_no_file_beside_the_mesh() {
+    let f = Folder::new();
+    // A line makes a raster, but no surface.
+    f.write("line.xyz", (0..200).map(|i| format!("{} 0 0\n", f64::from(i) / 10.0)).collect::<String>());
+    f.fails("line.xyz --surface terrain --cell-size 0.5 --dsm s.tif -o line.ply", 65, &["no surface"]);
+    assert!(!f.path("s.tif").exists());
+    f.write("s.tif", "older");
+    f.write("none.xyz", "1 2\n");
+    f.fails("none.xyz --surface terrain --dsm s.tif -o line.ply", 2, &["s.tif"]);
+    assert_eq!(f.read("s.tif"), b"older");
+}
+
 #[test]
 fn points_are_clipped_by_polygons() {
     let f = Folder::new();

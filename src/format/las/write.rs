@@ -10,7 +10,7 @@ use laz::{LasZipCompressor, LazVlr, LazVlrBuilder};
 use crate::error::{Error, Result};
 use crate::points::bounds::Bounds;
 use crate::points::crs::Crs;
-use crate::storage::atomic_file::{AtomicFile, Overwrite};
+use crate::storage::atomic_file::AtomicFile;
 
 /// Bytes of a record of point format 6.
 pub const RECORD: usize = 30;
@@ -95,12 +95,12 @@ pub fn is_packed(path: &Path) -> Option<bool> {
 }
 
 impl ClassifiedFile {
-    /// Begins a file; LAZ if its name ends in .laz.
+    /// Begins to fill a file; LAZ if its name ends in .laz.
     ///
     /// # Errors
-    /// Those of [`AtomicFile::create`]; [`Error::Io`].
-    pub fn create(path: &Path, steps: Steps, crs: Option<&Crs>, overwrite: Overwrite) -> Result<ClassifiedFile> {
-        let file = AtomicFile::create(path, overwrite)?;
+    /// [`Error::Io`].
+    pub fn begin(file: AtomicFile, steps: Steps, crs: Option<&Crs>) -> Result<ClassifiedFile> {
+        let path = file.path();
         let failed = |error| Error::io(path, "write")(error);
         let vlr = is_packed(path).unwrap_or(false).then(laszip).transpose().map_err(|e| failed(other(e)))?;
         let mut records = crs.map(crs_records).unwrap_or_default();
@@ -178,11 +178,11 @@ impl ClassifiedFile {
         .map_err(Error::io(self.file.path(), "write"))
     }
 
-    /// Gives the file its name, once it is whole.
+    /// The file, once it is whole; it has no name yet.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::OutputExists`].
-    pub fn finish(mut self) -> Result<()> {
+    /// [`Error::Io`].
+    pub fn filled(mut self) -> Result<AtomicFile> {
         let path = self.file.path().to_path_buf();
         let header = &mut self.header;
         LE::write_u64(&mut header[247..], self.points);
@@ -210,7 +210,7 @@ impl ClassifiedFile {
             out.flush()
         };
         finish().map_err(Error::io(&path, "write"))?;
-        self.file.finish()
+        Ok(self.file)
     }
 }
 
@@ -258,6 +258,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::storage::atomic_file::Overwrite;
 
     fn point() -> impl Strategy<Value = ClassifiedPoint> {
         let place = (0i32..1_000_000, 0i32..1_000_000, -5000i32..5000);
@@ -284,9 +285,10 @@ mod tests {
             let path = dir.path().join(if packed { "a.laz" } else { "a.LAS" });
             let bounds = Bounds { min: [500_000.0, 6e6, -50.0], max: [510_000.0, 6.01e6, 50.0] };
             let crs = Crs::given("EPSG:2154").unwrap();
-            let mut file = ClassifiedFile::create(&path, Steps::of(&bounds, 2), crs.as_ref(), Overwrite::Refuse).unwrap();
+            let file = AtomicFile::create(&path, Overwrite::Refuse).unwrap();
+            let mut file = ClassifiedFile::begin(file, Steps::of(&bounds, 2), crs.as_ref()).unwrap();
             points.chunks(64).for_each(|points| file.append(points).unwrap());
-            file.finish().unwrap();
+            file.filled().unwrap().finish().unwrap();
             let mut reader = las::Reader::from_path(&path).unwrap();
             prop_assert_eq!(reader.header().number_of_points(), points.len() as u64);
             let read: Vec<las::Point> = reader.read_all().unwrap().points().map(|point| point.unwrap()).collect();

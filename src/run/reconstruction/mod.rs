@@ -391,7 +391,8 @@ fn made(
     let job = &job.measured_as(cloud)?;
     describe(cloud, &job.settings, progress);
     let budget = job.resources.budget();
-    let ground = bare_earth(cloud, &job.settings, Beside::of(job)?, budget, workers, workspace, progress)?;
+    let mut beside = Beside::of(job)?.create()?;
+    let ground = bare_earth(cloud, &job.settings, &mut beside, budget, workers, workspace, progress)?;
     let (surveyed, settings) = surveyed(cloud, &job.settings, workers, progress)?;
     let left = budget_beside(&settings, budget, workers);
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
@@ -421,6 +422,7 @@ fn made(
         }
     };
     progress.end();
+    beside.finish()?;
     let output = OutputReport {
         path: None,
         preview: None,
