@@ -55,6 +55,7 @@ pub enum Naming {
 
 /// What is said if the stack overflows, made before it is known whether it is needed: a handler can make nothing.
 #[derive(Debug)]
+#[cfg_attr(windows, expect(dead_code, reason = "this system tells it by itself"))]
 pub struct Farewell {
     /// The exit code.
     pub code: u8,
