@@ -383,7 +383,8 @@ def mutants(bench, number):
     (folder / name).write_bytes(damaged((folder / name).read_bytes(), chance))
     inputs = {name: digest(folder / name) for name in scenario.inputs}
     process = bench.start(scenario, [bench.program], folder, [], subprocess.PIPE)
-    code, words = bench.finish(process)
+    # Coordinates that a damaged byte throws far away are many slices.
+    code, words = bench.finish(process, 5 * PATIENCE)
     wrong = ["hangs"] if code is None else []
     if code is not None and code not in CODES:
         wrong.append(f"exit code {code}")
