@@ -66,8 +66,6 @@ pub struct Seen {
     occupied: Vec<bool>,
     walls: Vec<u32>,
     outliers: Vec<u32>,
-    /// Whether its cells are those of the grid.
-    finest: bool,
 }
 
 impl Seen {
@@ -79,7 +77,7 @@ impl Seen {
         let (block, mut occupied) = Block::of(occupancy, factor)?;
         let outliers = context.workers.pool().install(|| outliers::take_out(&block, &mut occupied));
         let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
-        Ok(Seen { block, occupied, walls, outliers, finest: factor == 1 })
+        Ok(Seen { block, occupied, walls, outliers })
     }
 
     /// Whether there are outliers.
@@ -111,6 +109,8 @@ pub struct Signed {
     pub open: Vec<Patch>,
     /// Patches of walls with the inside on both sides: of slots and folds that were filled.
     pub filled: Vec<Patch>,
+    /// The walls of the open patches, as indices of the block, in order.
+    pub sheets: Vec<u32>,
 }
 
 /// A patch of walls that part nothing.
@@ -146,7 +146,7 @@ impl Signed {
     }
 
     fn found(seen: Seen, context: &Context) -> Result<Signed> {
-        let Seen { block, occupied, walls, outliers: _, finest } = seen;
+        let Seen { block, occupied, walls, outliers: _ } = seen;
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
@@ -184,13 +184,11 @@ impl Signed {
         let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
         let part_outside = two_sided.iter().map(of).filter(|both| *both == [Side::Outside; 2]).count() as u64;
         let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
-        // On finer levels samples of sheets lie closer than these cells are wide.
-        if finest {
-            sheet::fill(&block, &open, &mut sides);
-        }
+        let mut sheets: Vec<u32> = open.iter().flat_map(|sheet| &sheet.walls).copied().collect();
+        sheets.sort_unstable();
         let [open, filled] =
             [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
-        Ok(Signed { walls: two_sided.len() as u64, part_nothing, part_outside, open, filled, block, sides })
+        Ok(Signed { walls: two_sided.len() as u64, part_nothing, part_outside, open, filled, sheets, block, sides })
     }
 
     /// The side of a cell of the level; beyond it, all is outside.

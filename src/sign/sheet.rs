@@ -3,7 +3,7 @@
 //! ```text
 //!      o o o o o o o      # walls, o outside, i inside
 //!      # # # # # # #      Left, the floor is a sheet: the outside lies on both of its sides. The body on it is not.
-//!      o o # i # o o      Sheets have no inside. They are kept as slabs that are one cell thick; what is missing between their samples is filled in.
+//!      o o # i # o o      Sheets have no inside. They are kept as slabs ([`crate::solid::slab`]).
 //!          # i #
 //!      o o # # # o o
 //! ```
@@ -12,17 +12,10 @@ use rayon::prelude::*;
 
 use super::block::Side;
 use super::block::{Block, PAD};
-use super::distance::squared;
 use super::normal::Wall;
 
 /// A patch of fewer walls is no sheet: single walls at the edges of bodies may see the outside on both sides.
 const SHEET: usize = 27;
-
-/// The squared radius of the ball that does not pass between the samples of a sheet.
-const BETWEEN: i32 = 6;
-
-/// The squared radius of the one that what it does not reach is eroded with: smaller, so that a slab across the axes hangs together by faces.
-const ERODED: i32 = 3;
 
 /// A patch of walls with the same side on both sides.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -115,22 +108,4 @@ pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize
         .collect();
     sheets.iter().for_each(|&i| walls[i].weight *= SHEET_WEIGHT);
     sheets.len()
-}
-
-/// Makes the outside cells between the samples of the sheets inside: those that a ball does not reach that touches no sheet.
-pub fn fill(block: &Block, sheets: &[Sheet], sides: &mut [Side]) {
-    if sheets.is_empty() {
-        return;
-    }
-    let size = [block.width, block.rows, block.slices];
-    let mut cells = vec![false; sides.len()];
-    sheets.iter().flat_map(|sheet| &sheet.walls).for_each(|&wall| cells[wall as usize] = true);
-    let near = squared(&cells, size);
-    cells.iter_mut().zip(&near).for_each(|(cell, near)| *cell = *near > BETWEEN);
-    let reached = squared(&cells, size);
-    for ((side, near), reached) in sides.iter_mut().zip(near).zip(reached) {
-        if *side == Side::Outside && near <= BETWEEN && reached > ERODED {
-            *side = Side::Inside;
-        }
-    }
 }

@@ -22,6 +22,7 @@ use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::solid::seal;
 use crate::solid::seal::Pyramid;
+use crate::solid::slab::Sheets;
 use crate::solid::watershed;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
 
@@ -358,8 +359,13 @@ fn close_signed(
         if l < level {
             sides = sides.refined(at(l), context)?;
         }
+        if level > 0 {
+            sides = sides.without_bare(context)?;
+        }
         sides = sides.fallen(at(l), last_of(l), context, &mut |slices| progress.done(slices))?;
     }
+    let sheets = Sheets { block: &signed.block, walls: &signed.sheets, factor };
+    let sides = sides.with_slabs(sheets, side, &occupancy, context)?;
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     progress.done(slices);

@@ -147,9 +147,9 @@ impl Lining {
         lining
     }
 
-    /// Whether most of it was sampled: more than three faces in five.
+    /// Whether most of it was sampled: three faces in five, or more.
     pub fn is_sampled(&self) -> bool {
-        5 * self.sampled > 3 * (self.sampled + self.bare)
+        5 * self.sampled >= 3 * (self.sampled + self.bare)
     }
 
     /// Less than two sampled faces in seven: found by trying, from .3 to .67 sampled faces for each bare one. With .67, concavities of the horse are

@@ -4,6 +4,7 @@
 //! radius ρ rolls outside, holes narrower than 2ρ are bridged, and the surface lies against the points again. Where the ball has fallen
 //! ([`self::watershed`]), what is outside is grown back by one cell instead, and what is inside stays.
 
+mod bare;
 mod change;
 pub mod close;
 pub mod component;
@@ -14,6 +15,7 @@ pub mod isolated;
 pub mod reopen;
 pub mod seal;
 pub mod side_votes;
+pub mod slab;
 pub mod unresolved;
 pub mod watershed;
 

@@ -50,10 +50,10 @@ pub fn steps(squared: u32, last: u32) -> u32 {
 pub struct Sides {
     /// The box.
     pub padded: Padded,
-    outside: SliceStore,
-    inside: SliceStore,
+    pub(super) outside: SliceStore,
+    pub(super) inside: SliceStore,
     /// Squared radius of the ball for which all free cells were considered.
-    squared: u32,
+    pub(super) squared: u32,
 }
 
 impl Sides {
@@ -283,7 +283,7 @@ fn paint_children(runs: &Runs, coarse: Padded, fine: Padded, bits: &mut Bits) {
 }
 
 /// Fills stores, slice by slice of the padded box, from chunks of slices; `radius` is the reach of their windows, for the plan.
-fn stores<const N: usize>(
+pub(super) fn stores<const N: usize>(
     padded: Padded,
     radius: u32,
     context: &Context,

@@ -1,11 +1,11 @@
-//! Sheets and what is filled between their samples, against twins that look at every cell.
+//! Sheets, against twins that look at every cell.
 
 use proptest::prelude::*;
 
 use super::super::Side;
 use super::super::block::Block;
 use super::super::normal::{WEIGHT, Wall};
-use super::super::sheet::{Sheet, fill, find, weigh};
+use super::super::sheet::{find, weigh};
 use super::{Numbers, components, marked, numbers_of, places, square_between};
 
 fn random_sides(block: &Block, occupied: &[bool], share: f64, numbers: &mut Numbers) -> Vec<Side> {
@@ -64,39 +64,6 @@ proptest! {
         found.sort();
         expected.sort();
         prop_assert_eq!(found, expected);
-    }
-
-    #[test]
-    fn what_no_ball_reaches_between_the_samples_of_sheets_is_filled(
-        seed in any::<u64>(),
-        share in 0.0f64..0.6,
-        inside in 0.0f64..0.3,
-        axis in 0usize..3,
-        tilt in 0.0f64..1.0,
-    ) {
-        let mut numbers = Numbers::new(seed);
-        let block = Block::new([10, 9, 11]);
-        // A slope, thinned, and strays that belong to no sheet.
-        let on_slope = |cell: &[usize; 3]| cell[axis] as i64 == 3 + (tilt * cell[(axis + 1) % 3] as f64 / 2.0) as i64;
-        let slope = marked(&block, |cell| on_slope(cell) && numbers.part() < share);
-        let occupied: Vec<bool> = slope.iter().zip(marked(&block, |_| numbers.part() < 0.02)).map(|(a, b)| a | b).collect();
-        let mut sides = random_sides(&block, &occupied, inside, &mut numbers);
-        let before = sides.clone();
-        let walls = numbers_of(&slope);
-        let halves = walls.len() / 2;
-        let sheets = [&walls[..halves], &walls[halves..]].map(|walls| Sheet { walls: walls.to_vec() });
-        fill(&block, &sheets, &mut sides);
-        let places = places(&block);
-        let near = |a: usize, b: usize| square_between(places[a], places[b]) <= 6;
-        let nearer = |a: usize, b: usize| square_between(places[a], places[b]) <= 3;
-        let centres: Vec<usize> =
-            (0..sides.len()).filter(|&cell| !walls.iter().any(|&wall| near(cell, wall as usize))).collect();
-        let covered = |cell: usize| centres.iter().any(|&centre| nearer(cell, centre));
-        for cell in 0..sides.len() {
-            let beside = walls.iter().any(|&wall| near(cell, wall as usize));
-            let filled = before[cell] == Side::Outside && beside && !covered(cell);
-            prop_assert_eq!(sides[cell], if filled { Side::Inside } else { before[cell] }, "{:?}", places[cell]);
-        }
     }
 
     /// Of the walls round a wall that face as it does, most part nothing.

@@ -12,7 +12,7 @@ fn signed(block: Block, mut occupied: Vec<bool>) -> Signed {
     let walls = numbers_of(&occupied);
     let cells = block.cells;
     with_context(cells, |context| {
-        Signed::find(Seen { block, occupied, walls, outliers, finest: true }, context).unwrap()
+        Signed::find(Seen { block, occupied, walls, outliers }, context).unwrap()
     })
 }
 

@@ -10,14 +10,17 @@
 //! ```
 //!
 //! Such groups are found by a cube of 3 x 3 x 3 cells. *Spikes* are the solid cells that no such cube round an unoccupied solid cell covers; *pits* the
-//! cells that are not solid and that no such cube of cells that are not solid covers. A group, joined by faces, is judged by what it does to the Euler
-//! characteristic χ = components − handles + cavities of the solid: a few spikes that lower it are taken away, a few pits whose filling raises it are
-//! filled. Spikes and pits that leave χ as it is are detail, and stay.
+//! cells that are not solid and that no such cube of cells that are not solid covers; *tubes* ([`tubes`]) those that not even a plate of 3 x 3 x 1 of them
+//! covers. A group, joined by faces, is judged by what it does to the Euler
+//! characteristic χ = components − handles + cavities of the solid: a few spikes that lower it are taken away, a few pits or tubes whose filling raises it are
+//! filled. Groups that leave χ as it is are detail, and stay.
 //!
 //! χ is a sum over the 2 x 2 x 2 cells round each corner of the grid (`characteristic`), so that what a group changes is summed up along its runs. Where a corner
 //! touches two groups, the first one in the order of cells is given its change.
 //!
 //! Source: T. Y. Kong and A. Rosenfeld, *Digital topology: introduction and survey* (1989), for χ of cells joined by faces.
+
+mod tubes;
 
 use bytemuck::{Pod, Zeroable};
 
@@ -31,6 +34,7 @@ use crate::grid::window::Window;
 use crate::solid::change::Change;
 use crate::solid::dents::Lining;
 use crate::solid::exterior::{Padded, invert};
+use crate::solid::unresolved::tubes::Tubes;
 use crate::solid::{Solid, move_back};
 
 /// Groups of as many cells are seen well enough to be believed.
@@ -45,6 +49,30 @@ const CUBE: u32 = 3;
 /// The verdicts on groups.
 const STAYS: u8 = 0;
 const CHANGES: u8 = 1;
+
+/// What the cells of a group are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Solid cells that no cube of solid cells covers.
+    Spikes,
+    /// Cells that are not solid and that no empty cube covers.
+    Pits,
+    /// Cells that are not solid and that no empty plate covers.
+    Tubes,
+}
+
+impl Kind {
+    /// All, in the order in which they are looked for.
+    const ALL: [Kind; 3] = [Kind::Spikes, Kind::Pits, Kind::Tubes];
+
+    /// What is done to a group that is not believed.
+    fn change(self) -> Change {
+        match self {
+            Kind::Spikes => Change::Removed,
+            Kind::Pits | Kind::Tubes => Change::Filled,
+        }
+    }
+}
 
 /// Eight times what the corner between 2 x 2 x 2 cells adds to χ of solid cells joined by faces: cells − pairs that share a face + squares of four −
 /// cubes of eight. Bit x + 2 z + 4 y of the pattern is the cell's. A cell is shared by 8 corners, a pair by 4, a square by 2.
@@ -108,10 +136,11 @@ impl Measure for Group {
 }
 
 impl Group {
-    fn verdict(&self, change: Change) -> u8 {
-        let better = match change {
-            Change::Removed => self.change < 0,
-            Change::Filled => self.change > 0 && (self.cells <= PIT || !self.lining.is_sampled()),
+    fn verdict(&self, kind: Kind) -> u8 {
+        let better = match kind {
+            Kind::Spikes => self.change < 0,
+            Kind::Pits => self.change > 0 && (self.cells <= PIT || !self.lining.is_sampled()),
+            Kind::Tubes => self.change > 0 && !self.lining.is_sampled(),
         };
         if better && self.cells < BELIEVED { CHANGES } else { STAYS }
     }
@@ -124,14 +153,14 @@ impl Solid {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn without_unresolved(self, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
         let mut solid = self;
-        for change in [Change::Removed, Change::Filled] {
+        for kind in Kind::ALL {
             let mut labeller = Labeller::new(context);
             let mut jobs = chunks(solid.cells[1]);
             let mut any = false;
             context.workers.in_order(
                 context.jobs(6, solid.cells),
                 || Ok(jobs.next()),
-                |slices| Seen::new(&solid, occupancy, change, slices.end).groups(slices),
+                |slices| Seen::new(&solid, occupancy, kind, slices.end).groups(slices),
                 |(found, parts)| {
                     any |= found;
                     labeller.add(parts)
@@ -143,12 +172,12 @@ impl Solid {
             }
             let mut changes = false;
             let labels = components.judged(context, |group| {
-                let verdict = group.verdict(change);
+                let verdict = group.verdict(kind);
                 changes |= verdict == CHANGES;
                 verdict
             })?;
             if changes {
-                solid = solid.changed(&labels, CHANGES, change, context)?;
+                solid = solid.changed(&labels, CHANGES, kind.change(), context)?;
             }
         }
         Ok(solid)
@@ -159,22 +188,23 @@ impl Solid {
 struct Seen<'a> {
     solid: &'a Solid,
     occupancy: &'a Occupancy,
-    change: Change,
+    kind: Kind,
     padded: Padded,
     /// What the first cube covers, and for pits the second.
     dilations: [Dilation; 2],
+    tubes: Tubes<'a>,
     runs: Runs,
     scratch: Bits,
 }
 
 impl<'a> Seen<'a> {
-    fn new(solid: &'a Solid, occupancy: &'a Occupancy, change: Change, end: u32) -> Seen<'a> {
+    fn new(solid: &'a Solid, occupancy: &'a Occupancy, kind: Kind, end: u32) -> Seen<'a> {
         let padded = Padded::new(solid.cells, Ball::squared(CUBE).radius());
         let dilation = |more: u32| padded.dilation(Ball::squared(CUBE), end + padded.pad + more);
         // A slice more than asked for: corners are shared with it.
         let dilations = [dilation(3), dilation(2)];
         let scratch = Bits::new(solid.cells[0], solid.cells[2]);
-        Seen { solid, occupancy, change, padded, dilations, runs: Runs::default(), scratch }
+        Seen { solid, occupancy, kind, padded, dilations, tubes: Tubes::new(solid), runs: Runs::default(), scratch }
     }
 
     /// Sets the cells of slice `y` that groups are made of.
@@ -184,18 +214,19 @@ impl<'a> Seen<'a> {
         if !(0..i64::from(slices)).contains(&y) {
             return Ok(());
         }
-        let Seen { solid, occupancy, change, padded, dilations, runs, scratch } = self;
+        let Seen { solid, occupancy, kind, padded, dilations, tubes, runs, scratch } = self;
         let pad = i64::from(padded.pad);
         let [first, second] = dilations;
-        let covered = match change {
-            Change::Removed => first.slide_to(y + pad, |y, room| {
+        let covered = match kind {
+            Kind::Tubes => return tubes.paint(y, bits),
+            Kind::Spikes => first.slide_to(y + pad, |y, room| {
                 solid.store.paint_moved(y - pad, padded.pad, room, runs)?;
                 let mut occupied = padded.bits();
                 padded.paint_occupied(occupancy, y, &mut occupied, runs)?;
                 room.and_not(&occupied);
                 Ok(())
             })?,
-            Change::Filled => second.slide_to(y + pad, |y, room| {
+            Kind::Pits => second.slide_to(y + pad, |y, room| {
                 let paint = |y, bits: &mut Bits| solid.store.paint_moved(y - pad, padded.pad, bits, runs);
                 let near = first.slide_to(y, paint)?;
                 for z in 0..padded.cells[2] {
@@ -209,12 +240,12 @@ impl<'a> Seen<'a> {
         solid.store.paint(y, scratch, runs)?;
         for z in 0..rows {
             let solid = scratch.row(z);
-            if *change == Change::Removed && scratch.lit_row(z).is_none() {
+            if *kind == Kind::Spikes && scratch.lit_row(z).is_none() {
                 continue;
             }
             let row = bits.row_mut(z);
             move_back(covered.row(z + padded.pad), padded.pad, row);
-            match change {
+            match kind.change() {
                 Change::Removed => row.iter_mut().zip(solid).for_each(|(covered, solid)| *covered = solid & !*covered),
                 Change::Filled => row.iter_mut().zip(solid).for_each(|(covered, solid)| *covered = !(*covered | solid)),
             }

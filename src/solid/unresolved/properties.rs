@@ -177,15 +177,20 @@ fn unit(axis: usize, length: i64) -> [i64; 3] {
 }
 
 /// The cells that groups are made of, by the definition.
-fn looked_for(solid: &Marks, occupied: &Marks, change: Change) -> Marks {
-    Marks::of(solid.size(), |cell| match change {
-        Change::Removed => {
+fn looked_for(solid: &Marks, occupied: &Marks, kind: Kind) -> Marks {
+    Marks::of(solid.size(), |cell| match kind {
+        Kind::Spikes => {
             let covers = |c| solid.at(plus(cell, c)) && !occupied.at(plus(cell, c));
             solid.at(cell) && !cube().any(covers)
         }
-        Change::Filled => {
+        Kind::Pits => {
             let covers = |middle: [i64; 3]| cube().all(|c| !solid.at(plus(middle, c)));
             !solid.at(cell) && !cube().any(|c| covers(plus(cell, c)))
+        }
+        Kind::Tubes => {
+            let plate = |axis: usize| cube().filter(move |c| c[axis] == 0);
+            let covers = |axis, middle: [i64; 3]| plate(axis).all(|c| !solid.at(plus(middle, c)));
+            !solid.at(cell) && (0..3).all(|axis| !plate(axis).any(|c| covers(axis, plus(cell, c))))
         }
     })
 }
@@ -211,8 +216,8 @@ fn groups(marks: &Marks) -> Vec<Vec<[i64; 3]>> {
 }
 
 /// The groups with what they are found to be: at every corner, the first cell of a group is given what all groups change there.
-fn measured(solid: &Marks, occupied: &Marks, change: Change) -> Vec<(Vec<[i64; 3]>, Group)> {
-    let marks = looked_for(solid, occupied, change);
+fn measured(solid: &Marks, occupied: &Marks, kind: Kind) -> Vec<(Vec<[i64; 3]>, Group)> {
+    let marks = looked_for(solid, occupied, kind);
     let with = Marks::of(solid.size(), |cell| solid.at(cell) || marks.at(cell));
     let without = Marks::of(solid.size(), |cell| solid.at(cell) && !marks.at(cell));
     let of = |group: Vec<[i64; 3]>| {
@@ -242,11 +247,11 @@ fn measured(solid: &Marks, occupied: &Marks, change: Change) -> Vec<(Vec<[i64; 3
 /// What [`Solid::without_unresolved`] is to make of the cells.
 fn resolved(solid: &Marks, occupied: &Marks) -> Marks {
     let mut solid = solid.clone();
-    for change in [Change::Removed, Change::Filled] {
-        let found = measured(&solid, occupied, change);
+    for kind in Kind::ALL {
+        let found = measured(&solid, occupied, kind);
         for (group, measure) in found {
-            if measure.verdict(change) == CHANGES {
-                group.iter().for_each(|cell| solid.set(*cell, change == Change::Filled));
+            if measure.verdict(kind) == CHANGES {
+                group.iter().for_each(|cell| solid.set(*cell, kind.change() == Change::Filled));
             }
         }
     }
@@ -307,20 +312,20 @@ proptest! {
     #[test]
     fn groups_are_those_of_the_definition(seed in any::<u64>(), share in 0.0f64..0.7) {
         let [solid, occupied] = noisy(seed, share);
-        for change in [Change::Removed, Change::Filled] {
+        for kind in Kind::ALL {
             let mut found = Vec::new();
             with_context(solid.size(), |context| {
                 let (cells, samples) = (solid.solid(context), occupied.occupancy(context));
                 let mut labeller = Labeller::new(context);
                 for slices in chunks(cells.cells[1]) {
-                    let seen = Seen::new(&cells, &samples, change, slices.end);
+                    let seen = Seen::new(&cells, &samples, kind, slices.end);
                     labeller.add(seen.groups(slices).unwrap().1).unwrap();
                 }
                 labeller.finish().unwrap().for_each(|group: &Group| found.push(*group)).unwrap();
             });
-            let expected = measured(&solid, &occupied, change);
+            let expected = measured(&solid, &occupied, kind);
             // The lining of spikes is not asked for.
-            let key = |g: &Group| (g.cells, g.change, change == Change::Filled && g.lining.is_sampled());
+            let key = |g: &Group| (g.cells, g.change, kind != Kind::Spikes && g.lining.is_sampled());
             let mut keys = [found.iter().map(key).collect::<Vec<_>>(), expected.iter().map(|(_, g)| key(g)).collect()];
             keys.iter_mut().for_each(|keys| keys.sort_unstable());
             prop_assert_eq!(&keys[0], &keys[1]);
@@ -354,9 +359,9 @@ proptest! {
         let coarse = Marks::of([6, 7, 5], |_| number() < share);
         let solid = Marks::of([18, 21, 15], |cell| coarse.at(cell.map(|c| c / 3)));
         let occupied = Marks::of(solid.size(), |cell| solid.at(cell) && cell.iter().all(|c| c % 3 == 1) && number() < 0.5);
-        for change in [Change::Removed, Change::Filled] {
+        for kind in Kind::ALL {
             // A cube that stands alone and has its middle occupied has others round it that are not.
-            prop_assert_eq!(looked_for(&solid, &occupied, change).cells(), Vec::<[i64; 3]>::new());
+            prop_assert_eq!(looked_for(&solid, &occupied, kind).cells(), Vec::<[i64; 3]>::new());
         }
         prop_assert_eq!(found(&solid, &occupied), solid);
     }
