@@ -366,12 +366,29 @@ fn close_signed(
     }
     let sheets = Sheets { block: &signed.block, walls: &signed.sheets, factor };
     let sides = sides.with_slabs(sheets, side, &occupancy, context)?;
+    if std::env::var("ASRA_DBG").is_ok() {
+        eprintln!(
+            "DBG F {factor} level {level} side {side} walls {} sheets {} last {last} occupied {}",
+            signed.walls,
+            signed.sheets.len(),
+            occupancy.occupied
+        );
+    }
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
+    if std::env::var("ASRA_DBG").is_ok() {
+        eprintln!("DBG between {}", solid.volume);
+    }
     drop(sides);
     progress.done(slices);
     let solid = solid.without_dents(&occupancy, context)?;
+    if std::env::var("ASRA_DBG").is_ok() {
+        eprintln!("DBG dents {}", solid.volume);
+    }
     progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
+    if std::env::var("ASRA_DBG").is_ok() {
+        eprintln!("DBG unresolved {}", solid.volume);
+    }
     progress.done(slices);
     let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied));
     Ok((solid, occupancy, how, level > 0))
