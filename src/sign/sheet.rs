@@ -3,7 +3,7 @@
 //! ```text
 //!      o o o o o o o      # walls, o outside, i inside
 //!      # # # # # # #      Left, the floor is a sheet: the outside lies on both of its sides. The body on it is not.
-//!      o o # i # o o      Sheets have no inside. They are kept as slabs ([`crate::solid::slab`]).
+//!      o o # i # o o      Sheets have no inside. They are kept as thin bodies ([`crate::solid::thicken`]).
 //!          # i #
 //!      o o # # # o o
 //! ```

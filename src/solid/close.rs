@@ -22,7 +22,7 @@ use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::solid::seal;
 use crate::solid::seal::Pyramid;
-use crate::solid::slab::Sheets;
+use crate::solid::thicken::Sheets;
 use crate::solid::watershed;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
 
@@ -365,30 +365,13 @@ fn close_signed(
         sides = sides.fallen(at(l), last_of(l), context, &mut |slices| progress.done(slices))?;
     }
     let sheets = Sheets { block: &signed.block, walls: &signed.sheets, factor };
-    let sides = sides.with_slabs(sheets, side, &occupancy, context)?;
-    if std::env::var("ASRA_DBG").is_ok() {
-        eprintln!(
-            "DBG F {factor} level {level} side {side} walls {} sheets {} last {last} occupied {}",
-            signed.walls,
-            signed.sheets.len(),
-            occupancy.occupied
-        );
-    }
+    let sides = sides.with_thickened(sheets, side, &occupancy, context)?;
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
-    if std::env::var("ASRA_DBG").is_ok() {
-        eprintln!("DBG between {}", solid.volume);
-    }
     drop(sides);
     progress.done(slices);
     let solid = solid.without_dents(&occupancy, context)?;
-    if std::env::var("ASRA_DBG").is_ok() {
-        eprintln!("DBG dents {}", solid.volume);
-    }
     progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
-    if std::env::var("ASRA_DBG").is_ok() {
-        eprintln!("DBG unresolved {}", solid.volume);
-    }
     progress.done(slices);
     let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied));
     Ok((solid, occupancy, how, level > 0))

@@ -15,7 +15,7 @@ pub mod isolated;
 pub mod reopen;
 pub mod seal;
 pub mod side_votes;
-pub mod slab;
+pub mod thicken;
 pub mod unresolved;
 pub mod watershed;
 

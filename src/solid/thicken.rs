@@ -1,4 +1,4 @@
-//! Slabs: sheets have no inside, and are kept as slabs, with what is missing between their samples filled in.
+//! Thickening: sheets have no inside. They are kept as thin bodies, with what is missing between their samples filled in.
 //!
 //! ```text
 //!      o o o o o o o o      # samples of a sheet, which has the outside on both sides
@@ -6,9 +6,9 @@
 //!      o o o o o o o o
 //! ```
 //!
-//! Of a sheet's occupied cells, those in the walls of its patch ([`crate::sign`]), D is what a ball of squared radius r₁² round one of them covers, and the
-//! slab the cells that are farther than r₂ from all cells out of D. r₁ is 2.7 sampling distances, at least √6 cells: of a sheet whose samples lie at random, a
-//! disc of that radius is empty once in 10¹⁰. Free cells of the slab are inside, whether they had a side or none. r₂ is a little less, so that a slab across the axes hangs together by faces.
+//! Of a sheet's occupied cells, those in the walls of its patch ([`crate::sign`]), D is what a ball of squared radius r₁² round one of them covers. Inside
+//! become the free cells, whether they had a side or none, that are farther than r₂ from all cells out of D. r₁ is 2.7 sampling distances, at least √6 cells: of a
+//! sheet whose samples lie at random, a disc of that radius is empty once in 10¹⁰. r₂ is a little less, so that a sheet across the axes hangs together by faces.
 
 use crate::error::Result;
 use crate::grid::context::Context;
@@ -73,23 +73,29 @@ fn balls(side: f64) -> [Ball; 2] {
 }
 
 impl Sides {
-    /// The same sides of the grid's cells, with slabs round the sheets given to the inside. `side`: that of a cell in sampling distances.
+    /// The same sides of the grid's cells, with the free cells of thickened sheets given to the inside. `side`: that of a cell in sampling distances.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn with_slabs(self, sheets: Sheets<'_>, side: f64, occupancy: &Occupancy, context: &Context) -> Result<Sides> {
+    pub fn with_thickened(
+        self,
+        sheets: Sheets<'_>,
+        side: f64,
+        occupancy: &Occupancy,
+        context: &Context,
+    ) -> Result<Sides> {
         if sheets.walls.is_empty() {
             return Ok(self);
         }
         let balls = balls(side);
         let radius = balls[0].radius() + balls[1].radius() + 2;
         let [outside, inside] =
-            stores(self.padded, radius, context, |slices| self.slabs(sheets, balls, occupancy, slices))?;
+            stores(self.padded, radius, context, |slices| self.thickened(sheets, balls, occupancy, slices))?;
         Ok(Sides { outside, inside, ..self })
     }
 
-    /// The outside without the slabs, and the inside with them, in some slices.
-    fn slabs(
+    /// The outside without the thickened sheets, and the inside with them, in some slices.
+    fn thickened(
         &self,
         sheets: Sheets<'_>,
         [near, far]: [Ball; 2],
@@ -102,7 +108,7 @@ impl Sides {
         let more = wide.pad - self.padded.pad;
         let mut reached = wide.dilation(far, slices.end + more);
         let mut covered = wide.dilation(near, slices.end + more + far.radius());
-        let (mut slab, mut side, mut runs) = (self.padded.bits(), self.padded.bits(), Runs::default());
+        let (mut thick, mut side, mut runs) = (self.padded.bits(), self.padded.bits(), Runs::default());
         let [width, _, rows] = self.padded.cells;
         let mut out: [Slices; 2] = Default::default();
         for y in slices {
@@ -119,19 +125,19 @@ impl Sides {
                 Ok(())
             })?;
             self.padded.paint_occupied(occupancy, i64::from(y), &mut side, &mut runs)?;
-            slab.clear();
+            thick.clear();
             for z in 0..rows {
-                let row = slab.row_mut(z);
+                let row = thick.row_mut(z);
                 move_back(reached.row(z + more), more, row);
-                row.iter_mut().zip(side.row(z)).for_each(|(slab, occupied)| *slab = !(*slab | occupied));
+                row.iter_mut().zip(side.row(z)).for_each(|(thick, occupied)| *thick = !(*thick | occupied));
                 clip(row, width);
             }
             self.outside.paint(i64::from(y), &mut side, &mut runs)?;
-            side.and_not(&slab);
+            side.and_not(&thick);
             out[0].push(&side);
             self.inside.paint(i64::from(y), &mut side, &mut runs)?;
             for z in 0..rows {
-                side.row_mut(z).iter_mut().zip(slab.row(z)).for_each(|(side, slab)| *side |= slab);
+                side.row_mut(z).iter_mut().zip(thick.row(z)).for_each(|(side, thick)| *side |= thick);
             }
             out[1].push(&side);
         }
@@ -164,7 +170,7 @@ mod tests {
         (0..3).map(|i| (a[i] - b[i]).pow(2)).sum::<i64>() as u32
     }
 
-    /// The slab cell by cell, among the cells of a box.
+    /// The thickened sheet cell by cell, among the cells of a box.
     fn twin(sheet: &[[i64; 3]], [near, far]: [u32; 2], cells: &[[i64; 3]]) -> Vec<[i64; 3]> {
         let in_d = |cell: [i64; 3]| sheet.iter().any(|at| squared_distance(cell, *at) <= near);
         let reach = i64::from(far.isqrt());
@@ -180,7 +186,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(24))]
 
         #[test]
-        fn slabs_are_those_of_the_twin(
+        fn thickened_sheets_are_those_of_the_twin(
             samples in prop::collection::vec((0u32..14, 0u32..13, 0u32..12, any::<bool>()), 1..60),
             factor in 1u32..4,
             side in 0.6f64..1.3,
@@ -221,7 +227,7 @@ mod tests {
                 }
                 let sides = Sides { padded, outside, inside, squared: 2 };
                 let sheets = Sheets { block: &block, walls: &walls, factor };
-                let sides = sides.with_slabs(sheets, side, &occupancy, context).unwrap();
+                let sides = sides.with_thickened(sheets, side, &occupancy, context).unwrap();
                 let [mut outside, mut inside] = [padded.bits(), padded.bits()];
                 let mut runs = Runs::default();
                 all.iter().copied().filter(|cell| {
