@@ -89,8 +89,8 @@ fn a_wavy_sheet_has_no_inside() {
         assert!(!parted.is_sealed(), "{parted:?}");
         let open: u64 = parted.open.iter().map(|patch| patch.walls).sum();
         assert!(10 * open > 9 * parted.walls, "{parted:?}");
-        // Kept as a slab that is hardly thicker than a cell.
-        assert!((22_500..34_000).contains(&solid.volume), "{}", solid.volume);
+        // Kept as a thin body: a cell, and no more than one on either side.
+        assert!((22_500..3 * 22_600).contains(&solid.volume), "{}", solid.volume);
     });
 }
 
@@ -128,10 +128,10 @@ fn a_sheet_with_gaps_between_its_samples_has_no_hole() {
 #[test]
 fn what_lies_beside_a_thin_fin_stays_outside() {
     let cells = [60, 260, 60];
-    for (lean, height) in [(0.0, 22.0), (0.7, 26.0), (-0.9, 24.0)] {
+    for lean in [-0.72, -0.59, -0.2, 0.19, 0.58, 0.71] {
         let on_fin = |d: [f64; 3], at: f64| {
             let along = d[0] - 8.0;
-            (0.0..height).contains(&along) && (d[1] - at - lean * along).abs() < 0.8 && d[2].abs() < 20.0
+            (0.0..26.0).contains(&along) && (d[1] - at - lean * along).abs() < 0.8 && d[2].abs() < 20.0
         };
         let rod = |d: [f64; 3]| (d[0].hypot(d[2]) - 8.0).abs() < 0.8;
         let mut body = Vec::new();
@@ -141,7 +141,7 @@ fn what_lies_beside_a_thin_fin_stays_outside() {
                     let d = [f64::from(x) - 20.0, f64::from(y), f64::from(z) - 30.0];
                     let in_rod = d[0].hypot(d[2]) < 7.2;
                     let cap = in_rod && (y == 0 || y == cells[1] - 1);
-                    let fins = [60.0, 75.0, 100.0, 150.0, 158.0].into_iter().any(|at| on_fin(d, at));
+                    let fins = [50.0, 90.0, 150.0, 200.0].into_iter().any(|at| on_fin(d, at));
                     if rod(d) || cap || fins && !in_rod {
                         body.push([x, y, z]);
                     }
@@ -150,19 +150,22 @@ fn what_lies_beside_a_thin_fin_stays_outside() {
         }
         with_context(cells, |context| {
             let (solid, _) = closed(Occupancy::of_cells(body.clone(), cells, context).unwrap(), None, context);
-            let occupied: std::collections::HashSet<Cell> = body.iter().copied().collect();
             let (mut runs, mut wrong) = (Runs::default(), 0);
             for y in 0..cells[1] {
                 solid.store.read(y, &mut runs).unwrap();
                 for z in 0..cells[2] {
                     for x in runs.row(z).iter().flat_map(|run| run.start..run.end) {
                         let from_axis = (f64::from(x) - 20.0).hypot(f64::from(z) - 30.0);
-                        // A closing by a ball of some cells fills the edge between fin and rod.
-                        wrong += u32::from(from_axis > 13.0 && !occupied.contains(&[x, y, z]));
+                        // A fin becomes a thin body, and the edge between it and the rod is filled a little.
+                        let near = |cell: &[u32; 3]| {
+                            cell[0].abs_diff(x).max(cell[1].abs_diff(y)).max(cell[2].abs_diff(z)) <= 1
+                        };
+                        wrong += u32::from(from_axis > 13.0 && !body.iter().any(near));
                     }
                 }
             }
-            assert!(wrong < occupied.len() as u32 / 50, "lean {lean}: {wrong} cells of air are solid");
+            // Without the rule for bare insides, 44 to 104.
+            assert!(wrong < 10, "lean {lean}: {wrong} cells of air are solid");
         });
     }
 }
