@@ -60,16 +60,18 @@ impl Keepable {
         Kept { buckets, slices: keep(self.slices, left - buckets, 4) }
     }
 
-    /// The least that leaves `bytes` beside what is kept of it.
-    pub(crate) fn least_beside(self, bytes: u64) -> u64 {
+    /// The least budget in whole MiB that leaves `bytes` beside `process` and what is kept. Whole ones: a little more may be enough for more to be kept, and too little again.
+    pub(crate) fn least_budget(self, bytes: u64, process: u64) -> u64 {
         let Keepable { buckets, slices, .. } = self;
         let mut kept = [0, slices, buckets, buckets + slices];
         kept.sort_unstable();
-        let fits = |left: &u64| {
-            let kept = self.within(*left);
-            bytes + kept.buckets + kept.slices <= *left
+        let with = |kept: u64| (process + bytes + kept).next_multiple_of(1 << 20);
+        let fits = |budget: &u64| {
+            let kept = self.within(budget - process);
+            process + bytes + kept.buckets + kept.slices <= *budget
         };
-        kept.map(|kept| bytes + kept).into_iter().find(fits).unwrap_or(bytes + buckets + slices)
+        // With room for all that could be kept it fits, whatever is.
+        kept.map(with).into_iter().find(fits).unwrap_or(with(buckets + slices))
     }
 }
 

@@ -250,10 +250,10 @@ impl MemoryPlan {
             }
         }
         // With a larger budget more would be kept.
-        let least = self.keepable.least_beside(SlabJobs::one(PIECE.1).bytes(workload, means));
+        let least = self.keepable.least_budget(SlabJobs::one(PIECE.1).bytes(workload, means), process(self.threads));
         Err(Error::Budget {
             given: ByteSize(self.budget),
-            needed: ByteSize((process(self.threads) + least).next_multiple_of(1 << 20)),
+            needed: ByteSize(least),
             what: "the slab with the most faces",
         })
     }
