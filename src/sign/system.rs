@@ -4,12 +4,14 @@
 //! in one at least, the second over pairs of cells that lie on both sides of a wall.
 //!
 //! Vectors have a number for each cell of the block, and so a row of cells is a row of numbers, as SIMD likes it. Work is dealt out in slices, and sums
-//! are formed slice by slice, in order: the solution is the same bits for any number of threads.
+//! are formed slice by slice, in order: the solution is the same bits for any number of threads. The loops over a row are compiled once more for processors with AVX2;
+//! they do the same operations in the same order, and so give the same bits.
 //!
 //! Source of the method: M. R. Hestenes and E. Stiefel, *Methods of Conjugate Gradients for Solving Linear Systems* (1952); Jacobi's preconditioner.
 
 use std::ops::Range;
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::block::Block;
@@ -41,7 +43,7 @@ pub struct System<'a> {
     block: &'a Block,
     /// The weight of a face between each cell and an equally open one; between two cells the lesser weight counts. 0 where u is not looked for.
     open: &'a [f32],
-    /// For each slice: ranges that hold all cells in which u is looked for.
+    /// For each slice: ranges that hold all cells in which u is looked for, counted from the slice's first cell.
     spans: Vec<Vec<Range<usize>>>,
     /// The terms across walls, slice by slice.
     across: Vec<Vec<Across>>,
@@ -62,8 +64,9 @@ impl<'a> System<'a> {
         let (mut diagonal, mut right) = (vec![0f32; open.len()], vec![0f32; open.len()]);
         let spans = workers.pool().install(|| {
             let work = |(y, (diagonal, right)): (usize, (&mut [f32], &mut [f32]))| {
-                let spans = spans(open, y * slice, slice, block.width);
-                for cell in spans.iter().cloned().flatten().filter(|&cell| open[cell] > 0.0) {
+                let spans = spans(&open[y * slice..(y + 1) * slice], block.width);
+                let cells = spans.iter().cloned().flatten().map(|cell| y * slice + cell);
+                for cell in cells.filter(|&cell| open[cell] > 0.0) {
                     let (mut sum, mut known_sum) = (LEAST, 0f32);
                     for next in block.beside(cell) {
                         if open[next] > 0.0 {
@@ -109,19 +112,14 @@ impl<'a> System<'a> {
         let mut r = std::mem::take(&mut self.right);
         let (mut p, mut out) = (vec![0f32; n], vec![0f32; n]);
         self.product(u, &mut out);
+        let spans = |y: usize| &self.spans[y][..];
+        let diagonal = |y: usize| &self.diagonal[y * slice..(y + 1) * slice];
         let slices = r.par_chunks_mut(slice).zip(p.par_chunks_mut(slice)).zip(out.par_chunks(slice)).enumerate();
         let starts = slices.map(|(y, ((r, p), out))| {
-            let (mut b, mut rr, mut rz) = (Sum::default(), Sum::default(), Sum::default());
-            for span in self.local_spans(y) {
-                let d = &self.diagonal[y * slice..][span.clone()];
-                let (r, p, out) = (&mut r[span.clone()], &mut p[span.clone()], &out[span]);
-                b.add(r, r);
-                r.iter_mut().zip(out).for_each(|(r, out)| *r -= out);
-                p.iter_mut().zip(&*r).zip(d).for_each(|((p, r), d)| *p = r / d.max(LEAST));
-                rr.add(r, r);
-                rz.add(r, p);
-            }
-            [b, rr, rz].map(Sum::total)
+            let b = product(spans(y), r, r);
+            advance(spans(y), -1.0, out, r);
+            precondition(spans(y), diagonal(y), r, p);
+            [b, product(spans(y), r, r), product(spans(y), r, p)]
         });
         let [b, mut rr, mut rz] = total(starts.collect());
         for _ in 0..STEPS {
@@ -129,90 +127,149 @@ impl<'a> System<'a> {
                 return;
             }
             let alpha = (rz / self.product(&p, &mut out)) as f32;
-            let of = (p.par_chunks(slice), out.par_chunks(slice));
+            let of = (p.par_chunks(slice), out.par_chunks_mut(slice));
             let slices = u.par_chunks_mut(slice).zip(r.par_chunks_mut(slice)).zip(of.0.zip(of.1)).enumerate();
             let steps = slices.map(|(y, ((u, r), (p, out)))| {
-                let (mut rr, mut rz) = (Sum::default(), Sum::default());
-                for span in self.local_spans(y) {
-                    let d = &self.diagonal[y * slice..][span.clone()];
-                    let (u, r) = (&mut u[span.clone()], &mut r[span.clone()]);
-                    let (p, out) = (&p[span.clone()], &out[span]);
-                    u.iter_mut().zip(p).for_each(|(u, p)| *u += alpha * p);
-                    r.iter_mut().zip(out).for_each(|(r, out)| *r = normal(*r - alpha * out));
-                    rr.add(r, r);
-                    rz.add_over(r, d);
-                }
-                [rr, rz].map(Sum::total)
+                advance(spans(y), alpha, p, u);
+                advance(spans(y), -alpha, out, r);
+                // What the product is no longer needed for holds z from here on.
+                precondition(spans(y), diagonal(y), r, out);
+                [product(spans(y), r, r), product(spans(y), r, out)]
             });
             let [new_rr, new_rz] = total(steps.collect());
             let beta = (new_rz / rz) as f32;
             (rr, rz) = (new_rr, new_rz);
-            p.par_chunks_mut(slice).zip(r.par_chunks(slice)).enumerate().for_each(|(y, (p, r))| {
-                for span in self.local_spans(y) {
-                    let d = &self.diagonal[y * slice..][span.clone()];
-                    let (p, r) = (&mut p[span.clone()], &r[span]);
-                    p.iter_mut().zip(r).zip(d).for_each(|((p, r), d)| *p = normal(r / d.max(LEAST) + beta * *p));
-                }
-            });
+            let slices = p.par_chunks_mut(slice).zip(out.par_chunks(slice)).enumerate();
+            slices.for_each(|(y, (p, z))| turn(spans(y), beta, z, p));
         }
-    }
-
-    /// The spans of slice `y`, counted from its first cell.
-    fn local_spans(&self, y: usize) -> impl Iterator<Item = Range<usize>> {
-        let first = y * self.block.rows * self.block.width;
-        self.spans[y].iter().map(move |span| span.start - first..span.end - first)
     }
 
     /// The matrix times `x`, and the product of both.
     fn product(&self, x: &[f32], out: &mut [f32]) -> f64 {
         let slice = self.block.rows * self.block.width;
         let work = |(y, out): (usize, &mut [f32])| {
-            for (span, local) in self.spans[y].iter().zip(self.local_spans(y)) {
-                let out = &mut out[local];
-                let own = &x[span.clone()];
-                for ((out, x), d) in out.iter_mut().zip(own).zip(&self.diagonal[span.clone()]) {
-                    *out = d * x;
-                }
-                for s in self.block.strides().into_iter().flat_map(|s| [-s, s]) {
-                    let next = span.start.wrapping_add_signed(s)..span.end.wrapping_add_signed(s);
-                    less_next(out, &self.open[span.clone()], &self.open[next.clone()], &x[next]);
-                }
-            }
+            let first = y * slice;
+            times_matrix(&self.spans[y], &self.diagonal, self.open, x, first, self.block, out);
             for across in &self.across[y] {
-                out[across.cell as usize - y * slice] += across.weight * x[across.other as usize];
+                out[across.cell as usize - first] += across.weight * x[across.other as usize];
             }
-            let mut sum = Sum::default();
-            for (span, local) in self.spans[y].iter().zip(self.local_spans(y)) {
-                sum.add(&x[span.clone()], &out[local]);
-            }
-            [sum.total()]
+            [product(&self.spans[y], &x[first..first + slice], out)]
         };
         let [sum] = total(out.par_chunks_mut(slice).enumerate().map(work).collect());
         sum
     }
 }
 
-/// Takes from `out` what the faces to the next cells add: the lesser openness of both, times `x` there.
-fn less_next(out: &mut [f32], open: &[f32], next: &[f32], x: &[f32]) {
-    let n = out.len();
-    let (open, next, x) = (&open[..n], &next[..n], &x[..n]);
-    for i in 0..n {
-        out[i] -= if next[i] < open[i] { next[i] } else { open[i] } * x[i];
+// The loops over the cells of a slice's spans. Without closures, which would not be compiled for the same processors as what calls them.
+
+/// The rows of the matrix that belong to cells of a slice, of which `first` is the first one, times `x`: without the terms across walls.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn times_matrix(
+    spans: &[Range<usize>],
+    diagonal: &[f32],
+    open: &[f32],
+    x: &[f32],
+    first: usize,
+    block: &Block,
+    out: &mut [f32],
+) {
+    let [a, b, c] = block.strides();
+    for span in spans {
+        let (from, n) = (first + span.start, span.len());
+        let at = [0, -a, a, -b, b, -c, c].map(|step| from.wrapping_add_signed(step));
+        let [o, o1, o2, o3, o4, o5, o6] = rows(open, at, n);
+        let [x0, x1, x2, x3, x4, x5, x6] = rows(x, at, n);
+        let (d, out) = (&diagonal[from..][..n], &mut out[span.start..][..n]);
+        for i in 0..n {
+            let mut sum = d[i] * x0[i];
+            sum -= lesser(o[i], o1[i]) * x1[i];
+            sum -= lesser(o[i], o2[i]) * x2[i];
+            sum -= lesser(o[i], o3[i]) * x3[i];
+            sum -= lesser(o[i], o4[i]) * x4[i];
+            sum -= lesser(o[i], o5[i]) * x5[i];
+            sum -= lesser(o[i], o6[i]) * x6[i];
+            out[i] = sum;
+        }
     }
+}
+
+/// `n` numbers from each place on.
+#[inline(always)]
+fn rows(of: &[f32], at: [usize; 7], n: usize) -> [&[f32]; 7] {
+    at.map(|at| &of[at..at + n])
+}
+
+#[inline(always)]
+fn lesser(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
+}
+
+/// v + `alpha` w, for v.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn advance(spans: &[Range<usize>], alpha: f32, w: &[f32], v: &mut [f32]) {
+    for span in spans {
+        let (w, v) = (&w[span.start..span.end], &mut v[span.start..span.end]);
+        for (v, w) in v.iter_mut().zip(w) {
+            *v += alpha * w;
+        }
+    }
+}
+
+/// z + `beta` p, for p.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn turn(spans: &[Range<usize>], beta: f32, z: &[f32], p: &mut [f32]) {
+    for span in spans {
+        let (z, p) = (&z[span.start..span.end], &mut p[span.start..span.end]);
+        for (p, z) in p.iter_mut().zip(z) {
+            *p = normal(z + beta * *p);
+        }
+    }
+}
+
+/// z = r / d.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn precondition(spans: &[Range<usize>], d: &[f32], r: &mut [f32], z: &mut [f32]) {
+    for span in spans {
+        let (d, r) = (&d[span.start..span.end], &mut r[span.start..span.end]);
+        for ((z, r), d) in z[span.start..span.end].iter_mut().zip(r).zip(d) {
+            *r = normal(*r);
+            *z = *r / if *d > LEAST { *d } else { LEAST };
+        }
+    }
+}
+
+/// The sum of products, in double precision, of which eight parts grow side by side.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn product(spans: &[Range<usize>], a: &[f32], b: &[f32]) -> f64 {
+    let mut sums = [0f64; 8];
+    for span in spans {
+        let (a8, rest_a) = a[span.start..span.end].as_chunks::<8>();
+        let (b8, rest_b) = b[span.start..span.end].as_chunks::<8>();
+        for (i, (a, b)) in rest_a.iter().zip(rest_b).enumerate() {
+            sums[i] += f64::from(*a) * f64::from(*b);
+        }
+        for (a, b) in a8.iter().zip(b8) {
+            for i in 0..8 {
+                sums[i] += f64::from(a[i]) * f64::from(b[i]);
+            }
+        }
+    }
+    sums.into_iter().sum()
 }
 
 /// Less than this is 0. The search spreads by a cell a step, and grows fainter by more than half: numbers too small to be normal ones, which are slow, would be
 /// next.
 const TINY: f32 = 1e-20;
 
+#[inline(always)]
 fn normal(value: f32) -> f32 {
     if value.abs() < TINY { 0.0 } else { value }
 }
 
-/// The ranges of a slice's cells that hold all that are open, the first cell being `first`.
-fn spans(open: &[f32], first: usize, slice: usize, width: usize) -> Vec<Range<usize>> {
+/// The ranges of a slice's cells that hold all that are open.
+fn spans(open: &[f32], width: usize) -> Vec<Range<usize>> {
     let mut spans: Vec<Range<usize>> = Vec::new();
-    for row in (first..first + slice).step_by(width) {
+    for row in (0..open.len()).step_by(width) {
         let from = spans.len();
         for cell in (row..row + width).filter(|&cell| open[cell] > 0.0) {
             match spans[from..].last_mut() {
@@ -230,34 +287,4 @@ fn total<const N: usize>(of: Vec<[f64; N]>) -> [f64; N] {
         sums.iter_mut().zip(of).for_each(|(sum, of)| *sum += of);
         sums
     })
-}
-
-/// A sum of products in double precision, of which eight parts grow side by side.
-#[derive(Default)]
-struct Sum([f64; 8]);
-
-impl Sum {
-    fn add(&mut self, a: &[f32], b: &[f32]) {
-        self.each(a, b, |a, b| f64::from(a) * f64::from(b));
-    }
-
-    /// Adds a² / d.
-    fn add_over(&mut self, a: &[f32], d: &[f32]) {
-        self.each(a, d, |a, d| f64::from(a) * f64::from(a / d.max(LEAST)));
-    }
-
-    fn each(&mut self, a: &[f32], b: &[f32], product: impl Fn(f32, f32) -> f64) {
-        let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
-        let rest = a8.remainder().iter().zip(b8.remainder());
-        rest.zip(&mut self.0).for_each(|((a, b), sum)| *sum += product(*a, *b));
-        for (a, b) in a8.zip(b8) {
-            for ((sum, a), b) in self.0.iter_mut().zip(a).zip(b) {
-                *sum += product(*a, *b);
-            }
-        }
-    }
-
-    fn total(self) -> f64 {
-        self.0.into_iter().sum()
-    }
 }
