@@ -160,7 +160,7 @@ impl<'a> System<'a> {
     }
 }
 
-// The loops over the cells of a slice's spans. Without closures, which would not be compiled for the same processors as what calls them.
+// The loops over the cells of a slice's spans. They hold no closures: what iterators make of a closure is compiled for all processors alike.
 
 /// The rows of the matrix that belong to cells of a slice, of which `first` is the first one, times `x`: without the terms across walls.
 #[multiversion(targets("x86_64+avx+avx2"))]
