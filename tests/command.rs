@@ -202,9 +202,20 @@ fn what_cannot_be_written_is_refused_before_anything_is_unpacked() {
     f.fails("k.gz -o n.ply", 65, &["k.gz: compressed byte 20: expected gzip data, found the end of the file"]);
 }
 
+/// From here on a child hears the signals that end it, even where they were ignored when the tests began (nohup, a script's `&`): what is caught is not passed
+/// on, what is ignored is. The tests themselves are ended by them as before.
+fn let_children_hear_signals() {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    for signal in [SIGHUP, SIGINT, SIGTERM] {
+        let always = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(true));
+        signal_hook::flag::register_conditional_default(signal, always).unwrap();
+    }
+}
+
 #[test]
 fn ctrl_c_ends_the_wait_for_standard_input() {
     use std::io::Write;
+    let_children_hear_signals();
     let f = Folder::new();
     let mut child = f.command("- -o m.ply").stdin(std::process::Stdio::piped()).spawn().unwrap();
     let mut input = child.stdin.take().unwrap();
@@ -1215,6 +1226,7 @@ fn the_report_holds_what_batch_jobs_ask_for() {
 
 #[test]
 fn ctrl_c_leaves_nothing_behind() {
+    let_children_hear_signals();
     let f = Folder::new();
     f.ok("generate knot 1M -o k.bin");
     f.make("tmp");
@@ -1249,6 +1261,7 @@ fn ctrl_c_leaves_nothing_behind() {
 fn signals_end_a_run_as_such_unless_they_were_ignored() {
     use rustix::process::{Pid, Signal, kill_process};
     use std::io::{Read, Write};
+    let_children_hear_signals();
     let f = Folder::new();
     let points = f.knot(20_000);
     let text: String = points.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
