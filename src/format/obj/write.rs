@@ -76,8 +76,24 @@ fn put_difference(c: f64, origin: f64, out: &mut Vec<u8>) {
         write!(out, "{c}").expect("memory takes all");
         return;
     }
-    write!(out, "{c:.*}", digits as usize).expect("memory takes all");
-    if digits > 0.0 {
+    // A digit more where reading rounds the difference once more, as its own step may be nearly as large.
+    for digits in [digits as usize, digits as usize + 1] {
+        out.truncate(start);
+        put_digits(c, digits, out);
+        let read: Option<f64> = std::str::from_utf8(&out[start..]).ok().and_then(|text| text.parse().ok());
+        if read.is_some_and(|read| read + origin == whole) {
+            return;
+        }
+    }
+    out.truncate(start);
+    write!(out, "{c}").expect("memory takes all");
+}
+
+/// Writes a number with so many digits behind the point, without noughts at the end.
+fn put_digits(c: f64, digits: usize, out: &mut Vec<u8>) {
+    let start = out.len();
+    write!(out, "{c:.digits$}").expect("memory takes all");
+    if digits > 0 {
         let kept = out[start..].iter().rposition(|b| *b != b'0').map_or(0, |last| last + 1);
         out.truncate(start + kept);
         if out.last() == Some(&b'.') {
