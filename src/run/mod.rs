@@ -13,6 +13,7 @@ mod files_to_mesh;
 mod finished;
 pub mod forecast;
 pub mod job;
+mod judgement;
 pub mod looks;
 mod mesh_header;
 pub mod observer;
@@ -27,6 +28,7 @@ mod rasters;
 pub mod reconstruction;
 pub mod report;
 pub mod simplification;
+mod summary;
 pub mod workload;
 
 pub use self::files_to_mesh::run;

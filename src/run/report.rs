@@ -1,15 +1,10 @@
-//! The report of a run: everything a batch job's owner may ask afterwards, as JSON, and a summary for people.
+//! The report of a run: everything a batch job's owner may ask afterwards, as JSON. What may be wrong is judged in `judgement`, the words for people are in `summary`.
 
-use std::fmt;
 use std::path::PathBuf;
 
-use bytesize::ByteSize;
-
 use crate::error::words;
-use crate::error::words::{duration, short, thousands};
-use crate::format::write::{Format, Positions};
+use crate::format::write::Positions;
 use crate::grid::Grid;
-use crate::grid::partition::REACH;
 use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
 use crate::points::Precision;
@@ -19,10 +14,9 @@ use crate::run::bare_earth::GroundReport;
 use crate::run::phase::Phase;
 use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::Warning;
-use crate::run::simplification;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
-use crate::settings::open::{Kind, Open};
+use crate::settings::open::Open;
 use crate::settings::simplification::Simplification;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
@@ -32,16 +26,6 @@ use crate::solid::component::Components;
 use crate::solid::heightfield::ColumnCounts as Columns;
 use crate::stitch::Counts;
 use crate::surface::thickness::Shell;
-
-/// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
-/// hundred; of a cloud with one point a thousand times as far away as the others, nearly all points share a cell.
-const CROWDED: f64 = 1000.0;
-
-/// The part of the surface that bridges holes from which the summary warns of it, and the mesh is not called sealed.
-const MUCH_BRIDGED: f64 = 0.02;
-
-/// Pieces of a closed mesh from which the summary warns of them: an object, and some beside it, may be meant.
-const MANY_COMPONENTS: u64 = 10;
 
 /// Everything about a finished run.
 #[derive(Debug, Clone, serde::Serialize)]
@@ -318,18 +302,6 @@ impl GridReport {
     }
 }
 
-impl fmt::Display for GridReport {
-    /// "132 x 134 x 104 cells of 0.00117, 134 slices along y".
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let GridReport { axis, slices, raster: [a, b, c], cell_size, unfolded } = self;
-        write!(f, "{a} x {b} x {c} cells of {}, {slices} slices along {axis}", short(*cell_size))?;
-        match unfolded {
-            Some([a, b, c]) => write!(f, "; the gaps up to far points are left out, of {a} x {b} x {c} with them"),
-            None => Ok(()),
-        }
-    }
-}
-
 impl Closing {
     /// The closing of a reconstruction on a grid.
     pub fn of(made: &Reconstructed, grid: &Grid) -> Closing {
@@ -361,262 +333,5 @@ impl Closing {
             columns: made.columns,
             solid_cells: made.solid,
         }
-    }
-
-    /// A line about what was left out, if anything was to be.
-    pub fn left_out(&self) -> Option<String> {
-        let sparse = |cells: u64| format!("{} cells of too few points", thousands(cells));
-        let dropped = |Components { found, dropped, dropped_cells, .. }: Components| {
-            let (dropped, found, cells) = (thousands(dropped), thousands(found), thousands(dropped_cells));
-            format!("{dropped} of {found} components, {cells} cells in all")
-        };
-        let parts: Vec<String> =
-            (self.sparse_cells > 0)
-                .then(|| sparse(self.sparse_cells))
-                .into_iter()
-                .chain((self.outlier_cells > 0).then(|| {
-                    format!("{} cells of outliers (--keep-outliers keeps them)", thousands(self.outlier_cells))
-                }))
-                .chain(self.components.filter(|components| components.dropped > 0).map(dropped))
-                .collect();
-        (!parts.is_empty()).then(|| parts.join("; "))
-    }
-
-    /// A line about the inside.
-    pub fn verdict(&self) -> String {
-        match self.radius {
-            Some(radius) => format!("radius {radius} {}, as asked", if radius == 1 { "cell" } else { "cells" }),
-            None if self.sealed => "sealed: the mesh encloses the inside".to_owned(),
-            None if self.parted => {
-                format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.bridged.unwrap_or(0.0))
-            }
-            None => format!("not sealed: {}", self.same_sides()),
-        }
-    }
-
-    fn same_sides(&self) -> String {
-        format!("{:.1} % of the samples have the same side on both sides", 100.0 * self.part_nothing)
-    }
-
-    /// What is wrong with the inside, if the mesh does not enclose one; `cell_size` is that of the grid.
-    fn warnings(&self, cell_size: f64) -> Option<Warning> {
-        if self.radius.is_some() || self.parted {
-            return None;
-        }
-        let whole = |patches: &[PatchReport]| 100.0 * patches.iter().map(|patch| patch.share).sum::<f64>();
-        let place = |patch: &PatchReport| {
-            let Bounds { min, max } = patch.bounds;
-            let side = |a: usize| format!("{} to {}", short(min[a]), short(max[a]));
-            format!("x {}, y {}, z {}", side(0), side(1), side(2))
-        };
-        let mut found = vec![format!("not sealed: {}", self.same_sides())];
-        let mut advice = Vec::new();
-        if let Some(largest) = self.open.first() {
-            found.push(format!(
-                "{:.1} % lie on open surfaces, which are kept as slabs a cell thick; the largest in {}",
-                whole(&self.open),
-                place(largest)
-            ));
-            advice.push(
-                "--surface terrain (seen from above) or --surface sheet --facing FROM makes a surface of them"
-                    .to_owned(),
-            );
-        }
-        if let Some(largest) = self.filled.first() {
-            found.push(format!(
-                "{:.1} % line slots or folds that are filled; the largest in {}",
-                whole(&self.filled),
-                place(largest)
-            ));
-            advice.push(format!("--cell-size {} shows them, if there are samples enough", short(cell_size / 2.0)));
-        }
-        Some(Warning { message: found.join("\n"), advice: (!advice.is_empty()).then(|| advice.join("\n")) })
-    }
-}
-
-impl Report {
-    /// Judges the run by what the rest of the report says: whether the mesh encloses the inside, what may be wrong with it, and what can be done about that.
-    pub fn judge(&mut self) {
-        self.closing.bridged = self.bridged_share();
-        self.closing.sealed = self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
-        self.warnings = self.find_warnings();
-    }
-
-    fn find_warnings(&self) -> Vec<Warning> {
-        let mut found = Vec::new();
-        if self.points.dropped > 0 {
-            let dropped = thousands(self.points.dropped);
-            found.push(Warning::bare(format!("{dropped} points left out: a coordinate is not a number, or infinite")));
-        }
-        if self.points_to_a_cell > CROWDED {
-            let crowd = thousands(self.points_to_a_cell as u64);
-            found.push(Warning::new(
-                format!("{crowd} points to an occupied cell, on average: too coarse to show what they are of"),
-                "points far away may stretch the box; --bounds leaves them out, and --cell-size makes cells finer",
-            ));
-        }
-        if self.parameters.open.is_none() {
-            found.extend(self.closing.warnings(self.grid.cell_size));
-        }
-        if let Some(share) = self.closing.bridged.filter(|share| *share >= MUCH_BRIDGED) {
-            let advice = match self.parameters.open {
-                Some(_) => "--max-hole bounds the holes that are bridged",
-                None => "asra-stream compare MESH CLOUD --heatmap FILE shows where",
-            };
-            found.push(Warning::new(
-                format!(
-                    "{:.1} % of the surface bridges holes: it is farther than {REACH} cells from any point",
-                    100.0 * share
-                ),
-                advice,
-            ));
-        }
-        let parts = self.check.as_ref().map_or(0, |check| check.components);
-        if parts >= MANY_COMPONENTS && self.parameters.open.is_none() {
-            found.push(Warning::new(
-                format!("the mesh is in {} pieces", thousands(parts)),
-                format!(
-                    "--min-component largest keeps one; larger cells (--cell-size {}) may join them",
-                    short(2.0 * self.grid.cell_size)
-                ),
-            ));
-        }
-        found.extend(self.simplification.as_ref().and_then(simplification::warning));
-        if self.vertices.tangled > 0 {
-            let tangled = thousands(self.vertices.tangled);
-            found.push(Warning::bare(format!("{tangled} pairs of triangles still intersect")));
-        }
-        found
-    }
-
-    /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
-    fn bridged_share(&self) -> Option<f64> {
-        let check = self.check.as_ref().filter(|check| check.area > 0.0)?;
-        (self.parameters.surface.fit != Fit::None).then(|| self.vertices.bridged_area / check.area)
-    }
-
-    /// The summary for people: the output, the mesh, what may be wrong; and in `detail`, all that came before.
-    pub fn summary(&self, detail: bool) -> String {
-        let mut lines = self.output_lines();
-        lines.extend(self.mesh_lines());
-        lines.extend(self.warnings.iter().map(Warning::to_string));
-        if detail {
-            lines.extend(self.detail_lines());
-        }
-        lines.join("\n")
-    }
-
-    fn output_lines(&self) -> Vec<String> {
-        let OutputReport { path, bytes, tiles, origin, preview, .. } = &self.output;
-        let files = tiles.map_or_else(String::new, |tiles| format!(", {} tiles and an index", thousands(tiles)));
-        let (size, time) = (ByteSize(*bytes), duration(self.seconds_total));
-        let mut lines = vec![match path {
-            Some(path) => format!("output   {}{files}, {size}, in {time}", path.display()),
-            None => format!("output   in memory, in {time}"),
-        }];
-        if *origin != [0.0; 3] {
-            let [x, y, z] = origin;
-            let how = match path.as_deref().map(Format::from_path) {
-                Some(Ok(Format::Stl | Format::Glb)) => {
-                    "32 bits would not hold them; .ply and .obj with --coordinates input do"
-                }
-                _ => "--coordinates input leaves them as they are",
-            };
-            lines.push(format!("         origin {x} {y} {z} taken off the coordinates: {how}"));
-        }
-        lines.extend(preview.iter().map(|preview| format!("preview  {}", preview.display())));
-        lines
-    }
-
-    fn mesh_lines(&self) -> Vec<String> {
-        let OutputReport { vertices, triangles, .. } = self.output;
-        let size = format!("mesh     {} vertices, {} triangles", thousands(vertices), thousands(triangles));
-        let Some(check) = &self.check else { return vec![format!("{size}; not checked")] };
-        let genus = check.genus.map_or_else(String::new, |genus| format!(", genus {genus}"));
-        let parts = if check.components == 1 { "component" } else { "components" };
-        let loops = if check.boundary_loops == 1 { "loop" } else { "loops" };
-        let boundary = thousands(check.boundary_loops);
-        let closed =
-            if check.closed { "closed".to_owned() } else { format!("open on purpose, {boundary} boundary {loops}") };
-        let volume = check.volume.map_or_else(String::new, |volume| format!(", volume {}", short(volume)));
-        let mut lines = vec![
-            format!("{size}; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components)),
-            format!("         area {}{volume}", short(check.area)),
-        ];
-        if let FitReport { onto: Fit::Plane, shell: Some(shell) } = self.fit {
-            lines.push(format!(
-                "         noisy points, {:.2} cells thick: the mesh lies amid them; --fit nearest puts it on points",
-                shell.thickness
-            ));
-        }
-        lines
-    }
-
-    fn detail_lines(&self) -> Vec<String> {
-        let mut points = format!("points   {}", thousands(self.points.count));
-        for (count, why) in [
-            (self.points.dropped, "dropped: not finite"),
-            (
-                self.points.filtered,
-                if self.ground.is_some() { "no ground, or left out by filters" } else { "left out by filters" },
-            ),
-        ] {
-            if count > 0 {
-                points += &format!(" ({} {why})", thousands(count));
-            }
-        }
-        let mut lines = vec![points, format!("grid     {}", self.grid)];
-        match (&self.parameters.open, self.closing.columns) {
-            (Some(open), Some(columns)) => {
-                let kind = match open.kind {
-                    Kind::Sheet => "sheet",
-                    Kind::Terrain => "terrain",
-                    Kind::Ground => "ground",
-                };
-                let (data, bridged) = (thousands(columns.data), thousands(columns.bridged));
-                let facing = open.facing;
-                lines.push(format!(
-                    "surface  {kind}, seen from {facing}: {data} columns with points, {bridged} bridged"
-                ));
-            }
-            _ => lines.push(format!("closing  {}", self.closing.verdict())),
-        }
-        lines.extend(self.closing.left_out().map(|left_out| format!("left out {left_out}")));
-        let Counts { retreated, bridged_area, .. } = self.vertices;
-        if let Some(share) = self.closing.bridged.filter(|share| *share > 0.0) {
-            lines.push(format!(
-                "bridged  area {} ({:.2} % of the surface): farther than {REACH} cells from any point",
-                short(bridged_area),
-                100.0 * share
-            ));
-        }
-        if retreated > 0 {
-            lines.push(format!(
-                "kept off {} vertices kept off their points, so that no triangles intersect",
-                thousands(retreated)
-            ));
-        }
-        if let Some(Figures { before, reached, .. }) = self.simplification {
-            let (before, reached) = (thousands(before), short(reached));
-            lines.push(format!(
-                "fewer    of {before} triangles; no place of either surface is farther than {reached} from the other"
-            ));
-        }
-        let stages = self
-            .seconds
-            .iter()
-            .map(|(phase, time)| format!("{} {:.0} %", phase.name(), 100.0 * time / self.seconds_total.max(1e-9)));
-        lines.push(format!("time     {}: {}", duration(self.seconds_total), stages.collect::<Vec<_>>().join(", ")));
-        let used = self.memory.peak_resident.map_or_else(|| "?".into(), |bytes| ByteSize(bytes).to_string());
-        let (budget, disk) = (ByteSize(self.memory.plan.budget), ByteSize(self.memory.peak_disk));
-        lines.push(format!("memory   {used} at most, of {budget} granted; {disk} of temporary disk"));
-        lines
-    }
-}
-
-impl fmt::Display for Report {
-    /// The summary without details.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.summary(false))
     }
 }

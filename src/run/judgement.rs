@@ -1,0 +1,123 @@
+//! What may be wrong with a mesh, by what the report says, and what can be done about that.
+
+use crate::error::words::{short, thousands};
+use crate::grid::partition::REACH;
+use crate::points::bounds::Bounds;
+use crate::run::progress::Warning;
+use crate::run::report::{Closing, PatchReport, Report};
+use crate::run::simplification;
+use crate::settings::surface::Fit;
+
+/// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
+/// hundred; of a cloud with one point a thousand times as far away as the others, nearly all points share a cell.
+const CROWDED: f64 = 1000.0;
+
+/// The part of the surface that bridges holes from which the summary warns of it, and the mesh is not called sealed.
+const MUCH_BRIDGED: f64 = 0.02;
+
+/// Pieces of a closed mesh from which the summary warns of them: an object, and some beside it, may be meant.
+const MANY_COMPONENTS: u64 = 10;
+
+impl Report {
+    /// Judges the run by what the rest of the report says: whether the mesh encloses the inside, what may be wrong with it, and what can be done about that.
+    pub fn judge(&mut self) {
+        self.closing.bridged = self.bridged_share();
+        self.closing.sealed = self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
+        self.warnings = self.find_warnings();
+    }
+
+    fn find_warnings(&self) -> Vec<Warning> {
+        let mut found = Vec::new();
+        if self.points.dropped > 0 {
+            let dropped = thousands(self.points.dropped);
+            found.push(Warning::bare(format!("{dropped} points left out: a coordinate is not a number, or infinite")));
+        }
+        if self.points_to_a_cell > CROWDED {
+            let crowd = thousands(self.points_to_a_cell as u64);
+            found.push(Warning::new(
+                format!("{crowd} points to an occupied cell, on average: too coarse to show what they are of"),
+                "points far away may stretch the box; --bounds leaves them out, and --cell-size makes cells finer",
+            ));
+        }
+        if self.parameters.open.is_none() {
+            found.extend(self.closing.warnings(self.grid.cell_size));
+        }
+        if let Some(share) = self.closing.bridged.filter(|share| *share >= MUCH_BRIDGED) {
+            let advice = match self.parameters.open {
+                Some(_) => "--max-hole bounds the holes that are bridged",
+                None => "asra-stream compare MESH CLOUD --heatmap FILE shows where",
+            };
+            found.push(Warning::new(
+                format!(
+                    "{:.1} % of the surface bridges holes: it is farther than {REACH} cells from any point",
+                    100.0 * share
+                ),
+                advice,
+            ));
+        }
+        let parts = self.check.as_ref().map_or(0, |check| check.components);
+        if parts >= MANY_COMPONENTS && self.parameters.open.is_none() {
+            found.push(Warning::new(
+                format!("the mesh is in {} pieces", thousands(parts)),
+                format!(
+                    "--min-component largest keeps one; larger cells (--cell-size {}) may join them",
+                    short(2.0 * self.grid.cell_size)
+                ),
+            ));
+        }
+        found.extend(self.simplification.as_ref().and_then(simplification::warning));
+        if self.vertices.tangled > 0 {
+            let tangled = thousands(self.vertices.tangled);
+            found.push(Warning::bare(format!("{tangled} pairs of triangles still intersect")));
+        }
+        found
+    }
+
+    /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
+    fn bridged_share(&self) -> Option<f64> {
+        let check = self.check.as_ref().filter(|check| check.area > 0.0)?;
+        (self.parameters.surface.fit != Fit::None).then(|| self.vertices.bridged_area / check.area)
+    }
+}
+
+impl Closing {
+    /// The part of the samples that part nothing, in words.
+    pub(super) fn same_sides(&self) -> String {
+        format!("{:.1} % of the samples have the same side on both sides", 100.0 * self.part_nothing)
+    }
+
+    /// What is wrong with the inside, if the mesh does not enclose one; `cell_size` is that of the grid.
+    fn warnings(&self, cell_size: f64) -> Option<Warning> {
+        if self.radius.is_some() || self.parted {
+            return None;
+        }
+        let whole = |patches: &[PatchReport]| 100.0 * patches.iter().map(|patch| patch.share).sum::<f64>();
+        let place = |patch: &PatchReport| {
+            let Bounds { min, max } = patch.bounds;
+            let side = |a: usize| format!("{} to {}", short(min[a]), short(max[a]));
+            format!("x {}, y {}, z {}", side(0), side(1), side(2))
+        };
+        let mut found = vec![format!("not sealed: {}", self.same_sides())];
+        let mut advice = Vec::new();
+        if let Some(largest) = self.open.first() {
+            found.push(format!(
+                "{:.1} % lie on open surfaces, which are kept as slabs a cell thick; the largest in {}",
+                whole(&self.open),
+                place(largest)
+            ));
+            advice.push(
+                "--surface terrain (seen from above) or --surface sheet --facing FROM makes a surface of them"
+                    .to_owned(),
+            );
+        }
+        if let Some(largest) = self.filled.first() {
+            found.push(format!(
+                "{:.1} % line slots or folds that are filled; the largest in {}",
+                whole(&self.filled),
+                place(largest)
+            ));
+            advice.push(format!("--cell-size {} shows them, if there are samples enough", short(cell_size / 2.0)));
+        }
+        Some(Warning { message: found.join("\n"), advice: (!advice.is_empty()).then(|| advice.join("\n")) })
+    }
+}

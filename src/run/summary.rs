@@ -1,0 +1,188 @@
+//! The summary of a report, for people.
+
+use std::fmt;
+
+use bytesize::ByteSize;
+
+use crate::error::words::{duration, short, thousands};
+use crate::format::write::Format;
+use crate::grid::partition::REACH;
+use crate::run::progress::Warning;
+use crate::run::report::{Closing, FitReport, GridReport, OutputReport, Report};
+use crate::settings::open::Kind;
+use crate::settings::surface::Fit;
+use crate::simplify::Figures;
+use crate::solid::component::Components;
+use crate::stitch::Counts;
+
+impl Report {
+    /// The summary for people: the output, the mesh, what may be wrong; and in `detail`, all that came before.
+    pub fn summary(&self, detail: bool) -> String {
+        let mut lines = self.output_lines();
+        lines.extend(self.mesh_lines());
+        lines.extend(self.warnings.iter().map(Warning::to_string));
+        if detail {
+            lines.extend(self.detail_lines());
+        }
+        lines.join("\n")
+    }
+
+    fn output_lines(&self) -> Vec<String> {
+        let OutputReport { path, bytes, tiles, origin, preview, .. } = &self.output;
+        let files = tiles.map_or_else(String::new, |tiles| format!(", {} tiles and an index", thousands(tiles)));
+        let (size, time) = (ByteSize(*bytes), duration(self.seconds_total));
+        let mut lines = vec![match path {
+            Some(path) => format!("output   {}{files}, {size}, in {time}", path.display()),
+            None => format!("output   in memory, in {time}"),
+        }];
+        if *origin != [0.0; 3] {
+            let [x, y, z] = origin;
+            let how = match path.as_deref().map(Format::from_path) {
+                Some(Ok(Format::Stl | Format::Glb)) => {
+                    "32 bits would not hold them; .ply and .obj with --coordinates input do"
+                }
+                _ => "--coordinates input leaves them as they are",
+            };
+            lines.push(format!("         origin {x} {y} {z} taken off the coordinates: {how}"));
+        }
+        lines.extend(preview.iter().map(|preview| format!("preview  {}", preview.display())));
+        lines
+    }
+
+    fn mesh_lines(&self) -> Vec<String> {
+        let OutputReport { vertices, triangles, .. } = self.output;
+        let size = format!("mesh     {} vertices, {} triangles", thousands(vertices), thousands(triangles));
+        let Some(check) = &self.check else { return vec![format!("{size}; not checked")] };
+        let genus = check.genus.map_or_else(String::new, |genus| format!(", genus {genus}"));
+        let parts = if check.components == 1 { "component" } else { "components" };
+        let loops = if check.boundary_loops == 1 { "loop" } else { "loops" };
+        let boundary = thousands(check.boundary_loops);
+        let closed =
+            if check.closed { "closed".to_owned() } else { format!("open on purpose, {boundary} boundary {loops}") };
+        let volume = check.volume.map_or_else(String::new, |volume| format!(", volume {}", short(volume)));
+        let mut lines = vec![
+            format!("{size}; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components)),
+            format!("         area {}{volume}", short(check.area)),
+        ];
+        if let FitReport { onto: Fit::Plane, shell: Some(shell) } = self.fit {
+            lines.push(format!(
+                "         noisy points, {:.2} cells thick: the mesh lies amid them; --fit nearest puts it on points",
+                shell.thickness
+            ));
+        }
+        lines
+    }
+
+    fn detail_lines(&self) -> Vec<String> {
+        let mut points = format!("points   {}", thousands(self.points.count));
+        for (count, why) in [
+            (self.points.dropped, "dropped: not finite"),
+            (
+                self.points.filtered,
+                if self.ground.is_some() { "no ground, or left out by filters" } else { "left out by filters" },
+            ),
+        ] {
+            if count > 0 {
+                points += &format!(" ({} {why})", thousands(count));
+            }
+        }
+        let mut lines = vec![points, format!("grid     {}", self.grid)];
+        match (&self.parameters.open, self.closing.columns) {
+            (Some(open), Some(columns)) => {
+                let kind = match open.kind {
+                    Kind::Sheet => "sheet",
+                    Kind::Terrain => "terrain",
+                    Kind::Ground => "ground",
+                };
+                let (data, bridged) = (thousands(columns.data), thousands(columns.bridged));
+                let facing = open.facing;
+                lines.push(format!(
+                    "surface  {kind}, seen from {facing}: {data} columns with points, {bridged} bridged"
+                ));
+            }
+            _ => lines.push(format!("closing  {}", self.closing.verdict())),
+        }
+        lines.extend(self.closing.left_out().map(|left_out| format!("left out {left_out}")));
+        let Counts { retreated, bridged_area, .. } = self.vertices;
+        if let Some(share) = self.closing.bridged.filter(|share| *share > 0.0) {
+            lines.push(format!(
+                "bridged  area {} ({:.2} % of the surface): farther than {REACH} cells from any point",
+                short(bridged_area),
+                100.0 * share
+            ));
+        }
+        if retreated > 0 {
+            lines.push(format!(
+                "kept off {} vertices kept off their points, so that no triangles intersect",
+                thousands(retreated)
+            ));
+        }
+        if let Some(Figures { before, reached, .. }) = self.simplification {
+            let (before, reached) = (thousands(before), short(reached));
+            lines.push(format!(
+                "fewer    of {before} triangles; no place of either surface is farther than {reached} from the other"
+            ));
+        }
+        let stages = self
+            .seconds
+            .iter()
+            .map(|(phase, time)| format!("{} {:.0} %", phase.name(), 100.0 * time / self.seconds_total.max(1e-9)));
+        lines.push(format!("time     {}: {}", duration(self.seconds_total), stages.collect::<Vec<_>>().join(", ")));
+        let used = self.memory.peak_resident.map_or_else(|| "?".into(), |bytes| ByteSize(bytes).to_string());
+        let (budget, disk) = (ByteSize(self.memory.plan.budget), ByteSize(self.memory.peak_disk));
+        lines.push(format!("memory   {used} at most, of {budget} granted; {disk} of temporary disk"));
+        lines
+    }
+}
+
+impl fmt::Display for Report {
+    /// The summary without details.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.summary(false))
+    }
+}
+
+impl Closing {
+    /// A line about what was left out, if anything was to be.
+    pub fn left_out(&self) -> Option<String> {
+        let sparse = |cells: u64| format!("{} cells of too few points", thousands(cells));
+        let dropped = |Components { found, dropped, dropped_cells, .. }: Components| {
+            let (dropped, found, cells) = (thousands(dropped), thousands(found), thousands(dropped_cells));
+            format!("{dropped} of {found} components, {cells} cells in all")
+        };
+        let parts: Vec<String> =
+            (self.sparse_cells > 0)
+                .then(|| sparse(self.sparse_cells))
+                .into_iter()
+                .chain((self.outlier_cells > 0).then(|| {
+                    format!("{} cells of outliers (--keep-outliers keeps them)", thousands(self.outlier_cells))
+                }))
+                .chain(self.components.filter(|components| components.dropped > 0).map(dropped))
+                .collect();
+        (!parts.is_empty()).then(|| parts.join("; "))
+    }
+
+    /// A line about the inside.
+    pub fn verdict(&self) -> String {
+        match self.radius {
+            Some(radius) => format!("radius {radius} {}, as asked", if radius == 1 { "cell" } else { "cells" }),
+            None if self.sealed => "sealed: the mesh encloses the inside".to_owned(),
+            None if self.parted => {
+                format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.bridged.unwrap_or(0.0))
+            }
+            None => format!("not sealed: {}", self.same_sides()),
+        }
+    }
+}
+
+impl fmt::Display for GridReport {
+    /// "132 x 134 x 104 cells of 0.00117, 134 slices along y".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let GridReport { axis, slices, raster: [a, b, c], cell_size, unfolded } = self;
+        write!(f, "{a} x {b} x {c} cells of {}, {slices} slices along {axis}", short(*cell_size))?;
+        match unfolded {
+            Some([a, b, c]) => write!(f, "; the gaps up to far points are left out, of {a} x {b} x {c} with them"),
+            None => Ok(()),
+        }
+    }
+}
