@@ -1,9 +1,10 @@
-//! The header of a PLY file: what elements follow, and how each is stored.
+//! The header of a PLY file, of points or of a mesh: what elements follow, and how each is stored.
 //!
 //! ```text
 //!  ply
 //!  format binary_little_endian 1.0
 //!  comment anything                       also obj_info
+//!  comment origin 1000 2000 0             what is to be added to vertices
 //!  element vertex 12
 //!  property float x                       or float32; likewise for all types
 //!  property list uchar int neighbours     a count, then that many numbers
@@ -14,6 +15,7 @@ use std::path::Path;
 
 use super::super::lines::{lines, quoted};
 use crate::error::{Error, Result};
+use crate::mesh::told_origin;
 use crate::points::scalar::{Endian, Scalar};
 
 /// The longest header accepted, in bytes.
@@ -80,12 +82,14 @@ impl PropertyKind {
 }
 
 /// A whole header.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// How the data is stored.
     pub encoding: Encoding,
     /// The tables, in file order.
     pub elements: Vec<Element>,
+    /// What a comment says is to be added to vertices.
+    pub origin: [f64; 3],
     /// Bytes of the header.
     pub len: u64,
     /// Lines of the header.
@@ -100,6 +104,7 @@ impl Header {
     pub fn parse(path: &Path, head: &[u8]) -> Result<Header> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
+        let mut origin = [0.0; 3];
         for (number, range) in lines(head).skip(1) {
             let line = &head[range.clone()];
             let wrong =
@@ -107,6 +112,10 @@ impl Header {
             let text = std::str::from_utf8(line).unwrap_or("comment").trim();
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
             match words.as_slice() {
+                ["comment", "origin", ..] => {
+                    let told = text.strip_prefix("comment").and_then(told_origin);
+                    origin = told.unwrap_or(origin);
+                }
                 [] | ["comment" | "obj_info", ..] => {}
                 ["format", name, _version] => {
                     encoding = Some(encoding_of(name).ok_or_else(|| wrong("a known format"))?)
@@ -128,7 +137,7 @@ impl Header {
                     let end = memchr::memchr(b'\n', &head[range.end..]).map(|found| range.end + found + 1);
                     let len = end.ok_or_else(|| wrong("a line end behind end_header"))? as u64;
                     let encoding = encoding.ok_or_else(|| wrong("a format line before the end of the header"))?;
-                    return Ok(Header { encoding, elements, len, lines: number + 1 });
+                    return Ok(Header { encoding, elements, origin, len, lines: number + 1 });
                 }
                 _ => return Err(wrong("format, element, property, comment or end_header")),
             }

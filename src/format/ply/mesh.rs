@@ -5,13 +5,16 @@ use std::io::{BufReader, ErrorKind, Read};
 use std::path::PathBuf;
 
 use crate::error::{Error, Result};
-use crate::format::ply::mesh_header::{Element, Encoding, Header, Property, Type};
+use crate::format::lines::quoted;
+use crate::format::ply::header::{Element, Encoding, Header, MAX_HEADER, Property, PropertyKind};
+use crate::format::ply::is_ply;
 use crate::format::read::convert::Converter;
 use crate::format::read::text::{FromStart, Lines};
 use crate::format::read::{Input, chosen};
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::Precision;
 use crate::points::attribute::{Attribute, Schema, Wanted, canonical};
+use crate::points::scalar::{Endian, Scalar, reader};
 use crate::storage::spool::Workspace;
 use crate::system::FileAt;
 
@@ -19,6 +22,9 @@ use crate::system::FileAt;
 const PIECE: usize = 1 << 16;
 /// The coordinates' names.
 const AXES: [&str; 3] = ["x", "y", "z"];
+/// The elements of a mesh, each of which must be there once.
+const NEEDED: [(&str, &str); 2] =
+    [("vertex", "one element vertex"), ("face", "one element face (is this a point cloud?)")];
 
 pub(crate) fn open(
     input: Input,
@@ -26,9 +32,13 @@ pub(crate) fn open(
     in_memory: u64,
     wanted: &Wanted,
 ) -> Result<Box<dyn MeshSource>> {
-    let mut lines = Lines::new(&input);
-    let header = Header::read(&input, &mut lines)?;
-    let there = attributes(find(&header, "vertex")).map(|(name, _, kind)| Attribute::new(name, kind.scalar()));
+    let header = header_of(&input)?;
+    for (needed, what) in NEEDED {
+        if header.elements.iter().filter(|element| element.name == needed).count() != 1 {
+            return Err(Error::malformed(input.path, "the header", what, "none, or several"));
+        }
+    }
+    let there = attributes(find(&header, "vertex")).map(|(name, _, scalar)| Attribute::new(name, scalar));
     let schema = Schema::new(there.collect());
     let chosen = chosen(input.path, wanted, &schema)?;
     let layout = Layout::of(&input, &header)?;
@@ -38,13 +48,22 @@ pub(crate) fn open(
         let (path, origin) = (input.path.to_path_buf(), header.origin);
         return Ok(Box::new(InPlace { path, file: input.file, layout, origin, schema }));
     }
-    Ok(Box::new(convert(&input, &header, lines, workspace, in_memory, chosen)?))
+    Ok(Box::new(convert(&input, &header, workspace, in_memory, chosen)?))
 }
 
 /// Whether there are faces.
 pub(crate) fn has_faces(input: &Input) -> Result<bool> {
-    let elements = Header::parse(&mut Lines::new(input))?.elements;
-    Ok(elements.iter().any(|element| element.name == "face" && element.count > 0))
+    Ok(header_of(input)?.elements.iter().any(|element| element.name == "face" && element.count > 0))
+}
+
+/// Reads the header, whatever elements it tells of.
+fn header_of(input: &Input) -> Result<Header> {
+    let mut head = vec![0; input.length.min(MAX_HEADER) as usize];
+    input.read_at(0, &mut head)?;
+    if !is_ply(&head) {
+        return Err(Error::malformed(input.path, "header line 1", "\"ply\"", quoted(&head)));
+    }
+    Header::parse(input.path, &head)
 }
 
 /// Where vertices and triangles lie in a file whose elements all have a fixed length.
@@ -53,9 +72,9 @@ struct Layout {
     vertex_at: u64,
     vertex_stride: usize,
     /// Offset and type of x, y and z in a vertex.
-    axes: [(usize, Type); 3],
+    axes: [(usize, Scalar); 3],
     /// Offset and type of each attribute in a vertex.
-    attributes: Vec<(usize, Type)>,
+    attributes: Vec<(usize, Scalar)>,
     faces: u64,
     face_at: u64,
     face_stride: usize,
@@ -76,23 +95,21 @@ impl Layout {
             if i == list {
                 list_at = face_stride;
             }
-            face_stride += match property {
-                Property::Scalar { kind, .. } => kind.bytes(),
-                Property::List { count: Type::Uint8 | Type::Int8, item: Type::Int32 | Type::Uint32, .. }
-                    if i == list =>
-                {
+            face_stride += match property.kind {
+                PropertyKind::Number(scalar) => scalar.bytes(),
+                PropertyKind::List { count: Scalar::U8 | Scalar::I8, item: Scalar::I32 | Scalar::U32 } if i == list => {
                     13
                 }
-                Property::List { .. } => return Ok(None),
+                PropertyKind::List { .. } => return Ok(None),
             };
         }
-        if header.encoding != Encoding::LittleEndian {
+        if header.encoding != Encoding::Binary(Endian::Little) {
             return Ok(None);
         }
         let (mut vertex_at, mut face_at, mut vertex_stride) = (0, 0, 0);
-        let mut at = header.length;
+        let mut at = header.len;
         for element in &header.elements {
-            let stride = if element.name == "face" { Some(face_stride as u64) } else { element.stride() };
+            let stride = if element.name == "face" { Some(face_stride as u64) } else { element.fixed_size() };
             let Some(stride) = stride else { return Ok(None) };
             match element.name.as_str() {
                 "vertex" => (vertex_at, vertex_stride) = (at, stride as usize),
@@ -138,15 +155,15 @@ fn find<'a>(header: &'a Header, name: &str) -> &'a Element {
 }
 
 /// Offset and type of x, y and z; offsets are right if the vertex has no lists.
-fn axes(input: &Input, vertex: &Element) -> Result<[(usize, Type); 3]> {
+fn axes(input: &Input, vertex: &Element) -> Result<[(usize, Scalar); 3]> {
     let mut axes = [None; 3];
     let mut at = 0;
     for property in &vertex.properties {
-        if let Property::Scalar { name, kind } = property {
-            if let Some(axis) = AXES.iter().position(|axis| axis == name) {
-                axes[axis] = Some((at, *kind));
+        if let Some(scalar) = property.kind.number() {
+            if let Some(axis) = AXES.iter().position(|axis| *axis == property.name) {
+                axes[axis] = Some((at, scalar));
             }
-            at += kind.bytes();
+            at += scalar.bytes();
         }
     }
     match axes {
@@ -156,26 +173,26 @@ fn axes(input: &Input, vertex: &Element) -> Result<[(usize, Type); 3]> {
 }
 
 /// The narrowest precision that keeps coordinates of these types.
-fn precision(axes: [Type; 3]) -> Precision {
-    let narrow = |kind: &Type| !matches!(kind, Type::Float64 | Type::Int32 | Type::Uint32);
+fn precision(axes: [Scalar; 3]) -> Precision {
+    let narrow = |scalar: &Scalar| *scalar == Scalar::F32 || scalar.bytes() < 4;
     if axes.iter().all(narrow) { Precision::Single } else { Precision::Double }
 }
 
 /// What vertices have besides coordinates: name, offset and type; offsets are right if the vertex has no lists.
-fn attributes(vertex: &Element) -> impl Iterator<Item = (&str, usize, Type)> {
+fn attributes(vertex: &Element) -> impl Iterator<Item = (&str, usize, Scalar)> {
     let mut at = 0;
-    vertex.properties.iter().filter_map(move |property| match property {
-        Property::Scalar { name, kind } => {
-            at += kind.bytes();
-            (!AXES.contains(&name.as_str())).then_some((name.as_str(), at - kind.bytes(), *kind))
-        }
-        Property::List { .. } => None,
+    vertex.properties.iter().filter_map(move |Property { name, kind }| {
+        let scalar = kind.number()?;
+        at += scalar.bytes();
+        (!AXES.contains(&name.as_str())).then_some((name.as_str(), at - scalar.bytes(), scalar))
     })
 }
 
 /// The face's property that lists its corners.
 fn corners(input: &Input, face: &Element) -> Result<usize> {
-    let lists_corners = |property: &Property| matches!(property, Property::List { name, .. } if name == "vertex_indices" || name == "vertex_index");
+    let lists_corners = |Property { name, kind }: &Property| {
+        kind.number().is_none() && (name == "vertex_indices" || name == "vertex_index")
+    };
     face.properties
         .iter()
         .position(lists_corners)
@@ -228,13 +245,14 @@ impl MeshSource for InPlace {
     }
 
     fn precision(&self) -> Precision {
-        precision(self.layout.axes.map(|(_, kind)| kind))
+        precision(self.layout.axes.map(|(_, scalar)| scalar))
     }
 
     fn read_vertices(&self, first: u64, out: &mut [[f64; 3]]) -> Result<()> {
         let Layout { vertex_at, vertex_stride: stride, axes, .. } = self.layout;
+        let axes = axes.map(|(at, scalar)| (at, reader(scalar, Endian::Little)));
         self.records(vertex_at + first * stride as u64, stride, out.len(), |i, record| {
-            out[i] = axes.map(|(at, kind)| kind.decode(&record[at..]));
+            out[i] = axes.map(|(at, value)| value(&record[at..]));
             Ok(())
         })
     }
@@ -245,9 +263,10 @@ impl MeshSource for InPlace {
 
     fn read_attribute(&self, number: usize, first: u64, out: &mut [f64]) -> Result<()> {
         let Layout { vertex_at, vertex_stride: stride, .. } = self.layout;
-        let (at, kind) = self.layout.attributes[number];
+        let (at, scalar) = self.layout.attributes[number];
+        let value = reader(scalar, Endian::Little);
         self.records(vertex_at + first * stride as u64, stride, out.len(), |i, record| {
-            out[i] = kind.decode(&record[at..]);
+            out[i] = value(&record[at..]);
             Ok(())
         })
     }
@@ -275,33 +294,26 @@ impl MeshSource for InPlace {
 fn convert(
     input: &Input,
     header: &Header,
-    lines: Lines,
     workspace: &Workspace,
     in_memory: u64,
     schema: Schema,
 ) -> Result<crate::mesh::spool::MeshSpool> {
     let vertex = find(header, "vertex");
     // Of each property, which of the schema's attributes it is.
-    let place = |property: &Property| match property {
-        Property::Scalar { name, .. } if !AXES.contains(&name.as_str()) => {
-            let name = canonical(name);
-            schema.attributes().iter().position(|attribute| attribute.name == name)
-        }
-        _ => None,
+    let place = |Property { name, kind }: &Property| {
+        kind.number().filter(|_| !AXES.contains(&name.as_str()))?;
+        let name = canonical(name);
+        schema.attributes().iter().position(|attribute| attribute.name == name)
     };
     let places: Vec<Option<usize>> = vertex.properties.iter().map(place).collect();
     let mut attributes = vec![0.0; schema.attributes().len()];
-    let axes = axes(input, vertex)?.map(|(_, kind)| kind);
+    let axes = axes(input, vertex)?.map(|(_, scalar)| scalar);
     let corners = corners(input, find(header, "face"))?;
     let mut mesh = Converter::new(input.path, workspace, precision(axes), schema, in_memory);
+    let lines = Lines::behind(input, header.len, header.lines);
     let mut values = match header.encoding {
-        Encoding::Ascii => {
-            // The rest of the header's last line is no value.
-            let at = lines.line().len();
-            Values::Text { lines, at }
-        }
-        Encoding::LittleEndian => Values::Binary { reader: lines.into_rest(), order: Order::LowestFirst, input },
-        Encoding::BigEndian => Values::Binary { reader: lines.into_rest(), order: Order::HighestFirst, input },
+        Encoding::Ascii => Values::Text { lines, at: 0 },
+        Encoding::Binary(endian) => Values::Binary { reader: lines.into_rest(), endian, input },
     };
     for element in &header.elements {
         // Elements without properties take no room, however many they are said to be.
@@ -309,10 +321,10 @@ fn convert(
         for _ in 0..count {
             let mut position = [0.0; 3];
             for (i, property) in element.properties.iter().enumerate() {
-                match property {
-                    Property::Scalar { name, kind } => {
-                        let value = values.next(*kind)?;
-                        if let Some(axis) = AXES.iter().position(|axis| axis == name) {
+                match property.kind {
+                    PropertyKind::Number(scalar) => {
+                        let value = values.next(scalar)?;
+                        if let Some(axis) = AXES.iter().position(|axis| *axis == property.name) {
                             position[axis] = value;
                         } else if element.name == "vertex"
                             && let Some(place) = places[i]
@@ -320,12 +332,12 @@ fn convert(
                             attributes[place] = value;
                         }
                     }
-                    Property::List { count, item, .. } => {
-                        let count = values.count(*count)?;
+                    PropertyKind::List { count, item } => {
+                        let count = values.count(count)?;
                         if element.name == "face" && i == corners {
-                            mesh.polygon((0..count).map(|_| values.count(*item)))?;
+                            mesh.polygon((0..count).map(|_| values.count(item)))?;
                         } else {
-                            (0..count).try_for_each(|_| values.next(*item).map(drop))?;
+                            (0..count).try_for_each(|_| values.next(item).map(drop))?;
                         }
                     }
                 }
@@ -342,18 +354,11 @@ fn convert(
 /// The values of a file, one after the other.
 enum Values<'a> {
     Text { lines: Lines<'a>, at: usize },
-    Binary { reader: BufReader<FromStart<'a>>, order: Order, input: &'a Input<'a> },
-}
-
-/// The order of a value's bytes.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Order {
-    LowestFirst,
-    HighestFirst,
+    Binary { reader: BufReader<FromStart<'a>>, endian: Endian, input: &'a Input<'a> },
 }
 
 impl Values<'_> {
-    fn next(&mut self, kind: Type) -> Result<f64> {
+    fn next(&mut self, scalar: Scalar) -> Result<f64> {
         match self {
             Values::Text { lines, at } => loop {
                 let rest = &lines.line()[*at..];
@@ -370,10 +375,10 @@ impl Values<'_> {
                 *at = start + len;
                 return lines.number(Some(&word[..len]), "a number");
             },
-            Values::Binary { reader, order, input } => {
+            Values::Binary { reader: bytes_left, endian, input } => {
                 let mut bytes = [0; 8];
-                let bytes = &mut bytes[..kind.bytes()];
-                reader.read_exact(bytes).map_err(|refused| match refused.kind() {
+                let bytes = &mut bytes[..scalar.bytes()];
+                bytes_left.read_exact(bytes).map_err(|refused| match refused.kind() {
                     ErrorKind::UnexpectedEof => {
                         let place = format!("byte {}", input.length);
                         Error::malformed(
@@ -385,17 +390,14 @@ impl Values<'_> {
                     }
                     _ => Error::io(input.path, "read")(refused),
                 })?;
-                if *order == Order::HighestFirst {
-                    bytes.reverse();
-                }
-                Ok(kind.decode(bytes))
+                Ok(reader(scalar, *endian)(bytes))
             }
         }
     }
 
     /// The next value as a number of things, or the number of a thing.
-    fn count(&mut self, kind: Type) -> Result<u64> {
-        let value = self.next(kind)?;
+    fn count(&mut self, scalar: Scalar) -> Result<u64> {
+        let value = self.next(scalar)?;
         if value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0 {
             return Ok(value as u64);
         }

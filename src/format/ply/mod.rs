@@ -8,7 +8,6 @@ mod header;
 pub(crate) mod header_text;
 mod lists;
 pub(crate) mod mesh;
-pub(crate) mod mesh_header;
 #[cfg(test)]
 mod tests;
 pub(crate) mod write;

@@ -33,19 +33,22 @@ pub(crate) struct Lines<'a> {
     number: u64,
     bytes: Vec<u8>,
     line: String,
-    consumed: u64,
 }
 
 impl<'a> Lines<'a> {
     /// The lines from the file's start on.
     pub fn new(input: &'a Input) -> Lines<'a> {
+        Lines::behind(input, 0, 0)
+    }
+
+    /// The lines from byte `at` on, before which there are `number` lines.
+    pub fn behind(input: &'a Input, at: u64, number: u64) -> Lines<'a> {
         Lines {
             path: input.path,
-            reader: BufReader::with_capacity(1 << 16, FromStart { file: &input.file, at: 0 }),
-            number: 0,
+            reader: BufReader::with_capacity(1 << 16, FromStart { file: &input.file, at }),
+            number,
             bytes: Vec::new(),
             line: String::new(),
-            consumed: 0,
         }
     }
 
@@ -58,7 +61,6 @@ impl<'a> Lines<'a> {
         let mut limited = (&mut self.reader).take(LONGEST);
         let read = limited.read_until(b'\n', &mut self.bytes).map_err(Error::io(self.path, "read"))?;
         self.number += 1;
-        self.consumed += read as u64;
         if read as u64 == LONGEST {
             return Err(self.malformed("a line of less than 1 MiB", "a longer one"));
         }
@@ -70,16 +72,6 @@ impl<'a> Lines<'a> {
     /// The current line, without white space at its ends.
     pub fn line(&self) -> &str {
         self.line.trim()
-    }
-
-    /// Whether the current line is complete, rather than cut off by the end of the file.
-    pub fn is_terminated(&self) -> bool {
-        self.bytes.ends_with(b"\n")
-    }
-
-    /// Bytes of all lines so far.
-    pub fn consumed(&self) -> u64 {
-        self.consumed
     }
 
     /// The file behind the lines, at the byte after the current one.
