@@ -5,24 +5,12 @@ use asra_stream::internals::grid::context::Context;
 use asra_stream::internals::grid::dilate::Ball;
 use asra_stream::internals::grid::occupancy::Occupancy;
 use asra_stream::internals::grid::slice::{Run, Runs, SliceStore, Slices};
-use asra_stream::internals::points::Precision;
-use asra_stream::internals::resources::memory::MemoryPlan;
-use asra_stream::internals::resources::workers::Workers;
-use asra_stream::internals::run::workload::Workload;
+use asra_stream::internals::run::testing::with_context;
 use asra_stream::internals::settings::closing::Least;
 use asra_stream::internals::settings::closing::Sealing;
 use asra_stream::internals::solid::Solid;
 use asra_stream::internals::solid::close::{ClosingOptions, How, Parted, close};
 use asra_stream::internals::solid::component::keep;
-use asra_stream::internals::storage::spool::Workspace;
-
-fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
-    let dir = tempfile::tempdir().unwrap();
-    let workload = Workload::in_cells(1000, Precision::Single, cells, 1);
-    let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
-    let workers = Workers::new(2).unwrap();
-    work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory })
-}
 
 /// The cells of a sphere's surface, without those nearer than `hole` to its top.
 fn shell(size: u32, hole: f64) -> Vec<Cell> {

@@ -1,5 +1,12 @@
 //! The central test: the stream gives the naive twin's mesh, vertex for vertex, triangle for triangle, bit for bit.
 
+// In one program with the twin, which takes long to compile.
+mod streamed {
+    mod noise;
+    mod rest;
+    mod smooth;
+    mod twin_self;
+}
 mod twin;
 
 use std::path::Path;
@@ -669,7 +676,7 @@ fn never_a_double_wall() {
 fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), TestCaseError> {
     let expected = twin::solid(points, params);
     let dir = tempfile::tempdir().unwrap();
-    let context = small_context(dir.path());
+    let context = asra_stream::internals::run::testing::context(dir.path(), [64; 3], 2);
     let occupied = points.iter().map(|p| twin::grid::cell_of(*p, params).map(|c| c as u32));
     let occupancy = Occupancy::of_cells(occupied, params.cells, &context).unwrap();
     let closed = Solid::close(&occupancy, &Ball::new(params.rho), &context).unwrap();
@@ -690,17 +697,4 @@ fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), T
     prop_assert!(ours == expected);
     prop_assert_eq!(solid.volume, expected.iter().filter(|s| **s).count() as u64);
     Ok(())
-}
-
-/// A context for passes over the slices of small grids.
-fn small_context(dir: &Path) -> asra_stream::internals::grid::context::Context {
-    use asra_stream::internals::points::Precision;
-    use asra_stream::internals::run::workload::Workload;
-    let workload = Workload::in_cells(1000, Precision::Single, [64; 3], 1);
-    let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
-    asra_stream::internals::grid::context::Context {
-        workers: Workers::new(2).unwrap(),
-        workspace: Workspace::new(dir).unwrap(),
-        memory,
-    }
 }

@@ -388,10 +388,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::points::Precision;
-    use crate::resources::memory::MemoryPlan;
-    use crate::resources::workers::Workers;
-    use crate::run::workload::Workload;
+    use crate::run::testing::context;
 
     /// The number of a component's cells.
     #[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
@@ -454,11 +451,8 @@ mod tests {
         ) {
             let set: Vec<bool> = bits.iter().map(|bit| *bit < filling).collect();
             let dir = tempfile::tempdir().unwrap();
-            let workload = Workload::in_cells(1000, Precision::Single, SIZE.map(|c| c as u32), 1);
-            let mut memory = MemoryPlan::for_budget(1 << 30, &workload, 1).unwrap();
-            memory.store_quota = if in_memory { 1 << 20 } else { 0 };
-            let workspace = Workspace::new(dir.path()).unwrap();
-            let context = Context { workers: Workers::new(1).unwrap(), workspace, memory };
+            let mut context = context(dir.path(), SIZE.map(|c| c as u32), 1);
+            context.memory.store_quota = if in_memory { 1 << 20 } else { 0 };
 
             let slice = |y: usize| {
                 let mut bits = Bits::new(SIZE[0] as u32, SIZE[2] as u32);

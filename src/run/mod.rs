@@ -29,6 +29,9 @@ pub mod reconstruction;
 pub mod report;
 pub mod simplification;
 mod summary;
+#[cfg(any(test, feature = "internals"))]
+#[doc(hidden)]
+pub mod testing;
 pub mod workload;
 
 pub use self::files_to_mesh::run;

@@ -158,22 +158,10 @@ mod tests {
     use super::*;
     use crate::grid::Cell;
     use crate::grid::slice::SliceStore;
-    use crate::points::Precision;
-    use crate::resources::memory::MemoryPlan;
-    use crate::resources::workers::Workers;
-    use crate::run::workload::Workload;
+    use crate::run::testing::with_context;
     use crate::solid::exterior::Padded;
-    use crate::storage::spool::Workspace;
 
     const CELLS: Cell = [13, 11, 12];
-
-    fn with_context<R>(work: impl FnOnce(&Context) -> R) -> R {
-        let dir = tempfile::tempdir().unwrap();
-        let workload = Workload::in_cells(1000, Precision::Single, CELLS, 1);
-        let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
-        let workers = Workers::new(2).unwrap();
-        work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory })
-    }
 
     fn cells() -> impl Iterator<Item = [i64; 3]> {
         let [width, slices, rows] = CELLS.map(i64::from);
@@ -241,7 +229,7 @@ mod tests {
     }
 
     fn fast(marks: &[Is]) -> Vec<Is> {
-        with_context(|context| {
+        with_context(CELLS, |context| {
             let [outside, inside] = [Is::Outside, Is::Inside].map(|is| store(marks, is, context));
             let sides = Sides { padded: Padded { pad: 1, cells: CELLS }, outside, inside, squared: 1 };
             let sides = sides.without_bare(context).unwrap();

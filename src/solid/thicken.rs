@@ -152,19 +152,7 @@ mod tests {
     use super::*;
     use crate::grid::Cell;
     use crate::grid::slice::SliceStore;
-    use crate::points::Precision;
-    use crate::resources::memory::MemoryPlan;
-    use crate::resources::workers::Workers;
-    use crate::run::workload::Workload;
-    use crate::storage::spool::Workspace;
-
-    fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
-        let dir = tempfile::tempdir().unwrap();
-        let workload = Workload::in_cells(1000, Precision::Single, cells, 1);
-        let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
-        let workers = Workers::new(2).unwrap();
-        work(&Context { workers, workspace: Workspace::new(dir.path()).unwrap(), memory })
-    }
+    use crate::run::testing::with_context;
 
     fn squared_distance(a: [i64; 3], b: [i64; 3]) -> u32 {
         (0..3).map(|i| (a[i] - b[i]).pow(2)).sum::<i64>() as u32

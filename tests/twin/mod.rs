@@ -11,9 +11,6 @@
 //! * q' = corner + d, T = min + w·q', both after smoothing has ended;
 //! * points at equal distance: the first by (x, y, z), −0 before 0.
 
-// Every test file that includes the twin uses a part of it.
-#![allow(dead_code, unused_imports)]
-
 pub mod check;
 pub mod clouds;
 pub mod contract;

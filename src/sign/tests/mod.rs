@@ -10,16 +10,9 @@ mod sheet;
 mod signed;
 mod support;
 
-use std::path::Path;
-
 use super::block::{Block, PAD};
 use crate::grid::Cell;
-use crate::grid::context::Context;
-use crate::points::Precision;
-use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::workload::Workload;
-use crate::storage::spool::Workspace;
 
 /// Numbers that look random and are the same for the same seed.
 pub struct Numbers(u64);
@@ -65,17 +58,6 @@ pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 /// Two threads.
 pub fn workers() -> Workers {
     Workers::new(2).unwrap()
-}
-
-pub fn with_context<R>(cells: Cell, work: impl FnOnce(&Context) -> R) -> R {
-    let dir = tempfile::tempdir().unwrap();
-    work(&context(dir.path(), cells))
-}
-
-fn context(dir: &Path, cells: Cell) -> Context {
-    let workload = Workload::in_cells(1000, Precision::Single, cells, 1);
-    let memory = MemoryPlan::for_budget(1 << 30, &workload, 2).unwrap();
-    Context { workers: Workers::new(1).unwrap(), workspace: Workspace::new(dir).unwrap(), memory }
 }
 
 /// The cells of a level for which something holds, in the level's block.

@@ -5,7 +5,8 @@ use proptest::prelude::*;
 use super::super::block::Block;
 use super::super::{Seen, Side, Signed, outliers};
 use super::bodies::{Body, Shape};
-use super::{Numbers, level, numbers_of, square_between, with_context};
+use super::{Numbers, level, numbers_of, square_between};
+use crate::run::testing::with_context;
 
 fn signed(block: Block, mut occupied: Vec<bool>) -> Signed {
     let outliers = outliers::take_out(&block, &mut occupied);

@@ -28,7 +28,11 @@ mod vector;
 mod wall;
 
 #[cfg(test)]
+mod marks;
+#[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod twin;
 
 use std::collections::BTreeSet;
 use std::ops::Range;

@@ -1,7 +1,7 @@
 //! Untangling: vertices of triangles that intersect go back towards rest, until no two triangles intersect.
 //!
 //! *At rest* a vertex is where one step of smoothing puts it. The surface with all vertices at rest, nothing contracted, is free of
-//! intersections (`tests/rest.rs`), so a retreat comes to an end. Each round looks only at what the one before has changed.
+//! intersections (`tests/streamed/rest.rs`), so a retreat comes to an end. Each round looks only at what the one before has changed.
 //!
 //! ```text
 //!      x                  x     a and b are one vertex, on point x, and the triangles there meet others: the cluster is taken

@@ -1,16 +1,14 @@
 //! The naive twin is sound by itself: what it makes is a closed, oriented 2-manifold, and counts are as known.
 
-mod twin;
-
 use std::collections::BTreeSet;
 
+use crate::twin::check::{check, six_volumes};
+use crate::twin::clouds::{Cloud, cloud, setting};
+use crate::twin::fit::{Fitting, finish, slabs};
+use crate::twin::solid::solid_cells;
+use crate::twin::surface::surface;
+use crate::twin::{Axis, Diagonals, Fit, Params, Surface, grid_for, mesh_of_solid, reconstruct};
 use proptest::prelude::*;
-use twin::check::{check, six_volumes};
-use twin::clouds::{Cloud, cloud, setting};
-use twin::fit::{Fitting, finish, slabs};
-use twin::solid::solid_cells;
-use twin::surface::surface;
-use twin::{Axis, Diagonals, Fit, Params, Surface, grid_for, mesh_of_solid, reconstruct};
 
 const DIAGONALS: [Diagonals; 3] = [Diagonals::Delaunay, Diagonals::First, Diagonals::Random];
 

@@ -1,10 +1,8 @@
 //! The surface at rest has no intersecting triangles: what retreat goes back to.
 
-mod twin;
-
+use crate::twin::intersect::pairs;
+use crate::twin::{Diagonals, mesh_of_solid};
 use asra_stream::internals::mesh::intersect::intersect;
-use twin::intersect::pairs;
-use twin::{Diagonals, mesh_of_solid};
 
 /// Numbers that look random and are the same in every run.
 struct Numbers(u64);

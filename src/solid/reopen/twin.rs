@@ -1,0 +1,358 @@
+//! The naive twin: it holds the whole grid, and knows neither chunks nor tiles nor blocks of slices that are read.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::core::BITS;
+use super::field::LABELLINGS;
+use super::layers::Held;
+use super::marks::*;
+use super::signs::linked;
+use super::wall::{HIDDEN, Relation, SEEN, THIN};
+use super::*;
+
+/// The cells with points, and what is known of these.
+pub type Points = BTreeMap<[i64; 3], Moments>;
+
+/// A sum for each patch, the difference and all, in parts of a vote.
+pub type Votes = BTreeMap<usize, (i64, i64)>;
+
+/// Signs of hidden walls: patches by relabelling, rounds of votes over all cells.
+pub fn signed(walls: &mut BTreeMap<[i64; 3], Wall>) {
+    let places: Vec<Place> = walls.keys().map(|[y, z, x]| [*x, *y, *z]).collect();
+    let wall_at = |cell: Place| walls.get(&key(cell)).copied();
+    let chunk = |cell: Place| cell[1] / i64::from(CHUNK_SLICES);
+    // Every pair once: within chunks first, then across, chunk by chunk.
+    let mut links = Vec::new();
+    for (number, cell) in places.iter().enumerate() {
+        for other in cube(2).into_iter().map(|d| add(*cell, d)).filter(|other| key(*other) < key(*cell)) {
+            let (Some(a), Some(b)) = (wall_at(*cell), wall_at(other)) else { continue };
+            let d = std::array::from_fn(|i| b.at(other)[i] - a.at(*cell)[i]);
+            if let Some(opposite) = linked(&a, &b, d) {
+                let earlier = places.binary_search_by_key(&key(other), |p| key(*p)).unwrap();
+                links.push((chunk(other) != chunk(*cell), chunk(*cell), number, earlier, opposite));
+            }
+        }
+    }
+    links.sort_by_key(|(across, chunk, ..)| (*across, *chunk));
+    let mut patch: Vec<(usize, bool)> = (0..places.len()).map(|number| (number, false)).collect();
+    for (_, _, a, b, opposite) in links {
+        let ((a, of_a), (b, of_b)) = (patch[a], patch[b]);
+        for (of, turned) in patch.iter_mut().filter(|_| a != b) {
+            if *of == a {
+                (*of, *turned) = (b, *turned ^ of_a ^ of_b ^ opposite);
+            }
+        }
+    }
+    for _ in 0..signs::ROUNDS {
+        let mut votes = Votes::new();
+        for (number, cell) in places.iter().enumerate() {
+            let wall = walls[&key(*cell)];
+            if wall.kind != HIDDEN || wall.sign != 0 {
+                continue;
+            }
+            let (of, turned) = patch[number];
+            let sums = votes.entry(of).or_default();
+            let mut vote = |weight: f64| {
+                let weight = if turned { -weight } else { weight };
+                let weight = (weight * signs::QUANTA).round() as i64;
+                *sums = (sums.0 + weight, sums.1 + weight.abs());
+            };
+            for other in cube(2).into_iter().filter(|d| *d != [0; 3]).map(|d| add(*cell, d)) {
+                let Some(by) = walls.get(&key(other)) else { continue };
+                let knows = (by.kind == SEEN && by.confidence > signs::VOTER) || (by.kind == HIDDEN && by.sign != 0);
+                let d: [f64; 3] = std::array::from_fn(|i| by.at(other)[i] - wall.at(*cell)[i]);
+                let squared = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+                let decay = libm::exp(-squared / (2.0 * signs::DECAY * signs::DECAY));
+                let weight = match Relation::of(&wall, by, d) {
+                    Some(Relation::Wall(same)) => same * decay,
+                    Some(Relation::Crease(same)) => signs::CREASE * same * decay,
+                    Some(Relation::Facing(same)) => signs::FACING * same,
+                    None => continue,
+                };
+                if knows {
+                    vote(weight * f64::from(by.sign));
+                }
+            }
+            vote(signs::HINT * f64::from(wall.hint));
+        }
+        let mut any = false;
+        for (number, cell) in places.iter().enumerate() {
+            let wall = walls.get_mut(&key(*cell)).unwrap();
+            let (of, turned) = patch[number];
+            if wall.kind != HIDDEN || wall.sign != 0 {
+                continue;
+            }
+            let (difference, all) = votes[&of];
+            let (difference, all) = (difference as f64 / signs::QUANTA, all as f64 / signs::QUANTA);
+            if all > signs::ENOUGH && difference.abs() > signs::CLEAR * all {
+                wall.sign = if (difference > 0.0) != turned { 1 } else { -1 };
+                any = true;
+            }
+        }
+        if !any {
+            break;
+        }
+    }
+}
+
+/// The solid's cells that are left.
+pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
+    let block = |cell: Place| cell.map(|c| c / i64::from(BLOCK));
+    let deep = |cell: Place| cube(1).into_iter().all(|d| solid.at(add(cell, d)));
+    let mut counts = BTreeMap::<Place, u32>::new();
+    let places = points.keys().map(|[y, z, x]| [*x, *y, *z]);
+    places.clone().filter(|cell| deep(*cell)).for_each(|cell| *counts.entry(block(cell)).or_default() += 1);
+    let evident: Vec<Place> = counts.into_iter().filter(|(_, count)| *count >= EVIDENCE).map(|(at, _)| at).collect();
+    let near =
+        |cell: Place, by: u32| evident.iter().any(|at| (0..3).all(|a| (at[a] - block(cell)[a]).abs() <= i64::from(by)));
+    let active: Vec<Place> = places.filter(|cell| near(*cell, LOOKED_AT)).collect();
+    if active.is_empty() {
+        return solid.clone();
+    }
+    // Planes, what is seen, signs, areas.
+    let looked_at: BTreeSet<[i64; 3]> = active.iter().map(|cell| key(*cell)).collect();
+    let of = |cell: Place| points.get(&key(cell)).filter(|_| looked_at.contains(&key(cell)));
+    let mut walls = BTreeMap::new();
+    for cell in &active {
+        let around = |reach: i64| -> Vec<Near> {
+            let near = cube(reach).into_iter().filter_map(|step| Some(Near { step, moments: *of(add(*cell, step))? }));
+            near.collect()
+        };
+        let (own, wide) = (of(*cell).unwrap(), !plane::is_enough(&around(2)));
+        let plane = plane::plane(own, &around(if wide { 3 } else { 2 }), wide);
+        let wall = Wall { mean: own.mean, normal: plane.normal, confidence: plane.confidence, ..Wall::default() };
+        walls.insert(key(*cell), wall);
+    }
+    let whole = stretch(solid);
+    let held = held(solid.cells, &walls);
+    let seen = walls.iter().map(|(at, wall)| (*at, wall.seen([at[2], at[0], at[1]], &held, &whole)));
+    let mut walls: BTreeMap<[i64; 3], Wall> = seen.collect();
+    signed(&mut walls);
+    let held = self::held(solid.cells, &walls);
+    // From here on, hidden walls are the evidence.
+    let mut counts = BTreeMap::<Place, u32>::new();
+    for (at, _) in walls.iter().filter(|(_, wall)| wall.kind == HIDDEN) {
+        *counts.entry(block([at[2], at[0], at[1]])).or_default() += 1;
+    }
+    let evident: Vec<Place> = counts.into_iter().filter(|(_, count)| *count >= EVIDENCE).map(|(at, _)| at).collect();
+    let near =
+        |cell: Place, by: u32| evident.iter().any(|at| (0..3).all(|a| (at[a] - block(cell)[a]).abs() <= i64::from(by)));
+    let dipoles = walls.iter().map(|(at, wall)| {
+        let cell = [at[2], at[0], at[1]];
+        let none = Dipole { mean: wall.mean, area: [0.0; 3], inside: 1.0 };
+        (*at, if near(cell, LOOKED_AT) { Dipole::of(wall, cell, &held) } else { none })
+    });
+    let dipoles: BTreeMap<[i64; 3], Dipole> = dipoles.collect();
+    // Labels.
+    let sigma = (3.0 / side).clamp(2.0, 3.0);
+    let kernel = Kernel::new(sigma);
+    let all_dipoles = self::held(solid.cells, &dipoles);
+    let candidate = |cell: &Place| {
+        let near_wall = cube(4)
+            .into_iter()
+            .filter(|d| d.iter().map(|c| c * c).sum::<i64>() <= 16)
+            .any(|d| walls.contains_key(&key(add(*cell, d))));
+        solid.at(*cell) && !points.contains_key(&key(*cell)) && near_wall && near(*cell, OPEN)
+    };
+    let candidates: Vec<(Place, f32)> = solid
+        .all()
+        .filter(candidate)
+        .map(|cell| (cell, kernel.near(cell[0]..cell[0] + 1, cell[1], cell[2], &all_dipoles)[0]))
+        .collect();
+    let mut outside = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+    let mut sure = outside.clone();
+    let reach = (3.0 * sigma).ceil() as i64;
+    let sum: f64 = (-reach..=reach).map(|d| libm::exp(-(d * d) as f64 / (2.0 * sigma * sigma))).sum();
+    let weight = |d: i64| (libm::exp(-(d * d) as f64 / (2.0 * sigma * sigma)) / sum) as f32;
+    for _ in 0..LABELLINGS {
+        let share = |cell: Place| match dipoles.get(&key(cell)) {
+            Some(dipole) => dipole.inside,
+            None => f32::from(solid.at(cell) && !outside.at(cell)),
+        };
+        let blurred = |by: &dyn Fn(Place) -> f32, axis: usize| -> BTreeMap<[i64; 3], f32> {
+            let mut out = BTreeMap::new();
+            let margin = Marks::none(solid.cells.map(|c| (c + 2 * reach) as u32));
+            for cell in margin.all().map(|cell| cell.map(|c| c - reach)) {
+                let step = |d: i64| [0, 1, 2].map(|a| cell[a] + if a == axis { d } else { 0 });
+                let sum = (-reach..=reach).fold(0.0, |sum, d| sum + weight(d) * by(step(d)));
+                if sum != 0.0 {
+                    out.insert(key(cell), sum);
+                }
+            }
+            out
+        };
+        let along_x = blurred(&share, 0);
+        let along_z = blurred(&|cell| along_x.get(&key(cell)).copied().unwrap_or(0.0), 2);
+        let mut next = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+        sure = next.clone();
+        for (cell, near) in &candidates {
+            let far = (-reach..=reach)
+                .fold(0.0, |sum, d| sum + weight(d) * along_z.get(&key(add(*cell, [0, d, 0]))).copied().unwrap_or(0.0));
+            next.put(*cell, near + far <= 0.5);
+            sure.put(*cell, near + far < 0.3);
+        }
+        outside = next;
+    }
+    // The target.
+    let thin = |cell: Place| {
+        let kinds = cube(1).into_iter().filter_map(|d| walls.get(&key(add(cell, d))).map(|wall| wall.kind));
+        let kinds: Vec<u8> = kinds.collect();
+        let count = |kind: u8| kinds.iter().filter(|k| **k == kind).count();
+        count(THIN) > count(HIDDEN)
+    };
+    let mut free = outside.clone();
+    outside.all().filter(|cell| outside.at(*cell) && thin(*cell)).for_each(|cell| free.put(cell, false));
+    let may_open = |cell: Place| -> Option<Place> {
+        let wall = walls.get(&key(cell))?;
+        let outwards = wall.normal.map(|c| f64::from(wall.sign) * f64::from(c));
+        let middle = cell.map(|c| c as f64 + 0.5);
+        let at = wall.at(cell);
+        let inside = 0.5 + (0..3).map(|a| outwards[a] * (at[a] - middle[a])).sum::<f64>();
+        let behind = [0, 1, 2].map(|a| (middle[a] - outwards[a]).floor() as i64);
+        let beside = FACES.iter().any(|d| free.at(add(cell, *d)));
+        let opens = wall.sign != 0 && wall.confidence >= 0.5 && beside && !thin(cell) && inside <= 0.5;
+        (opens && solid.at(cell) && solid.at(behind) && !free.at(behind)).then_some(behind)
+    };
+    let mut target = free.clone();
+    for at in walls.keys() {
+        let cell = [at[2], at[0], at[1]];
+        if near(cell, OPEN) && may_open(cell).is_some_and(|behind| may_open(behind).is_none()) {
+            target.put(cell, true);
+        }
+    }
+    // The core.
+    let certain = |cell: Place| target.at(cell) && sure.at(cell);
+    let open = |cell: Place| !solid.at(cell) || certain(cell);
+    let mut core = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+    for cell in solid.all().filter(|cell| certain(*cell)) {
+        let plate = |axis: usize| {
+            (0..4).any(|from| {
+                let step = |i: i64| {
+                    let mut at = cell;
+                    at[(axis + 1) % 3] += (i & 1) - (from & 1);
+                    at[(axis + 2) % 3] += (i >> 1) - (from >> 1);
+                    at
+                };
+                (0..4).all(|i| open(step(i)))
+            })
+        };
+        core.put(cell, (0..3).any(plate));
+    }
+    let mut opened = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+    for group in core.groups() {
+        let joined = group.iter().any(|cell| FACES.iter().any(|d| !solid.at(add(*cell, *d))));
+        if joined && group.iter().any(|cell| deep(*cell)) {
+            group.iter().for_each(|cell| opened.put(*cell, true));
+        }
+    }
+    let left = |opened: &Marks| {
+        let mut left = solid.clone();
+        opened.all().filter(|cell| opened.at(*cell)).for_each(|cell| left.put(cell, false));
+        left
+    };
+    let with_bits = |opened: &mut Marks| {
+        let before = opened.clone();
+        for group in left(opened).groups() {
+            let cut = group.iter().any(|cell| FACES.iter().any(|d| before.at(add(*cell, *d))));
+            if cut && group.len() < BITS as usize {
+                group.iter().for_each(|cell| opened.put(*cell, true));
+            }
+        }
+    };
+    with_bits(&mut opened);
+    // Groups are put back until all that are left may stay.
+    let beside =
+        |group: &[Place], marks: &Marks| group.iter().any(|cell| FACES.iter().any(|d| marks.at(add(*cell, *d))));
+    let cavities = cavities(solid);
+    loop {
+        let before = opened.clone();
+        let changes = changes(solid, &opened);
+        let change = |group: &[Place]| group.iter().map(|cell| changes[cell]).sum::<i64>();
+        // Those that lower the Euler number, with the cavities that they reach.
+        let lowering: Vec<Vec<Place>> = opened.groups().into_iter().filter(|group| change(group) < 0).collect();
+        let mut cluster = cavities.clone();
+        lowering.iter().flatten().for_each(|cell| cluster.put(*cell, true));
+        for cluster in cluster.groups() {
+            let of_cluster: Vec<Place> = cluster.iter().copied().filter(|cell| opened.at(*cell)).collect();
+            let with_cavity = of_cluster.len() < cluster.len();
+            if change(&of_cluster) + i64::from(with_cavity) < 0 {
+                of_cluster.iter().for_each(|cell| opened.put(*cell, false));
+            }
+        }
+        // Those that cut off pieces.
+        let mut pieces = left(&opened).groups();
+        pieces.retain(|piece| beside(piece, &opened));
+        let at_first = solid.groups().iter().filter(|piece| piece.iter().any(|cell| opened.at(*cell))).count();
+        if pieces.len() > at_first {
+            let largest = pieces.iter().map(Vec::len).max().unwrap();
+            let mut cut_off = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+            pieces.iter().filter(|piece| piece.len() < largest).flatten().for_each(|cell| cut_off.put(*cell, true));
+            let changes = self::changes(solid, &opened);
+            for group in opened.groups() {
+                if group.iter().map(|cell| changes[cell]).sum::<i64>() > 0 && beside(&group, &cut_off) {
+                    group.iter().for_each(|cell| opened.put(*cell, false));
+                }
+            }
+        }
+        if opened.set == before.set {
+            break;
+        }
+    }
+    // Growth.
+    for _ in 0..ROUNDS {
+        for subgrid in 0..8 {
+            for [x, y, z] in solid.all() {
+                let cell = [x, y, z];
+                let out = |cell: Place| !solid.at(cell) || opened.at(cell);
+                if (x & 1) + 2 * (z & 1) + 4 * (y & 1) != subgrid || out(cell) || !target.at(cell) {
+                    continue;
+                }
+                if simple(|d| out(add(cell, d))) {
+                    opened.put(cell, true);
+                }
+            }
+        }
+    }
+    left(&opened)
+}
+
+/// How the Euler number of the solid changes with each cell that opens, one after the other.
+pub fn changes(solid: &Marks, opened: &Marks) -> BTreeMap<Place, i64> {
+    let mut changes = BTreeMap::new();
+    let mut rest = solid.clone();
+    for cell in opened.all().filter(|cell| opened.at(*cell)) {
+        let round = || cube(1).into_iter().map(|d| add(cell, d));
+        let before = euler(round(), |cell| rest.at(cell));
+        rest.put(cell, false);
+        changes.insert(cell, euler(round(), |cell| rest.at(cell)) - before);
+    }
+    changes
+}
+
+/// All slices of a grid, each cell with its value, and empty ones beside them.
+pub fn held<T: Copy>(cells: Place, values: &BTreeMap<[i64; 3], T>) -> Held<T> {
+    let slice = |y: i64| {
+        let mut runs = Runs::default();
+        for z in 0..cells[2] {
+            for (at, _) in values.range([y, z, 0]..[y, z, cells[0]]) {
+                runs.push_run(at[2] as u32, at[2] as u32 + 1);
+            }
+            runs.end_row();
+        }
+        (Cells::of(&runs), values.range([y, 0, 0]..[y + 1, 0, 0]).map(|(_, value)| *value).collect())
+    };
+    Held::of(-20, (-20..cells[1] + 20).map(slice).collect())
+}
+
+/// The same of marks.
+pub fn stretch(marks: &Marks) -> Stretch {
+    let slice = |y: i64| {
+        let mut runs = Runs::default();
+        for z in 0..marks.cells[2] {
+            (0..marks.cells[0]).filter(|x| marks.at([*x, y, z])).for_each(|x| runs.push_run(x as u32, x as u32 + 1));
+            runs.end_row();
+        }
+        runs
+    };
+    Stretch::of(-20, (-20..marks.cells[1] + 20).map(slice).collect())
+}
