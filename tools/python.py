@@ -68,8 +68,9 @@ def main():
     if not arguments.target:
         shutil.rmtree(dist, ignore_errors=True)
     build = environment(target / "build", BUILD if arguments.smoke else [*BUILD, *COMPILER])
-    # Zig is found by its name, too.
-    cargo = os.environ | {"CARGO_TARGET_DIR": str(target), "PATH": f"{build.parent}{os.pathsep}{os.environ['PATH']}"}
+    # A smoke test shares what the program's tests have compiled. Zig is found by its name, too.
+    built = target.parent if arguments.smoke else target
+    cargo = os.environ | {"CARGO_TARGET_DIR": str(built), "PATH": f"{build.parent}{os.pathsep}{os.environ['PATH']}"}
     how = ["--profile", "dev"] if arguments.smoke else ["--profile", "release", "--zig", "--compatibility", MANYLINUX]
     if arguments.target:
         how += ["--target", arguments.target]
