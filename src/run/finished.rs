@@ -19,8 +19,7 @@ use crate::storage::spool::Workspace;
 /// # Errors
 /// [`Error::CheckFailed`].
 pub(crate) fn refuse_unsound(report: &CheckReport, settings: &Settings) -> Result<()> {
-    let open = settings.open.is_some_and(|open| open.base.is_none());
-    if report.is_sound(open) { Ok(()) } else { Err(Error::CheckFailed(report.to_string())) }
+    if report.is_sound(settings.may_end()) { Ok(()) } else { Err(Error::CheckFailed(report.to_string())) }
 }
 
 /// A finished run, to be reported on.
@@ -75,6 +74,7 @@ pub(crate) fn report(run: Finished<'_>) -> Report {
         closing: Closing::of(made, &surveyed.grid),
         fit: FitReport { onto: made.fit, shell: made.shell },
         vertices: made.counts,
+        trimmed: made.trimmed,
         simplification,
         check,
         output,

@@ -17,13 +17,13 @@ use crate::points::bounds::Bounds;
 use crate::resources::memory::MemoryPlan;
 use crate::run::bare_earth::GroundReport;
 use crate::run::phase::Phase;
-use crate::run::pipeline::{Reconstructed, Surveyed};
+use crate::run::pipeline::{Reconstructed, Surveyed, Trimmed};
 use crate::run::progress::Warning;
 use crate::run::simplification;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Kind, Open};
-use crate::settings::simplification::Simplification;
+use crate::settings::simplification::{Simplification, Tolerance};
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
 use crate::simplify::Figures;
@@ -68,6 +68,9 @@ pub struct Report {
     pub fit: FitReport,
     /// What became of the vertices.
     pub vertices: Counts,
+    /// The triangles that were left out as they are far from all points, if they were to be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trimmed: Option<Trimmed>,
     /// How many triangles were left out, if any were to be.
     pub simplification: Option<Figures>,
     /// The mesh as the check found it, unless it was left out.
@@ -123,6 +126,10 @@ pub struct Parameters {
     pub surface: SurfaceOptions,
     /// What was asked of a surface that is not closed.
     pub open: Option<Open>,
+    /// Whether vertices carry their distance from the nearest point.
+    pub bridged: bool,
+    /// How far from any point triangles were left out.
+    pub trim: Option<Tolerance>,
     /// What was asked of a simplification.
     pub simplify: Option<Simplification>,
 }
@@ -272,8 +279,8 @@ impl Parameters {
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
             Fineness::Sampling | Fineness::Default => {}
         }
-        let Settings { seal, window, keep_outliers, min_points, min_component, surface, open, simplify, .. } =
-            *settings;
+        let Settings { seal, window, keep_outliers, min_points, min_component, surface, open, .. } = *settings;
+        let Settings { bridged, trim, simplify, .. } = *settings;
         Parameters {
             k,
             slices,
@@ -285,6 +292,8 @@ impl Parameters {
             min_component,
             surface,
             open,
+            bridged,
+            trim,
             simplify,
         }
     }
@@ -438,7 +447,10 @@ impl Report {
     /// Judges the run by what the rest of the report says: whether the mesh encloses the inside, what may be wrong with it, and what can be done about that.
     pub fn judge(&mut self) {
         self.closing.bridged = self.bridged_share();
-        self.closing.sealed = self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
+        // What ends somewhere encloses nothing.
+        let ends = self.trimmed.is_some_and(|trimmed| trimmed.triangles > 0);
+        self.closing.sealed =
+            !ends && self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
         self.warnings = self.find_warnings();
     }
 
@@ -589,6 +601,10 @@ impl Report {
                 short(bridged_area),
                 100.0 * share
             ));
+        }
+        if let Some(Trimmed { distance, triangles }) = self.trimmed {
+            let (triangles, distance) = (thousands(triangles), short(distance));
+            lines.push(format!("trimmed  {triangles} triangles farther than {distance} from any point"));
         }
         if retreated > 0 {
             lines.push(format!(
