@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::input::{Cloud, Source};
 use crate::mesh::check::CheckReport;
 use crate::resources::machine;
+use crate::run::advice;
 use crate::run::bare_earth::GroundReport;
 use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::Progress;
@@ -86,6 +87,7 @@ pub(crate) fn report(run: Finished<'_>) -> Report {
             peak_disk: workspace.peak_on_disk(),
         },
         warnings: Vec::new(),
+        foreseen: advice::of_survey(surveyed),
     };
     report.judge();
     report

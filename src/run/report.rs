@@ -85,6 +85,9 @@ pub struct Report {
     pub memory: MemoryReport,
     /// What may be wrong with the mesh.
     pub warnings: Vec<Warning>,
+    /// Those of the points, which come first.
+    #[serde(skip)]
+    pub(crate) foreseen: Vec<Warning>,
 }
 
 /// One file read.
@@ -180,6 +183,9 @@ pub struct Closing {
     pub sealed: bool,
     /// Whether samples part inside and outside everywhere: there are no patches, and `part_nothing` is below 2 %.
     pub parted: bool,
+    /// Whether triangles were left out, so that the mesh ends there.
+    #[serde(skip)]
+    pub(crate) ends: bool,
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
     pub bridged: Option<f64>,
     /// The part of the samples' cells that have the same side on both sides.
@@ -359,6 +365,7 @@ impl Closing {
             radius,
             sealed: is_parted,
             parted: is_parted,
+            ends: false,
             bridged: None,
             part_nothing: parted.map_or(0.0, |parted| parted.part_nothing as f64 / walls),
             open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),
@@ -395,6 +402,7 @@ impl Closing {
     pub fn verdict(&self) -> String {
         match self.radius {
             Some(radius) => format!("radius {radius} {}, as asked", if radius == 1 { "cell" } else { "cells" }),
+            None if self.ends && self.parted => "open where triangles far from points were left out".to_owned(),
             None if self.sealed => "sealed: the mesh encloses the inside".to_owned(),
             None if self.parted => {
                 format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.bridged.unwrap_or(0.0))
@@ -448,9 +456,9 @@ impl Report {
     pub fn judge(&mut self) {
         self.closing.bridged = self.bridged_share();
         // What ends somewhere encloses nothing.
-        let ends = self.trimmed.is_some_and(|trimmed| trimmed.triangles > 0);
+        self.closing.ends = self.trimmed.is_some_and(|trimmed| trimmed.triangles > 0);
         self.closing.sealed =
-            !ends && self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
+            !self.closing.ends && self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
         self.warnings = self.find_warnings();
     }
 
@@ -460,13 +468,15 @@ impl Report {
             let dropped = thousands(self.points.dropped);
             found.push(Warning::bare(format!("{dropped} points left out: a coordinate is not a number, or infinite")));
         }
-        if self.points_to_a_cell > CROWDED {
+        found.extend(self.foreseen.iter().cloned());
+        if self.points_to_a_cell > CROWDED && self.foreseen.is_empty() {
             let crowd = thousands(self.points_to_a_cell as u64);
             found.push(Warning::new(
                 format!("{crowd} points to an occupied cell, on average: too coarse to show what they are of"),
                 "points far away may stretch the box; --bounds leaves them out, and --cell-size makes cells finer",
             ));
         }
+        found.extend(self.noise());
         if self.parameters.open.is_none() {
             found.extend(self.closing.warnings(self.grid.cell_size));
         }
@@ -499,6 +509,18 @@ impl Report {
             found.push(Warning::bare(format!("{tangled} pairs of triangles still intersect")));
         }
         found
+    }
+
+    /// A shell so thick that nothing tells it from a filled body: vertices lie on points, which is wrong if it is noise.
+    fn noise(&self) -> Option<Warning> {
+        let shell = self.fit.shell.filter(|shell| self.fit.onto == Fit::Nearest && shell.fills_blocks())?;
+        Some(Warning::new(
+            format!(
+                "points fill the space round the surface, {:.2} cells thick or more: the mesh lies on the outermost of them",
+                shell.thickness
+            ),
+            format!("if that is noise, --cell-size {} lays the mesh amid them", short(2.0 * self.grid.cell_size)),
+        ))
     }
 
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
