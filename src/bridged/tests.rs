@@ -147,14 +147,25 @@ proptest! {
 }
 
 #[test]
-fn vertices_that_share_one_corner_lose_it() {
-    // Two far vertices on opposite sides of 4 leave it two fans, and all of it goes; the corners of the square stay only with triangles.
-    let faces = net([3, 3], false, &[false]);
-    let mut mesh = Lists { places: vec![[0.0; 3]; 9], bytes: vec![7; 9], distances: vec![0.0; 9], faces };
+fn a_vertex_of_two_fans_goes_with_them() {
+    // Two far vertices on opposite sides of the middle of a net leave it two fans.
+    let mut mesh = Lists {
+        places: (0..9).map(|v| [f64::from(v / 3), f64::from(v % 3), 0.0]).collect(),
+        bytes: vec![7; 9],
+        distances: vec![0.0; 9],
+        faces: net([3, 3], false, &[false]),
+    };
     mesh.distances[1] = 2.0;
     mesh.distances[7] = 2.0;
-    assert_eq!(naive(&mesh, 1.0).faces, Vec::<[u32; 3]>::new());
-    assert_eq!(naive(&mesh, 2.0), mesh);
+    with_room(1, |room| {
+        let left = |trim: f64| {
+            let asked = Bridging { carried: true, trim: Some(trim), reach: 9.0 };
+            let found = Distances::of(&mesh.distances, &room);
+            lists(&rewritten(&spooled(&mesh, &room), &found, asked, &room).unwrap().mesh, true)
+        };
+        assert_eq!(left(1.0), Lists::default());
+        assert_eq!(left(2.0), mesh);
+    });
 }
 
 #[test]
