@@ -60,6 +60,7 @@
 #![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
+mod bridged;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
@@ -73,6 +74,7 @@ mod grid;
 mod ground;
 mod input;
 mod mesh;
+mod nearest;
 mod points;
 #[cfg(feature = "render")]
 mod render;

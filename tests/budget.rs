@@ -140,6 +140,8 @@ struct Case {
     carried: bool,
     /// Whether triangles are left out in the end.
     simplified: bool,
+    /// Whether distances from points are measured, and triangles left out by them.
+    trimmed: bool,
     /// The budget: so many times the least.
     factor: f64,
 }
@@ -169,6 +171,8 @@ impl Case {
             settings: Settings {
                 fineness: Fineness::Given(Resolution::K(self.k)),
                 open,
+                bridged: self.trimmed,
+                trim: self.trimmed.then_some(Tolerance::Cells(1.5)),
                 simplify: self.simplified.then(|| Simplification::within(Tolerance::Cells(0.25))),
                 surface: SurfaceOptions { smooth: self.smooth, fit: self.fit, ..Settings::default().surface },
                 ..Settings::default()
@@ -244,14 +248,16 @@ fn cases() -> impl Strategy<Value = Case> {
         fits,
         smooth,
         1..5usize,
-        [any::<bool>(), any::<bool>()],
+        [any::<bool>(), any::<bool>(), any::<bool>()],
         1.0..3.0,
     )
-        .prop_map(|(cloud, points, noise, k, surface, fit, smooth, threads, [carried, simplified], factor)| {
-            // Half of the budgets are the least.
-            let factor = if factor < 2.0 { 1.0 } else { factor };
-            Case { cloud, points, noise, k, surface, fit, smooth, threads, carried, simplified, factor }
-        })
+        .prop_map(
+            |(cloud, points, noise, k, surface, fit, smooth, threads, [carried, simplified, trimmed], factor)| {
+                // Half of the budgets are the least.
+                let factor = if factor < 2.0 { 1.0 } else { factor };
+                Case { cloud, points, noise, k, surface, fit, smooth, threads, carried, simplified, trimmed, factor }
+            },
+        )
 }
 
 #[test]
@@ -279,6 +285,7 @@ fn walls_cost_no_more_than_planned() {
             threads: 1,
             carried: false,
             simplified: false,
+            trimmed: false,
             factor: 1.0,
         };
         case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
@@ -303,6 +310,7 @@ fn the_ground_filter_keeps_the_budget() {
             threads,
             carried: true,
             simplified: false,
+            trimmed: false,
             factor: 1.0,
         };
         let folder = tempfile::tempdir().unwrap();

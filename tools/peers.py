@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""asra-stream beside others that make meshes of points: Open3D, PyMeshLab, CGAL, and PoissonRecon if you have it.
+"""asra-stream beside others that make meshes of points: Open3D, PyMeshLab, CGAL, and PoissonRecon, Tight Cocone and Power Crust if you have them.
 
     tools/peers.py --models DIR                          all of them, 36 thousand to 20 million points: hours, mostly of runs that hit a cap
     tools/peers.py --models DIR --minutes 35             begins no run after 35 minutes; call it again to continue
@@ -12,6 +12,9 @@ asra-stream makes at k = 4, as near as their settings allow; asra-stream runs an
 came of a run is kept in the work folder as JSON, its mesh beside it. DIR has horse.ply and stanford_bunny.ply (or .ply.gz); clouds are the vertices
 of these, and samples of the horse's surface. A Python environment is made in the user's cache, and CGAL's drivers are built with g++, for which
 Debian has the headers: apt-get install g++ libcgal-dev libeigen3-dev
+
+Tight Cocone is called as PROGRAM POINTS MESH, Power Crust as PROGRAM -m 1000000 -i POINTS, in a folder of their own. POINTS is text, a point a line. The surface is read from MESH,
+or from MESH.off, or, Power Crust's, from pc.off: OFF, whose polygons are cut into triangles. Where a program wants to be called otherwise, name a script that does so.
 """
 
 import argparse
@@ -24,6 +27,7 @@ import shutil
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -72,7 +76,13 @@ PEERS = {
     "cgal-poisson": Peer("CGAL, Poisson", "distance", 0.375, -1.3, 147, 5045, most=500_000),
     "cgal-alpha-wrap": Peer("CGAL, alpha wrap", "diagonal / alpha", 20, 2, 23, 348),
     "poissonrecon": Peer("PoissonRecon", "depth", 8, "depth", 46, 793, True),
+    "tight-cocone": Peer("Tight Cocone", None, None, None, 100, 3000, most=500_000),
+    "power-crust": Peer("Power Crust", None, None, None, 300, 5000, most=500_000),
 }
+# Programs that only their users can build, and what they are called with beside the points.
+FOREIGN = {"tight-cocone": ["{points}", "{mesh}"], "power-crust": ["-m", "1000000", "-i", "{points}"]}
+# Built by the user, and named by an option each.
+OPTIONAL = ("poissonrecon", *FOREIGN)
 NORMALS = Peer("Open3D, normals", None, None, None, 75, 2671)
 NOTES = """\
 * Open3D's Poisson, PyMeshLab's screened Poisson and PoissonRecon at depth 8, the rest at defaults. They and Open3D's ball pivoting need normals:
@@ -83,6 +93,8 @@ NOTES = """\
 * CGAL: advancing front at defaults; scale space with four steps of smoothing and manifold alpha shapes; Poisson with jet-fitted normals of 18
   neighbours of its own (*normals* shows their part), angle 20, radius 30, distance .375; alpha wrap with alpha a twentieth of the box's diagonal
   and the offset a thirtieth of alpha, as in its manual. Built with -O3, without TBB.
+* Tight Cocone and Power Crust, where they are there: at defaults; Power Crust with coordinates in whole numbers up to a million. The points are
+  written as text before the clock starts, the mesh is cut into triangles while it runs.
 * Times are of whole processes, reading and writing PLY included, but for Python's own start and imports, which are taken off the peers' time (not
   off memory). Ours count from the process's start.
 * Memory: maximum resident size of the process, as the system counts it for a child. Python with Open3D is {open3d:.0f} MiB of that before it reads
@@ -182,6 +194,54 @@ def work(name, cloud, mesh, value):
         else:
             made = open3d.geometry.TriangleMesh.create_from_point_cloud_alpha_shape(points, float(value) * spacing)
     open3d.io.write_triangle_mesh(mesh, made, write_vertex_normals=False, write_vertex_colors=False)
+
+
+def foreign(name, program, cloud, mesh):
+    """One run of a program that reads and writes text."""
+    import numpy
+    from paper import load
+
+    points = load(Path(cloud), numpy)[0]
+    with tempfile.TemporaryDirectory(prefix="asra-stream-peers-") as folder:
+        source, made = Path(folder) / "points.txt", Path(folder) / "mesh"
+        numpy.savetxt(source, points, "%.9g")
+        imported()
+        words = [word.format(points=source, mesh=made) for word in FOREIGN[name]]
+        subprocess.run([program, *words], cwd=folder, check=True)
+        found = next((path for path in (made, made.with_suffix(".off"), made.with_name("pc.off")) if path.is_file()), None)
+        if found is None:
+            sys.exit(f"{name}: no mesh; there are {', '.join(sorted(path.name for path in Path(folder).iterdir()))}")
+        vertices, faces = read_off(found.read_text())
+    write_mesh(mesh, vertices, faces)
+
+
+def read_off(text):
+    """Vertices, and the polygons cut into triangles, of a mesh in OFF. Vertices that no polygon uses stay."""
+    words = [line.partition("#")[0].split() for line in text.splitlines()]
+    words = [line for line in words if line]
+    if words[0][0] != "OFF":
+        raise ValueError(f"not OFF: it begins with {words[0][0]!r}")
+    words = words[1:] if len(words[0]) == 1 else [words[0][1:], *words[1:]]
+    vertices, polygons = (int(count) for count in words[0][:2])
+    if len(words) < 1 + vertices + polygons:
+        raise ValueError(f"cut off: {len(words) - 1} lines for {vertices} vertices and {polygons} polygons")
+    places = [[float(word) for word in line[:3]] for line in words[1 : 1 + vertices]]
+    corners = ([int(word) for word in line[1 : 1 + int(line[0])]] for line in words[1 + vertices : 1 + vertices + polygons])
+    return places, [[polygon[0], b, c] for polygon in corners for b, c in zip(polygon[1:], polygon[2:])]
+
+
+def write_mesh(path, vertices, faces):
+    import numpy
+
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
+    rows = numpy.empty(len(faces), [("sides", "u1"), ("corners", "<i4", 3)])
+    rows["sides"], rows["corners"] = 3, numpy.array(faces, int).reshape(-1, 3)
+    part = Path(f"{path}.part")
+    with open(part, "wb") as out:
+        out.write(f"{head}element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n".encode())
+        out.write(numpy.array(vertices, "<f4").reshape(-1, 3).tobytes())
+        out.write(rows.tobytes())
+    part.rename(path)
 
 
 def imported():
@@ -305,7 +365,9 @@ class Bench:
             value = [] if run.value is None else [run.value]
             return [self.work / "drivers" / run.peer.removeprefix("cgal-").replace("-", "_"), source, mesh, *value]
         if run.peer == "poissonrecon":
-            return [self.arguments.poissonrecon, "--in", source, "--out", mesh, "--depth", run.value]
+            return [self.arguments.programs[run.peer], "--in", source, "--out", mesh, "--depth", run.value]
+        if run.peer in FOREIGN:
+            return [sys.executable, __file__, "foreign", run.peer, self.arguments.programs[run.peer], source, mesh]
         return [sys.executable, __file__, "work", run.peer, source, mesh, run.value]
 
     def normals_of(self, cloud):
@@ -746,7 +808,9 @@ def arguments_of():
     parser.add_argument("--time-cap", type=float, default=300, metavar="S", help="seconds that a run may take [default: 300]")
     parser.add_argument("--memory-cap", type=amount, default="16G", metavar="SIZE", help="memory that a run may take [default: 16G]")
     parser.add_argument("--minutes", type=float, help="begin no run after so many minutes")
-    parser.add_argument("--poissonrecon", type=Path, metavar="PATH", help="the PoissonRecon program, if there is one")
+    parser.add_argument("--poissonrecon", type=Path, metavar="PROGRAM", help="the PoissonRecon program, if there is one")
+    parser.add_argument("--tight-cocone", type=Path, metavar="PROGRAM", help="the Tight Cocone program, if there is one")
+    parser.add_argument("--power-crust", type=Path, metavar="PROGRAM", help="the Power Crust program, if there is one")
     parser.add_argument("--again", action="store_true", help="make runs again that were made before")
     parser.add_argument("--force", action="store_true", help="run also what hit a cap with fewer points, or certainly will")
     parser.add_argument("--plan", action="store_true", help="say what would be run, and stop")
@@ -767,12 +831,18 @@ def arguments_of():
     parser.add_argument("--program", type=Path, help="asra-stream, instead of one built here")
     arguments = parser.parse_args()
     arguments.sizes = [size(text) for text in arguments.sizes.split(",")]
-    names = arguments.only.split(",") if arguments.only else [name for name in PEERS if name != "poissonrecon" or arguments.poissonrecon]
+    there = {name: getattr(arguments, name.replace("-", "_")) for name in OPTIONAL}
+    arguments.programs = {name: path.resolve() for name, path in there.items() if path}
+    names = arguments.only.split(",") if arguments.only else [name for name in PEERS if name not in OPTIONAL or name in arguments.programs]
     for name in names:
         if name not in PEERS:
             parser.error(f"no peer {name}; there are {', '.join(PEERS)}")
-    if "poissonrecon" in names and not arguments.poissonrecon:
-        parser.error("where is PoissonRecon? --poissonrecon PATH")
+    for name in OPTIONAL:
+        if name in names and name not in arguments.programs:
+            parser.error(f"where is {PEERS[name].title}? --{name} PROGRAM")
+    for name, path in arguments.programs.items():
+        if not path.is_file():
+            parser.error(f"--{name} {path}: there is no such program")
     arguments.only = list(dict.fromkeys([OURS, *names]))
     arguments.work = arguments.work.resolve()
     arguments.started = datetime.datetime.now().isoformat(timespec="seconds")
@@ -782,6 +852,8 @@ def arguments_of():
 def main():
     if sys.argv[1:2] == ["work"]:
         return work(*sys.argv[2:])
+    if sys.argv[1:2] == ["foreign"]:
+        return foreign(*sys.argv[2:])
     if sys.argv[1:2] == ["cloud"]:
         return make_cloud(sys.argv[2], sys.argv[3], int(sys.argv[4]))
     arguments = arguments_of()

@@ -7,10 +7,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::room::Room;
-use super::shape::{Point, Triangle};
 use crate::error::Result;
 use crate::mesh::MeshSource;
+use crate::nearest::room::Room;
+use crate::nearest::shape::{Point, Triangle};
 
 /// A corner, and the vertex it is.
 #[derive(Clone, Copy, Pod, Zeroable)]

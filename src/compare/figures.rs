@@ -3,8 +3,8 @@
 //! Sums are kept as whole numbers, one for each power of two: adding these is exact. The quantile is found by counting: first by the
 //! highest 16 bits of the distances, as they come, then by the next 16 among those that have the right ones, and so on.
 
-use super::room::Room;
 use crate::error::Result;
+use crate::nearest::room::Room;
 use crate::storage::spool::Spool;
 
 /// Distances kept before they are stored, and read at once.
@@ -152,8 +152,8 @@ fn pick(counts: &[u64], rank: u64) -> (u64, u64) {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing::with_room;
     use super::*;
+    use crate::nearest::testing::with_room;
 
     fn figures(values: &[f64], kept: u64) -> Option<Figures> {
         with_room(1, |room| {

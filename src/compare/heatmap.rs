@@ -9,12 +9,12 @@ use std::str::FromStr;
 use bytemuck::{Pod, Zeroable};
 
 use super::figures::Figures;
-use super::room::Room;
 use crate::error::{Error, Result};
 use crate::format::ply::header_text::HeaderText;
 use crate::format::write::Format;
 use crate::mesh::MeshSource;
 use crate::mesh::spool::FaceRecord;
+use crate::nearest::room::Room;
 use crate::points::Precision;
 use crate::points::scalar::{Endian, Scalar};
 use crate::points::unit::Unit;

@@ -7,47 +7,40 @@
 //!  back       reference's points, centroids                 -> nearest place on the mesh's triangles
 //! ```
 //!
-//! Distances are exact, by brute force made fast: targets lie in blocks on disk (`blocks`), each with a tree of boxes while it is in memory
-//! (`tree`), and queries go from block to block until none nearer can hold anything (`search`). All is computed in `f64`, in the input's own coordinates less
+//! Distances are exact, by brute force made fast: targets lie in blocks on disk, and queries go from block to block until none nearer can hold anything
+//! ([`crate::nearest`]). All is computed in `f64`, in the input's own coordinates less
 //! the lowest corner of the reference's box. Sums are exact, and so is the quantile (`figures`): neither threads nor memory nor the order of points and triangles show.
 //!
 //! What has a coordinate that is not finite, or beyond 1e75, is left out. A triangle without area has places, but no normal.
 
-mod blocks;
 mod far;
 mod figures;
 mod heatmap;
 mod job;
 mod report;
-mod room;
-mod search;
-mod shape;
 mod source;
 #[cfg(test)]
-mod testing;
-#[cfg(test)]
 mod tests;
-mod tree;
 
 use std::path::Path;
 
 use bytemuck::Pod;
 
-use self::blocks::Blocks;
 use self::figures::{Figures, Spread};
 use self::heatmap::Heat;
 use self::job::{AlongNormals, Found};
 use self::report::is_inside_out;
-use self::room::Room;
-use self::search::{Facing, Nearest, search};
-use self::shape::{Point, Spot, Target, Triangle};
-use self::source::{LeftOut, Source, Survey, is_usable, triangles};
+use self::source::{LeftOut, Source, Survey, triangles};
 use crate::error::words::short;
 use crate::error::{Error, Result};
 use crate::format;
 use crate::input::{Cloud, Opening, STANDARD_INPUT, Unpacked, expand};
 use crate::mesh::MeshSource;
 use crate::mesh::check::{CheckReport, check};
+use crate::nearest::blocks::Blocks;
+use crate::nearest::room::Room;
+use crate::nearest::search::{Facing, Nearest, search};
+use crate::nearest::shape::{Point, Spot, Target, Triangle, is_usable};
 use crate::resources::workers::Workers;
 use crate::run::forecast::{self, Comparing};
 use crate::run::phase::Phase;

@@ -1,13 +1,13 @@
 //! The two sides as streams of places and triangles, in the input's coordinates less a common corner.
 
-use super::blocks::SAMPLE;
 use super::far;
-use super::room::Room;
-use super::shape::{FARTHEST, Point, Triangle};
 use crate::error::Result;
 use crate::input::{Carried, Cloud};
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, span};
+use crate::nearest::blocks::SAMPLE;
+use crate::nearest::room::Room;
+use crate::nearest::shape::{Point, Triangle, is_usable};
 use crate::points::bounds::Bounds;
 use crate::points::{Batch, Coordinate, Points};
 use crate::resources::workers::Spares;
@@ -44,12 +44,6 @@ pub(super) struct LeftOut {
     pub dropped: u64,
     /// Not asked for.
     pub filtered: u64,
-}
-
-/// Whether a place can be looked at: it is finite, and not absurdly far.
-pub(super) fn is_usable(p: Point) -> bool {
-    // Not what compares false: NaN is left out, too.
-    p.iter().all(|c| c.abs() <= FARTHEST)
 }
 
 impl Source {

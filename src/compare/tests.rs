@@ -5,9 +5,9 @@ use std::fmt::Write;
 use proptest::prelude::*;
 
 use super::report::Distances;
-use super::shape::{Line, angle};
 use super::*;
 use crate::input::InputOptions;
+use crate::nearest::shape::{Line, angle};
 use crate::run::Resources;
 use crate::run::progress::Show;
 

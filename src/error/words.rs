@@ -55,11 +55,12 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 39] = [
+pub const SETTINGS: [&str; 41] = [
     "attributes",
     "axis",
     "base",
     "bounds",
+    "bridged",
     "cell_size",
     "classes",
     "clip",
@@ -92,6 +93,7 @@ pub const SETTINGS: [&str; 39] = [
     "temp_dir",
     "threads",
     "tile",
+    "trim",
     "unsound",
     "window",
     "write_classes",

@@ -27,6 +27,13 @@ const TO_WHOLE: f64 = 6_755_399_441_055_744.0;
 /// Points to a column of cells from which hardly any is empty by chance: of random ones, one in 3,000.
 const FILLED: u64 = 8;
 
+/// A body has so many cells of twice the side at least: fewer tell nothing of its shape. Of all such cells, one in so many may lie apart from it, as strays.
+const BODY: usize = 100;
+const STRAYS: usize = 50;
+
+/// Strays that make the longest side so many times as long are worth leaving out.
+const STRETCHED: f64 = 1.5;
+
 /// Cells have no smaller sides than 2^-46 of the farthest coordinate, and than this power of two.
 const SMALLEST: i32 = -1000;
 
@@ -180,6 +187,54 @@ impl CoarseGrid {
         squares.collect::<BTreeSet<[i64; 2]>>().len() as u64
     }
 
+    /// The box of the cells that hang together and are most, if hardly any others are there and they stretch the box of the points, `bounds`, by a half or more: a body, and a few points far off.
+    /// Cells hang together if no gap of four sides is between them. The box holds all points of the body.
+    pub fn body(&self, bounds: &Bounds) -> Option<Bounds> {
+        let (low, cells) = self.extent();
+        let halves = cells.map(|cells| cells.div_ceil(2) as usize);
+        let number = |cell: [usize; 3]| (cell[2] * halves[1] + cell[1]) * halves[0] + cell[0];
+        let mut waits = vec![false; halves.iter().product()];
+        let mut all: Vec<[usize; 3]> = self.cells().map(|cell| cell.map(|c| c as usize / 2)).collect();
+        all.sort_unstable();
+        all.dedup();
+        all.iter().for_each(|cell| waits[number(*cell)] = true);
+        let mut most = (0, [[0; 3]; 2]);
+        for start in &all {
+            if !std::mem::take(&mut waits[number(*start)]) {
+                continue;
+            }
+            let (mut count, mut corners, mut next) = (0, [*start; 2], vec![*start]);
+            while let Some(cell) = next.pop() {
+                count += 1;
+                corners = [
+                    std::array::from_fn(|a| corners[0][a].min(cell[a])),
+                    std::array::from_fn(|a| corners[1][a].max(cell[a])),
+                ];
+                let around = |a: usize| cell[a].saturating_sub(1)..(cell[a] + 2).min(halves[a]);
+                for z in around(2) {
+                    for y in around(1) {
+                        next.extend(
+                            around(0).map(|x| [x, y, z]).filter(|beside| std::mem::take(&mut waits[number(*beside)])),
+                        );
+                    }
+                }
+            }
+            if count > most.0 {
+                most = (count, corners);
+            }
+        }
+        let (count, [first, last]) = most;
+        if count < BODY || all.len() - count > all.len() / STRAYS {
+            return None;
+        }
+        let end = |place: usize, a: usize| (low[a] + 2 * place as i64) as f64 * self.side();
+        let body = Bounds {
+            min: std::array::from_fn(|a| end(first[a], a).max(bounds.min[a])),
+            max: std::array::from_fn(|a| end(last[a] + 1, a).min(bounds.max[a])),
+        };
+        (body.longest_side() * STRETCHED <= bounds.longest_side()).then_some(body)
+    }
+
     fn inverse(&self) -> f64 {
         2f64.powi(-self.exponent)
     }
@@ -265,6 +320,34 @@ mod tests {
         assert!((area(360 * 360) - 1.0).abs() < 0.03, "{}", area(360 * 360));
         // Were they fewer, columns of 1 might be empty between them.
         assert!((area(8100) - 1.0).abs() < 0.1, "{}", area(8100));
+    }
+
+    #[test]
+    fn strays_are_told_from_a_body() {
+        let sphere = |i: u32| {
+            let z = (2.0 * f64::from(i) + 1.0) / 20_000.0 - 1.0;
+            let (r, angle) = ((1.0 - z * z).sqrt(), 2.399963 * f64::from(i));
+            [5.0 + r * angle.cos(), r * angle.sin(), z]
+        };
+        let body = |strays: &[[f64; 3]]| {
+            let points: Vec<[f64; 3]> = (0..20_000).map(sphere).chain(strays.iter().copied()).collect();
+            let sketching = Sketching::default();
+            sketching.add(&points, bounds_of(&points));
+            let bounds = bounds_of(&points);
+            sketching.finish().body(&bounds)
+        };
+        assert_eq!(body(&[]), None);
+        // Too near to matter: the longest side is 2.9 instead of 2.
+        assert_eq!(body(&[[6.9, 0.0, 0.0]]), None);
+        let found = body(&[[9.0, 0.1, 0.2], [4.0, -3.0, 0.0]]).unwrap();
+        for a in 0..3 {
+            let middle = [5.0, 0.0, 0.0][a];
+            assert!(found.min[a] <= middle - 0.99 && found.min[a] > middle - 1.1, "{found:?}");
+            assert!(found.max[a] >= middle + 0.99 && found.max[a] < middle + 1.1, "{found:?}");
+        }
+        // Another body is no stray.
+        let twin: Vec<[f64; 3]> = (0..20_000).map(|i| sphere(i).map(|c| c + 9.0)).collect();
+        assert_eq!(body(&twin), None);
     }
 
     #[test]

@@ -90,7 +90,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let mut made = reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
 
-    if job.settings.open.is_some() && made.mesh.face_count() == 0 {
+    if job.settings.may_end() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
     let mut simplification = None;

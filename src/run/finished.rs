@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::input::{Cloud, Source};
 use crate::mesh::check::CheckReport;
 use crate::resources::machine;
+use crate::run::advice;
 use crate::run::bare_earth::GroundReport;
 use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::Progress;
@@ -19,8 +20,7 @@ use crate::storage::spool::Workspace;
 /// # Errors
 /// [`Error::CheckFailed`].
 pub(crate) fn refuse_unsound(report: &CheckReport, settings: &Settings) -> Result<()> {
-    let open = settings.open.is_some_and(|open| open.base.is_none());
-    if report.is_sound(open) { Ok(()) } else { Err(Error::CheckFailed(report.to_string())) }
+    if report.is_sound(settings.may_end()) { Ok(()) } else { Err(Error::CheckFailed(report.to_string())) }
 }
 
 /// A finished run, to be reported on.
@@ -75,6 +75,7 @@ pub(crate) fn report(run: Finished<'_>) -> Report {
         closing: Closing::of(made, &surveyed.grid),
         fit: FitReport { onto: made.fit, shell: made.shell },
         vertices: made.counts,
+        trimmed: made.trimmed,
         simplification,
         check,
         output,
@@ -86,6 +87,7 @@ pub(crate) fn report(run: Finished<'_>) -> Report {
             peak_disk: workspace.peak_on_disk(),
         },
         warnings: Vec::new(),
+        foreseen: advice::of_survey(surveyed),
     };
     report.judge();
     report

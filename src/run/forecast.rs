@@ -23,6 +23,8 @@ const SEAL: [f64; 2] = [1000.0, 150.0];
 const REOPEN: f64 = 1000.0;
 /// A triangle that is made, and a point that it may be fitted to.
 const SURFACE: (f64, f64) = (1600.0, 400.0);
+/// A point and a triangle, where distances between them are measured.
+const BRIDGED: (f64, f64) = (250.0, 500.0);
 /// A triangle that is simplified.
 const SIMPLIFY: f64 = 5000.0;
 /// A triangle that is checked.
@@ -59,6 +61,8 @@ pub struct Known {
     pub whole: bool,
     /// Whether the surface is open.
     pub open: bool,
+    /// Whether its distances from points are measured.
+    pub bridged: bool,
     /// Whether it is simplified.
     pub simplified: bool,
     /// Whether the mesh is checked.
@@ -98,6 +102,7 @@ impl Known {
             (Phase::Seal, if_so(true, SEAL[usize::from(self.open)] * triangles)),
             (Phase::Reopen, if_so(!self.open, REOPEN * triangles)),
             (Phase::Surface, if_so(true, surface(triangles, points))),
+            (Phase::Bridged, if_so(self.bridged, BRIDGED.0 * points + BRIDGED.1 * triangles)),
             (Phase::Simplify, if_so(self.simplified, SIMPLIFY * triangles)),
             (Phase::Check, if_so(self.checked, CHECK * triangles)),
             (Phase::Render, if_so(self.drawn, RENDER * triangles)),

@@ -89,7 +89,7 @@ impl Job {
     /// # Errors
     /// [`Error::InvalidSetting`] if a length has a unit, and the cloud's coordinates have none that is known, or are degrees.
     pub(crate) fn measured_as(&self, cloud: &Cloud) -> Result<Job> {
-        let Units { cell_size, seal, max_hole, base, tile, simplify, raster_size } = self.units;
+        let Units { cell_size, seal, max_hole, base, tile, trim, simplify, raster_size } = self.units;
         let length = |setting: &'static str, length: f64, unit: Option<Unit>| {
             unit.map_or(Ok(length), |unit| cloud.length(setting, length, unit))
         };
@@ -105,6 +105,9 @@ impl Job {
                 *width = length("max_hole", *width, max_hole)?;
             }
             open.base = open.base.map(|height| length("base", height, base)).transpose()?;
+        }
+        if let Some(Tolerance::Length(distance)) = &mut settings.trim {
+            *distance = length("trim", *distance, trim)?;
         }
         if let Some(Simplification { tolerance: Some(Tolerance::Length(tolerance)), .. }) = &mut settings.simplify {
             *tolerance = length("simplify", *tolerance, simplify)?;
@@ -128,6 +131,8 @@ pub struct Units {
     pub base: Option<Unit>,
     /// The unit of the side of tiles.
     pub tile: Option<Unit>,
+    /// The unit of the distance that triangles are left out beyond.
+    pub trim: Option<Unit>,
     /// The unit of the tolerance of simplification.
     pub simplify: Option<Unit>,
     /// The unit of the side of a raster's cells.

@@ -22,7 +22,10 @@ impl Report {
     /// Judges the run by what the rest of the report says: whether the mesh encloses the inside, what may be wrong with it, and what can be done about that.
     pub fn judge(&mut self) {
         self.closing.bridged = self.bridged_share();
-        self.closing.sealed = self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
+        // What ends somewhere encloses nothing.
+        self.closing.ends = self.trimmed.is_some_and(|trimmed| trimmed.triangles > 0);
+        self.closing.sealed =
+            !self.closing.ends && self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
         self.warnings = self.find_warnings();
     }
 
@@ -32,13 +35,15 @@ impl Report {
             let dropped = thousands(self.points.dropped);
             found.push(Warning::bare(format!("{dropped} points left out: a coordinate is not a number, or infinite")));
         }
-        if self.points_to_a_cell > CROWDED {
+        found.extend(self.foreseen.iter().cloned());
+        if self.points_to_a_cell > CROWDED && self.foreseen.is_empty() {
             let crowd = thousands(self.points_to_a_cell as u64);
             found.push(Warning::new(
                 format!("{crowd} points to an occupied cell, on average: too coarse to show what they are of"),
                 "points far away may stretch the box; --bounds leaves them out, and --cell-size makes cells finer",
             ));
         }
+        found.extend(self.noise());
         if self.parameters.open.is_none() {
             found.extend(self.closing.warnings(self.grid.cell_size));
         }
@@ -71,6 +76,18 @@ impl Report {
             found.push(Warning::bare(format!("{tangled} pairs of triangles still intersect")));
         }
         found
+    }
+
+    /// A shell so thick that nothing tells it from a filled body: vertices lie on points, which is wrong if it is noise.
+    fn noise(&self) -> Option<Warning> {
+        let shell = self.fit.shell.filter(|shell| self.fit.onto == Fit::Nearest && shell.fills_blocks())?;
+        Some(Warning::new(
+            format!(
+                "points fill the space round the surface, {:.2} cells thick or more: the mesh lies on the outermost of them",
+                shell.thickness
+            ),
+            format!("if that is noise, --cell-size {} lays the mesh amid them", short(2.0 * self.grid.cell_size)),
+        ))
     }
 
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.

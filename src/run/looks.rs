@@ -16,9 +16,11 @@ use crate::points::bounds::Bounds;
 use crate::points::crs::Crs;
 use crate::points::unit::Measure;
 use crate::resources::memory::MemoryPlan;
+use crate::run::advice;
 use crate::run::finished::input_reports;
 use crate::run::pipeline::Surveyed;
 use crate::run::prepare::{Looked, Planned, contradiction};
+use crate::run::progress::Warning;
 use crate::run::report::{GridReport, InputReport};
 
 /// The reference system of a cloud.
@@ -90,6 +92,8 @@ pub struct InfoReport {
     pub tally: Tally,
     /// The grid that a run would lay.
     pub grid: GridReport,
+    /// What may not be what was meant.
+    pub warnings: Vec<Warning>,
     /// The attributes with their types.
     #[serde(skip)]
     schema: String,
@@ -123,6 +127,7 @@ impl InfoReport {
             sampling_distance: surveyed.sampling,
             tally: tally.clone(),
             grid: GridReport::of(&surveyed.grid),
+            warnings: advice::of_survey(surveyed),
             schema: if cloud.schema().attributes().is_empty() { "none".to_owned() } else { cloud.schema().to_string() },
         }
     }
@@ -187,6 +192,7 @@ impl fmt::Display for InfoReport {
             }
         }
         rows.push(("grid", self.grid.to_string()));
+        rows.extend(warnings(&self.warnings));
         table(&rows, f)
     }
 }
@@ -232,6 +238,8 @@ pub struct PlanReport {
     pub points_in_memory: bool,
     /// Whether the mesh is.
     pub mesh_in_memory: bool,
+    /// What may not be what was meant.
+    pub warnings: Vec<Warning>,
     /// The rest of the plan.
     pub shares: MemoryPlan,
 }
@@ -266,6 +274,7 @@ impl PlanReport {
             unwritable_folder: unwritable.clone(),
             points_in_memory: memory.buckets_quota >= workload.bucket_bytes(),
             mesh_in_memory: memory.mesh_quota >= workload.mesh_bytes(),
+            warnings: advice::of_survey(surveyed),
             shares: memory.clone(),
         })
     }
@@ -317,6 +326,7 @@ impl fmt::Display for PlanReport {
             ("in flight", format!("{blocks_in_flight} blocks, {chunks_in_flight} chunks of slices")),
             ("fitted at once", format!("{} points of a slab", thousands(piece_points as u64))),
         ]);
+        rows.extend(warnings(&self.warnings));
         table(&rows, f)
     }
 }
@@ -337,6 +347,12 @@ fn three_digits(value: f64) -> f64 {
     }
     let step = 10f64.powi(libm::log10(value).floor() as i32 - 2);
     (value / step).round() * step
+}
+
+/// Rows of warnings, the advice below each.
+fn warnings(of: &[Warning]) -> impl Iterator<Item = (&'static str, String)> + '_ {
+    let rows = |warning: &Warning| [("warning", Some(warning.message.clone())), ("", warning.advice.clone())];
+    of.iter().flat_map(rows).filter_map(|(name, words)| Some((name, words?)))
 }
 
 /// Rows of names and values.

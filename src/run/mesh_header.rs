@@ -6,7 +6,7 @@ use crate::input::Cloud;
 use crate::mesh::MeshHeader;
 use crate::points::attribute::Wanted;
 use crate::resources::workers::Workers;
-use crate::run::pipeline::{Reconstructed, Surveyed};
+use crate::run::pipeline::{Reconstructed, Surveyed, Trimmed};
 use crate::settings::Settings;
 use crate::solid::close::How;
 
@@ -43,7 +43,7 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, settings: &Settings, made: &Recons
     };
     let mut header = MeshHeader {
         crs: cloud.crs().cloned(),
-        sheet: settings.open.is_some_and(|open| open.base.is_none()),
+        sheet: settings.may_end(),
         constant: Vec::new(),
         origin: made.origin,
         comments: vec![
@@ -67,6 +67,9 @@ fn header(cloud: &Cloud, surveyed: &Surveyed, settings: &Settings, made: &Recons
             words(&open.kind),
             open.facing
         ));
+    }
+    if let Some(Trimmed { distance, .. }) = made.trimmed {
+        header.comments.push(format!("trim {distance}"));
     }
     header
 }

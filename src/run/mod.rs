@@ -7,6 +7,7 @@
 //!
 //! [`files_to_mesh`] has a file in the end, [`reconstruction`] a mesh in memory.
 
+mod advice;
 pub mod bare_earth;
 mod estimate;
 mod files_to_mesh;

@@ -27,6 +27,8 @@ pub enum Phase {
     Reopen,
     /// Extraction, smoothing, fitting, stitching.
     Surface,
+    /// Measuring how far the surface is from points, and leaving out what is too far.
+    Bridged,
     /// Leaving out triangles.
     Simplify,
     /// Checking the mesh; and, where there is room for both, writing the mesh file.
@@ -58,6 +60,7 @@ impl Phase {
             Phase::Seal => ("seal", "slices"),
             Phase::Reopen => ("reopen", "slices"),
             Phase::Surface => ("surface", "faces"),
+            Phase::Bridged => ("bridged", "places"),
             Phase::Simplify => ("simplify", "triangles"),
             Phase::Check => ("check", "triangles"),
             Phase::Intersect => ("intersect", "triangles"),

@@ -4,16 +4,19 @@
 
 use bytesize::ByteSize;
 
+use crate::bridged::{Bridging, Extent, Rewritten, distances, rewritten, with_bridged};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::bucket::Buckets;
 use crate::grid::coarse::CoarseGrid;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
-use crate::grid::partition::{buckets_of, halo, slab_count, slices_of};
+use crate::grid::partition::{REACH, buckets_of, halo, slab_count, slices_of};
 use crate::grid::survey::{Survey, planes_with_points, sampling_distance, seen_from, survey, turned_bounds};
 use crate::input::Cloud;
+use crate::mesh::MeshSource;
 use crate::mesh::spool::{Frame, MeshSpool};
+use crate::nearest::room::Room;
 use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
@@ -189,6 +192,7 @@ pub fn survey_with(
     progress.end();
     let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
+    let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
     let mut workload = workload.with_simplification(settings.simplify.is_some());
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
@@ -329,10 +333,21 @@ pub struct Reconstructed {
     pub fit: Fit,
     /// The shell of points, if it was to tell what they are moved onto.
     pub shell: Option<Shell>,
-    /// What became of the vertices.
+    /// What became of the vertices, of those that were left out, too.
     pub counts: Counts,
+    /// The triangles that were left out as they are far from all points, if they were to be.
+    pub trimmed: Option<Trimmed>,
     /// The plan as it was when the solid was known.
     pub memory: MemoryPlan,
+}
+
+/// Triangles that were left out.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Trimmed {
+    /// How far a vertex may be from the nearest point.
+    pub distance: f64,
+    /// How many triangles have one that is farther, or would have made no manifold with what is left.
+    pub triangles: u64,
 }
 
 /// Makes the mesh of a surveyed cloud.
@@ -361,6 +376,10 @@ fn reconstruct_as<T: Coordinate>(
     progress: &mut Progress,
 ) -> Result<Reconstructed> {
     let Surveyed { survey, grid, workload, .. } = surveyed;
+    if settings.bridged {
+        // Told before the work, not after it.
+        with_bridged(cloud.schema())?;
+    }
     progress.begin(Phase::Bucket, Some(survey.records()));
     let buckets = Buckets::<T>::fill(cloud, grid, context, |records| progress.add(records))?;
     if buckets.point_count() != survey.points {
@@ -480,10 +499,22 @@ fn reconstruct_as<T: Coordinate>(
             Ok(())
         },
     )?;
-    let (mesh, counts) = stitcher.finish()?;
+    let (mesh, mut counts) = stitcher.finish()?;
     drop(written);
     memory.between_phases(&context.workers);
     progress.end();
+    let (mesh, trimmed) = match settings.bridged || settings.trim.is_some() {
+        true => {
+            let trim = settings.trim.map(|d| d.length(Some(grid.cell_size()), survey.bounds.longest_side()));
+            let asked = Bridging {
+                carried: settings.bridged,
+                trim: trim.transpose()?,
+                reach: f64::from(REACH) * grid.cell_size(),
+            };
+            measured(mesh, asked, &mut counts, (&sampled, origin), (&memory, context), progress)?
+        }
+        false => (mesh, None),
+    };
     Ok(Reconstructed {
         mesh,
         origin,
@@ -497,8 +528,30 @@ fn reconstruct_as<T: Coordinate>(
         fit: surface.fit,
         shell: shell.filter(|_| settings.surface.fit == Fit::Auto),
         counts,
+        trimmed,
         memory,
     })
+}
+
+/// The mesh with the distances of its vertices from points, without what is too far from any.
+fn measured<T: Coordinate>(
+    mesh: MeshSpool,
+    asked: Bridging,
+    counts: &mut Counts,
+    (sampled, origin): (&Sampled<'_, T>, [f64; 3]),
+    (memory, context): (&MemoryPlan, &Context),
+    progress: &mut Progress,
+) -> Result<(MeshSpool, Option<Trimmed>)> {
+    let points = sampled.buckets.point_count();
+    progress.begin(Phase::Bridged, Some(points + mesh.vertex_count()));
+    let extent = Extent::of(&mesh, points, asked.trim.is_some());
+    let room = Room::new(extent.memory(memory.working, memory.threads), &context.workers, &context.workspace);
+    let found = distances(&mesh, origin, sampled, &room, &mut |done| progress.add(done))?;
+    let Rewritten { mesh, left_out, bridged_area } = rewritten(&mesh, &found, asked, &room)?;
+    progress.end();
+    let Some(distance) = asked.trim else { return Ok((mesh, None)) };
+    counts.bridged_area = bridged_area;
+    Ok((mesh, Some(Trimmed { distance, triangles: left_out })))
 }
 
 /// What was closed, with what that filled opened again where the points say so.

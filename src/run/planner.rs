@@ -13,6 +13,7 @@
 
 use bytesize::ByteSize;
 
+use crate::bridged;
 use crate::error::{Error, Result};
 use crate::grid::context::job_bytes;
 use crate::grid::partition::{buckets_round, halo, slab_slices};
@@ -184,6 +185,7 @@ impl MemoryPlan {
             held + sealing + slices.max(deciding(workload)).max(measuring),
             held + standing + mesh + slabs,
             check,
+            held + standing + mesh + workload.bridging().map_or(0, |extent| extent.memory(self.working, self.threads)),
             mesh + workload.simplified().map_or(0, |extent| extent.memory(self.working, self.threads)),
         ];
         let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
@@ -195,8 +197,9 @@ impl MemoryPlan {
         let sealing = if self.store_quota > 0 { 0 } else { workload.slice_bytes() };
         let sealing = sealing + reopening_records(workload).saturating_sub(self.store_quota);
         let standing = if self.store_quota > 0 { 0 } else { workload.standing_slice_bytes() };
-        let surface = standing + workload.mesh_bytes() - mesh;
-        let simplifying = workload.mesh_bytes() - mesh + workload.simplified().map_or(0, Extent::disk);
+        let surface = standing + workload.mesh_bytes() - mesh + workload.bridging().map_or(0, bridged::Extent::disk);
+        let kept = if workload.bridging().is_some() { 0 } else { mesh };
+        let simplifying = workload.mesh_bytes() - kept + workload.simplified().map_or(0, Extent::disk);
         Ok((memory, bucketed + sealing.max(surface).max(simplifying)))
     }
 
@@ -215,6 +218,7 @@ impl MemoryPlan {
                 .max(reopening(workload))
                 .max(slab)
                 .max(checking(workload, threads).jobs)
+                .max(workload.bridging().map_or(0, |_| bridged::Extent::least_memory(threads)))
                 .max(workload.simplified().map_or(0, Extent::least_memory))
     }
 

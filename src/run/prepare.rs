@@ -184,6 +184,7 @@ pub(super) fn known_of_points(job: &Job, points: u64, passes: Passes) -> Known {
         Passes::All => Known {
             triangles: forecast::triangles(points),
             open: job.settings.open.is_some(),
+            bridged: job.settings.bridged || job.settings.trim.is_some(),
             simplified: job.settings.simplify.is_some(),
             checked: job.check == Check::Always,
             drawn: job.is_drawn(),

@@ -12,12 +12,12 @@ use crate::points::bounds::Bounds;
 use crate::resources::memory::MemoryPlan;
 use crate::run::bare_earth::GroundReport;
 use crate::run::phase::Phase;
-use crate::run::pipeline::{Reconstructed, Surveyed};
+use crate::run::pipeline::{Reconstructed, Surveyed, Trimmed};
 use crate::run::progress::Warning;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::Open;
-use crate::settings::simplification::Simplification;
+use crate::settings::simplification::{Simplification, Tolerance};
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
 use crate::simplify::Figures;
@@ -52,6 +52,9 @@ pub struct Report {
     pub fit: FitReport,
     /// What became of the vertices.
     pub vertices: Counts,
+    /// The triangles that were left out as they are far from all points, if they were to be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trimmed: Option<Trimmed>,
     /// How many triangles were left out, if any were to be.
     pub simplification: Option<Figures>,
     /// The mesh as the check found it, unless it was left out.
@@ -66,6 +69,9 @@ pub struct Report {
     pub memory: MemoryReport,
     /// What may be wrong with the mesh.
     pub warnings: Vec<Warning>,
+    /// Those of the points, which come first.
+    #[serde(skip)]
+    pub(crate) foreseen: Vec<Warning>,
 }
 
 /// One file read.
@@ -107,6 +113,10 @@ pub struct Parameters {
     pub surface: SurfaceOptions,
     /// What was asked of a surface that is not closed.
     pub open: Option<Open>,
+    /// Whether vertices carry their distance from the nearest point.
+    pub bridged: bool,
+    /// How far from any point triangles were left out.
+    pub trim: Option<Tolerance>,
     /// What was asked of a simplification.
     pub simplify: Option<Simplification>,
 }
@@ -157,6 +167,9 @@ pub struct Closing {
     pub sealed: bool,
     /// Whether samples part inside and outside everywhere: there are no patches, and `part_nothing` is below 2 %.
     pub parted: bool,
+    /// Whether triangles were left out, so that the mesh ends there.
+    #[serde(skip)]
+    pub(crate) ends: bool,
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
     pub bridged: Option<f64>,
     /// The part of the samples' cells that have the same side on both sides.
@@ -256,8 +269,8 @@ impl Parameters {
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
             Fineness::Sampling | Fineness::Default => {}
         }
-        let Settings { seal, window, keep_outliers, min_points, min_component, surface, open, simplify, .. } =
-            *settings;
+        let Settings { seal, window, keep_outliers, min_points, min_component, surface, open, .. } = *settings;
+        let Settings { bridged, trim, simplify, .. } = *settings;
         Parameters {
             k,
             slices,
@@ -269,6 +282,8 @@ impl Parameters {
             min_component,
             surface,
             open,
+            bridged,
+            trim,
             simplify,
         }
     }
@@ -322,6 +337,7 @@ impl Closing {
             radius,
             sealed: is_parted,
             parted: is_parted,
+            ends: false,
             bridged: None,
             part_nothing: parted.map_or(0.0, |parted| parted.part_nothing as f64 / walls),
             open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),

@@ -7,6 +7,7 @@ use bytesize::ByteSize;
 use crate::error::words::{duration, short, thousands};
 use crate::format::write::Format;
 use crate::grid::partition::REACH;
+use crate::run::pipeline::Trimmed;
 use crate::run::progress::Warning;
 use crate::run::report::{Closing, FitReport, GridReport, OutputReport, Report};
 use crate::settings::open::Kind;
@@ -111,6 +112,10 @@ impl Report {
                 100.0 * share
             ));
         }
+        if let Some(Trimmed { distance, triangles }) = self.trimmed {
+            let (triangles, distance) = (thousands(triangles), short(distance));
+            lines.push(format!("trimmed  {triangles} triangles farther than {distance} from any point"));
+        }
         if retreated > 0 {
             lines.push(format!(
                 "kept off {} vertices kept off their points, so that no triangles intersect",
@@ -166,6 +171,7 @@ impl Closing {
     pub fn verdict(&self) -> String {
         match self.radius {
             Some(radius) => format!("radius {radius} {}, as asked", if radius == 1 { "cell" } else { "cells" }),
+            None if self.ends && self.parted => "open where triangles far from points were left out".to_owned(),
             None if self.sealed => "sealed: the mesh encloses the inside".to_owned(),
             None if self.parted => {
                 format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.bridged.unwrap_or(0.0))

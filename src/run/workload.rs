@@ -1,5 +1,6 @@
 //! The workload: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
 
+use crate::bridged;
 use crate::grid::partition::plane_halo;
 use crate::grid::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices};
 use crate::grid::slice::Bits;
@@ -39,6 +40,8 @@ pub struct Workload {
     pub(crate) columns: Option<ColumnWorkload>,
     /// Whether triangles are left out in the end.
     simplified: bool,
+    /// Whether distances from points are measured, and triangles left out by them.
+    bridging: Option<bool>,
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
@@ -83,6 +86,7 @@ impl Workload {
             counted: None,
             columns: None,
             simplified: false,
+            bridging: None,
         }
     }
 
@@ -126,6 +130,11 @@ impl Workload {
     /// The same workload for a mesh of which triangles are left out in the end.
     pub fn with_simplification(self, simplified: bool) -> Workload {
         Workload { simplified, ..self }
+    }
+
+    /// The same workload for a mesh whose vertices' distances from points are `measured`; triangles may be `trimmed` by them.
+    pub fn with_bridging(self, measured: bool, trimmed: bool) -> Workload {
+        Workload { bridging: (measured || trimmed).then_some(trimmed), ..self }
     }
 
     /// The same workload with vertices that are moved onto something else than their nearest points.
@@ -176,6 +185,13 @@ impl Workload {
     pub fn simplified(&self) -> Option<Extent> {
         let (triangles, vertices, precision) = (self.triangles(), self.vertices(), self.precision);
         self.simplified.then_some(Extent { triangles, vertices, precision })
+    }
+
+    /// What the measuring of distances depends on, if there is any.
+    pub(crate) fn bridging(&self) -> Option<bridged::Extent> {
+        let (points, vertices, triangles) = (self.points, self.vertices(), self.triangles());
+        let (precision, attributes) = (self.precision, self.attributes);
+        self.bridging.map(|trimmed| bridged::Extent { points, vertices, triangles, precision, attributes, trimmed })
     }
 
     /// Bytes of the mesh to expect, in temporary storage.

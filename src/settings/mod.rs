@@ -9,7 +9,7 @@ pub mod surface;
 use self::closing::{Least, Sealing};
 use self::ground::Classes;
 use self::open::Open;
-use self::simplification::Simplification;
+use self::simplification::{Simplification, Tolerance};
 use self::surface::SurfaceOptions;
 use crate::error::{Error, Result};
 use crate::points::bounds::Axis;
@@ -75,6 +75,10 @@ pub struct Settings {
     pub surface: SurfaceOptions,
     /// What is asked of a surface that is not closed; `None` for one that is.
     pub open: Option<Open>,
+    /// Whether vertices carry their distance from the nearest point.
+    pub bridged: bool,
+    /// Triangles with a vertex farther than this from any point are left out, and the surface is open there; none are with `None`.
+    pub trim: Option<Tolerance>,
     /// How many triangles are left; all with `None`.
     pub simplify: Option<Simplification>,
     /// What tells the ground, if the open surface is that.
@@ -93,6 +97,8 @@ impl Default for Settings {
             min_component: Some(Least::Auto),
             surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
             open: None,
+            bridged: false,
+            trim: None,
             simplify: None,
             classes: Classes::Auto,
         }
@@ -108,6 +114,11 @@ impl Settings {
             Fineness::Default if self.open.is_some() || few => Fineness::Sampling,
             fineness => fineness,
         }
+    }
+
+    /// Whether the mesh may end somewhere.
+    pub fn may_end(&self) -> bool {
+        self.trim.is_some() || self.open.is_some_and(|open| open.base.is_none())
     }
 
     /// Checks what can be checked without the input.
@@ -135,6 +146,16 @@ impl Settings {
         if self.open.is_some() && self.min_component.is_some_and(|least| least != Least::Auto) {
             let message = "`min_component`: a surface that is seen from one side has no components; `min_points` thins out strays";
             return Err(Error::setting("min_component", message.into()));
+        }
+        if self.trim.is_some() && self.open.is_some_and(|open| open.base.is_some()) {
+            let message = "`trim`: what stands on a `base` is closed, and far from all points at its bottom";
+            return Err(Error::setting("trim", message.into()));
+        }
+        if let Some(Tolerance::Length(0.0) | Tolerance::Cells(0.0) | Tolerance::Percent(0.0)) = self.trim {
+            return Err(Error::setting(
+                "trim",
+                "`trim` 0: a surface amid points is farther than that from each".into(),
+            ));
         }
         self.simplify.map_or(Ok(()), |asked| asked.validate())
     }

@@ -104,6 +104,11 @@ impl Shell {
         self.thickness > NOISE && self.wider < even * self.thickness
     }
 
+    /// Whether it is as thick as the smaller blocks let it be, or nearly: as noise of a cell and more is, and a filled body.
+    pub fn fills_blocks(&self) -> bool {
+        self.thickness > FILLED.0
+    }
+
     /// Whether it is noise so thick that what the walls of a slot say of it means nothing ([`crate::solid::reopen`]).
     pub fn hides_walls(&self) -> bool {
         self.is_noisy() && self.thickness > HIDING

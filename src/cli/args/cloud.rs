@@ -131,6 +131,13 @@ pub struct CloudArguments {
     /// What vertices are moved onto; the summary says so where points turn out to be noisy
     #[arg(long, value_enum, default_value_t, help_heading = "Surface")]
     pub fit: Fit,
+    /// Give vertices their distance from the nearest point, as the attribute `bridged`: large where the surface bridges what was not scanned
+    #[arg(long, help_heading = "Surface")]
+    pub bridged: bool,
+    /// Leave out triangles with a vertex farther than D from any point: a length (plain, or with a unit as in 5cm), cells as in 3c, or per cents of the longest side as in 1%. The surface is open
+    /// there, that of a body, too
+    #[arg(long, value_name = "D", value_parser = in_unit::<Tolerance>, allow_negative_numbers = true, help_heading = "Surface")]
+    pub trim: Option<InUnit<Tolerance>>,
     /// How many triangles are left.
     #[command(flatten)]
     pub simplification: SimplificationArguments,
@@ -256,6 +263,7 @@ impl CloudArguments {
         let (seal, window, open) = (self.seal.value, self.window, self.open()?);
         let (keep_outliers, simplify) = (self.keep_outliers, self.simplification.asked());
         let classes = self.classes.unwrap_or_default();
+        let (bridged, trim) = (self.bridged, self.trim.map(|distance| distance.value));
         Ok(Settings {
             fineness,
             axis,
@@ -267,6 +275,8 @@ impl CloudArguments {
             surface,
             open,
             classes,
+            bridged,
+            trim,
             simplify,
         })
     }
@@ -284,6 +294,7 @@ impl CloudArguments {
             max_hole: self.max_hole.and_then(|hole| hole.unit),
             base: self.base.and_then(|base| base.unit),
             tile: None,
+            trim: self.trim.and_then(|distance| distance.unit),
             simplify: self.simplification.simplify.and_then(|tolerance| tolerance.unit),
             raster_size: None,
         }

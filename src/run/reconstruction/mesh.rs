@@ -282,7 +282,7 @@ impl Mesh {
         let (spool, figures) = simplified(&self.spool, asked, lengths, memory, (workers, &self.workspace), progress)?;
         progress.begin(Phase::Check, Some(spool.face_count()));
         let found = check(&spool, memory, workers, &self.workspace, &mut |done| progress.set(done))?;
-        if !found.is_sound(parameters.open.is_some_and(|open| open.base.is_none())) {
+        if !found.is_sound(parameters.trim.is_some() || parameters.open.is_some_and(|open| open.base.is_none())) {
             return Err(Error::CheckFailed(found.to_string()));
         }
         progress.end();

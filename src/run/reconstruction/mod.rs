@@ -31,7 +31,7 @@ use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::ground::Classes;
 use crate::settings::open::Open;
-use crate::settings::simplification::Simplification;
+use crate::settings::simplification::{Simplification, Tolerance};
 use crate::settings::surface::{Diagonals, Fit};
 use crate::settings::{AxisChoice, Fineness, Resolution};
 use crate::storage::spool::Workspace;
@@ -218,6 +218,19 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
+    /// Has vertices carry their distance from the nearest point that counts, as the attribute `bridged`.
+    pub fn bridged(mut self) -> Self {
+        self.job.settings.bridged = true;
+        self
+    }
+
+    /// Leaves out the triangles with a vertex farther than this from any point that counts. The surface is open there, that of a body, too; every vertex that is left is within
+    /// the distance, and what is left is a manifold.
+    pub fn trim(mut self, distance: Tolerance) -> Self {
+        self.job.settings.trim = Some(distance);
+        self
+    }
+
     /// Leaves out triangles, within a tolerance or down to a number; all stay by default. No vertex is moved, and no guarantee is lost.
     pub fn simplify(mut self, asked: Simplification) -> Self {
         self.job.settings.simplify = Some(asked);
@@ -398,7 +411,7 @@ fn made(
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     let (surveyed, context) = planned(surveyed, &settings, workers, workspace, left, progress).map_err(whole)?;
     let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
-    if settings.open.is_some() && made.mesh.face_count() == 0 {
+    if settings.may_end() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
     let mut simplification = None;

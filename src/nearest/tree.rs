@@ -18,7 +18,7 @@ const PARALLEL: usize = 1 << 13;
 
 /// Targets in memory, for searches.
 #[derive(Debug, Clone)]
-pub(super) struct Tree<T> {
+pub(crate) struct Tree<T> {
     targets: Vec<T>,
     /// The box of each node, from 1 on.
     boxes: Vec<Cuboid>,
@@ -26,7 +26,7 @@ pub(super) struct Tree<T> {
 }
 
 /// Bytes of memory for each target of a tree.
-pub(super) const fn bytes_of<T>() -> u64 {
+pub(crate) const fn bytes_of<T>() -> u64 {
     // A leaf has more than half of its room filled, and there are twice as many nodes as leaves.
     (size_of::<T>() + 4 * size_of::<Cuboid>() / LEAF) as u64
 }

@@ -17,7 +17,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 /// The largest magnitude of a coordinate that is looked at: beyond, products would leave the range of `f64`.
-pub(super) const FARTHEST: f64 = 1e75;
+const FARTHEST: f64 = 1e75;
 
 /// A triangle whose height is a smaller part of its longest side has the distance of its sides: its normal is mostly rounding. Squared.
 const FLAT: f64 = 1e-16;
@@ -29,11 +29,17 @@ const SLIP: f64 = 1e-15;
 const LEVEL: f64 = 1e-200;
 
 /// A place.
-pub(super) type Point = [f64; 3];
+pub(crate) type Point = [f64; 3];
+
+/// Whether a place can be looked at: it is finite, and not absurdly far.
+pub(crate) fn is_usable(p: Point) -> bool {
+    // Not what compares false: NaN is left out, too.
+    p.iter().all(|c| c.abs() <= FARTHEST)
+}
 
 /// A box along the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Cuboid {
+pub(crate) struct Cuboid {
     pub low: Point,
     pub high: Point,
 }
@@ -99,13 +105,13 @@ fn length2([x, y, z]: Point) -> f64 {
 
 /// A line through a place, along a direction of length 1.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Line {
+pub(crate) struct Line {
     pub origin: Point,
     pub direction: Point,
 }
 
 /// What distances are measured to.
-pub(super) trait Target: Copy + Send + Sync {
+pub(crate) trait Target: Copy + Send + Sync {
     /// Its box.
     fn cuboid(&self) -> Cuboid;
     /// Where it is sorted to.
@@ -117,7 +123,7 @@ pub(super) trait Target: Copy + Send + Sync {
 /// A point as a target.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(transparent)]
-pub(super) struct Spot(pub Point);
+pub(crate) struct Spot(pub Point);
 
 impl Target for Spot {
     fn cuboid(&self) -> Cuboid {
@@ -136,7 +142,7 @@ impl Target for Spot {
 /// Three corners.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(transparent)]
-pub(super) struct Triangle(pub [Point; 3]);
+pub(crate) struct Triangle(pub [Point; 3]);
 
 impl Triangle {
     /// Its centroid.
@@ -225,7 +231,7 @@ fn side(a: Point, b: Point) -> f64 {
 }
 
 /// The angle between two directions, in degrees, accurate for small ones, too.
-pub(super) fn angle(a: Point, b: Point) -> f64 {
+pub(crate) fn angle(a: Point, b: Point) -> f64 {
     let (a, b) = (DVec3::from_array(a), DVec3::from_array(b));
     libm::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }

@@ -8,7 +8,7 @@ use crate::storage::spool::{Spool, Workspace};
 
 /// Workers, temporary storage, and the shares of the budget.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Room<'a> {
+pub(crate) struct Room<'a> {
     pub workers: &'a Workers,
     pub workspace: &'a Workspace,
     /// Bytes for the block that is searched.

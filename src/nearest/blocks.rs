@@ -22,11 +22,11 @@ use crate::storage::spool::Spool;
 /// Parts of one distribution at most: each has a page in memory.
 const PARTS: u64 = 256;
 /// Middles looked at to place cuts.
-pub(super) const SAMPLE: usize = 1 << 15;
+pub(crate) const SAMPLE: usize = 1 << 15;
 
 /// A block of targets.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Block {
+pub(crate) struct Block {
     cuboid: Cuboid,
     /// The place of its first target.
     first: u64,
@@ -48,7 +48,7 @@ impl Target for Block {
 }
 
 /// All targets, in blocks. Blocks have numbers in the order of a tree over them.
-pub(super) struct Blocks<T> {
+pub(crate) struct Blocks<T> {
     blocks: Tree<Block>,
     store: Spool,
     /// The block in memory.

@@ -24,7 +24,7 @@ use crate::storage::partitions::Partitions;
 const PIECE: usize = 1 << 12;
 
 /// What is asked of targets.
-pub(super) trait Query<T>: Pod + Send + Sync {
+pub(crate) trait Query<T>: Pod + Send + Sync {
     /// The block where it was asked first.
     fn home(&self) -> usize;
     /// Whether a target within the box could change the answer.
@@ -36,7 +36,7 @@ pub(super) trait Query<T>: Pod + Send + Sync {
 /// How far from a place is the nearest target?
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Nearest {
+pub(crate) struct Nearest {
     pub number: u64,
     home: u64,
     place: Point,
@@ -68,7 +68,7 @@ impl<T: Target> Query<T> for Nearest {
 /// How far from a triangle's centroid is the nearest target, how is it turned against that, and how far is the first along the normal, either way?
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Facing {
+pub(crate) struct Facing {
     home: u64,
     place: Point,
     /// Zero if the triangle has none.
@@ -142,7 +142,7 @@ impl Query<Triangle> for Facing {
 ///
 /// # Errors
 /// What `feed` and `done` give; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
-pub(super) fn search<T: Target + Pod, Q: Query<T>>(
+pub(crate) fn search<T: Target + Pod, Q: Query<T>>(
     blocks: &mut Blocks<T>,
     room: &Room,
     feed: impl FnOnce(&(dyn Fn(Point) -> usize + Sync), &mut dyn FnMut(&[Q]) -> Result<()>) -> Result<()>,

@@ -5,7 +5,7 @@ use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
 
 /// Runs a test in a temporary folder, with so many threads and plenty of memory.
-pub(super) fn with_room<R>(threads: usize, test: impl FnOnce(Room) -> R) -> R {
+pub(crate) fn with_room<R>(threads: usize, test: impl FnOnce(Room) -> R) -> R {
     let dir = tempfile::tempdir().unwrap();
     let workspace = Workspace::new(dir.path()).unwrap();
     let workers = Workers::new(threads).unwrap();
