@@ -6,10 +6,10 @@ use crate::error::{Error, Result};
 use crate::format::write::tiles;
 use crate::grid::context::Context;
 use crate::input::tally::Tally;
-use crate::input::{Cloud, Opening, Unpacked, find};
+use crate::input::{Cloud, InputOptions, Opening, Unpacked, find};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{BesideFiles, bare_earth, budget_beside, of_whole_budget};
+use crate::run::bare_earth::{BesideFiles, bare_earth, budget_beside, looked_at, of_whole_budget};
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job, default_output};
@@ -140,7 +140,8 @@ pub(super) fn open(
     };
     let decompress = (passes == Passes::All).then_some(workers);
     let opening = Opening { workspace, memory: job.resources.budget(), decompress, watch };
-    let cloud = Cloud::open_in(files, &job.input, opening);
+    let input = InputOptions { looked_at: looked_at(job), ..job.input.clone() };
+    let cloud = Cloud::open_in(files, &input, opening);
     if begun {
         progress.end();
     } else {
