@@ -3,6 +3,7 @@
 #![allow(clippy::disallowed_methods)]
 
 mod command {
+    mod batch;
     mod compare;
     pub mod folder;
     mod ground;

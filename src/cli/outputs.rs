@@ -141,11 +141,11 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
                 None => run::default_output_of(&arguments.cloud.inputs, &files).ok(),
             };
             if let Some(output) = &output {
-                match arguments.tile {
-                    Some(_) if matches!(Format::from_path(output), Ok(Format::Ply | Format::Glb)) => {
+                match arguments.tile.map(|_| ()).or(arguments.batch.then_some(())) {
+                    Some(()) if matches!(Format::from_path(output), Ok(Format::Ply | Format::Glb)) => {
                         put(Tiles::path(output), "tiles", Kind::Tiles, overwrite);
                     }
-                    Some(_) => {}
+                    Some(()) => {}
                     None if Format::from_path(output).is_ok() => {
                         put(output.clone(), "mesh", Kind::File, overwrite);
                         for path in write::beside(output) {

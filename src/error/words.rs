@@ -55,10 +55,11 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 41] = [
+pub const SETTINGS: [&str; 42] = [
     "attributes",
     "axis",
     "base",
+    "batch",
     "bounds",
     "bridged",
     "cell_size",

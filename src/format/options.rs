@@ -17,6 +17,8 @@ pub struct InputOptions {
     pub endian: Option<Endian>,
     /// The attributes that are carried to the mesh.
     pub attributes: Wanted,
+    /// What is read of points whether the mesh carries it or not.
+    pub looked_at: &'static [&'static str],
     /// Which points count.
     pub filter: Filter,
     /// The coordinate reference system, whatever files say: `Some(None)` if there is none.

@@ -255,7 +255,7 @@ impl<'a> Cloud<'a> {
         };
         let sieve = Sieve::new(&self.filter, schema, self.formats.iter().map(|format| format.attributes()));
         let (precision, verdict) = (self.precision, self.verdict.clone());
-        Blocks { waiting: self.formats.iter(), current: None, precision, sieve: Arc::new(sieve), verdict }
+        Blocks { waiting: self.formats.iter().enumerate(), current: None, precision, sieve: Arc::new(sieve), verdict }
     }
 
     /// Which points count now.
@@ -372,8 +372,9 @@ pub enum Carried {
 
 /// One pass over a cloud.
 pub struct Blocks<'a> {
-    waiting: std::slice::Iter<'a, Arc<dyn PointFormat + 'a>>,
-    current: Option<Box<dyn BlockCutter<'a> + 'a>>,
+    waiting: std::iter::Enumerate<std::slice::Iter<'a, Arc<dyn PointFormat + 'a>>>,
+    /// The number of the file that is read, and its blocks.
+    current: Option<(usize, Box<dyn BlockCutter<'a> + 'a>)>,
     precision: Precision,
     sieve: Arc<Sieve>,
     verdict: Option<Arc<dyn Verdict>>,
@@ -386,15 +387,15 @@ impl<'a> Blocks<'a> {
     /// If a file cannot be read, changed its length since it was looked at, or is malformed.
     pub fn next_block(&mut self) -> Result<Option<Block<'a>>> {
         loop {
-            if let Some(cutter) = &mut self.current {
+            if let Some((source, cutter)) = &mut self.current {
                 if let Some(records) = cutter.next()? {
                     let (sieve, verdict) = (Arc::clone(&self.sieve), self.verdict.clone());
-                    return Ok(Some(Block { records, precision: self.precision, sieve, verdict }));
+                    return Ok(Some(Block { records, source: *source, precision: self.precision, sieve, verdict }));
                 }
                 self.current = None;
             }
             match self.waiting.next() {
-                Some(format) => self.current = Some(format.cut(&self.sieve.decoded)?),
+                Some((source, format)) => self.current = Some((source, format.cut(&self.sieve.decoded)?)),
                 None => return Ok(None),
             }
         }
@@ -404,6 +405,7 @@ impl<'a> Blocks<'a> {
 /// Undecoded records, to be decoded on any thread.
 pub struct Block<'a> {
     records: Box<dyn Decode + 'a>,
+    source: usize,
     precision: Precision,
     sieve: Arc<Sieve>,
     verdict: Option<Arc<dyn Verdict>>,
@@ -423,7 +425,7 @@ impl Block<'_> {
         }
         batch.attributes.clear();
         (batch.dropped, batch.filtered) = (0, 0);
-        batch.station = self.records.station();
+        (batch.station, batch.source) = (self.records.station(), self.source);
         self.records.decode(batch)?;
         self.sieve.sift(batch);
         self.verdict.as_deref().map_or(Ok(()), |verdict| judged(batch, verdict))

@@ -73,11 +73,6 @@ impl<T: Copy + Default> Corners<T> {
         self.pick(read)
     }
 
-    /// The vertices of the table, in ascending order, if no window was read.
-    pub fn numbers(&self) -> &[u32] {
-        &self.numbers
-    }
-
     /// Replaces each vertex number by its rank among the distinct ones, which are left in `numbers`.
     fn renumber(&mut self, faces: &mut [[u32; 3]]) {
         let corners = faces.as_flattened_mut();

@@ -116,6 +116,8 @@ pub struct Batch {
     pub filtered: u64,
     /// Where the points were scanned from, if the file tells.
     pub station: Option<[f64; 3]>,
+    /// The number of their file, in reading order.
+    pub source: usize,
 }
 
 impl Batch {
@@ -126,6 +128,13 @@ impl Batch {
 
     /// An empty batch, to be filled by decoding.
     pub fn new(precision: Precision) -> Batch {
-        Batch { points: Points::new(precision), attributes: Vec::new(), dropped: 0, filtered: 0, station: None }
+        Batch {
+            points: Points::new(precision),
+            attributes: Vec::new(),
+            dropped: 0,
+            filtered: 0,
+            station: None,
+            source: 0,
+        }
     }
 }

@@ -263,6 +263,15 @@ fn told(
     Ok(Telling::Model(Arc::new(model), asked.cell))
 }
 
+/// What is read of points whether the mesh carries it or not: what tells the ground, and what is written with verdicts.
+pub(crate) fn looked_at(job: &Job) -> &'static [&'static str] {
+    match &job.write_classes {
+        Some(_) => &WRITTEN,
+        None if is_asked(&job.settings) || job.dtm.is_some() => &["classification"],
+        None => &[],
+    }
+}
+
 /// The attributes that are written with a point, if files have them.
 const WRITTEN: [&str; 7] =
     ["intensity", "return_number", "number_of_returns", "classification", "scan_angle", "point_source_id", "gps_time"];

@@ -7,8 +7,11 @@ use std::time::Instant;
 
 use crate::error::words::thousands;
 use crate::error::{Error, Result, defect};
-use crate::format::write::tiles::Tiles;
+use crate::format::write::territory::Territories;
+use crate::format::write::tiles::{Division, Tiles};
 use crate::format::write::{Filled, Positions, Target};
+use crate::grid::survey::boxes_of_sources;
+use crate::input::Cloud;
 use crate::mesh::check::check_near;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
@@ -56,9 +59,9 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let mut beside = Beside::of(job)?.create()?;
     let positions = Positions::of(&output, job.positions)?;
     // What can fail for want of room or rights fails now, not after the work.
-    let mut target = match job.tile {
+    let mut target = match division(job, &files)? {
         None => Place::File(Target::prepare(&output, job.overwrite, positions)?),
-        Some(side) => Place::Tiles(Tiles::prepare(&output, side, job.overwrite, positions)?),
+        Some(division) => Place::Tiles(Tiles::prepare(&output, division, job.overwrite, positions)?),
     };
     #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
@@ -67,7 +70,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let mut cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
     let job = &job.measured_as(&cloud)?;
     if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
-        tiles.set_side(side);
+        tiles.divide_by(Division::Squares(side));
     }
 
     describe(&cloud, &job.settings, progress);
@@ -77,6 +80,9 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, progress)?;
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
+    }
+    if let (Place::Tiles(tiles), true) = (&mut target, job.batch) {
+        tiles.divide_by(Division::Inputs(territories(&cloud, workers, progress)?));
     }
     let left = budget_beside(&settings, budget, workers);
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
@@ -181,6 +187,36 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         seconds,
         workspace: &workspace,
     }))
+}
+
+/// What a job wants its mesh divided by, as far as it is known before files are opened.
+///
+/// # Errors
+/// [`Error::InvalidSetting`] if it wants two things, or inputs have no names that tell their meshes apart.
+fn division(job: &Job, files: &[PathBuf]) -> Result<Option<Division>> {
+    match (job.tile, job.batch) {
+        (Some(_), true) => Err(Error::setting(
+            "batch",
+            "`batch`: makes a mesh of each input, and `tile` of each square; pass one".into(),
+        )),
+        (Some(side), false) => Ok(Some(Division::Squares(side))),
+        (None, true) => Territories::of(files).map(|inputs| Some(Division::Inputs(inputs))),
+        (None, false) => Ok(None),
+    }
+}
+
+/// Where the points of each input lie that count; those without any get no mesh, and are told.
+fn territories(cloud: &Cloud, workers: &Workers, progress: &mut Progress) -> Result<Territories> {
+    let paths: Vec<PathBuf> = cloud.sources().iter().map(|source| source.path.clone()).collect();
+    let mut inputs = Territories::of(&paths)?;
+    progress.begin(Phase::Survey, cloud.sources().iter().map(|source| source.records).sum());
+    let boxes = boxes_of_sources(cloud, workers, 2 * workers.threads(), |records| progress.add(records))?;
+    progress.end();
+    paths.iter().zip(&boxes).for_each(|(path, bounds)| inputs.put(path, bounds));
+    for input in inputs.without_points() {
+        progress.note(&format!("{}: no points that count, and so no mesh", input.path.display()));
+    }
+    Ok(inputs)
 }
 
 /// Where the mesh goes.

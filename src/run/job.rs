@@ -30,6 +30,8 @@ pub struct Job {
     pub output: Option<PathBuf>,
     /// The side of square tiles, in the input's units, if the mesh is to be a folder of them.
     pub tile: Option<f64>,
+    /// Whether the mesh is to be a folder with a file for each input. Inputs are read in the order of their names then.
+    pub batch: bool,
     /// The units of lengths in [`Job::settings`] and [`Job::tile`], where these are not the input's.
     pub units: Units,
     /// Whether a picture of the mesh is drawn, too.
@@ -70,6 +72,7 @@ impl Job {
             settings: Settings::default(),
             output: None,
             tile: None,
+            batch: false,
             units: Units::default(),
             #[cfg(feature = "render")]
             preview: Preview::None,

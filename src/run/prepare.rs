@@ -6,10 +6,10 @@ use crate::error::{Error, Result};
 use crate::format::write::tiles;
 use crate::grid::context::Context;
 use crate::input::tally::Tally;
-use crate::input::{Cloud, Opening, Unpacked, find};
+use crate::input::{Cloud, InputOptions, Opening, Unpacked, find};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::bare_earth::{BesideFiles, bare_earth, budget_beside, of_whole_budget};
+use crate::run::bare_earth::{BesideFiles, bare_earth, budget_beside, looked_at, of_whole_budget};
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job, default_output};
@@ -106,8 +106,11 @@ pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Loo
 /// The input's files, once the settings are found to be in order; what was left out is told.
 pub(super) fn files(job: &Job, progress: &Progress) -> Result<Vec<PathBuf>> {
     job.settings.validate()?;
-    let found = find(&job.inputs, job.input.depth)?;
+    let mut found = find(&job.inputs, job.input.depth)?;
     found.left_out.iter().for_each(|line| progress.note(line));
+    if job.batch {
+        found.files.sort();
+    }
     Ok(found.files)
 }
 
@@ -137,7 +140,8 @@ pub(super) fn open(
     };
     let decompress = (passes == Passes::All).then_some(workers);
     let opening = Opening { workspace, memory: job.resources.budget(), decompress, watch };
-    let cloud = Cloud::open_in(files, &job.input, opening);
+    let input = InputOptions { looked_at: looked_at(job), ..job.input.clone() };
+    let cloud = Cloud::open_in(files, &input, opening);
     if begun {
         progress.end();
     } else {
@@ -176,7 +180,8 @@ pub(super) fn known(job: &Job, files: &[PathBuf], passes: Passes) -> Known {
 
 /// What is known of the work that a job is, of so many points.
 pub(super) fn known_of_points(job: &Job, points: u64, passes: Passes) -> Known {
-    let survey = 1 + u64::from(matches!(job.settings.fineness, Fineness::Sampling | Fineness::Default));
+    let measured = matches!(job.settings.fineness, Fineness::Sampling | Fineness::Default);
+    let survey = 1 + u64::from(measured) + u64::from(job.batch && passes == Passes::All);
     let rehearsed = job.settings.open.is_none() && (passes == Passes::Few || points >= WORTH_IT);
     let known = Known { passes: survey, points, rehearsed, ..Known::default() };
     match passes {
@@ -188,10 +193,10 @@ pub(super) fn known_of_points(job: &Job, points: u64, passes: Passes) -> Known {
             simplified: job.settings.simplify.is_some(),
             checked: job.check == Check::Always,
             drawn: job.is_drawn(),
-            write: match (job.tile, job.check) {
-                (Some(_), _) => forecast::Write::Tiles,
-                (None, Check::Always) => forecast::Write::Meanwhile,
-                (None, Check::Never) => forecast::Write::After,
+            write: match (job.tile.is_some() || job.batch, job.check) {
+                (true, _) => forecast::Write::Tiles,
+                (false, Check::Always) => forecast::Write::Meanwhile,
+                (false, Check::Never) => forecast::Write::After,
             },
             whole: true,
             ..known

@@ -13,7 +13,7 @@ use crate::grid::occupancy::Occupancy;
 use crate::grid::{CELLS_LIMIT, Grid};
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
-use crate::settings::open::Open;
+use crate::settings::open::{Kind, Open};
 use crate::sign;
 use crate::sign::{Patch, Seen, Signed};
 use crate::solid::Solid;
@@ -263,6 +263,7 @@ pub fn close_below(
         ball,
         base: open.base.is_some(),
         jump: open.jump(grid),
+        one_layer: open.kind != Kind::Sheet,
         smooth,
     };
     let solid = heightfield::solid(&occupancy, ground, context)?;

@@ -63,6 +63,28 @@ fn the_filter_tells_the_ground_and_its_verdicts_tell_it_again() {
     assert_eq!(&tally["classification"], classes);
 }
 
+/// What tells the ground, and what is written with verdicts, is read of compressed points whether the mesh carries it or not.
+#[test]
+fn a_mesh_without_attributes_has_the_same_ground() {
+    let f = Folder::new();
+    f.write("s.xyz", scene());
+    f.ok("s.xyz --surface ground --write-classes c.laz -o g.ply");
+    for (options, verdicts) in [("", ""), ("--classes none ", "--write-classes d.laz "), ("--classes 2 ", "")] {
+        let line =
+            |name: &str| format!("c.laz --surface ground {options}-o {name}.ply --overwrite --report {name}.json ");
+        f.ok(&(line("with") + verdicts));
+        let written = (!verdicts.is_empty()).then(|| f.read("d.laz"));
+        f.ok(&(line("without") + verdicts + "--attributes none"));
+        assert_eq!(
+            report(&f, "with.json")["points"]["count"],
+            report(&f, "without.json")["points"]["count"],
+            "{options}"
+        );
+        assert_eq!(report(&f, "with.json")["check"]["area"], report(&f, "without.json")["check"]["area"], "{options}");
+        assert!(written.is_none_or(|written| written == f.read("d.laz")));
+    }
+}
+
 #[test]
 fn the_ground_is_the_same_for_any_memory_threads_and_order() {
     let f = Folder::new();

@@ -56,15 +56,18 @@ impl Ground {
             let across = -beyond..columns + beyond;
             across.flat_map(|x| (-beyond..slices + beyond).map(move |y| [x, y])).collect()
         };
-        let (mut floor, mut top) = (BTreeMap::new(), BTreeMap::new());
+        let mut along_up: BTreeMap<Place, BTreeSet<i32>> = BTreeMap::new();
         for cell in occupied.all().into_iter().filter(|cell| occupied.get(*cell)) {
             let along = if open.positive { cell[open.up] } else { cells[open.up] as i32 - 1 - cell[open.up] };
             let place = [cell[2 - open.up], cell[1]];
-            let lowest = floor.entry(place).or_insert(along);
-            *lowest = along.min(*lowest);
-            let highest = top.entry(place).or_insert(along);
-            *highest = along.max(*highest);
+            along_up.entry(place).or_default().insert(along);
         }
+        let steps = open.jump.is_none();
+        if steps {
+            along_up = without_needles(&along_up);
+        }
+        let floor: BTreeMap<Place, i32> = along_up.iter().map(|(p, cells)| (*p, *cells.first().unwrap())).collect();
+        let top: BTreeMap<Place, i32> = along_up.iter().map(|(p, cells)| (*p, *cells.last().unwrap())).collect();
         let data: BTreeSet<Place> = floor.keys().copied().collect();
 
         let beyond = open.bridge + 2;
@@ -79,7 +82,7 @@ impl Ground {
         let kept = without_pinches(&closed);
 
         let reach = 7 + 2 * (open.smooth.max(1) as i32 - 1);
-        let lattice = Lattice::new(&floor, [columns, slices], 2 * (open.bridge + reach + 1));
+        let lattice = Lattice::new(&floor, [columns, slices], 2 * (open.bridge + reach + 1), steps);
         let mut height = BTreeMap::new();
         let mut tops = BTreeMap::new();
         for p in all(0) {
@@ -155,6 +158,22 @@ impl Ground {
     }
 }
 
+/// Without the highest cell of each column in which that is more than two cells above all other cells of its own and of the columns up to two away, of which there is one.
+fn without_needles(columns: &BTreeMap<Place, BTreeSet<i32>>) -> BTreeMap<Place, BTreeSet<i32>> {
+    let mut out = columns.clone();
+    for ([x, y], cells) in &mut out {
+        let top = *cells.last().unwrap();
+        let around = (-2..=2).flat_map(|dx| (-2..=2).map(move |dy| [dx, dy])).filter(|d| *d != [0, 0]);
+        let near: Vec<i32> = around.filter_map(|[dx, dy]| columns.get(&[x + dx, y + dy])).flatten().copied().collect();
+        let own = cells.iter().filter(|cell| **cell != top);
+        if !near.is_empty() && near.iter().chain(own).all(|other| top > other + 2) {
+            cells.remove(&top);
+        }
+    }
+    out.retain(|_, cells| !cells.is_empty());
+    out
+}
+
 /// Without what is in no square of two by two, and with the rest of squares of which two at a diagonal are in.
 fn without_pinches(set: &BTreeSet<Place>) -> BTreeSet<Place> {
     let square = |[x, y]: Place| [[x, y], [x + 1, y], [x, y + 1], [x + 1, y + 1]];
@@ -174,27 +193,43 @@ fn without_pinches(set: &BTreeSet<Place>) -> BTreeSet<Place> {
     out
 }
 
+/// Whether two heights on a level differ by more than two cells and half of a cell of the level, where there are steps.
+fn is_step(steps: bool, level: usize, a: f64, b: f64) -> bool {
+    steps && (a - b).abs() > 2.0 + 0.5 * (1 << level) as f64
+}
+
 /// Floors on ever coarser lattices.
 struct Lattice {
     /// Of each level from 1 on: what is known of its cells.
     levels: Vec<BTreeMap<Place, f64>>,
+    /// Whether heights that differ much are parted by steps.
+    steps: bool,
 }
 
 impl Lattice {
-    fn new(floor: &BTreeMap<Place, i32>, size: Place, side: i32) -> Lattice {
+    fn new(floor: &BTreeMap<Place, i32>, size: Place, side: i32, steps: bool) -> Lattice {
         let mut levels = vec![floor.iter().map(|(p, floor)| (*p, f64::from(*floor) + 0.5)).collect()];
         let top = (side as u32).next_power_of_two().ilog2() as usize;
-        for _ in 0..top {
+        for level in 0..top {
             let below: &BTreeMap<Place, f64> = levels.last().unwrap();
             let parents: BTreeSet<Place> = below.keys().map(|p| p.map(|c| c.div_euclid(2))).collect();
             let mean = |[x, y]: Place| {
                 let four = [[2 * x, 2 * y], [2 * x + 1, 2 * y], [2 * x, 2 * y + 1], [2 * x + 1, 2 * y + 1]];
                 let known: Vec<f64> = four.iter().filter_map(|p| below.get(p)).copied().collect();
-                known.iter().fold(0.0, |sum, v| sum + v) / known.len() as f64
+                // The largest group within a step of its lowest; of equal ones the lowest.
+                let group = |lowest: f64| -> Vec<f64> {
+                    let alike = |v: &f64| *v >= lowest && !is_step(steps, level, *v, lowest);
+                    known.iter().copied().filter(alike).collect()
+                };
+                let mut lowest = known.clone();
+                lowest.sort_by(f64::total_cmp);
+                let most = lowest.iter().map(|v| group(*v).len()).max().unwrap();
+                let best = lowest.into_iter().map(group).find(|group| group.len() == most).unwrap();
+                best.iter().fold(0.0, |sum, v| sum + v) / most as f64
             };
             levels.push(parents.into_iter().map(|p| (p, mean(p))).collect());
         }
-        let mut lattice = Lattice { levels };
+        let mut lattice = Lattice { levels, steps };
         for level in (1..top).rev() {
             let cells = size.map(|n| (n + (1 << level) - 1) >> level);
             for x in 0..cells[0] {
@@ -216,8 +251,11 @@ impl Lattice {
         let (x0, y0, x1, y1) = (x / 2, y / 2, nearer(x), nearer(y));
         let weighed = [([x0, y0], 9.0), ([x1, y0], 3.0), ([x0, y1], 3.0), ([x1, y1], 1.0)];
         let (mut sum, mut weights) = (0.0, 0.0);
+        let nearest = weighed.iter().find_map(|(place, _)| self.levels[level + 1].get(place));
         for (place, weight) in weighed {
-            if let Some(value) = self.levels[level + 1].get(&place) {
+            if let Some(value) = self.levels[level + 1].get(&place)
+                && !is_step(self.steps, level + 1, *value, *nearest.unwrap())
+            {
                 sum += weight * value;
                 weights += weight;
             }

@@ -319,7 +319,7 @@ impl CloudArguments {
         };
         let (layout, skip_bytes, attributes) = (self.layout.clone(), self.skip_bytes, self.attributes.clone());
         let crs = self.crs.as_deref().map(Crs::given).transpose()?;
-        Ok(InputOptions { layout, skip_bytes, endian, attributes, filter, crs, depth: self.depth() })
+        Ok(InputOptions { layout, skip_bytes, endian, attributes, filter, crs, looked_at: &[], depth: self.depth() })
     }
 
     /// The job of these, with what else a command says of it by default.

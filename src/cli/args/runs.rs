@@ -36,6 +36,10 @@ pub struct ReconstructArguments {
     /// Write a file for each square of this side, in the input's units or as in 100m, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
     #[arg(long, value_name = "SIDE", value_parser = side, allow_negative_numbers = true)]
     pub tile: Option<InUnit<f64>>,
+    /// Write a file for each input, named as that, and an index, in the folder city.tiles for city.ply: all are one surface, so where files meet they share
+    /// vertices, to the last bit; PLY and GLB
+    #[arg(long, conflicts_with = "tile")]
+    pub batch: bool,
     /// Write all points with the ground filter's verdicts as their classes (2 on the ground, 1 elsewhere; 7, 9 and 18 stay), a .laz or .las file: with --surface ground
     #[arg(long, value_name = "FILE")]
     pub write_classes: Option<PathBuf>,
@@ -134,6 +138,7 @@ impl ReconstructArguments {
                 Some(None) => Preview::Beside,
                 Some(Some(path)) => Preview::At(path.clone()),
             },
+            batch: self.batch,
             write_classes: self.write_classes.clone(),
             dtm: self.dtm.clone(),
             dsm: self.dsm.clone(),

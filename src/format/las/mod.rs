@@ -121,7 +121,10 @@ impl LasFile {
             return Ok(self);
         };
         let kept = match options.attributes {
-            Wanted::None => Schema::default(),
+            Wanted::None => {
+                let looked_at = self.attributes.iter().filter(|there| options.looked_at.contains(&there.name.as_str()));
+                looked_at.fold(Schema::default(), |schema, attribute| schema.with(attribute))
+            }
             _ => Wanted::All.of([&*self.attributes])?,
         };
         let decoded = Sieve::new(&options.filter, kept, [&*self.attributes].into_iter()).decoded;

@@ -14,8 +14,10 @@
 
 pub(crate) mod attributes;
 pub(crate) mod job;
+mod part;
 mod points;
 mod sidecar;
+pub mod territory;
 #[cfg(test)]
 mod tests;
 pub mod tiles;

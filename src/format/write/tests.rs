@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::tiles::Tiles;
+use super::tiles::{Division, Tiles};
 use super::*;
 use crate::format::read::open;
 use crate::mesh::MeshSource;
@@ -350,7 +350,7 @@ fn tiles_hold_every_triangle_once_with_the_same_bits() {
     let output = dir.path().join("city.ply");
     let write = |side: f64, overwrite, threads: usize, memory: u64| {
         let workers = Workers::new(threads).unwrap();
-        let tiles = Tiles::prepare(&output, side, overwrite, Positions::Shifted)?;
+        let tiles = Tiles::prepare(&output, Division::Squares(side), overwrite, Positions::Shifted)?;
         tiles.write(&mesh, &header, memory, &workers, &workspace, &mut |_| ())
     };
     let folder = dir.path().join("city.tiles");
@@ -385,12 +385,12 @@ fn tiles_hold_every_triangle_once_with_the_same_bits() {
     assert!(found == expected);
 
     assert!(matches!(write(1e3, Overwrite::Refuse, 1, 1 << 30), Err(Error::OutputExists(path)) if path == folder));
-    write(1e3, Overwrite::Replace, 3, 1 << 30).unwrap();
-    assert!(contents() == first, "the same bytes for any threads");
-    let error = write(1e9, Overwrite::Replace, 2, 1 << 20).unwrap_err().to_string();
-    assert!(error.contains("make tiles smaller or `max_memory` larger"), "{error}");
+    write(1e3, Overwrite::Replace, 3, 1 << 20).unwrap();
+    assert!(contents() == first, "the same bytes for any threads and memory");
+    let error = write(1e9, Overwrite::Replace, 2, 1 << 10).unwrap_err().to_string();
+    assert!(error.contains("make `max_memory` larger"), "{error}");
     assert!(contents() == first, "what was there stays");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "nothing else is left");
-    let obj = Tiles::prepare(&dir.path().join("a.obj"), 1.0, Overwrite::Refuse, Positions::Shifted);
+    let obj = Tiles::prepare(&dir.path().join("a.obj"), Division::Squares(1.0), Overwrite::Refuse, Positions::Shifted);
     assert!(matches!(obj, Err(Error::InvalidSetting { name: "tile", .. })));
 }

@@ -1,4 +1,4 @@
-//! Tiles: a mesh as one file for each square of the plane of x and y, and an index.
+//! Tiles: a mesh as one file for each square of the plane of x and y, or for each input, and an index.
 //!
 //! ```text
 //!   city.tiles/            +---+---+     every triangle belongs to the square that its middle lies in. Triangles are not cut: where
@@ -8,7 +8,9 @@
 //!                          +---+---+
 //! ```
 //!
-//! Triangles are sorted by tile, a block at a time, into temporary storage; then each tile is put together in memory. The folder appears under its name
+//! Of a batch, the tile of an input has the triangles whose middles lie in the box of its points, or nearer to it than to the others' ([`super::territory`]).
+//!
+//! Triangles are sorted by tile, a block at a time, into temporary storage; then each tile is put together ([`super::part`]). The folder appears under its name
 //! when it is whole.
 
 use std::collections::BTreeMap;
@@ -17,12 +19,14 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::{Format, Overwrite, Positions, Target, Written, attributes};
+use super::part::{Stretch, part};
+use super::territory::Territories;
+use super::{Format, Overwrite, Positions, Target, Written};
 use crate::error::words::short;
 use crate::error::words::thousands;
 use crate::error::{Error, Result};
 use crate::mesh::measure::Corners;
-use crate::mesh::spool::{FaceRecord, MeshSpool};
+use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::resources::workers::Workers;
 use crate::storage::atomic_file::WholeFolder;
@@ -35,19 +39,29 @@ pub const INDEX: &str = "index.json";
 const BLOCK: usize = 1 << 15;
 /// The most tiles: more files than that in one folder serve nobody.
 pub const MOST_TILES: u64 = 100_000;
-/// Bytes that a tile takes for each of its triangles while it is put together: corners (12, and 13 as they are written) and their keys (24); for half as
-/// many vertices, places (24, twice), numbers (4) and records.
-const PER_TRIANGLE: u64 = 49 + 26 + 16;
 /// Vertices that a block's triangles may span for all of them to be read.
 const WINDOW: usize = 1 << 16;
-/// Vertices read at once where numbers have gaps: reading what is between costs less than another read.
-const GAP: u32 = 64;
+/// A tile: the whole numbers [y, x] of a square's lower corner, in sides; or 0 and the number of an input.
+type Key = [i64; 2];
 
-/// A square: the whole numbers of its lower corner, in sides.
-type Square = [i64; 2];
+/// What a mesh is divided by.
+#[derive(Debug)]
+pub enum Division {
+    /// Squares of this side, in the input's units.
+    Squares(f64),
+    /// What lies where each input's points do.
+    Inputs(Territories),
+}
 
-/// Where triangles of a tile lie in the spool: the first's byte, and how many.
-type Stretch = (u64, u32);
+impl Division {
+    /// The setting that asks for it.
+    fn setting(&self) -> &'static str {
+        match self {
+            Division::Squares(_) => "tile",
+            Division::Inputs(_) => "batch",
+        }
+    }
+}
 
 /// Refuses tiles that are too many by far.
 ///
@@ -86,7 +100,7 @@ fn numbered(coordinate: f64, side: f64) -> Result<i64> {
 #[derive(Debug)]
 pub struct Tiles {
     format: Format,
-    side: f64,
+    division: Division,
     folder: WholeFolder,
     positions: Positions,
 }
@@ -97,31 +111,35 @@ impl Tiles {
         output.with_extension("tiles")
     }
 
-    /// Creates a temporary folder beside the tiles' own, for squares of side `side`, in the input's units.
+    /// Creates a temporary folder beside the tiles' own.
     ///
     /// # Errors
     /// [`Error::InvalidSetting`] for formats that cannot be tiles; [`Error::OutputExists`]; [`Error::Io`].
-    pub fn prepare(output: &Path, side: f64, overwrite: Overwrite, positions: Positions) -> Result<Tiles> {
+    pub fn prepare(output: &Path, division: Division, overwrite: Overwrite, positions: Positions) -> Result<Tiles> {
         let format = Format::from_path(output)?;
         if !matches!(format, Format::Ply | Format::Glb) {
-            return Err(Error::setting("tile", format!("`tile`: {} names no PLY or GLB files", output.display())));
+            let setting = division.setting();
+            return Err(Error::setting(
+                setting,
+                format!("`{setting}`: {} names no PLY or GLB files", output.display()),
+            ));
         }
         let positions = Positions::of(output, Some(positions))?;
         let path = Self::path(output);
         let folder = WholeFolder::create(&path, overwrite)?;
-        Ok(Tiles { format, side, folder, positions })
+        Ok(Tiles { format, division, folder, positions })
     }
 
-    /// Changes the side, once the input's unit is known.
-    pub fn set_side(&mut self, side: f64) {
-        self.side = side;
+    /// Changes the division, once the input's unit is known, or where its points lie.
+    pub fn divide_by(&mut self, division: Division) {
+        self.division = division;
     }
 
-    /// Writes all tiles and their index, and gives the folder its name; returns the number of tiles, too. `memory` bounds a tile; `progress` is told how many triangles are
+    /// Writes all tiles and their index, and gives the folder its name; returns the number of tiles, too. `memory` bounds what of a tile stays in memory; `progress` is told how many triangles are
     /// sorted, and written: in the end twice as many as there are.
     ///
     /// # Errors
-    /// [`Error::InvalidSetting`] if squares are so small that there are too many, or so large that one does not fit; those of [`Target::fill`] and [`super::Filled::finish`].
+    /// [`Error::InvalidSetting`] if squares are so small that there are too many, or the memory too little for a tile's numbers; those of [`Target::fill`] and [`super::Filled::finish`].
     pub fn write(
         mut self,
         mesh: &MeshSpool,
@@ -139,37 +157,45 @@ impl Tiles {
         let mut entries = Vec::new();
         let mut written = Written { bytes: 0 };
         // By y, then by x, as pictures are read.
-        for ([y, x], stretches) in tiles {
+        for (key, stretches) in tiles {
             workers.check_cancelled()?;
             let triangles: u64 = stretches.iter().map(|(_, count)| u64::from(*count)).sum();
-            if triangles * PER_TRIANGLE > memory {
-                let needed = bytesize::ByteSize(triangles * PER_TRIANGLE);
-                return Err(Error::setting(
-                    "tile",
-                    format!(
-                        "`tile` {}: a tile has {triangles} triangles, which take {needed} of memory; make tiles smaller or `max_memory` larger",
-                        self.side
-                    ),
-                ));
-            }
-            let tile = self.tile(mesh, &spool, &stretches, workspace)?;
-            let name = format!("{x}_{y}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
+            let tile = part(mesh, &spool, &stretches, memory, workspace)?.map_err(|needed| {
+                let (setting, needed) = (self.division.setting(), bytesize::ByteSize(needed));
+                let words = format!(
+                    "`{setting}`: the numbers of a tile's vertices take {needed} of memory; make `max_memory` larger"
+                );
+                Error::setting(setting, words)
+            })?;
+            let (stem, mut entry) = self.named(key);
+            let name = format!("{stem}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
             let target = Target::within(&self.folder.within(&name), self.format, self.positions)?;
             let file = target.fill(&tile.mesh, header, workers, &mut |_| ())?.finish()?;
             written.bytes += file.bytes;
             done += triangles;
             progress(done);
             let [low, high] = tile.bounds.map(|p| [0, 1, 2].map(|a| p[a] + header.origin[a]));
-            entries.push(json!({
-                "file": name, "x": x, "y": y, "vertices": tile.mesh.vertex_count(), "triangles": triangles, "bytes": file.bytes,
-                "min": low, "max": high,
-            }));
+            let vertices = tile.mesh.vertex_count();
+            for (key, value) in [
+                ("file", json!(name)),
+                ("vertices", json!(vertices)),
+                ("triangles", json!(triangles)),
+                ("bytes", json!(file.bytes)),
+                ("min", json!(low)),
+                ("max", json!(high)),
+            ] {
+                entry[key] = value;
+            }
+            entries.push(entry);
         }
         let origin = if self.positions == Positions::Absolute { [0.0; 3] } else { header.origin };
         let count = entries.len() as u64;
-        let index = json!({
-            "version": 1, "side": self.side, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
+        let mut index = json!({
+            "version": 1, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
         });
+        if let Division::Squares(side) = self.division {
+            index["side"] = json!(side);
+        }
         let path = self.folder.within(INDEX);
         let text = serde_json::to_vec_pretty(&index).expect("numbers and text are JSON");
         written.bytes += text.len() as u64;
@@ -180,6 +206,17 @@ impl Tiles {
         Ok((written, count))
     }
 
+    /// The name of a tile's file without its extension, and how the index tells which it is.
+    fn named(&self, [y, x]: Key) -> (String, serde_json::Value) {
+        match &self.division {
+            Division::Squares(_) => (format!("{x}_{y}"), json!({ "x": x, "y": y })),
+            Division::Inputs(inputs) => {
+                let input = inputs.of_number(x as usize);
+                (input.stem.clone(), json!({ "input": input.path.to_string_lossy() }))
+            }
+        }
+    }
+
     /// Sorts all triangles by tile, those of a tile in the mesh's order.
     fn sort(
         &self,
@@ -188,23 +225,23 @@ impl Tiles {
         workers: &Workers,
         workspace: &Workspace,
         progress: &mut dyn FnMut(u64),
-    ) -> Result<(Spool, BTreeMap<Square, Vec<Stretch>>)> {
+    ) -> Result<(Spool, BTreeMap<Key, Vec<Stretch>>)> {
         let mut spool = workspace.spool(0);
-        let mut tiles: BTreeMap<Square, Vec<Stretch>> = BTreeMap::new();
+        let mut tiles: BTreeMap<Key, Vec<Stretch>> = BTreeMap::new();
         let blocks = mesh.face_count().div_ceil(BLOCK as u64) as usize;
         let place = |number: usize| {
             let first = number as u64 * BLOCK as u64;
             let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
             mesh.read_faces(first, &mut faces)?;
-            let squares = self.squares(mesh, header, &faces)?;
+            let keys = self.keys(mesh, header, &faces)?;
             let mut order: Vec<u32> = (0..faces.len() as u32).collect();
-            order.sort_by_key(|&i| squares[i as usize]);
+            order.sort_by_key(|&i| keys[i as usize]);
             let sorted: Vec<[u32; 3]> = order.iter().map(|&i| faces[i as usize]).collect();
-            let mut counts: Vec<(Square, u32)> = Vec::new();
-            for square in order.iter().map(|&i| squares[i as usize]) {
+            let mut counts: Vec<(Key, u32)> = Vec::new();
+            for key in order.iter().map(|&i| keys[i as usize]) {
                 match counts.last_mut() {
-                    Some((last, count)) if *last == square => *count += 1,
-                    _ => counts.push((square, 1)),
+                    Some((last, count)) if *last == key => *count += 1,
+                    _ => counts.push((key, 1)),
                 }
             }
             Ok((sorted, counts))
@@ -212,81 +249,41 @@ impl Tiles {
         workers.in_order_range(workers.threads() + 1, blocks, place, |(sorted, counts)| {
             let mut at = spool.append(bytemuck::cast_slice(&sorted))?;
             progress(sorted.len() as u64);
-            for (square, count) in counts {
-                tiles.entry(square).or_default().push((at, count));
+            for (key, count) in counts {
+                tiles.entry(key).or_default().push((at, count));
                 at += u64::from(count) * size_of::<[u32; 3]>() as u64;
             }
-            match tiles.len() as u64 {
-                ..=MOST_TILES => Ok(()),
-                _ => Err(Error::setting(
+            match self.division {
+                Division::Squares(side) if tiles.len() as u64 > MOST_TILES => Err(Error::setting(
                     "tile",
                     format!(
-                        "`tile` {}: makes more than {} tiles, which is the limit; make tiles larger",
-                        self.side,
+                        "`tile` {side}: makes more than {} tiles, which is the limit; make tiles larger",
                         thousands(MOST_TILES)
                     ),
                 )),
+                _ => Ok(()),
             }
         })?;
         Ok((spool, tiles))
     }
 
-    /// The squares, as [y, x], of the triangles' middles.
-    fn squares(&self, mesh: &MeshSpool, header: &MeshHeader, faces: &[[u32; 3]]) -> Result<Vec<Square>> {
+    /// The tiles of the triangles' middles.
+    fn keys(&self, mesh: &MeshSpool, header: &MeshHeader, faces: &[[u32; 3]]) -> Result<Vec<Key>> {
         let (mut local, mut corners) = (faces.to_vec(), Corners::default());
         corners.fill(mesh, &mut local, WINDOW)?;
-        let square = |face: &[u32; 3]| {
+        let middle = |face: &[u32; 3]| {
             let corners = face.map(|v| corners.table[v as usize]);
-            let along = |a: usize| {
-                let middle = (corners[0][a] + corners[1][a] + corners[2][a]) / 3.0 + header.origin[a];
-                numbered(middle, self.side)
-            };
-            Ok([along(1)?, along(0)?])
+            [0, 1].map(|a| (corners[0][a] + corners[1][a] + corners[2][a]) / 3.0 + header.origin[a])
         };
-        local.iter().map(square).collect()
-    }
-
-    /// Puts a tile together.
-    fn tile(&self, mesh: &MeshSpool, spool: &Spool, stretches: &[Stretch], workspace: &Workspace) -> Result<Tile> {
-        let mut faces: Vec<[u32; 3]> = Vec::new();
-        for (at, count) in stretches {
-            let before = faces.len();
-            faces.resize(before + *count as usize, [0; 3]);
-            spool.read_at(*at, bytemuck::cast_slice_mut(&mut faces[before..]))?;
-        }
-        let mut corners = Corners::default();
-        // No window: the vertices that are used, and no others, are numbered anew in their order.
-        corners.fill(mesh, &mut faces, 0)?;
-        let mut out = MeshSpool::with_attributes(workspace, mesh.precision(), mesh.schema().clone(), u64::MAX);
-        out.append_vertices(&corners.table)?;
-        let stride = mesh.schema().stride();
-        if stride > 0 {
-            for run in corners.numbers().chunk_by(|a, b| b - a <= GAP) {
-                for run in run.chunks(BLOCK) {
-                    let (first, last) = (run[0], run[run.len() - 1]);
-                    let records = attributes::records(mesh, u64::from(first), (last - first) as usize + 1)?;
-                    for v in run.iter().map(|v| (v - first) as usize) {
-                        out.append_attributes(&records[v * stride..(v + 1) * stride])?;
-                    }
-                }
+        let middles = local.iter().map(middle);
+        match &self.division {
+            Division::Squares(side) => middles.map(|[x, y]| Ok([numbered(y, *side)?, numbered(x, *side)?])).collect(),
+            Division::Inputs(inputs) => {
+                let numbers = inputs.nearest(&middles.collect::<Vec<_>>());
+                Ok(numbers.into_iter().map(|number| [0, number as i64]).collect())
             }
         }
-        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-        for place in &corners.table {
-            bounds[0] = [0, 1, 2].map(|a| bounds[0][a].min(place[a]));
-            bounds[1] = [0, 1, 2].map(|a| bounds[1][a].max(place[a]));
-        }
-        let records: Vec<FaceRecord> = faces.iter().map(|face| FaceRecord::new(*face)).collect();
-        out.append_faces(&records)?;
-        Ok(Tile { mesh: out, bounds })
     }
-}
-
-/// One tile.
-struct Tile {
-    mesh: MeshSpool,
-    /// The least and the greatest coordinates of its vertices.
-    bounds: [[f64; 3]; 2],
 }
 
 #[cfg(test)]

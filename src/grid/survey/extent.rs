@@ -89,6 +89,37 @@ fn bounds_of<T: Coordinate>(points: &[[T; 3]]) -> Bounds {
     Bounds { min: min.map(Into::into), max: max.map(Into::into) }
 }
 
+/// The box of each file's points that count, in reading order; an empty one if it has none. `progress` is told the records of each block.
+///
+/// # Errors
+/// Errors of reading the input; [`Error::Interrupted`].
+pub fn boxes_of_sources(
+    cloud: &Cloud,
+    workers: &Workers,
+    in_flight: usize,
+    mut progress: impl FnMut(u64),
+) -> Result<Vec<Bounds>> {
+    let mut boxes = vec![Bounds::EMPTY; cloud.sources().len()];
+    cloud.for_each_batch(
+        workers,
+        in_flight,
+        Carried::Coordinates,
+        |batch| {
+            let bounds = match &batch.points {
+                Points::Single(points) => bounds_of(points),
+                Points::Double(points) => bounds_of(points),
+            };
+            Ok((batch.source, bounds, batch.records()))
+        },
+        |(source, bounds, records)| {
+            boxes[source] = boxes[source].union(bounds);
+            progress(records);
+            Ok(())
+        },
+    )?;
+    Ok(boxes)
+}
+
 /// The box of the points in turned coordinates. `progress` is told the records of each block.
 ///
 /// # Errors

@@ -57,6 +57,8 @@ pub struct HeightFieldOptions {
     pub base: bool,
     /// The highest step, in cells, whose wall is kept; all are if there is none.
     pub jump: Option<u32>,
+    /// Whether it is one layer of the world as seen from above, in which steps stay steep and single cells in the air are nothing.
+    pub one_layer: bool,
     /// Steps of smoothing.
     pub smooth: u32,
 }
@@ -128,9 +130,6 @@ impl<T: Pod> Lines<T> {
         Ok(out)
     }
 }
-
-/// No cell of the column is occupied.
-pub(super) const NOTHING: u32 = u32::MAX;
 
 /// The columns of some consecutive slices.
 #[derive(Debug)]

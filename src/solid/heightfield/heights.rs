@@ -1,6 +1,7 @@
 //! Heights of columns: which are kept, and those interpolated where there are no points, on a lattice of ever coarser cells.
 
-use super::columns::{ColumnCounts, DATA, HeightFieldOptions, KEPT, LIVE_COLUMN, NOTHING, live_reach};
+use super::columns::{ColumnCounts, DATA, HeightFieldOptions, KEPT, LIVE_COLUMN, live_reach};
+use super::extent::Extent;
 
 /// The columns of a job's slices, and of a coarsest cell's more on either side.
 pub struct Patch {
@@ -9,7 +10,7 @@ pub struct Patch {
     /// The first slice, and the first behind the grid's last.
     pub first: i64,
     pub end: i64,
-    pub extents: Vec<[u32; 2]>,
+    pub extents: Vec<Extent>,
 }
 
 impl Patch {
@@ -17,7 +18,7 @@ impl Patch {
     pub fn of(&self, slices: usize, asked: HeightFieldOptions) -> (Vec<f32>, Vec<u32>, Vec<u8>, ColumnCounts) {
         let (width, rows) = (self.width, self.extents.len() / self.width);
         let own = self.side * width..(self.side + slices) * width;
-        let is_data = |i: usize| self.extents[i][0] != NOTHING;
+        let is_data = |i: usize| self.extents[i].is_data();
 
         // Discs reach beyond the box: as far as the largest, and one more, on either side.
         let pad = asked.bridge as usize + 1;
@@ -34,7 +35,7 @@ impl Patch {
         let mask = without_pinches(&mask, wide);
         let live = near(&mask, wide, live_reach(asked.smooth));
 
-        let levels = self.levels();
+        let levels = self.levels(asked.one_layer);
         let mut heights = Vec::with_capacity(own.len());
         let mut tops = Vec::with_capacity(own.len());
         let mut flags = Vec::with_capacity(own.len());
@@ -46,9 +47,9 @@ impl Patch {
                 | if mask[padded] { KEPT } else { 0 }
                 | if live[padded] { LIVE_COLUMN } else { 0 };
             let (height, top) = if is_data(i) {
-                (self.extents[i][0] as f32 + 0.5, self.extents[i][1])
+                (self.extents[i].floor as f32 + 0.5, self.extents[i].top)
             } else if flag & LIVE_COLUMN != 0 {
-                let height = interpolated(&levels, x, row) as f32;
+                let height = levels[0].between(x, row) as f32;
                 (height, height as u32 + 1)
             } else {
                 (f32::NAN, 0)
@@ -64,17 +65,25 @@ impl Patch {
 
     /// Floors, averaged over ever larger cells of the lattice: level l has cells of 2^(l + 1) columns and slices. What has no points is interpolated
     /// from the level above.
-    fn levels(&self) -> Vec<Level> {
+    fn levels(&self, steps: bool) -> Vec<Level> {
         let floor = |x: usize, row: usize| match self.extents.get(row * self.width + x) {
-            Some([floor, _]) if x < self.width && *floor != NOTHING => f64::from(*floor) + 0.5,
+            Some(extent) if x < self.width && extent.is_data() => f64::from(extent.floor) + 0.5,
             _ => f64::NAN,
         };
-        let mut levels = vec![Level::over(self.width, self.extents.len() / self.width, floor)];
-        for _ in 2..=self.side.ilog2() {
+        let mut levels = vec![Level::over(
+            self.width,
+            self.extents.len() / self.width,
+            [Alike::on(0, steps), Alike::on(1, steps)],
+            floor,
+        )];
+        for l in 2..=self.side.ilog2() {
             let below = &levels[levels.len() - 1];
-            levels.push(Level::over(below.width, below.values.len() / below.width, |x, row| {
-                below.at(x as i64, row as i64)
-            }));
+            levels.push(Level::over(
+                below.width,
+                below.values.len() / below.width,
+                [Alike::on(l - 1, steps), Alike::on(l, steps)],
+                |x, row| below.at(x as i64, row as i64),
+            ));
         }
         for l in (0..levels.len() - 1).rev() {
             let (finer, coarser) = levels.split_at_mut(l + 1);
@@ -93,36 +102,54 @@ impl Patch {
     }
 }
 
-/// The height of a column without points.
-fn interpolated(levels: &[Level], x: usize, row: usize) -> f64 {
-    levels[0].between(x, row)
+/// By how much heights that are averaged may differ.
+#[derive(Debug, Clone, Copy)]
+struct Alike(f64);
+
+impl Alike {
+    /// Of cells of level `level`, if heights that differ much are parted by a step: what a slope makes of their distance, and a bit. Else by anything.
+    fn on(level: u32, steps: bool) -> Alike {
+        Alike(if steps { 2.0 + 0.5 * f64::from(1u32 << level) } else { f64::INFINITY })
+    }
+
+    fn are(self, a: f64, b: f64) -> bool {
+        (a - b).abs() <= self.0
+    }
+
+    /// The mean of the most values that are alike, of equal numbers the lowest; NaN where none is known.
+    fn mean(self, values: [f64; 4]) -> f64 {
+        let mut best = (0, f64::NAN, f64::NAN);
+        for lowest in values.into_iter().filter(|value| !value.is_nan()) {
+            let alike = values.into_iter().filter(|value| *value >= lowest && self.are(*value, lowest));
+            let (count, sum) = alike.fold((0, 0.0), |(count, sum), value| (count + 1, sum + value));
+            if count > best.0 || count == best.0 && lowest < best.1 {
+                best = (count, lowest, sum / f64::from(count));
+            }
+        }
+        best.2
+    }
 }
 
 /// A level of the lattice: NaN where nothing is known.
 struct Level {
     width: usize,
     values: Vec<f64>,
+    alike: Alike,
 }
 
 impl Level {
-    /// The level above one of `width` by `rows`: means of two by two values, as far as there are any.
-    fn over(width: usize, rows: usize, below: impl Fn(usize, usize) -> f64) -> Level {
+    /// The level above one of `width` by `rows`: means of two by two values, as far as there are any and they are alike.
+    fn over(width: usize, rows: usize, [alike, here]: [Alike; 2], below: impl Fn(usize, usize) -> f64) -> Level {
         let (half, rows) = (width.div_ceil(2), rows / 2);
         let mut values = Vec::with_capacity(half * rows);
         for row in 0..rows {
             for x in 0..half {
-                let (mut sum, mut count) = (0.0, 0.0);
-                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                    let value = if 2 * x + dx < width { below(2 * x + dx, 2 * row + dy) } else { f64::NAN };
-                    if !value.is_nan() {
-                        sum += value;
-                        count += 1.0;
-                    }
-                }
-                values.push(if count > 0.0 { sum / count } else { f64::NAN });
+                let four = [(0, 0), (1, 0), (0, 1), (1, 1)]
+                    .map(|(dx, dy)| if 2 * x + dx < width { below(2 * x + dx, 2 * row + dy) } else { f64::NAN });
+                values.push(alike.mean(four));
             }
         }
-        Level { width: half, values }
+        Level { width: half, values, alike: here }
     }
 
     fn at(&self, x: i64, row: i64) -> f64 {
@@ -132,14 +159,17 @@ impl Level {
         self.values.get(row as usize * self.width + x as usize).copied().unwrap_or(f64::NAN)
     }
 
-    /// The value at a place of the level below: of the four nearest cells, by nearness, as far as they have one.
+    /// The value at a place of the level below: of the four nearest cells, by nearness, as far as they have one like that of the nearest.
     fn between(&self, x: usize, row: usize) -> f64 {
         let nearer = |at: usize| (at as i64 / 2, at as i64 / 2 + if at.is_multiple_of(2) { -1 } else { 1 });
         let ((x0, x1), (y0, y1)) = (nearer(x), nearer(row));
-        let (mut sum, mut weights) = (0.0, 0.0);
+        let (mut sum, mut weights, mut nearest) = (0.0, 0.0, f64::NAN);
         for (x, row, weight) in [(x0, y0, 9.0), (x1, y0, 3.0), (x0, y1, 3.0), (x1, y1, 1.0)] {
             let value = self.at(x, row);
-            if !value.is_nan() {
+            if nearest.is_nan() {
+                nearest = value;
+            }
+            if !value.is_nan() && self.alike.are(value, nearest) {
                 sum += weight * value;
                 weights += weight;
             }

@@ -17,14 +17,16 @@
 
 mod ball;
 pub mod columns;
+mod extent;
 mod grid;
 mod heights;
 
 use self::ball::filled;
+use self::columns::Lines;
 pub use self::columns::{
     ColumnCounts, Columns, HeightField, HeightFieldOptions, KEPT, LIVE_COLUMN, Up, is_touched, live_reach, margin,
 };
-use self::columns::{Lines, NOTHING};
+use self::extent::{Extent, ROUND_NEEDLES, without_needles};
 use self::heights::Patch;
 use crate::error::Result;
 use crate::grid::context::{CHUNK_SLICES, Context};
@@ -61,9 +63,11 @@ pub fn solid(occupancy: &Occupancy, asked: HeightFieldOptions, context: &Context
         context.memory.chunks_in_flight,
         jobs(job_slices(side)),
         |slices| {
-            let window = i64::from(slices.start) - i64::from(side)..i64::from(slices.start + job_slices(side) + side);
-            let extents = extents.read(window.clone(), [NOTHING, 0])?;
-            let first = window.start;
+            let first = i64::from(slices.start) - i64::from(side);
+            let end = i64::from(slices.start + job_slices(side) + side);
+            let beyond = i64::from(ROUND_NEEDLES);
+            let extents = extents.read(first - beyond..end + beyond, Extent::NOTHING)?;
+            let extents = without_needles(&extents, columns as usize, asked.one_layer);
             let patch =
                 Patch { width: columns as usize, side: side as usize, first, end: i64::from(cells[1]), extents };
             Ok(patch.of(slices.len(), asked))
@@ -98,7 +102,7 @@ pub fn solid(occupancy: &Occupancy, asked: HeightFieldOptions, context: &Context
 /// Memory of a job, in bytes, for slices of `columns` columns: what it reads, discs, the lattice's levels, what it gives.
 pub fn bytes(columns: u32, bridge: u32, smooth: u32) -> u64 {
     let side = lattice_side(bridge, smooth);
-    u64::from(columns + 2 * (bridge + 1)) * u64::from(job_slices(side) + 2 * side) * 20
+    u64::from(columns + 2 * (bridge + 1)) * u64::from(job_slices(side) + 2 * (side + ROUND_NEEDLES)) * 32
 }
 
 /// The side of the lattice's coarsest cells: twice as far as any live column lies from one with points, so that one of four neighbours holds some.
@@ -111,8 +115,8 @@ fn job_slices(side: u32) -> u32 {
     side * (64 / side).max(1)
 }
 
-/// The lowest occupied cell of each column of each slice, and the one behind the highest, as heights above the bottom.
-fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<[u32; 2]>> {
+/// What is occupied of each column of each slice.
+fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<Extent>> {
     let cells = occupancy.cells;
     let (columns, cells_up) = (cells[up.across()], cells[up.axis]);
     let mut out = Lines::new(columns, context);
@@ -121,28 +125,24 @@ fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<[u3
         context.memory.chunks_in_flight,
         || Ok(jobs.next()),
         |chunk| {
-            let mut lines = vec![[NOTHING, 0]; chunk.len() * columns as usize];
+            let mut lines = vec![Extent::NOTHING; chunk.len() * columns as usize];
             let mut runs = Runs::default();
             for (y, line) in chunk.zip(lines.chunks_exact_mut(columns as usize)) {
                 occupancy.store.read(y, &mut runs)?;
                 for z in 0..runs.row_count() {
                     let row = runs.row(z);
                     if up.axis == 0 {
-                        if let [first, ..] = row {
-                            line[z as usize] = [first.start, row[row.len() - 1].end];
-                        }
+                        row.iter().for_each(|run| line[z as usize].add(run.start..run.end));
                         continue;
                     }
                     for run in row {
                         for column in &mut line[run.start as usize..run.end as usize] {
-                            *column = [column[0].min(z), z + 1];
+                            column.add(z..z + 1);
                         }
                     }
                 }
                 if !up.positive {
-                    for column in line.iter_mut().filter(|column| column[0] != NOTHING) {
-                        *column = [cells_up - column[1], cells_up - column[0]];
-                    }
+                    line.iter_mut().for_each(|column| column.turn(cells_up));
                 }
             }
             Ok(lines)
