@@ -31,8 +31,9 @@ use crate::solid::close;
 use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
+use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::SlabMesh;
-use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
+use crate::stitch::{Counts, Stitched, Stitcher, VERTEX_LIMIT};
 use crate::storage::spool::Workspace;
 use crate::surface::extract;
 use crate::surface::plane;
@@ -331,6 +332,8 @@ pub struct Reconstructed {
     pub shell: Option<Shell>,
     /// What became of the vertices.
     pub counts: Counts,
+    /// How each seam between two slabs was closed, from the lowest on.
+    pub seams: Vec<SeamReport>,
     /// The plan as it was when the solid was known.
     pub memory: MemoryPlan,
 }
@@ -480,7 +483,7 @@ fn reconstruct_as<T: Coordinate>(
             Ok(())
         },
     )?;
-    let (mesh, counts) = stitcher.finish()?;
+    let Stitched { mesh, counts, seams } = stitcher.finish()?;
     drop(written);
     memory.between_phases(&context.workers);
     progress.end();
@@ -497,6 +500,7 @@ fn reconstruct_as<T: Coordinate>(
         fit: surface.fit,
         shell: shell.filter(|_| settings.surface.fit == Fit::Auto),
         counts,
+        seams,
         memory,
     })
 }

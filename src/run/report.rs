@@ -31,6 +31,7 @@ use crate::solid::close::{How, PartingNothing};
 use crate::solid::component::Components;
 use crate::solid::heightfield::ColumnCounts as Columns;
 use crate::stitch::Counts;
+use crate::stitch::reach::SeamReport;
 use crate::surface::thickness::Shell;
 
 /// Points to an occupied cell from which the summary says that cells are too coarse. Even scans have ten at most by default, dense clouds with cells of a chosen size a
@@ -68,6 +69,8 @@ pub struct Report {
     pub fit: FitReport,
     /// What became of the vertices.
     pub vertices: Counts,
+    /// How each seam between two slabs was closed, from the lowest on.
+    pub seams: Vec<SeamReport>,
     /// How many triangles were left out, if any were to be.
     pub simplification: Option<Figures>,
     /// The mesh as the check found it, unless it was left out.
