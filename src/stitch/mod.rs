@@ -286,3 +286,6 @@ fn number(states: &[VertexState], base: u64) -> Vec<u32> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests;
