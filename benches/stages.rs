@@ -274,7 +274,7 @@ fn slabs_to_mesh(
         for slab in slabs {
             stitcher.add(slab).expect("room");
         }
-        stitcher.finish().expect("room").0
+        stitcher.finish().expect("room").mesh
     };
     let slabs = make();
     group.throughput(Throughput::Elements(slabs.iter().map(|slab| slab.triangles.len() as u64).sum()));

@@ -51,7 +51,7 @@ CALLS = {
     "fadvise64": ["EIO"], "clone3": ["EAGAIN"], "poll": ["EINTR"], "readlink": ["EIO"],
 }
 # An older folder of tiles goes when the new one has its place. If these calls fail, that cannot be done, and it stays under a hidden name until the next run.
-REMOVING = {"openat", "getdents64"}
+REMOVING = {"openat", "getdents64", "fcntl"}
 OLDER_FOLDER = "cannot remove the older folder"
 
 

@@ -75,6 +75,7 @@ pub(crate) fn report(run: Finished<'_>) -> Report {
         closing: Closing::of(made, &surveyed.grid),
         fit: FitReport { onto: made.fit, shell: made.shell },
         vertices: made.counts,
+        seams: made.seams.clone(),
         trimmed: made.trimmed,
         simplification,
         check,

@@ -34,8 +34,9 @@ use crate::solid::close;
 use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
+use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::SlabMesh;
-use crate::stitch::{Counts, Stitcher, VERTEX_LIMIT};
+use crate::stitch::{Counts, Stitched, Stitcher, VERTEX_LIMIT};
 use crate::storage::spool::Workspace;
 use crate::surface::extract;
 use crate::surface::plane;
@@ -335,6 +336,8 @@ pub struct Reconstructed {
     pub shell: Option<Shell>,
     /// What became of the vertices, of those that were left out, too.
     pub counts: Counts,
+    /// How each seam between two slabs was closed, from the lowest on.
+    pub seams: Vec<SeamReport>,
     /// The triangles that were left out as they are far from all points, if they were to be.
     pub trimmed: Option<Trimmed>,
     /// The plan as it was when the solid was known.
@@ -499,7 +502,7 @@ fn reconstruct_as<T: Coordinate>(
             Ok(())
         },
     )?;
-    let (mesh, mut counts) = stitcher.finish()?;
+    let Stitched { mesh, mut counts, seams } = stitcher.finish()?;
     drop(written);
     memory.between_phases(&context.workers);
     progress.end();
@@ -528,6 +531,7 @@ fn reconstruct_as<T: Coordinate>(
         fit: surface.fit,
         shell: shell.filter(|_| settings.surface.fit == Fit::Auto),
         counts,
+        seams,
         trimmed,
         memory,
     })

@@ -25,6 +25,7 @@ use crate::solid::close::{How, PartingNothing};
 use crate::solid::component::Components;
 use crate::solid::heightfield::ColumnCounts as Columns;
 use crate::stitch::Counts;
+use crate::stitch::reach::SeamReport;
 use crate::surface::thickness::Shell;
 
 /// Everything about a finished run.
@@ -52,6 +53,8 @@ pub struct Report {
     pub fit: FitReport,
     /// What became of the vertices.
     pub vertices: Counts,
+    /// How each seam between two slabs was closed, from the lowest on.
+    pub seams: Vec<SeamReport>,
     /// The triangles that were left out as they are far from all points, if they were to be.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trimmed: Option<Trimmed>,

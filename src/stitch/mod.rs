@@ -12,12 +12,14 @@
 //! upper half of slab k, so the numbers in its lower half, which slab k - 1's triangles name, are final in time. A retreat mostly reaches a few cells;
 //! those vertices of slab k up to the last that is named are *frozen*, and a round that would move one of them is not done.
 
+pub mod reach;
 pub mod seam;
 pub mod slab;
 pub mod trim;
 
 use glam::DVec3;
 
+use self::reach::SeamReport;
 use self::seam::Seam;
 use self::slab::{BEFORE, SlabMesh};
 use self::trim::{Trim, Trimmed};
@@ -27,7 +29,7 @@ use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
 use crate::points::Coordinate;
 use crate::surface::untangle::broad_phase::BroadPhase;
-use crate::surface::untangle::untangle;
+use crate::surface::untangle::{Untangled, untangle};
 use crate::surface::vertex_state::VertexState;
 
 /// The largest number of vertices: what a PLY file's `int` can index.
@@ -58,6 +60,20 @@ pub struct Stitcher<'a, T> {
     attributes: Vec<u8>,
     faces: Vec<FaceRecord>,
     counts: Counts,
+    seams: Vec<SeamReport>,
+    /// The highest of the waiting slab's vertices that the seam below it changed.
+    changed: Option<u32>,
+}
+
+/// The mesh that slabs became.
+#[derive(Debug)]
+pub struct Stitched {
+    /// The mesh.
+    pub mesh: MeshSpool,
+    /// What became of the vertices.
+    pub counts: Counts,
+    /// How each seam was closed, from the lowest on.
+    pub seams: Vec<SeamReport>,
 }
 
 /// What became of the vertices.
@@ -120,6 +136,8 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             attributes: Vec::new(),
             faces: Vec::new(),
             counts: Counts::default(),
+            seams: Vec::new(),
+            changed: None,
         }
     }
 
@@ -135,7 +153,11 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             changed.extend(seam.choose_fitted(self.grid, self.halo));
             changed.extend(seam.strayed(self.grid));
             let dirty = seam.triangles_around(changed);
-            self.counts.tangled += untangle(&mut seam, &mut self.broad_phase, Some(dirty));
+            let Untangled { tangled, rounds } = untangle(&mut seam, &mut self.broad_phase, Some(dirty));
+            self.counts.tangled += tangled;
+            let (report, changed) = seam.report(rounds, self.changed);
+            self.seams.push(report);
+            self.changed = changed;
             seam.give_back_blocks();
             self.write(lower, Some(&slab))?;
         }
@@ -147,11 +169,11 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     ///
     /// # Errors
     /// The same as [`Stitcher::add`].
-    pub fn finish(mut self) -> Result<(MeshSpool, Counts)> {
+    pub fn finish(mut self) -> Result<Stitched> {
         if let Some(last) = self.waiting.take() {
             self.write(&last, None)?;
         }
-        Ok((self.mesh, self.counts))
+        Ok(Stitched { mesh: self.mesh, counts: self.counts, seams: self.seams })
     }
 
     fn write(&mut self, slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> Result<()> {
@@ -264,3 +286,6 @@ fn number(states: &[VertexState], base: u64) -> Vec<u32> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::hash::Hash;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 
 use rustc_hash::FxHashMap;
 
@@ -10,6 +10,7 @@ use crate::grid::Grid;
 use crate::grid::partition::TRAVEL;
 use crate::mesh::spool::Frame;
 use crate::points::{Coordinate, bits};
+use crate::stitch::reach::{Reach, SeamReport};
 use crate::stitch::slab::{BEFORE, SlabMesh};
 use crate::storage::seeds::SeededMap;
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_gone};
@@ -33,6 +34,7 @@ pub struct Seam<'a, T> {
     quantizer: Quantizer,
     /// Both slabs' blocks.
     blocks: Vec<PackedBox>,
+    reach: Reach,
 }
 
 impl<'a, T: Coordinate> Seam<'a, T> {
@@ -46,12 +48,34 @@ impl<'a, T: Coordinate> Seam<'a, T> {
     ) -> Seam<'a, T> {
         let mut blocks = std::mem::take(&mut lower.blocks);
         blocks.append(&mut upper.blocks);
-        Seam { lower, upper, frozen, frame, quantizer, blocks }
+        Seam { lower, upper, frozen, frame, quantizer, blocks, reach: Reach::default() }
     }
 
     /// Gives the upper slab its blocks' boxes: it is the next seam's lower one. Those of the lower one are no longer needed.
     pub fn give_back_blocks(&mut self) {
         self.upper.blocks = self.blocks.split_off(self.lower.triangles.len().div_ceil(BLOCK));
+    }
+
+    /// How the seam was closed, in so many rounds of retreat, if the seam before changed the lower slab's vertices up to `changed_before`. And the highest of the upper
+    /// slab's vertices that was changed, by its number there.
+    pub fn report(&self, rounds: u32, changed_before: Option<u32>) -> (SeamReport, Option<u32>) {
+        let (lower, upper, own) = (&*self.lower, &*self.upper, self.lower.own());
+        let plane = |v: u32| if v < own { lower.plane_of(v) } else { upper.plane_of(v - own) };
+        let planes = |range: RangeInclusive<u32>| [plane(*range.start()), plane(*range.end())];
+        let [read, changed] = [self.reach.all_read(), self.reach.all_changed()];
+        let apart = match (changed_before, &read) {
+            (Some(changed), Some(read)) => changed < *read.start(),
+            _ => true,
+        };
+        let highest = changed.as_ref().and_then(|range| range.end().checked_sub(own));
+        let report = SeamReport {
+            plane: upper.slices.start,
+            read: read.map(planes),
+            changed: changed.map(planes),
+            rounds,
+            clean: apart && !self.reach.is_stopped(),
+        };
+        (report, highest)
     }
 
     /// The number of the upper slab's first triangle.
@@ -61,6 +85,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
 
     /// The slab that a vertex is of, and its number there.
     fn slab_of(&self, v: u32) -> (&SlabMesh<T>, u32) {
+        self.reach.read(v);
         if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
     }
 
@@ -92,10 +117,18 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         out
     }
 
+    /// Takes note that all vertices on so many planes on either side of the seam are read.
+    fn read_near(&self, planes: u32) {
+        let (below, above) = (self.lower.on_highest(planes), self.upper.on_lowest(planes));
+        let of_upper = above.end.checked_sub(1).map(|v| self.lower.own() + v);
+        (!below.is_empty()).then_some(below.start).into_iter().chain(of_upper).for_each(|v| self.reach.read(v));
+    }
+
     /// The vertices of either slab that have come to the other's side of the plane: only their triangles, and those on the plane, can meet the other
     /// slab's.
     pub fn strayed(&self, grid: &Grid) -> Vec<u32> {
         let plane = f64::from(self.upper.slices.start);
+        self.read_near(TRAVEL);
         // In cells; what is just about on the plane counts as beyond it, whichever way it was rounded.
         let height = |slab: &SlabMesh<T>, v: u32| grid.height_of(slab.position(v)) - plane;
         let lives = |slab: &SlabMesh<T>, v: &u32| slab.state[*v as usize] != VertexState::Contracted;
@@ -215,6 +248,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
 
     /// Where vertices of both slabs took the same point's place, only the nearer keeps it. Gives the others.
     pub fn choose_fitted(&mut self, grid: &Grid, halo: u32) -> Vec<u32> {
+        self.read_near(2 * halo);
         let below = self.fitted_near(self.lower, self.lower.on_highest(2 * halo), grid, halo);
         let above = self.fitted_near(self.upper, self.upper.on_lowest(2 * halo), grid, halo);
         let mut changed = Vec::new();
@@ -230,6 +264,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
             }
         }
         for &v in &changed {
+            self.reach.change(v);
             let (frame, quantizer) = (self.frame, self.quantizer);
             let (slab, v) = self.slab_of_mut(v);
             slab.state[v as usize] = VertexState::Attracted;
@@ -260,11 +295,14 @@ impl<T: Coordinate> TriangleSet for Seam<'_, T> {
     #[inline]
     fn triangle(&self, t: u32) -> [u32; 3] {
         let first = self.upper_triangles();
-        if t < first {
+        let triangle = if t < first {
             self.lower.triangles[t as usize]
         } else {
             self.upper.triangles[(t - first) as usize].map(|v| self.named_by_upper(v))
-        }
+        };
+        // What joins vertices changes with them.
+        triangle.into_iter().filter(|v| self.is_known([*v; 3])).for_each(|v| self.reach.read(v));
+        triangle
     }
 
     #[inline]
@@ -326,6 +364,9 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
     }
 
     fn is_frozen(&self, v: u32) -> bool {
+        if v < self.frozen {
+            self.reach.stop();
+        }
         v < self.frozen || v >= BEFORE
     }
 
@@ -340,6 +381,7 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
     }
 
     fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState) {
+        self.reach.change(v);
         let first = 3 * self.upper_triangles();
         let corners: Vec<u32> = self.corners(v).collect();
         for corner in corners {

@@ -211,6 +211,11 @@ impl<T: Coordinate> SlabMesh<T> {
         self.planes[1]
     }
 
+    /// The plane that vertex `v` is on.
+    pub fn plane_of(&self, v: u32) -> u32 {
+        self.slices.start + self.planes.partition_point(|first| *first <= v) as u32 - 1
+    }
+
     /// The vertices on the lowest `planes` planes.
     pub fn on_lowest(&self, planes: u32) -> Range<u32> {
         0..self.planes[self.planes.len().min(planes as usize + 1) - 1]
@@ -411,7 +416,7 @@ impl<T: Coordinate> SlabMesh<T> {
         self.quantized.reserve_exact(places.len());
         self.quantized.extend(places.iter().map(|place| quantizer.quantized_point(place.map(Into::into))));
         let mut inside = Inside { first, places, frame, quantizer, slab: self };
-        let tangled = untangle(&mut inside, near, None);
+        let tangled = untangle(&mut inside, near, None).tangled;
         self.tangled = tangled;
     }
 

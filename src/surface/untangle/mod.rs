@@ -37,10 +37,18 @@ pub fn bytes(vertices: u64, near: u64) -> u64 {
     star::bytes(vertices).max(vertices * size_of::<Star>() as u64 + near + moving)
 }
 
-/// Lets vertices retreat until no two known triangles intersect, given that only pairs with a dirty triangle can. The number of pairs that still do:
-/// not zero only if cells are too small for the precision of coordinates, or if a frozen vertex would have to move.
-pub fn untangle<P: Submesh>(submesh: &mut P, broad_phase: &mut BroadPhase, mut dirty: Option<Vec<u32>>) -> u64 {
-    let mut left = 0;
+/// How retreat ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Untangled {
+    /// The pairs of triangles that still intersect: not zero only if cells are too small for the precision of coordinates, or if a frozen vertex would have to move.
+    pub tangled: u64,
+    /// Rounds in which vertices went back.
+    pub rounds: u32,
+}
+
+/// Lets vertices retreat until no two known triangles intersect, given that only pairs with a dirty triangle can.
+pub fn untangle<P: Submesh>(submesh: &mut P, broad_phase: &mut BroadPhase, mut dirty: Option<Vec<u32>>) -> Untangled {
+    let (mut left, mut rounds) = (0, 0);
     let stars = match dirty {
         None => all_stars(submesh),
         Some(_) => vec![Cell::new(Star::Unknown); submesh.vertices() as usize],
@@ -69,9 +77,10 @@ pub fn untangle<P: Submesh>(submesh: &mut P, broad_phase: &mut BroadPhase, mut d
         tangled.sort_unstable();
         tangled.dedup();
         if tangled.is_empty() {
-            return left;
+            return Untangled { tangled: left, rounds };
         }
-        let Some(moved) = step_back(submesh, &tangled) else { return left + pairs };
+        let Some(moved) = step_back(submesh, &tangled) else { return Untangled { tangled: left + pairs, rounds } };
+        rounds += 1;
         let members = moved.iter().flat_map(|&v| cluster(submesh, v));
         let mut changed: Vec<u32> = members.flat_map(|v| submesh.corners(v)).map(|corner| corner / 3).collect();
         changed.retain(|&t| !is_gone(submesh.triangle(t)) && submesh.is_known(submesh.triangle(t)));

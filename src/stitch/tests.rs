@@ -1,0 +1,122 @@
+//! Seams that are said to be clean come out the same where stitching begins at them.
+
+use std::ops::Range;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::grid::bucket::Buckets;
+use crate::grid::occupancy::{Counted, Occupancy, Sampled};
+use crate::grid::partition::{halo, slab_count};
+use crate::input::{Cloud, InputOptions};
+use crate::points::Precision;
+use crate::resources::memory::SlabJobs;
+use crate::resources::workers::Workers;
+use crate::run::pipeline::{context, survey_cloud};
+use crate::run::progress::{Progress, Show};
+use crate::settings::surface::SurfaceOptions;
+use crate::settings::{Fineness, Resolution, Settings};
+use crate::solid::close::{ClosingOptions, close};
+use crate::storage::spool::Workspace;
+
+const FRAME: Frame = Frame { origin: [0.0; 3], precision: Precision::Single };
+
+/// What is left of the slabs when they have all been stitched, and of each, after the seam above it was closed; and the reports.
+struct Closed {
+    slabs: Vec<SlabMesh<f32>>,
+    seams: Vec<SeamReport>,
+}
+
+/// A box with points in it, and on a wavy surface through it.
+fn points(seed: u64, count: usize, in_volume: f64) -> Vec<[f32; 3]> {
+    let mut state = seed | 1;
+    let mut number = || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 40) as f32 / (1u64 << 24) as f32
+    };
+    let mut point = || {
+        let [x, y, z, choice] = [(); 4].map(|()| number());
+        if f64::from(choice) < in_volume { [x, y, z] } else { [x, y, 0.5 + 0.1 * (9.0 * x).sin() * (7.0 * y).cos()] }
+    };
+    (0..count).map(|_| point()).collect()
+}
+
+/// Stitches slabs from `first` on, up to `end`.
+fn stitched(cloud: &[[f32; 3]], slices: u32, smooth: u32, ranges: impl Fn(u32) -> Vec<Range<u32>>) -> Vec<Closed> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("cloud.bin");
+    std::fs::write(&path, cloud.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
+    let input = InputOptions { layout: Some("xyz".parse().unwrap()), ..InputOptions::default() };
+    let cloud = Cloud::open(&[path], &input).unwrap();
+    let settings = Settings { fineness: Fineness::Given(Resolution::Slices(slices)), ..Settings::default() };
+    let workers = Workers::new(1).unwrap();
+    let surveyed = survey_cloud(&cloud, &settings, &workers, &mut Progress::new(Show::Nothing)).unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let context = context(&surveyed, &workers, &workspace, 1 << 30).unwrap();
+    let grid = &surveyed.grid;
+    let buckets = Buckets::<f32>::fill(&cloud, grid, &context, |_| ()).unwrap();
+    let occupancy = Occupancy::of_buckets(&buckets, grid, 1, &context, |_| ()).unwrap();
+    let options =
+        ClosingOptions { seal: settings.seal, window: None, keep_outliers: true, min_component: None, rough: false };
+    let closed = close(occupancy, grid.cell_size(), options, &context, |_, _| ()).unwrap();
+    let sampled = Sampled { buckets: &buckets, occupied: &closed.occupancy.store, grid, counted: Counted::All };
+    let options = SurfaceOptions { smooth, ..SurfaceOptions::default() };
+    let jobs = SlabJobs { running: 2, ahead: 0, piece_points: 1 << 20 };
+    let stitch = |range: Range<u32>| {
+        let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
+        let mut stitcher = Stitcher::new(grid, halo(smooth), FRAME, mesh, false);
+        let mut slabs = Vec::new();
+        for number in range {
+            let room = SlabMesh::default();
+            let slab = SlabMesh::make(number, &closed.solid, &sampled, options, FRAME, jobs, room).unwrap();
+            slabs.extend(stitcher.add(slab).unwrap());
+        }
+        slabs.extend(stitcher.waiting.take());
+        Closed { slabs, seams: stitcher.seams }
+    };
+    ranges(slab_count(smooth, grid.cells()[1])).into_iter().map(stitch).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn a_clean_seam_comes_out_the_same_without_the_seam_before(
+        seed in any::<u64>(),
+        count in 500usize..6000,
+        in_volume in 0.0f64..1.0,
+        slices in 62u32..90,
+        smooth in 0u32..2,
+    ) {
+        let cloud = points(seed, count, in_volume);
+        let ranges = |count: u32| std::iter::once(0..count).chain((1..count - 1).map(|k| k..k + 2)).collect();
+        let mut runs = stitched(&cloud, slices, smooth, ranges).into_iter();
+        let whole = runs.next().unwrap();
+        for (k, alone) in (1..).zip(runs) {
+            // The seams below and above slab k, of all and alone.
+            let [below, above] = [whole.seams[k - 1], whole.seams[k]];
+            let [_, upper] = &alone.slabs[..] else { panic!("two slabs") };
+            prop_assert_eq!(above.plane, upper.slices.start);
+            if !above.clean {
+                continue;
+            }
+            prop_assert_eq!((above.read, above.changed, above.rounds), {
+                let found = alone.seams[0];
+                (found.read, found.changed, found.rounds)
+            });
+            // Whatever lies above all that the seam below changed.
+            let lower = [&whole.slabs[k], &alone.slabs[0]];
+            let first = below.changed.map_or(0, |[_, plane]| (plane + 1).saturating_sub(lower[0].slices.start));
+            let start = lower[0].planes[(first as usize).min(lower[0].planes.len() - 1)] as usize;
+            let [a, b] = lower.map(|slab| (&slab.state[start..], &slab.quantized[start..], &slab.stars.also[start..]));
+            prop_assert_eq!(a.0, b.0);
+            prop_assert!(a.1 == b.1 && a.2 == b.2);
+            // The slab above, as the seam above it changed it, is in none of the two runs' ways alone: only its lower half is compared.
+            let after = &whole.slabs[k + 1];
+            let untouched = whole.seams.get(k + 1).and_then(|seam| seam.changed).map_or(u32::MAX, |[plane, _]| plane);
+            let end = after.planes[(untouched.saturating_sub(after.slices.start) as usize).min(after.planes.len() - 1)] as usize;
+            prop_assert_eq!(&after.state[..end], &upper.state[..end]);
+            prop_assert!(after.quantized[..end] == upper.quantized[..end] && after.stars.also[..end] == upper.stars.also[..end]);
+        }
+    }
+}
