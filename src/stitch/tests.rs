@@ -60,7 +60,7 @@ fn stitched(cloud: &[[f32; 3]], slices: u32, smooth: u32, ranges: impl Fn(u32) -
         ClosingOptions { seal: settings.seal, window: None, keep_outliers: true, min_component: None, rough: false };
     let closed = close(occupancy, grid.cell_size(), options, &context, |_, _| ()).unwrap();
     let sampled = Sampled { buckets: &buckets, occupied: &closed.occupancy.store, grid, counted: Counted::All };
-    let options = SurfaceOptions { smooth, ..SurfaceOptions::default() };
+    let options = SurfaceOptions { smooth, ..settings.surface };
     let jobs = SlabJobs { running: 2, ahead: 0, piece_points: 1 << 20 };
     let stitch = |range: Range<u32>| {
         let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);

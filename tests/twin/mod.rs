@@ -146,21 +146,6 @@ pub fn solid(points: &[[f64; 3]], params: &Params) -> Vec<bool> {
     solid::solid_cells(points, params).is
 }
 
-/// The cells that hold a point, indexed like [`solid`].
-pub fn occupied(points: &[[f64; 3]], params: &Params) -> Vec<bool> {
-    solid::occupied(points, params).is
-}
-
-/// The dilated cells of the box padded by ρ + 1 on every side; [`Cells`] tells the indexing.
-pub fn dilated(points: &[[f64; 3]], params: &Params) -> Cells {
-    solid::dilated(&solid::occupied(points, params), params.rho)
-}
-
-/// The exterior cells of the box padded by ρ + 1 on every side; [`Cells`] tells the indexing.
-pub fn exterior(points: &[[f64; 3]], params: &Params) -> Cells {
-    solid::exterior(&dilated(points, params))
-}
-
 /// The surface of given solid cells (indexed like [`solid`]), unfitted, in cells along the grid's axes.
 pub fn mesh_of_solid(solid: &[bool], cells: [u32; 3], smooth: u32, diagonals: Diagonals) -> Surface {
     let solid = Cells { cells, pad: 0, is: solid.to_vec() };

@@ -1,6 +1,6 @@
 //! Marks on the cells of a box, and their topology, cell by cell.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use super::*;
 
@@ -26,8 +26,8 @@ pub const FACES: [Place; 6] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0,
 /// Cells of a box.
 #[derive(Clone)]
 pub struct Marks {
-    cells: Place,
-    set: Vec<bool>,
+    pub cells: Place,
+    pub set: Vec<bool>,
 }
 
 impl Marks {
@@ -36,7 +36,7 @@ impl Marks {
         Marks { cells, set: vec![false; cells.iter().product::<i64>() as usize] }
     }
 
-    pub fn number(&self, cell: Place) -> Option<usize> {
+    fn number(&self, cell: Place) -> Option<usize> {
         let [x, y, z] = cell;
         let within = (0..3).all(|a| (0..self.cells[a]).contains(&cell[a]));
         within.then(|| ((y * self.cells[2] + z) * self.cells[0] + x) as usize)
