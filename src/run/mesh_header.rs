@@ -6,7 +6,8 @@ use crate::input::Cloud;
 use crate::mesh::MeshHeader;
 use crate::points::attribute::Wanted;
 use crate::resources::workers::Workers;
-use crate::run::pipeline::{Reconstructed, Surveyed, Trimmed};
+use crate::run::bridging::Trimmed;
+use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::settings::Settings;
 use crate::solid::close::How;
 

@@ -9,6 +9,7 @@
 
 mod advice;
 pub mod bare_earth;
+pub mod bridging;
 mod estimate;
 mod files_to_mesh;
 mod finished;

@@ -4,7 +4,7 @@
 
 use bytesize::ByteSize;
 
-use crate::bridged::{Bridging, Extent, Rewritten, distances, rewritten, with_bridged};
+use crate::bridged::{Bridging, with_bridged};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::bucket::Buckets;
@@ -14,13 +14,12 @@ use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{REACH, buckets_of, halo, slab_count, slices_of};
 use crate::grid::survey::{Survey, planes_with_points, sampling_distance, seen_from, survey, turned_bounds};
 use crate::input::Cloud;
-use crate::mesh::MeshSource;
 use crate::mesh::spool::{Frame, MeshSpool};
-use crate::nearest::room::Room;
 use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
+use crate::run::bridging::{Trimmed, measured};
 use crate::run::estimate::{EstimateInput, estimate_faces};
 use crate::run::forecast;
 use crate::run::phase::Phase;
@@ -344,15 +343,6 @@ pub struct Reconstructed {
     pub memory: MemoryPlan,
 }
 
-/// Triangles that were left out.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Trimmed {
-    /// How far a vertex may be from the nearest point.
-    pub distance: f64,
-    /// How many triangles have one that is farther, or would have made no manifold with what is left.
-    pub triangles: u64,
-}
-
 /// Makes the mesh of a surveyed cloud.
 ///
 /// # Errors
@@ -535,27 +525,6 @@ fn reconstruct_as<T: Coordinate>(
         trimmed,
         memory,
     })
-}
-
-/// The mesh with the distances of its vertices from points, without what is too far from any.
-fn measured<T: Coordinate>(
-    mesh: MeshSpool,
-    asked: Bridging,
-    counts: &mut Counts,
-    (sampled, origin): (&Sampled<'_, T>, [f64; 3]),
-    (memory, context): (&MemoryPlan, &Context),
-    progress: &mut Progress,
-) -> Result<(MeshSpool, Option<Trimmed>)> {
-    let points = sampled.buckets.point_count();
-    progress.begin(Phase::Bridged, Some(points + mesh.vertex_count()));
-    let extent = Extent::of(&mesh, points, asked.trim.is_some());
-    let room = Room::new(extent.memory(memory.working, memory.threads), &context.workers, &context.workspace);
-    let found = distances(&mesh, origin, sampled, &room, &mut |done| progress.add(done))?;
-    let Rewritten { mesh, left_out, bridged_area } = rewritten(&mesh, &found, asked, &room)?;
-    progress.end();
-    let Some(distance) = asked.trim else { return Ok((mesh, None)) };
-    counts.bridged_area = bridged_area;
-    Ok((mesh, Some(Trimmed { distance, triangles: left_out })))
 }
 
 /// What was closed, with what that filled opened again where the points say so.

@@ -7,7 +7,7 @@ use bytesize::ByteSize;
 use crate::error::words::{duration, short, thousands};
 use crate::format::write::Format;
 use crate::grid::partition::REACH;
-use crate::run::pipeline::Trimmed;
+use crate::run::bridging::Trimmed;
 use crate::run::progress::Warning;
 use crate::run::report::{Closing, FitReport, GridReport, OutputReport, Report};
 use crate::settings::open::Kind;

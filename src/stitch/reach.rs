@@ -10,6 +10,7 @@
 //!
 //! A slab's vertices are numbered plane by plane, so the least and the greatest number tell the planes. Seam k is *clean* if all that it read of slab k − 1 lies above all
 //! that seam k − 1 changed there, and if no vertex of slab k − 1 had to stay because slab k − 2 names it: then seam k comes out the same on slab k − 1 as it was before seam k − 1.
+//! What the boxes of blocks of triangles leave out unread is not looked at: they are taken to leave out the same.
 
 use std::cell::Cell;
 use std::ops::RangeInclusive;

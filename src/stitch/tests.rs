@@ -21,7 +21,7 @@ use crate::storage::spool::Workspace;
 
 const FRAME: Frame = Frame { origin: [0.0; 3], precision: Precision::Single };
 
-/// What is left of the slabs when they have all been stitched, and of each, after the seam above it was closed; and the reports.
+/// Slabs after the seams below and above them were closed, and how these were.
 struct Closed {
     slabs: Vec<SlabMesh<f32>>,
     seams: Vec<SeamReport>,
@@ -41,7 +41,7 @@ fn points(seed: u64, count: usize, in_volume: f64) -> Vec<[f32; 3]> {
     (0..count).map(|_| point()).collect()
 }
 
-/// Stitches slabs from `first` on, up to `end`.
+/// Stitches each range of slabs by itself; `ranges` is given the number of slabs.
 fn stitched(cloud: &[[f32; 3]], slices: u32, smooth: u32, ranges: impl Fn(u32) -> Vec<Range<u32>>) -> Vec<Closed> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("cloud.bin");
@@ -111,7 +111,7 @@ proptest! {
             let [a, b] = lower.map(|slab| (&slab.state[start..], &slab.quantized[start..], &slab.stars.also[start..]));
             prop_assert_eq!(a.0, b.0);
             prop_assert!(a.1 == b.1 && a.2 == b.2);
-            // The slab above, as the seam above it changed it, is in none of the two runs' ways alone: only its lower half is compared.
+            // In the whole run the next seam has changed the slab above, too: what lies below that is compared.
             let after = &whole.slabs[k + 1];
             let untouched = whole.seams.get(k + 1).and_then(|seam| seam.changed).map_or(u32::MAX, |[plane, _]| plane);
             let end = after.planes[(untouched.saturating_sub(after.slices.start) as usize).min(after.planes.len() - 1)] as usize;

@@ -28,26 +28,7 @@ fn assert_sound(surface: &Surface, context: &str) {
 
 /// Parameters whose world is the grid itself: axis y, cells of size 1 from the origin.
 fn unit_params(cells: [u32; 3], slab_slices: u32) -> Params {
-    Params {
-        axis: Axis::Y,
-        min: [0.0; 3],
-        w: 1.0,
-        cells,
-        min_points: 1,
-        keep: None,
-        turn: None,
-        folds: Default::default(),
-        open: None,
-        rho: 1,
-        level: 0,
-        falls: false,
-        smooth: 1,
-        diagonals: Diagonals::Delaunay,
-        fit: Fit::Nearest,
-        slab_slices,
-        origin: [0.0; 3],
-        single: false,
-    }
+    Params::of_grid((Axis::Y, [0.0; 3], 1.0, cells), slab_slices)
 }
 
 #[test]

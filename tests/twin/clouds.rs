@@ -51,26 +51,12 @@ impl Setting {
         if grid.3.iter().map(|&c| f64::from(c)).product::<f64>() > MOST_CELLS {
             grid = grid_for(&cloud.points, None, self.slices);
         }
-        let (axis, min, w, cells) = grid;
         Params {
-            axis,
-            min,
-            w,
-            cells,
-            min_points: 1,
-            keep: None,
-            turn: None,
-            folds: Default::default(),
-            open: None,
             rho: self.rho,
-            level: 0,
-            falls: false,
             smooth: self.smooth,
             diagonals: self.diagonals,
-            fit: Fit::Nearest,
-            slab_slices: self.slab_slices,
-            origin: [0.0; 3],
             single: cloud.single,
+            ..Params::of_grid(grid, self.slab_slices)
         }
     }
 }

@@ -97,6 +97,32 @@ pub struct Params {
     pub single: bool,
 }
 
+impl Params {
+    /// A closed surface on a grid, of points in double precision: radius 1, one step of smoothing, vertices on their nearest points.
+    pub fn of_grid((axis, min, w, cells): (Axis, [f64; 3], f64, [u32; 3]), slab_slices: u32) -> Params {
+        Params {
+            axis,
+            min,
+            w,
+            cells,
+            min_points: 1,
+            keep: None,
+            turn: None,
+            folds: Default::default(),
+            open: None,
+            rho: 1,
+            level: 0,
+            falls: false,
+            smooth: 1,
+            diagonals: Diagonals::Delaunay,
+            fit: Fit::Nearest,
+            slab_slices,
+            origin: [0.0; 3],
+            single: false,
+        }
+    }
+}
+
 /// The finished mesh as it is written: in the file's axes, less the origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TwinMesh {

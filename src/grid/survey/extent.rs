@@ -47,10 +47,11 @@ pub fn survey(
         in_flight,
         Carried::Coordinates,
         |batch| {
-            let bounds = match &batch.points {
-                Points::Single(points) => look(points, &sketching),
-                Points::Double(points) => look(points, &sketching),
-            };
+            let bounds = bounds_of_batch(&batch.points);
+            match &batch.points {
+                Points::Single(points) => sketching.add(points, bounds),
+                Points::Double(points) => sketching.add(points, bounds),
+            }
             let Batch { dropped, filtered, .. } = *batch;
             Ok(Survey { points: batch.points.len() as u64, dropped, filtered, bounds })
         },
@@ -69,11 +70,11 @@ pub fn survey(
     Ok((total, sketching.finish()))
 }
 
-/// The box of points, which are sketched.
-fn look<T: Coordinate>(points: &[[T; 3]], sketching: &Sketching) -> Bounds {
-    let bounds = bounds_of(points);
-    sketching.add(points, bounds);
-    bounds
+fn bounds_of_batch(points: &Points) -> Bounds {
+    match points {
+        Points::Single(points) => bounds_of(points),
+        Points::Double(points) => bounds_of(points),
+    }
 }
 
 fn bounds_of<T: Coordinate>(points: &[[T; 3]]) -> Bounds {
@@ -104,13 +105,7 @@ pub fn boxes_of_sources(
         workers,
         in_flight,
         Carried::Coordinates,
-        |batch| {
-            let bounds = match &batch.points {
-                Points::Single(points) => bounds_of(points),
-                Points::Double(points) => bounds_of(points),
-            };
-            Ok((batch.source, bounds, batch.records()))
-        },
+        |batch| Ok((batch.source, bounds_of_batch(&batch.points), batch.records())),
         |(source, bounds, records)| {
             boxes[source] = boxes[source].union(bounds);
             progress(records);
