@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::grid::{Axis, grid_for};
-use super::{Diagonals, Fit, Params};
+use super::{Diagonals, Params};
 
 /// A cloud of at least one point.
 #[derive(Debug, Clone)]
