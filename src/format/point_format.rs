@@ -35,6 +35,8 @@ pub struct Source {
     pub bytes: u64,
     /// The coordinate reference system, where the file tells.
     pub crs: Option<Crs>,
+    /// What is odd about the file though its points are whole, as a sentence to print behind its path.
+    pub remark: Option<String>,
 }
 
 /// A file whose structure is known.

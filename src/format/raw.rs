@@ -93,6 +93,7 @@ pub fn open(file: &Mapped, description: Description, options: &InputOptions) -> 
         records: Some(count),
         bytes: file.len(),
         crs,
+        remark: None,
     };
     let shape = RecordShape::of(&layout, endian, transform);
     Ok((source, Arc::new(FixedRecords::new(file, start, count, shape))))

@@ -153,6 +153,7 @@ impl<'a> Cloud<'a> {
                 records: Some(source.len()),
                 bytes,
                 crs: crs.clone(),
+                remark: None,
             }],
             stamps: vec![None],
             precision: format.precision(),

@@ -101,6 +101,7 @@ pub fn input_reports(cloud: &Cloud) -> Vec<InputReport> {
         format: source.format,
         layout: source.description.clone(),
         bytes: source.bytes,
+        remark: source.remark.clone(),
     };
     cloud.sources().iter().map(report).collect()
 }

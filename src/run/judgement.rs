@@ -35,6 +35,9 @@ impl Report {
             let dropped = thousands(self.points.dropped);
             found.push(Warning::bare(format!("{dropped} points left out: a coordinate is not a number, or infinite")));
         }
+        for (path, remark) in self.inputs.iter().filter_map(|input| Some((&input.path, input.remark.as_ref()?))) {
+            found.push(Warning::bare(format!("{}: {remark}", path.display())));
+        }
         found.extend(self.foreseen.iter().cloned());
         if self.points_to_a_cell > CROWDED && self.foreseen.is_empty() {
             let crowd = thousands(self.points_to_a_cell as u64);

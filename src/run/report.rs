@@ -91,6 +91,9 @@ pub struct InputReport {
     pub layout: String,
     /// Its length.
     pub bytes: u64,
+    /// What is odd about it though its points are whole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub remark: Option<String>,
 }
 
 /// What was asked for.

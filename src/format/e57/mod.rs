@@ -110,6 +110,7 @@ pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
         records: Some(records),
         bytes: file.len(),
         crs,
+        remark: None,
     };
     let (content, len) = (content.clone(), file.len());
     Ok((source, Arc::new(E57File { content, len, scans: scans.into(), attributes, wide })))

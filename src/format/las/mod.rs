@@ -79,6 +79,7 @@ pub fn open(
         records: Some(count),
         bytes: file.len(),
         crs: header.crs,
+        remark: None,
     };
     let attributes = header.fields.iter().map(|field| field.attribute.clone()).collect();
     let (content, len, start, fields) = (content.clone(), file.len(), header.start, header.fields);

@@ -58,6 +58,7 @@ pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
         records: Some(count),
         bytes: file.len(),
         crs: None,
+        remark: None,
     };
     let Array { endian, coordinates, attributes, by_columns, .. } = array;
     if by_columns {

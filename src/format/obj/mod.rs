@@ -50,6 +50,7 @@ pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
         records: None,
         bytes: file.len(),
         crs: None,
+        remark: None,
     };
     let attributes = colours.map(|scalar| ["red", "green", "blue"].map(|name| Attribute::new(name, scalar)).to_vec());
     Ok((source, Arc::new(Statements::new(&file, b"v", attributes.unwrap_or_default()))))

@@ -129,6 +129,7 @@ pub fn open(content: &Content, unpacking: &mut Unpacking) -> Result<(Source, Arc
         records: Some(header.points),
         bytes: file.len(),
         crs: None,
+        remark: None,
     };
     Ok((source, format))
 }

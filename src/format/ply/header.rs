@@ -21,6 +21,9 @@ use crate::points::scalar::{Endian, Scalar};
 /// The longest header accepted, in bytes.
 pub const MAX_HEADER: u64 = 1 << 20;
 
+/// What the property of a face that lists its corners may be named.
+pub const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
+
 /// How numbers are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
@@ -68,6 +71,18 @@ impl Element {
     /// Bytes of a row in binary; `None` if a list makes that vary.
     pub fn fixed_size(&self) -> Option<u64> {
         self.properties.iter().map(|p| p.kind.number().map(|scalar| scalar.bytes() as u64)).sum()
+    }
+
+    /// The least bytes of a row in binary: a face has three corners, other lists may be empty.
+    pub fn least_size(&self) -> u64 {
+        let least = |property: &Property| match property.kind {
+            PropertyKind::Number(scalar) => scalar.bytes(),
+            PropertyKind::List { count, item } if CORNERS.contains(&property.name.as_str()) => {
+                count.bytes() + 3 * item.bytes()
+            }
+            PropertyKind::List { count, .. } => count.bytes(),
+        };
+        self.properties.iter().map(|property| least(property) as u64).sum()
     }
 }
 

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use crate::error::{Error, Result};
 use crate::format::lines::quoted;
-use crate::format::ply::header::{Element, Encoding, Header, MAX_HEADER, Property, PropertyKind};
+use crate::format::ply::header::{CORNERS, Element, Encoding, Header, MAX_HEADER, Property, PropertyKind};
 use crate::format::ply::is_ply;
 use crate::format::read::convert::Converter;
 use crate::format::read::text::{FromStart, Lines};
@@ -190,9 +190,8 @@ fn attributes(vertex: &Element) -> impl Iterator<Item = (&str, usize, Scalar)> {
 
 /// The face's property that lists its corners.
 fn corners(input: &Input, face: &Element) -> Result<usize> {
-    let lists_corners = |Property { name, kind }: &Property| {
-        kind.number().is_none() && (name == "vertex_indices" || name == "vertex_index")
-    };
+    let lists_corners =
+        |Property { name, kind }: &Property| kind.number().is_none() && CORNERS.contains(&name.as_str());
     face.properties
         .iter()
         .position(lists_corners)

@@ -1,7 +1,7 @@
 //! PLY files: the vertices of any of the three encodings, with any properties in any order.
 //!
-//! Only x, y and z of the element `vertex` are read; elements behind it are not looked at, those before it are passed
-//! over. Vertices without lists have one length each and are read like raw records. The header's counts are checked
+//! Only x, y and z of the element `vertex` are read; elements behind it are not looked at, but there must be room for
+//! them, or the file was cut off; those before it are passed over. Vertices without lists have one length each and are read like raw records. The header's counts are checked
 //! against the file, never trusted.
 
 mod header;
@@ -50,10 +50,13 @@ pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
     let (before, vertices) = (&header.elements[..vertex], &header.elements[vertex]);
     let coordinates = coordinates(path, vertices)?;
     let scalars = coordinates.map(|(_, scalar)| scalar);
-    let (format, encoding): (Arc<dyn PointFormat>, String) = match header.encoding {
-        Encoding::Ascii => (Arc::new(ascii(&file, &header, before, vertices, coordinates)), "ASCII".to_string()),
+    let (format, encoding, remark): (Arc<dyn PointFormat>, String, Option<String>) = match header.encoding {
+        Encoding::Ascii => (Arc::new(ascii(&file, &header, before, vertices, coordinates)), "ASCII".to_string(), None),
         Encoding::Binary(endian) => {
-            (binary(&file, &header, before, vertices, coordinates, endian)?, format!("binary {endian}"))
+            let (format, end) = binary(&file, &header, before, vertices, coordinates, endian)?;
+            let behind = &header.elements[vertex + 1..];
+            let remark = end.and_then(|end| cut_off(behind, file.len() - end));
+            (format, format!("binary {endian}"), remark)
         }
     };
     let precision = match scalars.iter().map(|s| s.precision()).max() {
@@ -67,6 +70,7 @@ pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
         records: Some(vertices.count),
         bytes: file.len(),
         crs: None,
+        remark,
     };
     Ok((source, format))
 }
@@ -122,7 +126,7 @@ fn binary(
     vertices: &Element,
     coordinates: [(usize, Scalar); 3],
     endian: Endian,
-) -> Result<Arc<dyn PointFormat>> {
+) -> Result<(Arc<dyn PointFormat>, Option<u64>)> {
     let mut start = header.len;
     for element in before {
         start = lists::skip(file, element, start, endian)?;
@@ -130,14 +134,8 @@ fn binary(
     let Some(stride) = vertices.fixed_size() else {
         let shape = ListShape::new(file.path(), vertices, endian);
         let indices = coordinates.map(|(index, _)| index);
-        return Ok(Arc::new(ListRecords::new(
-            file,
-            start,
-            vertices.count,
-            shape,
-            indices,
-            attributes(vertices).collect(),
-        )));
+        let records = ListRecords::new(file, start, vertices.count, shape, indices, attributes(vertices).collect());
+        return Ok((Arc::new(records), None));
     };
     let whole = (file.len() - start) / stride;
     if whole < vertices.count {
@@ -153,7 +151,21 @@ fn binary(
     let coordinates = coordinates.map(|(index, scalar)| Column { offset: offset(index), scalar });
     let attributes = attributes(vertices).map(|(attribute, index)| (attribute, offset(index))).collect();
     let shape = RecordShape { stride: stride as usize, coordinates, endian, transform: None, attributes };
-    Ok(Arc::new(FixedRecords::new(file, start, vertices.count, shape)))
+    let end = start + vertices.count * stride;
+    Ok((Arc::new(FixedRecords::new(file, start, vertices.count, shape)), Some(end)))
+}
+
+/// What to say if `bytes` behind the vertices are too few for the elements that should be there: the points are whole, but the file was cut off.
+fn cut_off(behind: &[Element], bytes: u64) -> Option<String> {
+    let least = |sum: u64, element: &Element| sum.saturating_add(element.count.saturating_mul(element.least_size()));
+    let expected = behind.iter().fold(0, least);
+    (bytes < expected).then(|| {
+        let rows: Vec<String> = behind.iter().map(|element| format!("{} {}", element.count, element.name)).collect();
+        format!(
+            "cut off: {} behind the vertices take at least {expected} bytes, the file ends after {bytes} of them; the vertices are all there",
+            rows.join(", ")
+        )
+    })
 }
 
 /// The properties that are numbers but no coordinates, with their indices; of those of one name, the first.

@@ -5,6 +5,7 @@ use std::path::Path;
 use proptest::prelude::*;
 
 use super::super::testing::collect;
+use super::header::CORNERS;
 use super::*;
 use crate::input::{Cloud, InputOptions};
 
@@ -141,6 +142,44 @@ fn every_prefix_is_an_error_or_complete() {
                 }
             }
         }
+    }
+}
+
+/// The remark on a file with this content.
+fn remark(content: &[u8]) -> Option<String> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.ply");
+    std::fs::write(&path, content).unwrap();
+    Cloud::open(&[path], &InputOptions::default()).unwrap().sources()[0].remark.clone()
+}
+
+#[test]
+fn a_file_that_is_cut_off_behind_its_vertices_is_told() {
+    for name in CORNERS {
+        let lines = format!(
+            "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 2\nproperty list uchar int {name}\nproperty list uchar float texcoord\nend_header\n"
+        );
+        let vertices = lines.len() + 3 * 12;
+        let mut file = lines.into_bytes();
+        file.resize(vertices, 0);
+        for _ in 0..2 {
+            file.extend([3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0]);
+        }
+        assert_eq!(remark(&file), None, "{name}");
+        for end in vertices..file.len() {
+            let told = remark(&file[..end]).unwrap_or_else(|| panic!("{name}, {end} bytes: nothing is told"));
+            assert!(
+                told.contains(&format!(
+                    "2 face behind the vertices take at least 28 bytes, the file ends after {} of them",
+                    end - vertices
+                )),
+                "{told}"
+            );
+        }
+        // What its header merely claims is no reason to count beyond all bounds.
+        let claimed = String::from_utf8_lossy(&file).replace("element face 2", &format!("element face {}", u64::MAX));
+        assert!(remark(claimed.as_bytes()).is_some());
     }
 }
 

@@ -57,6 +57,7 @@ pub fn open_binary(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> 
                 records: Some(3 * facets),
                 bytes: file.len(),
                 crs: None,
+                remark: None,
             };
             return Ok((source, Arc::new(Facets { content: content.clone(), len: file.len(), facets })));
         }
@@ -84,6 +85,7 @@ pub fn open_text(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
         records: None,
         bytes: file.len(),
         crs: None,
+        remark: None,
     };
     Ok((source, Arc::new(Statements::new(&file, b"vertex", Vec::new()))))
 }

@@ -76,6 +76,7 @@ pub fn open(content: &Content) -> Result<(Source, Arc<dyn PointFormat>)> {
         records: None,
         bytes: file.len(),
         crs: None,
+        remark: None,
     };
     Ok((source, Arc::new(text)))
 }
