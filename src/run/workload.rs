@@ -3,7 +3,7 @@
 use crate::bridged;
 use crate::grid::partition::plane_halo;
 use crate::grid::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices};
-use crate::grid::slice::Bits;
+use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::{Cell, Grid};
 use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
 use crate::points::Precision;
@@ -260,7 +260,8 @@ impl Workload {
     /// Bytes of bits that one slab's job holds while it is fitted: the index of points.
     pub(crate) fn fitting_raster(&self) -> u64 {
         let [x, _, z] = self.cells;
-        u64::from(BUCKET_SLICES * buckets_round(halo(self.smooth))) * Bits::bytes(x + 2, z + 2) * 3 / 2
+        let slices = u64::from(BUCKET_SLICES * buckets_round(halo(self.smooth)));
+        RankBitmap::bytes(slices, self.points_near().window, x, z)
     }
 
     /// The most faces of a slab.

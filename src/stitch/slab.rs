@@ -19,7 +19,7 @@ use crate::surface::attributes::{self, attributes};
 use crate::surface::contract::{self, Groups, NONE, Stars, contract, is_gone};
 use crate::surface::extract::{Kind, Surface, Triangles};
 use crate::surface::fit::{Fitted, Task, fit};
-use crate::surface::plane::{self, project};
+use crate::surface::plane::project;
 use crate::surface::smooth::{self, smooth};
 use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase, TriangleSet};
 use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint, Quantizer};
@@ -166,10 +166,9 @@ impl Size {
         let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
         let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
         let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping.max(2 * beside);
-        let planes = means + plane::bytes_of_places(own);
         let moved = match of.fit {
-            Fit::Auto => points.max(planes),
-            Fit::Plane => planes.max(if of.attributes > 0 { points } else { 0 }),
+            Fit::Auto => points.max(means),
+            Fit::Plane => means.max(if of.attributes > 0 { points } else { 0 }),
             Fit::Nearest => points,
             Fit::None if of.attributes > 0 => points,
             Fit::None => 0,
@@ -314,12 +313,10 @@ impl<T: Coordinate> SlabMesh<T> {
             Fit::None => Fitted::none(own.len(), room.fitted),
             Fit::Plane => {
                 let mut fitted = Fitted::none(own.len(), room.fitted);
-                let places = project(sampled, solid, &surface, &q, planes.clone(), options.smooth)?;
-                for ((state, target), place) in state.iter_mut().zip(&mut fitted.target).zip(places) {
-                    if let Some(place) = place {
-                        (*state, *target) = (VertexState::Projected, grid.position(place).map(T::from_f64));
-                    }
-                }
+                project(sampled, solid, &surface, &q, planes.clone(), options.smooth, |v, place| {
+                    state[v] = VertexState::Projected;
+                    fitted.target[v] = grid.position(place).map(T::from_f64);
+                })?;
                 fitted
             }
             Fit::Nearest | Fit::Auto => nearest(room.fitted)?,

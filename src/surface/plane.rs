@@ -29,7 +29,7 @@ use crate::grid::Cell;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::{BUCKET_SLICES, PLANE_SIGHT, PLANE_TRAVEL, plane_halo};
 use crate::grid::rank_bitmap::RankBitmap;
-use crate::grid::slice::{Runs, words_for};
+use crate::grid::slice::Runs;
 use crate::grid::window::Window;
 use crate::points::Coordinate;
 use crate::solid::Solid;
@@ -58,13 +58,18 @@ const SQUARINGS: u32 = 3;
 /// In-cell offsets are summed as integers, in this part of a cell.
 const QUANTA: f64 = (1 << 20) as f64;
 
-/// A cell's points: their mean, in cells, and their number.
+/// An occupied cell as it is looked at from vertices. Its slice and row are known where it is looked at. Slices of these are the most that fitting holds, so
+/// it is kept small.
 #[derive(Debug, Clone, Copy)]
 struct Mean {
-    at: [f64; 3],
-    points: f64,
+    /// The cell along x.
+    x: i32,
+    /// The points' mean in the cell, in [`QUANTA`].
+    within: [i32; 3],
+    /// Their number.
+    points: i32,
     /// Outward from the cell.
-    outward: [f64; 3],
+    outward: [f32; 3],
 }
 
 /// A cell's points as they are summed: offsets from the cell in [`QUANTA`], and their number. 2⁴³ points would overflow them.
@@ -81,9 +86,10 @@ struct SliceMeans {
     means: Vec<Mean>,
 }
 
-/// Where the vertices on some planes of a slab go, in cells; none for those that find no plane.
+/// Where the vertices on some planes of a slab go: `put` is told a vertex, counted from the first on `planes`, and its place in cells; of those that find no
+/// plane it hears nothing.
 ///
-/// `q` are the positions q′ of all vertices of `surface`, after `smooth` steps of smoothing; the result is indexed from the first vertex on `planes`.
+/// `q` are the positions q′ of all vertices of `surface`, after `smooth` steps of smoothing.
 /// Memory: a chunk of a bucket, and the means of [`plane_halo`] slices either side of a plane.
 ///
 /// # Errors
@@ -95,7 +101,8 @@ pub fn project<T: Coordinate>(
     q: &[[f64; 3]],
     planes: Range<u32>,
     smooth: u32,
-) -> Result<Vec<Option<[f64; 3]>>> {
+    mut put: impl FnMut(usize, [f64; 3]),
+) -> Result<()> {
     let [width, slices, rows] = sampled.grid.cells();
     let halo = i64::from(plane_halo(smooth));
     let mut window =
@@ -103,52 +110,49 @@ pub fn project<T: Coordinate>(
     let outward = Outward::of_cells(solid);
     let mut reader = MeansReader { sampled, outward, bucket: None, sums: Vec::new(), runs: Runs::default() };
     let mut corners = Outward::of_corners(solid);
-    let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
-    let mut out = Vec::with_capacity(own.len());
+    let first = surface.on_plane(planes.start).start;
     for plane in planes {
         window.slide_to(i64::from(plane) - halo, |y, slice| {
             if (0..i64::from(slices)).contains(&y) {
                 reader.read(y as u32, slice)
             } else {
                 slice.cells.clear();
-                slice.cells.number();
                 Ok(())
             }
         })?;
         let seen = i64::from(plane) - halo..i64::from(plane) + halo;
         let near = Near { window: &window, slices: seen };
         corners.slide_to(i64::from(plane))?;
-        out.extend(surface.on_plane(plane).map(|v| {
+        for v in surface.on_plane(plane) {
             let vertex = &surface.vertices[v as usize];
             // The midpoint of a doubled edge lies between two sides.
             let outward = match vertex.kind {
                 Kind::Sheet(_) => corners.at(vertex.corner[0], i64::from(plane), vertex.corner[2]),
                 Kind::Midpoint(_) => [0.0; 3],
             };
-            near.projected(q[v as usize], outward)
-        }));
+            if let Some(place) = near.projected(q[v as usize], outward) {
+                put((v - first) as usize, place);
+            }
+        }
     }
-    Ok(out)
+    Ok(())
 }
 
 /// Bytes that [`project`] needs, on a grid of `cells` with so many occupied cells `in_slice`: the means of
 /// a window of slices, and the sums of a bucket's.
 pub fn bytes(in_slice: &[u32], cells: Cell, smooth: u32) -> u64 {
     let [width, _, rows] = cells;
-    let window = 2 * plane_halo(smooth) as usize;
-    let most = |slices: usize| {
-        let sums = in_slice.windows(slices.min(in_slice.len())).map(|w| w.iter().map(|n| u64::from(*n)).sum::<u64>());
-        sums.max().unwrap_or(0)
+    let most = |slices: usize, each: usize| {
+        let in_slices = in_slice.windows(slices.min(in_slice.len()));
+        let occupied = in_slices.map(|some| some.iter().map(|n| u64::from(*n)).sum::<u64>()).max().unwrap_or(0);
+        occupied * each as u64 + RankBitmap::bytes(slices as u64, occupied, width, rows)
     };
-    let ranked = u64::from(rows) * words_for(width + 1) as u64 * 12 * (window as u64 + u64::from(BUCKET_SLICES));
-    let means = most(window) * size_of::<Mean>() as u64 + most(BUCKET_SLICES as usize) * size_of::<Sum>() as u64;
-    // Vectors of means grow by doubling.
-    ranked + 2 * means + 2 * outward::bytes(cells)
-}
-
-/// Bytes of what [`project`] gives for so many vertices.
-pub fn bytes_of_places(vertices: u64) -> u64 {
-    vertices * size_of::<Option<[f64; 3]>>() as u64
+    // A slice's vector that must grow is there twice.
+    let growing = u64::from(in_slice.iter().copied().max().unwrap_or(0)) * size_of::<Mean>() as u64;
+    most(2 * plane_halo(smooth) as usize, size_of::<Mean>())
+        + most(BUCKET_SLICES as usize, size_of::<Sum>())
+        + growing
+        + 2 * outward::bytes(cells)
 }
 
 /// Reads slices of means, in order, from buckets.
@@ -172,15 +176,17 @@ impl<T: Coordinate> MeansReader<'_, T> {
         let (cells, sums) = &mut self.sums[(y % BUCKET_SLICES) as usize];
         std::mem::swap(&mut slice.cells, cells);
         self.sampled.occupied.read(y, &mut self.runs)?;
-        let places = (0..self.runs.row_count())
-            .flat_map(|z| self.runs.row(z).iter().flat_map(move |run| (run.start..run.end).map(move |x| [x, y, z])));
+        let runs = &self.runs;
+        let places = (0..runs.row_count())
+            .flat_map(|z| runs.row(z).iter().flat_map(move |run| (run.start..run.end).map(move |x| (x, z))));
         self.outward.slide_to(i64::from(y))?;
         let outward = &self.outward;
-        slice.means.clear();
-        slice.means.extend(places.zip(sums).map(|(cell, sum)| {
-            let points = sum.points as f64;
-            let at = |a: usize| f64::from(cell[a]) + sum.offsets[a] as f64 / points / QUANTA;
-            Mean { at: [at(0), at(1), at(2)], points, outward: outward.at(cell[0], i64::from(y), cell[2]) }
+        refill_exactly(&mut slice.means, sums.len());
+        slice.means.extend(places.zip(sums).map(|((x, z), sum)| Mean {
+            x: x as i32,
+            within: sum.offsets.map(|offset| (offset / sum.points) as i32),
+            points: i32::try_from(sum.points).unwrap_or(i32::MAX),
+            outward: outward.at(x, i64::from(y), z).map(|c| c as f32),
         }));
         Ok(())
     }
@@ -193,8 +199,9 @@ impl<T: Coordinate> MeansReader<'_, T> {
         self.sums.resize_with(BUCKET_SLICES as usize, || (RankBitmap::new(width, rows), Vec::new()));
         for (y, (cells, sums)) in (first..slices).zip(&mut self.sums) {
             occupied.read(y, &mut self.runs)?;
-            sums.clear();
-            sums.resize(cells.replace(&self.runs) as usize, Sum::default());
+            let count = cells.replace(&self.runs) as usize;
+            refill_exactly(sums, count);
+            sums.resize(count, Sum::default());
         }
         let sums = &mut self.sums;
         buckets.read(bucket as usize, |points| {
@@ -212,6 +219,12 @@ impl<T: Coordinate> MeansReader<'_, T> {
             Ok(())
         })
     }
+}
+
+/// Empties a vector and gives it room for `count` elements, not more.
+fn refill_exactly<T>(some: &mut Vec<T>, count: usize) {
+    some.clear();
+    some.reserve_exact(count);
 }
 
 /// The means near a plane.
@@ -265,11 +278,18 @@ impl Near<'_> {
             let slice = self.window.get(y);
             for z in zs.clone() {
                 for mean in &slice.means[slice.cells.cells(z, xs.clone())] {
-                    let d: [f64; 3] = std::array::from_fn(|a| mean.at[a] - at[a]);
+                    let within = |a: usize| f64::from(mean.within[a]) / QUANTA;
+                    let d = [
+                        f64::from(mean.x) + within(0) - at[0],
+                        y as f64 + within(1) - at[1],
+                        z as f64 + within(2) - at[2],
+                    ];
                     let share = 1.0 - (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) / (sight * sight);
                     if share > 0.0 {
-                        let w = (share * share) * (share * share) * mean.points * agreement(outward, mean.outward);
-                        let [x, y, z] = d.map(|c| w * c);
+                        let [ox, oy, oz] = mean.outward;
+                        let agreement = agreement(outward, [f64::from(ox), f64::from(oy), f64::from(oz)]);
+                        let w = (share * share) * (share * share) * f64::from(mean.points) * agreement;
+                        let [x, y, z] = [w * d[0], w * d[1], w * d[2]];
                         weights += w;
                         sum[0] += x;
                         sum[1] += y;
@@ -300,7 +320,8 @@ impl Near<'_> {
 /// outer cells of a shell astray makes the inner ones, which have no outward direction, outweigh them: by a quarter of a cell where noise is a cell.
 #[inline]
 pub(crate) fn agreement(vertex: [f64; 3], cell: [f64; 3]) -> f64 {
-    if vertex == [0.0; 3] || cell == [0.0; 3] {
+    let is_none = |of: [f64; 3]| of[0] == 0.0 && of[1] == 0.0 && of[2] == 0.0;
+    if is_none(vertex) || is_none(cell) {
         return 1.0;
     }
     let cosine = vertex[0] * cell[0] + vertex[1] * cell[1] + vertex[2] * cell[2];

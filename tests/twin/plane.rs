@@ -56,8 +56,9 @@ impl Means {
         }
         let means = sums.into_iter().map(|([y, z, x], (count, offsets))| {
             let points = count as f64;
-            let mean = |g: usize| f64::from([x, y, z][g]) + offsets[g] as f64 / points / QUANTA;
-            Cell { mean: [mean(0), mean(1), mean(2)], points, outward: outward(solid, [x, y, z].map(f64::from)) }
+            let mean = |g: usize| f64::from([x, y, z][g]) + (offsets[g] / count) as f64 / QUANTA;
+            let outward = outward(solid, [x, y, z].map(f64::from)).map(|c| f64::from(c as f32));
+            Cell { mean: [mean(0), mean(1), mean(2)], points, outward }
         });
         Means(means.collect())
     }
