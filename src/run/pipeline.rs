@@ -411,7 +411,10 @@ fn reconstruct_as<T: Coordinate>(
     };
     let closed = match &settings.open {
         None => close::close(occupancy, grid.cell_size(), asked, context, done)?,
-        Some(open) => close::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?,
+        Some(open) => {
+            let smooth = settings.surface.smooth;
+            close::close_below(occupancy, &buckets, grid, open, asked, smooth, context, done)?
+        }
     };
     let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {
         Counted::Occupied

@@ -7,10 +7,12 @@
 //! of slices, however few, holds what finer levels need: on these the balls are a few cells wide.
 
 use crate::error::{Error, Result};
+use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::dilate::{Ball, squared};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::{CELLS_LIMIT, Grid};
+use crate::points::Coordinate;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Kind, Open};
@@ -245,8 +247,9 @@ pub fn close(
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::Interrupted`].
-pub fn close_below(
+pub fn close_below<T: Coordinate>(
     occupancy: Occupancy,
+    buckets: &Buckets<T>,
     grid: &Grid,
     open: &Open,
     asked: ClosingOptions,
@@ -266,7 +269,7 @@ pub fn close_below(
         one_layer: open.kind != Kind::Sheet,
         smooth,
     };
-    let solid = heightfield::solid(&occupancy, ground, context)?;
+    let solid = heightfield::solid(&occupancy, buckets, grid, ground, context)?;
     progress(slices, slices);
     let how = How::Ball(ClosingBall { level: 0, radius: ball.radius() });
     Ok(Closed { solid, occupancy, how, falls: false, components: None })

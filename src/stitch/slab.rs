@@ -142,8 +142,9 @@ impl Size {
         let (own, triangles) = (Size::vertices(self.faces), self.triangles());
         let place = size_of::<[f64; 3]>() as u64;
         // After one step of smoothing, the places of the plane above are in it still.
-        let (smoothed, rest) = if of.smooth > 1 { (own, own) } else { (Size::vertices(self.round), 0) };
-        let rest = if of.smooth == 0 { smoothed } else { rest };
+        let smoothed = if of.smooth > 1 { own } else { Size::vertices(self.round) };
+        // On open surfaces, vertices leave where one step puts them for the surface's height.
+        let rest = if of.smooth == 1 && of.columns == 0 { 0 } else { smoothed };
         let of_vertex = of.attributes + (size_of::<VertexState>() + size_of::<QuantizedPoint>()) as u64;
         let of_triangle = (size_of::<[u32; 3]>() + usize::from(of.trimmed)) as u64;
         (smoothed + rest) * place
@@ -271,7 +272,7 @@ impl<T: Coordinate> SlabMesh<T> {
             }
         };
         let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
-        let q = smooth(&surface, options.smooth, room.smoothed);
+        let mut q = smooth(&surface, options.smooth, room.smoothed);
         let planes = slices.start..slices.end + u32::from(last);
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
 
@@ -293,12 +294,23 @@ impl<T: Coordinate> SlabMesh<T> {
             }
             q.into_iter().map(|q| grid.position(q)).collect()
         };
-        let rest = if options.smooth == 1 { Vec::new() } else { to_world(smooth(&surface, 1, room.rest)) };
+        let is_rest = options.smooth == 1 && surface.columns().is_none();
+        let rest = if is_rest { Vec::new() } else { to_world(smooth(&surface, 1, room.rest)) };
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
         end_stage();
         let mut state = room.state;
         refill(&mut state, own.len(), VertexState::Unfitted);
+        let mut bridged = vec![false; if surface.columns().is_some() { own.len() } else { 0 }];
+        if let Some(columns) = surface.columns() {
+            let vertices = &surface.vertices[own.start as usize..own.end as usize];
+            for (v, (vertex, q)) in vertices.iter().zip(&mut q[own.start as usize..]).enumerate() {
+                if let Some(level) = columns.level(vertex.corner, *q).filter(|_| matches!(vertex.kind, Kind::Sheet(_))) {
+                    q[columns.up().axis] = level.height;
+                    bridged[v] = level.is_bridged;
+                }
+            }
+        }
         let reach = halo(options.smooth);
         let slices_near = planes.start.saturating_sub(reach)..(planes.end + reach).min(solid.cells[1]);
         let nearest = |room| {
@@ -324,15 +336,9 @@ impl<T: Coordinate> SlabMesh<T> {
         let stride = sampled.buckets.stride();
         // Vertices that are moved elsewhere, or not at all, have the attributes of their nearest points all the same.
         let nearest = if options.fit == Fit::Nearest || stride == 0 { None } else { Some(nearest(Fitted::default())?) };
-        if let Some(columns) = surface.columns() {
-            for v in 0..own.len() {
-                let (vertex, mut q) = (&surface.vertices[own.start as usize + v], q[own.start as usize + v]);
-                if let Some(height) = columns.bridge(vertex.corner).filter(|_| matches!(vertex.kind, Kind::Sheet(_))) {
-                    q[columns.up().axis] = height;
-                    fitted.put(v, grid.position(q).map(T::from_f64));
-                    state[v] = VertexState::Bridged;
-                }
-            }
+        for v in (0..bridged.len()).filter(|v| bridged[*v]) {
+            fitted.put(v, grid.position(q[own.start as usize + v]).map(T::from_f64));
+            state[v] = VertexState::Bridged;
         }
         drop(surface);
         end_stage();

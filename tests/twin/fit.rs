@@ -81,7 +81,7 @@ pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMe
     let mut contraction = fitting.start();
     let is_projected = |place: &Option<[f64; 3]>| if place.is_some() { State::Projected } else { State::Smoothed };
     let mut states: Vec<State> = fitting.projected.iter().map(is_projected).collect();
-    for (state, _) in states.iter_mut().zip(&surface.bridged).filter(|(_, bridged)| bridged.is_some()) {
+    for (state, _) in states.iter_mut().zip(&surface.bridged).filter(|(_, bridged)| **bridged) {
         *state = State::Bridged;
     }
     let slabs = slabs(params);
@@ -130,7 +130,7 @@ impl Fitting {
         let targets: Vec<[f64; 3]> = surface.positions.iter().map(|&q| to_file(q, params)).collect();
         let rest = surface.rest.iter().map(|&q| to_file(q, params)).collect();
         let sorted = sorted(points);
-        let finds_point = |v: usize| params.fit == Fit::Nearest && !surface.middle[v] && surface.bridged[v].is_none();
+        let finds_point = |v: usize| params.fit == Fit::Nearest && !surface.middle[v] && !surface.bridged[v];
         let nearest = (0..targets.len())
             .map(|v| if finds_point(v) { nearest(targets[v], &sorted, params.w) } else { None })
             .collect();
@@ -147,12 +147,8 @@ impl Fitting {
             Fit::Nearest | Fit::None => vec![None; targets.len()],
             Fit::Auto => panic!("chosen before"),
         };
-        for (v, bridged) in surface.bridged.iter().enumerate() {
-            if let Some(height) = bridged {
-                let mut q = surface.positions[v];
-                q[params.open.expect("a surface that is not closed").up] = *height;
-                projected[v] = Some(as_input(to_file(q, params), params));
-            }
+        for v in (0..targets.len()).filter(|v| surface.bridged[*v]) {
+            projected[v] = Some(as_input(targets[v], params));
         }
         Fitting { projected, surface: surface.clone(), params: params.clone(), sorted, targets, rest, nearest }
     }

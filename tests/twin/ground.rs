@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::Params;
 use super::corner::{Corner, Face};
+use super::grid::{cell_of, place_in_cell};
 use super::solid::Cells;
 
 /// What is asked of such a surface.
@@ -34,8 +36,8 @@ pub struct Ground {
     cells: [u32; 3],
     /// Columns with points.
     data: BTreeSet<Place>,
-    /// Heights of columns that are kept, or near one that is.
-    height: BTreeMap<Place, f32>,
+    /// How high the surface lies: of columns with points the mean height in their highest cells, unless a needle was taken off; interpolated of others that are kept, or near one that is.
+    level: BTreeMap<Place, f32>,
     /// Columns that are kept.
     kept: BTreeSet<Place>,
     /// How many cells of each column are solid.
@@ -49,7 +51,7 @@ fn near(a: Place, b: Place, radius: i32) -> bool {
 
 impl Ground {
     /// Finds the columns.
-    pub fn of(occupied: &Cells, open: Open) -> Ground {
+    pub fn of(points: &[[f64; 3]], occupied: &Cells, open: Open, params: &Params) -> Ground {
         let cells = occupied.cells;
         let [columns, slices] = [cells[2 - open.up] as i32, cells[1] as i32];
         let all = |beyond: i32| -> Vec<Place> {
@@ -63,12 +65,33 @@ impl Ground {
             along_up.entry(place).or_default().insert(along);
         }
         let steps = open.jump.is_none();
+        let with_needles = along_up.clone();
         if steps {
             along_up = without_needles(&along_up);
         }
         let floor: BTreeMap<Place, i32> = along_up.iter().map(|(p, cells)| (*p, *cells.first().unwrap())).collect();
         let top: BTreeMap<Place, i32> = along_up.iter().map(|(p, cells)| (*p, *cells.last().unwrap())).collect();
         let data: BTreeSet<Place> = floor.keys().copied().collect();
+
+        // The points of each cell, as heights within it.
+        let mut within: BTreeMap<(Place, i32), Vec<u64>> = BTreeMap::new();
+        for point in points {
+            let (cell, place) = (cell_of(*point, params), place_in_cell(*point, params)[open.up]);
+            let (along, place) = if open.positive {
+                (cell[open.up], place)
+            } else {
+                (cells[open.up] as i32 - 1 - cell[open.up], 1.0 - place)
+            };
+            let column = [cell[2 - open.up], cell[1]];
+            within.entry((column, along)).or_default().push((place * f64::from(1 << 20)) as u64);
+        }
+        let mean = |column: Place, along: i32| {
+            let all = &within[&(column, along)];
+            let mean = all.iter().sum::<u64>() / all.len() as u64;
+            f64::from(along) + mean as f64 / f64::from(1 << 20)
+        };
+        let known: BTreeMap<Place, f64> = floor.iter().map(|(p, floor)| (*p, mean(*p, *floor))).collect();
+        let is_whole = |p: &Place| with_needles[p].last() == Some(&top[p]);
 
         let beyond = open.bridge + 2;
         let reached: BTreeSet<Place> =
@@ -82,16 +105,18 @@ impl Ground {
         let kept = without_pinches(&closed);
 
         let reach = 7 + 2 * (open.smooth.max(1) as i32 - 1);
-        let lattice = Lattice::new(&floor, [columns, slices], 2 * (open.bridge + reach + 1), steps);
-        let mut height = BTreeMap::new();
+        let lattice = Lattice::new(&known, [columns, slices], 2 * (open.bridge + reach + 1), steps);
+        let mut level = BTreeMap::new();
         let mut tops = BTreeMap::new();
         for p in all(0) {
-            if let Some(floor) = floor.get(&p) {
-                height.insert(p, *floor as f32 + 0.5);
+            if data.contains(&p) {
+                if is_whole(&p) {
+                    level.insert(p, mean(p, top[&p]) as f32);
+                }
                 tops.insert(p, top[&p] + 1);
             } else if kept.iter().any(|k| near(*k, p, reach)) {
                 let h = lattice.between(0, p).expect("there are points near") as f32;
-                height.insert(p, h);
+                level.insert(p, h);
                 tops.insert(p, h as i32 + 1);
             }
         }
@@ -116,7 +141,7 @@ impl Ground {
             None => kept,
             Some(jump) => without_pinches(&kept.iter().copied().filter(|p| !foot(p, jump)).collect()),
         };
-        Ground { open, cells, data, height, kept, solid }
+        Ground { open, cells, data, level, kept, solid }
     }
 
     /// The solid cells.
@@ -147,14 +172,25 @@ impl Ground {
         face.sides().into_iter().all(kept)
     }
 
-    /// The height, along the grid's axis, of a vertex at a corner that bridges a hole.
-    pub fn bridge(&self, corner: Corner) -> Option<f64> {
+    /// The surface's height, along the grid's axis, at the place `q` of a corner's vertex, and whether all round it is bridged.
+    pub fn level(&self, corner: Corner, q: [f64; 3]) -> Option<(f64, bool)> {
         let (x, y) = (corner[2 - self.open.up], corner[1]);
-        let at = |p: Place| if self.data.contains(&p) { None } else { self.height.get(&p).map(|h| f64::from(*h)) };
-        let (a, b, c, d) = (at([x - 1, y - 1])?, at([x, y - 1])?, at([x - 1, y])?, at([x, y])?);
-        let mean = ((a + b) + (c + d)) * 0.25;
+        let columns = [[x - 1, y - 1], [x, y - 1], [x - 1, y], [x, y]];
+        let level = |p: Place| self.level.get(&p).map(|level| f64::from(*level));
+        let [a, b, c, d] = [level(columns[0])?, level(columns[1])?, level(columns[2])?, level(columns[3])?];
+        let bridged = columns.iter().all(|p| !self.data.contains(p));
+        let mut sorted = [a, b, c, d];
+        sorted.sort_by(f64::total_cmp);
+        if !bridged && sorted[3] - sorted[0] > 2.0 {
+            return None;
+        }
+        let u = (q[1] - f64::from(y) + 0.5).clamp(0.0, 1.0);
+        let v = (q[2 - self.open.up] - f64::from(x) + 0.5).clamp(0.0, 1.0);
+        let (p, r) = (a + v * (b - a), c + v * (d - c));
+        let height = p + u * (r - p);
         let turned = |h: f64| if self.open.positive { h } else { f64::from(self.cells[self.open.up]) - h };
-        (turned(f64::from(corner[self.open.up])) == mean.floor() + 1.0).then(|| turned(mean))
+        let corner = turned(f64::from(corner[self.open.up]));
+        (corner > 0.0 && (height - corner).abs() <= 1.0).then(|| (turned(height), bridged))
     }
 }
 
@@ -207,8 +243,8 @@ struct Lattice {
 }
 
 impl Lattice {
-    fn new(floor: &BTreeMap<Place, i32>, size: Place, side: i32, steps: bool) -> Lattice {
-        let mut levels = vec![floor.iter().map(|(p, floor)| (*p, f64::from(*floor) + 0.5)).collect()];
+    fn new(known: &BTreeMap<Place, f64>, size: Place, side: i32, steps: bool) -> Lattice {
+        let mut levels = vec![known.clone()];
         let top = (side as u32).next_power_of_two().ilog2() as usize;
         for level in 0..top {
             let below: &BTreeMap<Place, f64> = levels.last().unwrap();

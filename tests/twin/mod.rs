@@ -142,12 +142,18 @@ impl TwinMesh {
 /// The whole way from points to mesh.
 pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
     if let Some(open) = params.open {
-        let ground = Ground::of(&solid::occupied(points, params), open);
+        let ground = Ground::of(points, &solid::occupied(points, params), open, params);
         let solid = ground.solid();
         let mut surface = surface::surface(&solid, params.smooth, params.diagonals);
         surface.kept = surface.faces.iter().map(|face| ground.keeps(face)).collect();
-        surface.bridged =
-            surface.corners.iter().map(|corner| corner.and_then(|corner| ground.bridge(corner))).collect();
+        for v in 0..surface.positions.len() {
+            if let Some(corner) = surface.corners[v]
+                && let Some((height, bridged)) = ground.level(corner, surface.positions[v])
+            {
+                surface.positions[v][open.up] = height;
+                surface.bridged[v] = bridged;
+            }
+        }
         return finish(&surface, &solid::counted(points, &solid, params), params);
     }
     let solid = solid::solid_cells(points, params);

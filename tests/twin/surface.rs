@@ -37,8 +37,8 @@ pub struct Surface {
     pub kept: Vec<bool>,
     /// The corner of a vertex that is not a middle.
     pub corners: Vec<Option<Corner>>,
-    /// Where a vertex lies along the up axis if it bridges a hole.
-    pub bridged: Vec<Option<f64>>,
+    /// Whether a vertex bridges a hole.
+    pub bridged: Vec<bool>,
     /// The solid whose surface it is.
     pub solid: Cells,
 }
@@ -186,7 +186,7 @@ pub fn surface(solid: &Cells, smooth: u32, diagonals: Diagonals) -> Surface {
         planes: vec![0; count],
         middle: vec![false; count],
         corners: vec![None; count],
-        bridged: vec![None; count],
+        bridged: vec![false; count],
         solid: solid.clone(),
         ..Surface::default()
     };

@@ -79,7 +79,7 @@ pub struct HeightField {
     pub trimmed: bool,
     /// Cells along the up axis.
     pub(super) cells_up: u32,
-    /// Height above the bottom, in cells; NaN where there is nothing near to interpolate.
+    /// Height above the bottom, in cells: of a column with points that of the points in its highest cell, else interpolated. NaN where nothing is known.
     pub(super) heights: Lines<f32>,
     pub(super) flags: Lines<u8>,
     /// What was found.
@@ -93,6 +93,18 @@ pub struct ColumnCounts {
     pub data: u64,
     /// Columns without points that are bridged.
     pub bridged: u64,
+}
+
+/// Columns side by side whose heights differ by more cells are parted by a wall.
+const WALL: f64 = 2.0;
+
+/// Where the surface lies at a vertex.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// Along the up axis, in cells.
+    pub height: f64,
+    /// Whether none of the columns round it holds points.
+    pub is_bridged: bool,
 }
 
 /// Lines of equal length, one for each slice, written in order.
@@ -214,18 +226,30 @@ impl Columns {
         corner[self.up.axis] == if self.up.positive { 0 } else { self.cells_up }
     }
 
-    /// Where along the up axis a corner's vertex lies, in cells, if none of the four columns round it holds points, and it is the corner at their height.
-    pub fn bridge(&self, corner: [u32; 3]) -> Option<f64> {
+    /// Where along the up axis the surface lies at the place `q` of a corner's vertex, in cells: between the heights of the four columns round the corner, by
+    /// nearness, if these are known, differ by no more than [`WALL`] unless all of them are bridged, and the corner is no more than a cell away from there and not on the bottom.
+    pub fn level(&self, corner: [u32; 3], q: [f64; 3]) -> Option<Level> {
         let (j, column) = (i64::from(corner[1]), i64::from(corner[self.up.across()]));
-        let height = |y: i64, column: i64| {
-            let at = self.place(y, column)?;
-            (self.flags[at] & DATA == 0 && !self.heights[at].is_nan()).then(|| f64::from(self.heights[at]))
-        };
-        let (a, b) = (height(j - 1, column - 1)?, height(j - 1, column)?);
-        let (c, d) = (height(j, column - 1)?, height(j, column)?);
-        let mean = ((a + b) + (c + d)) * 0.25;
+        let four = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(dy, dc)| self.place(j - 1 + dy, column - 1 + dc));
+        let mut heights = [0.0; 4];
+        let mut is_bridged = true;
+        for (at, height) in four.into_iter().zip(&mut heights) {
+            let at = at?;
+            *height = f64::from(self.heights[at]);
+            is_bridged &= self.flags[at] & DATA == 0;
+        }
+        let [low, high] = [f64::min, f64::max].map(|of| heights.into_iter().fold(heights[0], of));
+        if heights.iter().any(|height| height.is_nan()) || !is_bridged && high - low > WALL {
+            return None;
+        }
+        let part = |at: f64, corner: i64| (at - corner as f64 + 0.5).clamp(0.0, 1.0);
+        let (u, v) = (part(q[1], j), part(q[self.up.across()], column));
+        let between = |a: f64, b: f64, part: f64| a + part * (b - a);
+        let [a, b, c, d] = heights;
+        let height = between(between(a, b, v), between(c, d, v), u);
         let corner = self.up.turn(f64::from(corner[self.up.axis]), self.cells_up);
-        (mean.floor() + 1.0 == corner).then(|| self.up.turn(mean, self.cells_up))
+        let is_near = corner > 0.0 && (height - corner).abs() <= 1.0;
+        is_near.then(|| Level { height: self.up.turn(height, self.cells_up), is_bridged })
     }
 }
 

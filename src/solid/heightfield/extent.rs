@@ -20,15 +20,40 @@ pub struct Extent {
     pub top: u32,
     /// The one behind the next occupied cell below the highest, if the cell below that is free; 0 if there is no such cell. Else the same as `top`.
     below: u32,
+    /// How high the points in the floor lie above its lower side on average, in [`QUANTA`].
+    floor_within: u32,
+    /// The same of the highest cell; [`u32::MAX`] if that was not measured.
+    top_within: u32,
 }
+
+/// Parts of a cell that points' heights are rounded down to, so that sums are exact in any order.
+pub const QUANTA: f64 = (1 << 20) as f64;
 
 impl Extent {
     /// Of a column without points.
-    pub const NOTHING: Extent = Extent { floor: u32::MAX, top: 0, below: 0 };
+    pub const NOTHING: Extent = Extent { floor: u32::MAX, top: 0, below: 0, floor_within: 0, top_within: u32::MAX };
 
     /// Whether anything is occupied.
     pub fn is_data(self) -> bool {
         self.floor != u32::MAX
+    }
+
+    /// The mean height of the points in the floor, in cells above the bottom.
+    pub fn floor_height(self) -> f64 {
+        f64::from(self.floor) + f64::from(self.floor_within) / QUANTA
+    }
+
+    /// That of the points in the highest cell; NaN if it was not measured, as that of a column whose needle is taken off.
+    pub fn top_height(self) -> f64 {
+        if self.top_within == u32::MAX {
+            return f64::NAN;
+        }
+        f64::from(self.top - 1) + f64::from(self.top_within) / QUANTA
+    }
+
+    /// Sets these heights, above the lower sides of their cells and in [`QUANTA`].
+    pub fn measured(&mut self, floor_within: u32, top_within: u32) {
+        (self.floor_within, self.top_within) = (floor_within, top_within);
     }
 
     /// Adds cells, all of which lie above those that are there.
@@ -43,7 +68,7 @@ impl Extent {
     pub fn turn(&mut self, cells: u32) {
         if self.is_data() {
             let (floor, top) = (cells - self.top, cells - self.floor);
-            *self = Extent { floor, top, below: top };
+            *self = Extent { floor, top, below: top, ..*self };
         }
     }
 }
@@ -74,7 +99,7 @@ pub fn without_needles(extents: &[Extent], width: usize, are: bool) -> Vec<Exten
         if highest > 0 && extent.top > highest.max(extent.below) + NEEDLE {
             *extent = match extent.below {
                 0 => Extent::NOTHING,
-                below => Extent { top: below, below, ..*extent },
+                below => Extent { top: below, below, top_within: u32::MAX, ..*extent },
             };
         }
     }

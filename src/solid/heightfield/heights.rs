@@ -47,7 +47,7 @@ impl Patch {
                 | if mask[padded] { KEPT } else { 0 }
                 | if live[padded] { LIVE_COLUMN } else { 0 };
             let (height, top) = if is_data(i) {
-                (self.extents[i].floor as f32 + 0.5, self.extents[i].top)
+                (self.extents[i].top_height() as f32, self.extents[i].top)
             } else if flag & LIVE_COLUMN != 0 {
                 let height = levels[0].between(x, row) as f32;
                 (height, height as u32 + 1)
@@ -63,18 +63,18 @@ impl Patch {
         (heights, tops, flags, found)
     }
 
-    /// Floors, averaged over ever larger cells of the lattice: level l has cells of 2^(l + 1) columns and slices. What has no points is interpolated
+    /// Heights of columns with points, averaged over ever larger cells of the lattice: level l has cells of 2^(l + 1) columns and slices. What has no points is interpolated
     /// from the level above.
     fn levels(&self, steps: bool) -> Vec<Level> {
-        let floor = |x: usize, row: usize| match self.extents.get(row * self.width + x) {
-            Some(extent) if x < self.width && extent.is_data() => f64::from(extent.floor) + 0.5,
+        let known = |x: usize, row: usize| match self.extents.get(row * self.width + x) {
+            Some(extent) if x < self.width && extent.is_data() => extent.floor_height(),
             _ => f64::NAN,
         };
         let mut levels = vec![Level::over(
             self.width,
             self.extents.len() / self.width,
             [Alike::on(0, steps), Alike::on(1, steps)],
-            floor,
+            known,
         )];
         for l in 2..=self.side.ilog2() {
             let below = &levels[levels.len() - 1];

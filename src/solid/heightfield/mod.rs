@@ -12,7 +12,7 @@
 //! All columns are solid from the bottom of the grid to their height; then a small ball rolls over them and fills the pits that it cannot reach into. So there
 //! is one layer everywhere. The grid has a margin, in which the surface runs on, and which is left out when the mesh is written.
 //!
-//! Three passes over the slices, in jobs: floors and tops; heights and what is kept; the ball, and cells. Between them lie lines of a number for each
+//! Three passes over the slices, in jobs: floors and tops, and how high the points in them lie; heights and what is kept; the ball, and cells. Between them lie lines of a number for each
 //! column, in temporary storage.
 
 mod ball;
@@ -21,17 +21,23 @@ mod extent;
 mod grid;
 mod heights;
 
+use std::ops::Range;
+
 use self::ball::filled;
 use self::columns::Lines;
 pub use self::columns::{
     ColumnCounts, Columns, HeightField, HeightFieldOptions, KEPT, LIVE_COLUMN, Up, is_touched, live_reach, margin,
 };
-use self::extent::{Extent, ROUND_NEEDLES, without_needles};
+use self::extent::{Extent, QUANTA, ROUND_NEEDLES, without_needles};
 use self::heights::Patch;
 use crate::error::Result;
+use crate::grid::Grid;
+use crate::grid::bucket::Buckets;
 use crate::grid::context::{CHUNK_SLICES, Context};
 use crate::grid::occupancy::Occupancy;
+use crate::grid::partition::buckets_of;
 use crate::grid::slice::{Runs, SliceStore};
+use crate::points::Coordinate;
 use crate::solid::Solid;
 
 /// Finds the columns and makes the solid of them. The solid's ground is set.
@@ -40,11 +46,17 @@ use crate::solid::Solid;
 ///
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-pub fn solid(occupancy: &Occupancy, asked: HeightFieldOptions, context: &Context) -> Result<Solid> {
+pub fn solid<T: Coordinate>(
+    occupancy: &Occupancy,
+    buckets: &Buckets<T>,
+    grid: &Grid,
+    asked: HeightFieldOptions,
+    context: &Context,
+) -> Result<Solid> {
     let cells = occupancy.cells;
     let (up, across) = (asked.up, asked.up.across());
     let (columns, cells_up) = (cells[across], cells[up.axis]);
-    let extents = extents(occupancy, up, context)?;
+    let extents = extents(occupancy, buckets, grid, up, context)?;
     let mut ground = HeightField {
         up,
         trimmed: !asked.base,
@@ -102,7 +114,7 @@ pub fn solid(occupancy: &Occupancy, asked: HeightFieldOptions, context: &Context
 /// Memory of a job, in bytes, for slices of `columns` columns: what it reads, discs, the lattice's levels, what it gives.
 pub fn bytes(columns: u32, bridge: u32, smooth: u32) -> u64 {
     let side = lattice_side(bridge, smooth);
-    u64::from(columns + 2 * (bridge + 1)) * u64::from(job_slices(side) + 2 * (side + ROUND_NEEDLES)) * 32
+    u64::from(columns + 2 * (bridge + 1)) * u64::from(job_slices(side) + 2 * (side + ROUND_NEEDLES)) * 40
 }
 
 /// The side of the lattice's coarsest cells: twice as far as any live column lies from one with points, so that one of four neighbours holds some.
@@ -115,8 +127,14 @@ fn job_slices(side: u32) -> u32 {
     side * (64 / side).max(1)
 }
 
-/// What is occupied of each column of each slice.
-fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<Extent>> {
+/// What is occupied of each column of each slice, and how high the points in its lowest and highest cells lie.
+fn extents<T: Coordinate>(
+    occupancy: &Occupancy,
+    buckets: &Buckets<T>,
+    grid: &Grid,
+    up: Up,
+    context: &Context,
+) -> Result<Lines<Extent>> {
     let cells = occupancy.cells;
     let (columns, cells_up) = (cells[up.across()], cells[up.axis]);
     let mut out = Lines::new(columns, context);
@@ -127,7 +145,7 @@ fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<Ext
         |chunk| {
             let mut lines = vec![Extent::NOTHING; chunk.len() * columns as usize];
             let mut runs = Runs::default();
-            for (y, line) in chunk.zip(lines.chunks_exact_mut(columns as usize)) {
+            for (y, line) in chunk.clone().zip(lines.chunks_exact_mut(columns as usize)) {
                 occupancy.store.read(y, &mut runs)?;
                 for z in 0..runs.row_count() {
                     let row = runs.row(z);
@@ -145,9 +163,44 @@ fn extents(occupancy: &Occupancy, up: Up, context: &Context) -> Result<Lines<Ext
                     line.iter_mut().for_each(|column| column.turn(cells_up));
                 }
             }
+            measure(&mut lines, chunk, buckets, grid, up)?;
             Ok(lines)
         },
         |lines| out.append(&lines),
     )?;
     Ok(out)
+}
+
+/// Tells the columns of some slices how high the points in their lowest and highest cells lie on average.
+fn measure<T: Coordinate>(
+    columns: &mut [Extent],
+    slices: Range<u32>,
+    buckets: &Buckets<T>,
+    grid: &Grid,
+    up: Up,
+) -> Result<()> {
+    let (width, cells_up) = (grid.cells()[up.across()], grid.cells()[up.axis]);
+    // Of each column's lowest and highest cell, the sum of heights within it and the number of points.
+    let mut sums = vec![[(0u64, 0u64); 2]; columns.len()];
+    for bucket in buckets_of(slices.clone()) {
+        buckets.read(bucket as usize, |points| {
+            for point in points {
+                let (cell, within) = grid.place_of(point.map(Into::into));
+                let (along, within) = (cell[up.axis], within[up.axis]);
+                let (height, within) =
+                    if up.positive { (along, within) } else { (cells_up - 1 - along, 1.0 - within) };
+                let column = ((cell[1] - slices.start) * width + cell[up.across()]) as usize;
+                let Extent { floor, top, .. } = columns[column];
+                for (sum, _) in sums[column].iter_mut().zip([floor, top.wrapping_sub(1)]).filter(|(_, of)| *of == height) {
+                    *sum = (sum.0 + (within * QUANTA) as u64, sum.1 + 1);
+                }
+            }
+            Ok(())
+        })?;
+    }
+    for (column, [floor, top]) in columns.iter_mut().zip(sums).filter(|(column, _)| column.is_data()) {
+        let [floor, top] = [floor, top].map(|(sum, points)| (sum / points) as u32);
+        column.measured(floor, top);
+    }
+    Ok(())
 }

@@ -1,0 +1,249 @@
+#!/usr/bin/env python3
+"""How near terrain and bare earth lie to points that they were not made of, beside a triangulation and inverse distances of the same points; and how well
+the ground filter tells ground from objects, beside a cloth simulation.
+
+    cargo build --release
+    tools/terrain.py held PROGRAM TILE.laz ... --surface ground|terrain [--try NAME='OPTIONS' ...]
+    tools/terrain.py filter PROGRAM TILE.laz ...
+
+`held` leaves every tenth point out (of the ground: every tenth of class 2), meshes the others, and measures vertical distances of those that were left out
+from the highest surface there: median, root mean square, 95 and 99 % of the absolute values, the mean of the signed ones, and how many have no surface.
+Of terrain they are told apart: *open ground* and *open roofs* are classes 2 and 6 with no point more than 1 m higher within a radius (--open); *crowns*
+are classes 3, 4, 5 (class 1 where there is no other vegetation), first returns. `filter` tells types I and II and the total error in per cent against
+classes 2 and 9, seconds and peak memory. A Python environment is made in the user's cache.
+"""
+
+import argparse
+import resource
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from shared import environment, stoppable, table
+
+PACKAGES = ["numpy", "scipy", "laspy[lazrs]", "cloth-simulation-filter"]
+EVERY = 10
+GROUND, WATER, BUILDING, PLANTS = 2, 9, 6, (3, 4, 5)
+NEIGHBOURS = 12
+# Rows of pairs of a triangle and a place that are looked at together.
+PAIRS = 20_000_000
+
+
+class Tiles:
+    """The points of the tiles, as one cloud."""
+
+    def __init__(self, paths):
+        import laspy
+        import numpy as np
+
+        self.files = [laspy.read(path) for path in paths]
+
+        def column(name):
+            return np.concatenate([np.asarray(file[name]) for file in self.files])
+
+        self.places = np.stack([column("x"), column("y"), column("z")], axis=1)
+        self.classes, self.returns = column("classification"), column("return_number")
+
+    def write(self, keep, folder):
+        """Writes the points of which `keep` is true, a file for each tile."""
+        paths, first = [], 0
+        for number, file in enumerate(self.files):
+            part = keep[first : first + len(file.points)]
+            first += len(file.points)
+            if part.any():
+                kept = type(file)(file.header, file.points[part])
+                paths.append(folder / f"{number}.laz")
+                kept.write(str(paths[-1]))
+        return paths
+
+
+def surface_heights(vertices, faces, places):
+    """The height of the highest triangle over or below each place; NaN where there is none."""
+    import numpy as np
+
+    corners = vertices[faces]
+    low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
+    side = max(float(np.median((high - low).max(axis=1))), 1e-9)
+    origin = vertices[:, :2].min(axis=0) - side
+    shape = np.ceil((vertices[:, :2].max(axis=0) - origin) / side).astype(np.int64) + 2
+    bin_of = np.floor((places[:, :2] - origin) / side).astype(np.int64)
+    within = ((bin_of >= 0) & (bin_of < shape)).all(axis=1)
+    number = np.where(within, bin_of[:, 0] * shape[1] + bin_of[:, 1], -1)
+    order = np.argsort(number, kind="stable")
+    starts = np.searchsorted(number[order], np.arange(shape[0] * shape[1] + 1))
+    heights = np.full(len(places), -np.inf)
+    first, last = np.floor((low - origin) / side).astype(np.int64), np.floor((high - origin) / side).astype(np.int64)
+    for dx in range(int((last - first)[:, 0].max()) + 1):
+        for dy in range(int((last - first)[:, 1].max()) + 1):
+            reached = np.nonzero((first[:, 0] + dx <= last[:, 0]) & (first[:, 1] + dy <= last[:, 1]))[0]
+            bins = (first[reached, 0] + dx) * shape[1] + first[reached, 1] + dy
+            counts = starts[bins + 1] - starts[bins]
+            reached, bins, counts = reached[counts > 0], bins[counts > 0], counts[counts > 0]
+            begin = 0
+            while begin < len(reached):
+                end = begin + max(1, int(np.searchsorted(np.cumsum(counts[begin:]), PAIRS)))
+                some, many = reached[begin:end], counts[begin:end]
+                triangle = np.repeat(some, many)
+                offset = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
+                place = order[np.repeat(starts[bins[begin:end]], many) + offset]
+                a, b, c = corners[triangle, 0], corners[triangle, 1], corners[triangle, 2]
+                ab, ac, ap = (b - a)[:, :2], (c - a)[:, :2], places[place, :2] - a[:, :2]
+                area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    v = (ap[:, 0] * ac[:, 1] - ap[:, 1] * ac[:, 0]) / area
+                    w = (ab[:, 0] * ap[:, 1] - ab[:, 1] * ap[:, 0]) / area
+                    inside = (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1 + 1e-9)
+                    z = a[:, 2] + v * (b - a)[:, 2] + w * (c - a)[:, 2]
+                np.maximum.at(heights, place[inside], z[inside])
+                begin = end
+    return np.where(np.isfinite(heights), heights, np.nan)
+
+
+def triangulated(points, places):
+    """Heights of the Delaunay triangulation of the points' x and y."""
+    import numpy as np
+    from scipy.interpolate import LinearNDInterpolator
+
+    middle = points.mean(axis=0)
+    return LinearNDInterpolator(points[:, :2] - middle[:2], points[:, 2])(places[:, :2] - middle[:2]).astype(np.float64)
+
+
+def inverse_distances(points, places):
+    """Means of the nearest points, weighed by 1 / d²."""
+    import numpy as np
+    from scipy.spatial import cKDTree
+
+    middle = points[:, :2].mean(axis=0)
+    far, near = cKDTree(points[:, :2] - middle).query(places[:, :2] - middle, NEIGHBOURS)
+    weights = 1 / np.maximum(far, 1e-6) ** 2
+    return (weights * points[near, 2]).sum(axis=1) / weights.sum(axis=1)
+
+
+def row(name, which, found, places):
+    import numpy as np
+
+    signed = found - places[:, 2]
+    known = np.isfinite(signed)
+    off = np.abs(signed[known])
+    if not len(off):
+        return [name, which, len(places)] + ["–"] * 5 + [len(places)]
+    figures = [np.median(off), np.sqrt((off**2).mean()), np.quantile(off, 0.95), np.quantile(off, 0.99)]
+    return [name, which, len(places), *(f"{f:.3f}" for f in figures), f"{signed[known].mean():+.3f}", int((~known).sum())]
+
+
+def is_open(points, places, radius):
+    """Whether no point within the radius of a place is more than 1 m higher."""
+    import numpy as np
+    from scipy.spatial import cKDTree
+
+    middle = points[:, :2].mean(axis=0)
+    lists = cKDTree(points[:, :2] - middle).query_ball_point(places[:, :2] - middle, radius)
+    return np.array([points[near, 2].max(initial=-np.inf) <= place[2] + 1 for near, place in zip(lists, places)], dtype=bool)
+
+
+def held(arguments):
+    import numpy as np
+
+    from judge import read_ply
+
+    tiles = Tiles(arguments.tiles)
+    places, classes = tiles.places, tiles.classes
+    ground = arguments.surface == "ground"
+    candidates = np.nonzero(classes == GROUND)[0] if ground else np.arange(len(places))
+    out = np.zeros(len(places), dtype=bool)
+    out[candidates[::EVERY]] = True
+    counts = ~out & np.isin(classes, [GROUND, WATER]) if ground else ~out
+    if ground:
+        groups = {"ground": out}
+    else:
+        clear = np.zeros(len(places), dtype=bool)
+        clear[out] = is_open(places, places[out], arguments.open)
+        plants = np.isin(classes, PLANTS)
+        if not plants.any():
+            plants = classes == 1
+        groups = {
+            "open ground": out & clear & (classes == GROUND),
+            "open roofs": out & clear & (classes == BUILDING),
+            "crowns": out & plants & (tiles.returns == 1),
+        }
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        paths = tiles.write(~out, folder)
+        for name, options in arguments.tries:
+            mesh = folder / "mesh.ply"
+            command = [arguments.program, *paths, "--surface", arguments.surface, "--overwrite", "-q", "-o", mesh, *shlex.split(options)]
+            subprocess.run(command, check=True)
+            vertices, faces = read_ply(mesh)
+            for which, chosen in groups.items():
+                if chosen.any():
+                    rows.append(row(f"{name} ({len(faces):,})", which, surface_heights(vertices, faces, places[chosen]), places[chosen]))
+    for name, heights in (("TIN", triangulated), ("IDW", inverse_distances)):
+        for which, chosen in groups.items():
+            if chosen.any():
+                rows.append(row(name, which, heights(places[counts], places[chosen]), places[chosen]))
+    columns = ["mesh (triangles)", "of", "points", "median", "RMS", "95 %", "99 %", "bias", "out"]
+    print(table(columns, sorted(rows, key=lambda row: list(groups).index(row[1]))))
+
+
+def errors(found, truth):
+    """Types I and II and the total error, in per cent."""
+    import numpy as np
+
+    return [100 * np.mean(~found[truth]), 100 * np.mean(found[~truth]), 100 * np.mean(found != truth)]
+
+
+def filter_(arguments):
+    import CSF
+    import laspy
+    import numpy as np
+
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        tiles = Tiles(arguments.tiles)
+        judged = tiles.classes != WATER
+        truth = (tiles.classes == GROUND)[judged]
+        paths = tiles.write(np.ones(len(judged), dtype=bool), folder)
+        began = time.monotonic()
+        command = [arguments.program, *paths, "--surface", "ground", "--classes", "none", "--write-classes", folder / "out.laz", "-q", "-o", folder / "mesh.ply"]
+        subprocess.run(command, check=True)
+        seconds = time.monotonic() - began
+        memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+        told = laspy.read(folder / "out.laz")
+        # The points come back in their order.
+        found = (np.asarray(told.classification) == GROUND)[judged]
+        rows.append(["asra-stream, mesh included", *(f"{e:.2f}" for e in errors(found, truth)), f"{seconds:.1f}", f"{memory:.0f}"])
+        for rigidness in (1, 2, 3):
+            cloth = CSF.CSF()
+            cloth.params.bSloopSmooth = rigidness < 3
+            cloth.params.cloth_resolution, cloth.params.class_threshold, cloth.params.rigidness = 1.0, 0.5, rigidness
+            began = time.monotonic()
+            cloth.setPointCloud(tiles.places - tiles.places.mean(axis=0))
+            on, off = CSF.VecInt(), CSF.VecInt()
+            cloth.do_filtering(on, off, False)
+            found = np.zeros(len(tiles.places), dtype=bool)
+            found[np.array(on)] = True
+            rows.append([f"cloth, rigidness {rigidness}", *(f"{e:.2f}" for e in errors(found[judged], truth)), f"{time.monotonic() - began:.1f}", "–"])
+    print(table(["filter", "type I, %", "type II, %", "total, %", "seconds", "MiB"], rows))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["held", "filter"])
+    parser.add_argument("program")
+    parser.add_argument("tiles", nargs="+", type=Path)
+    parser.add_argument("--surface", choices=["ground", "terrain"], default="ground")
+    parser.add_argument("--open", type=float, default=0.5, metavar="RADIUS", help="round open points, in metres")
+    parser.add_argument("--try", dest="tries", action="append", type=lambda text: tuple(text.split("=", 1)), help="a name and options")
+    arguments = parser.parse_args()
+    environment("terrain", PACKAGES)
+    arguments.tries = arguments.tries or [("default", "")]
+    {"held": held, "filter": filter_}[arguments.what](arguments)
+
+
+if __name__ == "__main__":
+    stoppable(main, "stopped")
