@@ -14,6 +14,8 @@ classes 2 and 9, seconds and peak memory. A Python environment is made in the us
 """
 
 import argparse
+import contextlib
+import os
 import resource
 import shlex
 import subprocess
@@ -189,6 +191,20 @@ def held(arguments):
     print(table(columns, sorted(rows, key=lambda row: list(groups).index(row[1]))))
 
 
+@contextlib.contextmanager
+def silent():
+    """Nothing that a library writes to standard output is seen."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+
+
 def errors(found, truth):
     """Types I and II and the total error, in per cent."""
     import numpy as np
@@ -222,9 +238,10 @@ def filter_(arguments):
             cloth.params.bSloopSmooth = rigidness < 3
             cloth.params.cloth_resolution, cloth.params.class_threshold, cloth.params.rigidness = 1.0, 0.5, rigidness
             began = time.monotonic()
-            cloth.setPointCloud(tiles.places - tiles.places.mean(axis=0))
             on, off = CSF.VecInt(), CSF.VecInt()
-            cloth.do_filtering(on, off, False)
+            with silent():
+                cloth.setPointCloud(tiles.places - tiles.places.mean(axis=0))
+                cloth.do_filtering(on, off, False)
             found = np.zeros(len(tiles.places), dtype=bool)
             found[np.array(on)] = True
             rows.append([f"cloth, rigidness {rigidness}", *(f"{e:.2f}" for e in errors(found[judged], truth)), f"{time.monotonic() - began:.1f}", "–"])
