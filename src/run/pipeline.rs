@@ -34,7 +34,7 @@ use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::stitch::reach::SeamReport;
-use crate::stitch::slab::SlabMesh;
+use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Counts, Stitched, Stitcher, VERTEX_LIMIT};
 use crate::storage::spool::Workspace;
 use crate::surface::extract;
@@ -471,6 +471,7 @@ fn reconstruct_as<T: Coordinate>(
         mesh,
         closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
     );
+    let making = Making { solid, sampled: &sampled, options: surface, frame, jobs };
     let written: Spares<SlabMesh<T>> = Spares::default();
     let mut number = 0;
     context.workers.in_order_range(
@@ -481,7 +482,7 @@ fn reconstruct_as<T: Coordinate>(
             let size = workload.slabs()[number];
             let room = written.take().filter(|room| room.suits(size));
             let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
-            SlabMesh::make(number as u32, solid, &sampled, surface, frame, jobs, room)
+            SlabMesh::make(number as u32, &making, room)
         },
         |slab| {
             let (faces, points) = (faces_of_slab(number), points_of_slab(number));
