@@ -20,7 +20,7 @@ use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
 use crate::run::bridging::{Trimmed, measured};
-use crate::run::estimate::{EstimateInput, estimate_faces};
+use crate::run::estimate::{EstimateInput, estimate_faces, estimate_open_faces, level_to_expect};
 use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
@@ -193,6 +193,7 @@ pub fn survey_with(
     let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
+    let workload = workload.with_level(level_to_expect(survey.points, &coarse_grid, &grid));
     let mut workload = workload.with_simplification(settings.simplify.is_some());
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
@@ -280,17 +281,21 @@ pub fn rehearsed(
     budget: u64,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
-    if settings.open.is_some() || surveyed.grid.has_gaps() {
-        // The box alone lets expect more faces than one side of it has; and of a body among far points, the coarse grid has hardly a cell.
+    if settings.open.is_none() && surveyed.grid.has_gaps() {
+        // Of a body among far points, the coarse grid has hardly a cell.
         return Ok(surveyed);
     }
     let Surveyed { workload, coarse_grid, grid, .. } = &surveyed;
     progress.begin(Phase::Rehearse, None);
     let known = EstimateInput { workload, coarse_grid, grid, settings };
-    let workload = estimate_faces(known, workers, workspace, budget, |done, total| {
+    let told = |done, total| {
         progress.set_total(total);
         progress.set(done);
-    })?;
+    };
+    let workload = match &surveyed.open {
+        None => estimate_faces(known, workers, workspace, budget, told)?,
+        Some(open) => estimate_open_faces(known, open, workers, workspace, budget, told)?,
+    };
     progress.end();
     Ok(Surveyed { workload, ..surveyed })
 }
