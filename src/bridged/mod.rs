@@ -10,37 +10,18 @@
 //! Both look at the finished mesh, so they tell of what is written: after fitting, contraction and untangling.
 
 mod distances;
+mod schema;
 #[cfg(test)]
 mod tests;
 mod trim;
 
-pub(crate) use self::distances::{Distances, distances};
+pub(crate) use self::distances::distances;
+pub(crate) use self::schema::with_bridged;
 pub(crate) use self::trim::{Bridging, Rewritten, rewritten};
 
-use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
 use crate::mesh::spool::MeshSpool;
 use crate::points::Precision;
-use crate::points::attribute::{Attribute, Schema};
-use crate::points::scalar::Scalar;
-
-/// The attribute's name.
-pub(crate) const BRIDGED: &str = "bridged";
-
-/// The schema with the attribute behind those that are there.
-///
-/// # Errors
-/// [`Error::InvalidSetting`] if there is one of its name.
-pub(crate) fn with_bridged(schema: &Schema) -> Result<Schema> {
-    if schema.column(BRIDGED).is_some() {
-        return Err(Error::setting(
-            "bridged",
-            "`bridged`: the input has an attribute of that name; `attributes` names those to carry".into(),
-        ));
-    }
-    let own = Attribute { name: BRIDGED.to_owned(), scalar: Scalar::F32 };
-    Ok(schema.clone().with(&own))
-}
 
 /// What the memory and the disk depend on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
 
-use crate::bridged::{BRIDGED, Bridging, Distances, Rewritten, rewritten, with_bridged};
+use crate::bridged::distances::Distances;
+use crate::bridged::schema::BRIDGED;
+use crate::bridged::{Bridging, Rewritten, rewritten, with_bridged};
 use crate::mesh::MeshSource;
 use crate::mesh::check::check;
 use crate::mesh::spool::{FaceRecord, MeshSpool};

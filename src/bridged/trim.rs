@@ -16,7 +16,8 @@
 
 use bytemuck::Pod;
 
-use crate::bridged::{Distances, with_bridged};
+use crate::bridged::distances::Distances;
+use crate::bridged::schema::with_bridged;
 use crate::error::Result;
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, Sums, fresh};

@@ -116,6 +116,18 @@ impl CoarseGrid {
         self.places().map(move |place| std::array::from_fn(|a| ((place[a] - low[a]) as u32).min(cells[a] - 1)))
     }
 
+    /// How many cells there are when they are taken together by 2^`halvings` along every axis, from the lowest place on.
+    pub fn count(&self, halvings: u32) -> u64 {
+        let side = (SIDE as usize >> halvings) + 1;
+        let mut words = vec![0u64; side.pow(3).div_ceil(64)];
+        for cell in self.cells() {
+            let [x, y, z] = cell.map(|c| (c >> halvings) as usize);
+            let number = (z * side + y) * side + x;
+            words[number / 64] |= 1 << (number % 64);
+        }
+        words.iter().map(|word| u64::from(word.count_ones())).sum()
+    }
+
     /// The cells' places, in sides from zero.
     fn places(&self) -> impl Iterator<Item = [i64; 3]> + '_ {
         let (low, _) = self.extent();
@@ -316,6 +328,10 @@ mod tests {
         sketching.add(&points, bounds_of(&points));
         let coarse_grid = sketching.finish();
         assert_eq!((coarse_grid.side(), coarse_grid.columns().len()), (1.0, 90 * 90 + 1));
+        for halvings in 0..9 {
+            let together: BTreeSet<[u32; 3]> = coarse_grid.cells().map(|cell| cell.map(|c| c >> halvings)).collect();
+            assert_eq!(coarse_grid.count(halvings), together.len() as u64, "{halvings}");
+        }
         let area = |points: u64| coarse_grid.area(points) / 8100.0;
         assert!((area(360 * 360) - 1.0).abs() < 0.03, "{}", area(360 * 360));
         // Were they fewer, columns of 1 might be empty between them.

@@ -16,21 +16,28 @@
 //!
 //! Where there is no surface (strays by the million, all over the box), the growth from cell to cell is no guide: nothing is refused on its account, as long as
 //! as many faces as the coarse cells have would do.
+//!
+//! A surface that is not closed has walls, which fall to few slabs: a box seen from above has nearly all faces of two of its sides in the first and the last one. So its columns
+//! are made of the coarse cells, too. They are put into the grid of the run, whose cells are taken together by a power of two until they are as wide as the coarse ones, as
+//! it is turned and with its margin: where the coarse cells are the finer ones, what is found is nearly what the run is going to find.
 
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::grid::coarse::CoarseGrid;
+use crate::grid::coarse::{CoarseGrid, SIDE};
 use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::partition::{slab_count, slices_of};
 use crate::points::Precision;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::workload::Workload;
+use crate::run::workload::{ColumnWorkload, Workload};
 use crate::settings::Settings;
 use crate::settings::closing::Sealing;
-use crate::solid::close::{ClosingOptions, close};
+use crate::settings::open::{Kind, Open};
+use crate::solid::close::{COARSE, ClosingOptions, close, side_in_samples};
+use crate::solid::heightfield::{self, HeightFieldOptions};
 use crate::storage::spool::Workspace;
+use crate::surface::extract;
 
 /// Points from which a run is worth a rehearsal, which takes about as long as a cloud of 100,000.
 pub const WORTH_IT: u64 = 3_000_000;
@@ -127,6 +134,111 @@ pub fn estimate_faces(
         return Ok(with(1.0));
     }
     Ok(expected)
+}
+
+/// The most cells along an axis that columns are estimated on.
+const WIDEST: u32 = 512;
+
+/// The workload of an open surface with the faces to expect from the coarse cells' columns. `budget` is in bytes. `progress` is told of passes.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Interrupted`].
+pub fn estimate_open_faces(
+    known: EstimateInput<'_>,
+    open: &Open,
+    workers: &Workers,
+    workspace: &Workspace,
+    budget: u64,
+    mut progress: impl FnMut(u64, u64),
+) -> Result<Workload> {
+    let EstimateInput { workload, coarse_grid, grid, .. } = known;
+    let w = grid.cell_size();
+    let mut factor = 1;
+    while f64::from(factor) * w < coarse_grid.side() || grid.cells().iter().any(|cells| cells / factor > WIDEST) {
+        factor *= 2;
+    }
+    progress(0, 2);
+    let found = faces_of_columns(known, open, factor, workers, workspace, budget)?;
+    progress(1, 2);
+    let area =
+        |faces: &[u32], factor: u32| faces.iter().map(|f| f64::from(*f)).sum::<f64>() * f64::from(factor).powi(2);
+    // Finer cells show no more of a smooth one than its own area, which columns as wide as these have already.
+    let growth = match factor {
+        1 => 1.0,
+        _ => {
+            let half = faces_of_columns(known, open, 2 * factor, workers, workspace, budget)?;
+            growth(area(&found, factor) / area(&half, 2 * factor).max(f64::MIN_POSITIVE), f64::from(factor)).max(1.0)
+        }
+    };
+    progress(2, 2);
+    // Each of a coarse slice's faces comes to as many of the grid's slices along it, and to as many on each.
+    let scale = f64::from(factor) * growth * (1.0 + DOUBT);
+    let of_slice = |y: u32| (f64::from(found[(y / factor) as usize]) * scale).ceil() as u32;
+    let faces: Vec<u32> = (0..grid.cells()[1]).map(of_slice).collect();
+    Ok(workload.with_faces_of_slices(&faces, false))
+}
+
+/// The faces that count for memory of each slice of columns made of the coarse cells, in the grid's cells taken together by `factor`.
+fn faces_of_columns(
+    known: EstimateInput<'_>,
+    open: &Open,
+    factor: u32,
+    workers: &Workers,
+    workspace: &Workspace,
+    budget: u64,
+) -> Result<Vec<u32>> {
+    let EstimateInput { coarse_grid, grid, settings, .. } = known;
+    let cells = grid.cells().map(|c| c.div_ceil(factor));
+    let (up, bridge) = (open.up(grid), open.bridge(grid).div_ceil(factor));
+    let columns = ColumnWorkload { of_slice: cells[up.across()], bridge };
+    let small = Workload::in_cells(1, Precision::Single, cells, 1).with_columns(columns);
+    let own = budget.max(MemoryPlan::least(&small, workers.threads()));
+    let memory = MemoryPlan::for_budget(own, &small, workers.threads())?;
+    let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory };
+    let (low, side) = (coarse_grid.extent().0, coarse_grid.side());
+    let middle = |cell: [u32; 3]| std::array::from_fn(|a| (low[a] as f64 + f64::from(cell[a]) + 0.5) * side);
+    let occupied = coarse_grid.cells().map(|cell| grid.cell_of(middle(cell)).map(|c| c / factor));
+    let occupancy = Occupancy::of_cells(occupied, cells, &context)?;
+    let asked = HeightFieldOptions {
+        up,
+        bridge,
+        ball: open.ball(settings.seal, settings.window, f64::from(factor) * grid.cell_size()),
+        base: open.base.is_some(),
+        jump: open.jump(grid).map(|jump| jump.div_ceil(factor)),
+        one_layer: open.kind != Kind::Sheet,
+        smooth: settings.surface.smooth,
+    };
+    extract::weights(&heightfield::solid(&occupancy, asked, &context)?, &context)
+}
+
+/// The sampling distance as coarse cells show it may be more than the grid's cells are going to show, by this part.
+const SURE: f64 = 0.75;
+
+/// Above this number of sampling distances to a cell, hardly any cell is empty by chance, and the coarse cells tell nothing of the sampling.
+const TELLS: f64 = 1.6;
+
+/// Points to a coarse cell, on average, above which some lie denser than the cells show.
+const MOST_IN_CELL: u64 = 4;
+
+/// How many of the grid's cells come to one of the level that inside and outside are told apart on, at the least: that level's are [`COARSE`] sampling distances wide, and how
+/// many coarse cells there are at two resolutions tells the sampling distance, where they are fine enough for it. It is for plans.
+pub fn level_to_expect(points: u64, coarse_grid: &CoarseGrid, grid: &Grid) -> u32 {
+    let w = grid.cell_size();
+    // No finer than the grid's cells, which are what is counted in the end.
+    let mut halvings = 0;
+    while coarse_grid.side() * f64::from(1u32 << halvings) < 0.9 * w && halvings < SIDE.ilog2() {
+        halvings += 1;
+    }
+    let (cells, coarser) = (coarse_grid.count(halvings), coarse_grid.count(halvings + 1));
+    let side = side_in_samples(cells as f64 / coarser as f64);
+    // A dense body among strays has many points to a cell, and strays, a cell each, say nothing of it.
+    if side > TELLS || points > MOST_IN_CELL * cells {
+        return 1;
+    }
+    let sampling = coarse_grid.side() * f64::from(1u32 << halvings) / side;
+    let longest = grid.cells().into_iter().max().unwrap_or(1);
+    let factor = (COARSE * SURE * sampling / w).floor().min(f64::from(longest / 8));
+    factor.max(1.0) as u32
 }
 
 /// What is asked of the closing of coarse cells, of which `scale` come to a cell of the grid.

@@ -96,7 +96,7 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let mut made = reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
 
-    if job.settings.may_end() && made.mesh.face_count() == 0 {
+    if job.settings.may_be_empty() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
     let mut simplification = None;

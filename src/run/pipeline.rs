@@ -20,7 +20,7 @@ use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
 use crate::run::bridging::{Trimmed, measured};
-use crate::run::estimate::{EstimateInput, estimate_faces};
+use crate::run::estimate::{EstimateInput, estimate_faces, estimate_open_faces, level_to_expect};
 use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
@@ -34,7 +34,7 @@ use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::stitch::reach::SeamReport;
-use crate::stitch::slab::SlabMesh;
+use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Counts, Stitched, Stitcher, VERTEX_LIMIT};
 use crate::storage::spool::Workspace;
 use crate::surface::extract;
@@ -193,6 +193,7 @@ pub fn survey_with(
     let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
+    let workload = workload.with_level(level_to_expect(survey.points, &coarse_grid, &grid));
     let mut workload = workload.with_simplification(settings.simplify.is_some());
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
@@ -280,17 +281,21 @@ pub fn rehearsed(
     budget: u64,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
-    if settings.open.is_some() || surveyed.grid.has_gaps() {
-        // The box alone lets expect more faces than one side of it has; and of a body among far points, the coarse grid has hardly a cell.
+    if settings.open.is_none() && surveyed.grid.has_gaps() {
+        // Of a body among far points, the coarse grid has hardly a cell.
         return Ok(surveyed);
     }
     let Surveyed { workload, coarse_grid, grid, .. } = &surveyed;
     progress.begin(Phase::Rehearse, None);
     let known = EstimateInput { workload, coarse_grid, grid, settings };
-    let workload = estimate_faces(known, workers, workspace, budget, |done, total| {
+    let told = |done, total| {
         progress.set_total(total);
         progress.set(done);
-    })?;
+    };
+    let workload = match &surveyed.open {
+        None => estimate_faces(known, workers, workspace, budget, told)?,
+        Some(open) => estimate_open_faces(known, open, workers, workspace, budget, told)?,
+    };
     progress.end();
     Ok(Surveyed { workload, ..surveyed })
 }
@@ -474,6 +479,7 @@ fn reconstruct_as<T: Coordinate>(
         mesh,
         closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
     );
+    let making = Making { solid, sampled: &sampled, options: surface, frame, jobs };
     let written: Spares<SlabMesh<T>> = Spares::default();
     let mut number = 0;
     context.workers.in_order_range(
@@ -484,7 +490,7 @@ fn reconstruct_as<T: Coordinate>(
             let size = workload.slabs()[number];
             let room = written.take().filter(|room| room.suits(size));
             let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
-            SlabMesh::make(number as u32, solid, &sampled, surface, frame, jobs, room)
+            SlabMesh::make(number as u32, &making, room)
         },
         |slab| {
             let (faces, points) = (faces_of_slab(number), points_of_slab(number));

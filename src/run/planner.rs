@@ -15,7 +15,7 @@ use bytesize::ByteSize;
 
 use crate::bridged;
 use crate::error::{Error, Result};
-use crate::grid::context::job_bytes;
+use crate::grid::context::{CHUNK_SLICES, job_bytes};
 use crate::grid::partition::{buckets_round, halo, slab_slices};
 use crate::input::BLOCK_RECORDS;
 use crate::mesh::check::job::Need;
@@ -169,11 +169,18 @@ impl MemoryPlan {
         let sealing = workload.slice_bytes().min(self.slices_quota());
         let standing = workload.standing_slice_bytes().min(self.slices_quota());
         let mesh = self.mesh_quota.min(workload.mesh_bytes());
-        let slices = self.chunks_in_flight as u64 * Self::chunk_job(workload);
+        // A pass over few slices has no more jobs than chunks.
+        let of_pass =
+            |jobs: usize, slices_of_job: u32| (jobs as u64).min(u64::from(workload.cells[1].div_ceil(slices_of_job)));
+        let slices = of_pass(self.chunks_in_flight, CHUNK_SLICES) * job_bytes(1, workload.cells);
+        let columns = workload.columns.map_or(0, |columns| {
+            let (of_slice, bridge) = (columns.of_slice, columns.bridge);
+            heightfield::bytes_of_pass(of_slice, bridge, workload.smooth, workload.cells[1], self.chunks_in_flight)
+        });
         let reopening = reopening(workload);
-        let slices = slices.max(self.jobs_of(reopening) as u64 * reopening);
+        let slices = (slices + columns).max(of_pass(self.jobs_of(reopening), CHUNK_SLICES) * reopening);
         let measuring = measuring(workload);
-        let measuring = measuring * self.jobs_of(measuring).min(self.threads) as u64;
+        let measuring = measuring * of_pass(self.jobs_of(measuring).min(self.threads), 1);
         let jobs = self.slab_jobs(workload, means)?;
         let slabs = jobs.bytes(workload, means);
         let held = buckets + if buckets > 0 { open / 2 } else { 0 };
@@ -301,9 +308,14 @@ fn reopening_records(workload: &Workload) -> u64 {
     if workload.columns.is_some() { 0 } else { reopen::records_to_expect(workload.faces().min(workload.points)) }
 }
 
-/// Bytes of the level that inside and outside are told apart on; a surface that is not closed needs none.
+/// Bytes of the level that inside and outside are told apart on, and of the first look at a finer one; a surface that is not closed needs none.
 fn deciding(workload: &Workload) -> u64 {
-    if workload.columns.is_some() { 0 } else { sign::bytes(workload.cells) }
+    if workload.columns.is_some() {
+        return 0;
+    }
+    let factor = workload.cells.into_iter().max().unwrap_or(1).div_ceil(sign::LONGEST).max(1);
+    let finest = workload.cells.map(|cells| cells.div_ceil(factor));
+    sign::bytes(workload.cells_of_level()).max(sign::outliers::bytes(finest, workload.points))
 }
 
 /// What the check takes.

@@ -271,6 +271,9 @@ pub(crate) fn surveyed(
     Ok((surveyed, settings))
 }
 
+/// With a budget of so many times the least, any slab of an open surface has room.
+const NEAR: u64 = 8;
+
 /// The plan of a surveyed cloud, and all that the passes over it are given.
 ///
 /// # Errors
@@ -284,8 +287,12 @@ pub(crate) fn planned(
     progress: &mut Progress,
 ) -> Result<(Surveyed, Context)> {
     progress.learn(|known| known.points = surveyed.survey.points);
-    // What the box alone lets expect may be too much.
-    if surveyed.survey.points >= WORTH_IT || pipeline::plan(&surveyed, workers, budget).is_err() {
+    // What the box alone lets expect may be too much; and of an open surface, whose walls fall to few slabs, too little.
+    let is_worth_it = match surveyed.open {
+        None => surveyed.survey.points >= WORTH_IT,
+        Some(_) => budget < NEAR * MemoryPlan::least(&surveyed.workload, workers.threads()),
+    };
+    if is_worth_it || pipeline::plan(&surveyed, workers, budget).is_err() {
         surveyed = rehearsed(surveyed, settings, workers, workspace, budget, progress)?;
     }
     let context = context(&surveyed, workers, workspace, budget)?;

@@ -42,6 +42,8 @@ pub struct Workload {
     simplified: bool,
     /// Whether distances from points are measured, and triangles left out by them.
     bridging: Option<bool>,
+    /// Cells of the grid to a cell of the level that inside and outside are told apart on, along every axis, at the least.
+    level: u32,
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
@@ -87,6 +89,7 @@ impl Workload {
             columns: None,
             simplified: false,
             bridging: None,
+            level: 1,
         }
     }
 
@@ -135,6 +138,16 @@ impl Workload {
     /// The same workload for a mesh whose vertices' distances from points are `measured`; triangles may be `trimmed` by them.
     pub fn with_bridging(self, measured: bool, trimmed: bool) -> Workload {
         Workload { bridging: (measured || trimmed).then_some(trimmed), ..self }
+    }
+
+    /// The same workload when inside and outside are told apart on cells so many times as wide as the grid's, or wider.
+    pub fn with_level(self, level: u32) -> Workload {
+        Workload { level: level.max(1), ..self }
+    }
+
+    /// The grid's cells taken together as those of that level.
+    pub(crate) fn cells_of_level(&self) -> Cell {
+        self.cells.map(|cells| cells.div_ceil(self.level))
     }
 
     /// The same workload with vertices that are moved onto something else than their nearest points.

@@ -121,6 +121,11 @@ impl Settings {
         self.trim.is_some() || self.open.is_some_and(|open| open.base.is_none())
     }
 
+    /// Whether points may make no triangle at all: a line seen from above makes none, nor does its body down to a base.
+    pub fn may_be_empty(&self) -> bool {
+        self.trim.is_some() || self.open.is_some()
+    }
+
     /// Checks what can be checked without the input.
     ///
     /// # Errors

@@ -29,7 +29,7 @@ mod distance;
 mod field;
 mod membrane;
 mod normal;
-mod outliers;
+pub mod outliers;
 mod rolling;
 mod sheet;
 mod support;

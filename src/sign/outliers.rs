@@ -6,7 +6,8 @@
 
 use rayon::prelude::*;
 
-use super::block::Block;
+use super::block::{Block, PAD};
+use crate::grid::Cell;
 
 /// How many times as large the cells are among which sparse samples are not thin.
 const COARSER: u32 = 3;
@@ -22,6 +23,13 @@ const FEWEST: usize = 27;
 
 /// The number of cells that one thread takes at a time.
 const TOGETHER: usize = 1024;
+
+/// The most memory that taking them out of a block of so many cells takes, of which no more than `occupied` are: two flags for each and a third for cells three times as
+/// large, and numbers of those that are occupied, as they are, as they are counted, and sorted.
+pub fn bytes(cells: Cell, occupied: u64) -> u64 {
+    let block: u64 = cells.into_iter().map(|c| u64::from(c) + 2 * PAD as u64).product();
+    3 * block + occupied.min(block) * 5 * size_of::<u32>() as u64
+}
 
 /// Takes the outliers out of the occupied cells, and gives them. The work is dealt out to the pool that it is called in.
 pub fn take_out(block: &Block, occupied: &mut [bool]) -> Vec<u32> {

@@ -276,7 +276,7 @@ pub fn close_below<T: Coordinate>(
 }
 
 /// The side of the cells that the field is looked for on, in sampling distances, at the least.
-const COARSE: f64 = 1.1;
+pub(crate) const COARSE: f64 = 1.1;
 
 /// The last ball's radius, in sampling distances.
 const BALL: f64 = 1.5;

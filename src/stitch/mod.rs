@@ -12,6 +12,7 @@
 //! upper half of slab k, so the numbers in its lower half, which slab k - 1's triangles name, are final in time. A retreat mostly reaches a few cells;
 //! those vertices of slab k up to the last that is named are *frozen*, and a round that would move one of them is not done.
 
+pub mod numbers;
 pub mod reach;
 pub mod seam;
 pub mod slab;
@@ -19,9 +20,10 @@ pub mod trim;
 
 use glam::DVec3;
 
+use self::numbers::{InMesh, InSlab, Named};
 use self::reach::SeamReport;
 use self::seam::Seam;
-use self::slab::{BEFORE, SlabMesh};
+use self::slab::SlabMesh;
 use self::trim::{Trim, Trimmed};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
@@ -44,25 +46,56 @@ pub struct Stitcher<'a, T> {
     grid: &'a Grid,
     /// Slices either side of a seam within which vertices of both slabs can have the same point.
     halo: u32,
-    frame: Frame,
     broad_phase: BroadPhase,
-    mesh: MeshSpool,
+    mesh: Appended,
     waiting: Option<SlabMesh<T>>,
     /// The number of the waiting slab's first vertex.
     base: u64,
     /// Numbers of the vertices of the slab before the waiting one.
-    before: Vec<u32>,
+    before: Vec<InMesh>,
     /// What is left out, if the surface is not closed.
     trim: Option<Trim>,
     /// The waiting slab's vertices `0..frozen` must stay as they are: the slab before names them.
     frozen: u32,
-    vertices: Vec<[f64; 3]>,
-    attributes: Vec<u8>,
-    faces: Vec<FaceRecord>,
     counts: Counts,
     seams: Vec<SeamReport>,
     /// The highest of the waiting slab's vertices that the seam below it changed.
-    changed: Option<u32>,
+    changed: Option<InSlab>,
+}
+
+/// A mesh that is appended to, vertex by vertex and triangle by triangle; they are handed on together.
+#[derive(Debug)]
+struct Appended {
+    mesh: MeshSpool,
+    frame: Frame,
+    vertices: Vec<[f64; 3]>,
+    attributes: Vec<u8>,
+    faces: Vec<FaceRecord>,
+}
+
+impl Appended {
+    fn vertex<T: Coordinate>(&mut self, slab: &SlabMesh<T>, v: InSlab) -> Result<()> {
+        let stride = self.mesh.schema().stride();
+        self.vertices.push(self.frame.place(slab.position(v)));
+        self.attributes.extend_from_slice(&slab.attributes[v.at() * stride..][..stride]);
+        if self.vertices.len() == PIECE { self.hand_on() } else { Ok(()) }
+    }
+
+    fn face(&mut self, vertices: [InMesh; 3]) -> Result<()> {
+        self.faces.push(FaceRecord::new(vertices.map(|InMesh(v)| v)));
+        if self.faces.len() == PIECE { self.hand_on() } else { Ok(()) }
+    }
+
+    /// Hands what is gathered to the mesh.
+    fn hand_on(&mut self) -> Result<()> {
+        self.mesh.append_vertices(&self.vertices)?;
+        self.mesh.append_attributes(&self.attributes)?;
+        self.mesh.append_faces(&self.faces)?;
+        self.vertices.clear();
+        self.attributes.clear();
+        self.faces.clear();
+        Ok(())
+    }
 }
 
 /// The mesh that slabs became.
@@ -124,17 +157,13 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
         Stitcher {
             grid,
             halo,
-            frame,
             broad_phase: BroadPhase::new(grid, frame.origin),
-            mesh,
+            mesh: Appended { mesh, frame, vertices: Vec::new(), attributes: Vec::new(), faces: Vec::new() },
             waiting: None,
             base: 0,
             before: Vec::new(),
             trim: trimmed.then(Trim::default),
             frozen: 0,
-            vertices: Vec::new(),
-            attributes: Vec::new(),
-            faces: Vec::new(),
             counts: Counts::default(),
             seams: Vec::new(),
             changed: None,
@@ -148,7 +177,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     pub fn add(&mut self, mut slab: SlabMesh<T>) -> Result<Option<SlabMesh<T>>> {
         let mut lower = self.waiting.take();
         if let Some(lower) = &mut lower {
-            let mut seam = Seam::of(lower, &mut slab, self.frozen, self.frame, self.broad_phase.quantizer());
+            let mut seam = Seam::of(lower, &mut slab, self.frozen, self.mesh.frame, self.broad_phase.quantizer());
             let mut changed = seam.close();
             changed.extend(seam.choose_fitted(self.grid, self.halo));
             changed.extend(seam.strayed(self.grid));
@@ -173,7 +202,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
         if let Some(last) = self.waiting.take() {
             self.write(&last, None)?;
         }
-        Ok(Stitched { mesh: self.mesh, counts: self.counts, seams: self.seams })
+        Ok(Stitched { mesh: self.mesh.mesh, counts: self.counts, seams: self.seams })
     }
 
     fn write(&mut self, slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> Result<()> {
@@ -184,13 +213,13 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             let after = self.number_after(written.iter().filter(|written| **written).count())?;
             for ((v, written), state) in (0..).zip(written).zip(&slab.state) {
                 if written {
-                    self.put_vertex(slab, v)?;
+                    self.mesh.vertex(slab, InSlab(v))?;
                 }
                 if written || *state == VertexState::Contracted {
                     self.counts.count(*state);
                 }
             }
-            triangles.into_iter().try_for_each(|triangle| self.put_face(triangle))?;
+            triangles.into_iter().try_for_each(|triangle| self.mesh.face(triangle))?;
             self.frozen = frozen;
             after
         } else {
@@ -200,27 +229,23 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             for (v, state) in (0..).zip(&slab.state) {
                 self.counts.count(*state);
                 if *state != VertexState::Contracted {
-                    self.put_vertex(slab, v)?;
+                    self.mesh.vertex(slab, InSlab(v))?;
                 }
             }
-            let named = slab.triangles_left().flatten().filter(|v| (slab.own()..BEFORE).contains(v)).max();
-            self.frozen = named.map_or(0, |v| v - slab.own() + 1);
+            let named = slab.triangles_left().flatten().filter_map(|name| slab.named(name).of_next()).max();
+            self.frozen = named.map_or(0, |v| v.0 + 1);
             let numbers_after = next.map_or_else(Vec::new, |next| number(&next.state[..self.frozen as usize], after));
             for triangle in slab.triangles_left() {
-                self.put_face(triangle.map(|v| {
-                    if v >= BEFORE {
-                        self.before[(v - BEFORE) as usize]
-                    } else if v >= slab.own() {
-                        numbers_after[(v - slab.own()) as usize]
-                    } else {
-                        numbers[v as usize]
-                    }
+                self.mesh.face(triangle.map(|name| match slab.named(name) {
+                    Named::Own(v) => numbers[v.at()],
+                    Named::Next(v) => numbers_after[v.at()],
+                    Named::Before(v) => self.before[v.at()],
                 }))?;
             }
             self.before = numbers;
             after
         };
-        self.hand_on()?;
+        self.mesh.hand_on()?;
         self.base = after;
         Ok(())
     }
@@ -238,36 +263,17 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
         }
         Ok(after)
     }
-
-    fn put_vertex(&mut self, slab: &SlabMesh<T>, v: u32) -> Result<()> {
-        let stride = self.mesh.schema().stride();
-        self.vertices.push(self.frame.place(slab.position(v)));
-        self.attributes.extend_from_slice(&slab.attributes[v as usize * stride..][..stride]);
-        if self.vertices.len() == PIECE { self.hand_on() } else { Ok(()) }
-    }
-
-    fn put_face(&mut self, vertices: [u32; 3]) -> Result<()> {
-        self.faces.push(FaceRecord::new(vertices));
-        if self.faces.len() == PIECE { self.hand_on() } else { Ok(()) }
-    }
-
-    /// Hands what is gathered to the mesh.
-    fn hand_on(&mut self) -> Result<()> {
-        self.mesh.append_vertices(&self.vertices)?;
-        self.mesh.append_attributes(&self.attributes)?;
-        self.mesh.append_faces(&self.faces)?;
-        self.vertices.clear();
-        self.attributes.clear();
-        self.faces.clear();
-        Ok(())
-    }
 }
 
 /// The area of a slab's triangles that are written and whose vertices all stay, or lie at an interpolated height. Vertices of the slab before are named only by triangles that were contracted onto a point.
 fn bridged_area<T: Coordinate>(slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> f64 {
-    let place = |v: u32| -> Option<DVec3> {
-        let (mesh, v) = if v < slab.own() { (slab, v) } else { (next?, v.checked_sub(slab.own())?) };
-        let stays = matches!(mesh.state.get(v as usize)?, VertexState::Unfitted | VertexState::Bridged);
+    let place = |name: u32| -> Option<DVec3> {
+        let (mesh, v) = match slab.named(name) {
+            Named::Own(v) => (slab, v),
+            Named::Next(v) => (next?, v),
+            Named::Before(_) => return None,
+        };
+        let stays = matches!(mesh.state[v.at()], VertexState::Unfitted | VertexState::Bridged);
         stays.then(|| DVec3::from(mesh.position(v)))
     };
     let corners = slab.triangles_written().filter_map(|[a, b, c]| Some([place(a)?, place(b)?, place(c)?]));
@@ -275,12 +281,12 @@ fn bridged_area<T: Coordinate>(slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -
 }
 
 /// The numbers of vertices, given what became of them, counted from `base`; those of contracted ones mean nothing.
-fn number(states: &[VertexState], base: u64) -> Vec<u32> {
+fn number(states: &[VertexState], base: u64) -> Vec<InMesh> {
     let mut next = base as u32;
     states
         .iter()
         .map(|state| {
-            let number = next;
+            let number = InMesh(next);
             next += u32::from(*state != VertexState::Contracted);
             number
         })

@@ -10,8 +10,9 @@ use crate::grid::Grid;
 use crate::grid::partition::TRAVEL;
 use crate::mesh::spool::Frame;
 use crate::points::{Coordinate, bits};
+use crate::stitch::numbers::{BEFORE, InSlab, Named};
 use crate::stitch::reach::{Reach, SeamReport};
-use crate::stitch::slab::{BEFORE, SlabMesh};
+use crate::stitch::slab::SlabMesh;
 use crate::storage::seeds::SeededMap;
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_gone};
 use crate::surface::untangle::broad_phase::{BLOCK, TriangleSet};
@@ -28,7 +29,7 @@ use crate::surface::vertex_state::VertexState;
 pub struct Seam<'a, T> {
     lower: &'a mut SlabMesh<T>,
     upper: &'a mut SlabMesh<T>,
-    /// Vertices `0..frozen` must stay as they are.
+    /// The lower slab's first so many vertices must stay as they are.
     frozen: u32,
     frame: Frame,
     quantizer: Quantizer,
@@ -58,18 +59,20 @@ impl<'a, T: Coordinate> Seam<'a, T> {
 
     /// How the seam was closed, in so many rounds of retreat, if the seam before changed the lower slab's vertices up to `changed_before`. And the highest of the upper
     /// slab's vertices that was changed, by its number there.
-    pub fn report(&self, rounds: u32, changed_before: Option<u32>) -> (SeamReport, Option<u32>) {
-        let (lower, upper, own) = (&*self.lower, &*self.upper, self.lower.own());
-        let plane = |v: u32| if v < own { lower.plane_of(v) } else { upper.plane_of(v - own) };
+    pub fn report(&self, rounds: u32, changed_before: Option<InSlab>) -> (SeamReport, Option<InSlab>) {
+        let plane = |v: u32| {
+            let (slab, v) = self.place_of(v);
+            slab.plane_of(v)
+        };
         let planes = |range: RangeInclusive<u32>| [plane(*range.start()), plane(*range.end())];
         let [read, changed] = [self.reach.all_read(), self.reach.all_changed()];
         let apart = match (changed_before, &read) {
-            (Some(changed), Some(read)) => changed < *read.start(),
+            (Some(changed), Some(read)) => changed.0 < *read.start(),
             _ => true,
         };
-        let highest = changed.as_ref().and_then(|range| range.end().checked_sub(own));
+        let highest = changed.as_ref().and_then(|range| range.end().checked_sub(self.lower.own())).map(InSlab);
         let report = SeamReport {
-            plane: upper.slices.start,
+            plane: self.upper.slices.start,
             read: read.map(planes),
             changed: changed.map(planes),
             rounds,
@@ -83,19 +86,32 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         self.lower.triangles.len().next_multiple_of(BLOCK) as u32
     }
 
-    /// The slab that a vertex is of, and its number there.
-    fn slab_of(&self, v: u32) -> (&SlabMesh<T>, u32) {
+    /// The slab that a vertex is of, and its number there. It counts as read.
+    fn slab_of(&self, v: u32) -> (&SlabMesh<T>, InSlab) {
         self.reach.read(v);
-        if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
+        self.place_of(v)
     }
 
-    fn slab_of_mut(&mut self, v: u32) -> (&mut SlabMesh<T>, u32) {
-        if v < self.lower.own() { (self.lower, v) } else { (self.upper, v - self.lower.own()) }
+    fn place_of(&self, v: u32) -> (&SlabMesh<T>, InSlab) {
+        if v < self.lower.own() { (self.lower, InSlab(v)) } else { (self.upper, InSlab(v - self.lower.own())) }
     }
 
-    /// The number here of what the upper slab calls `v`, and the reverse.
-    fn named_by_upper(&self, v: u32) -> u32 {
-        if v < BEFORE { self.lower.own() + v } else { v - BEFORE }
+    fn slab_of_mut(&mut self, v: u32) -> (&mut SlabMesh<T>, InSlab) {
+        if v < self.lower.own() { (self.lower, InSlab(v)) } else { (self.upper, InSlab(v - self.lower.own())) }
+    }
+
+    /// The number here of a vertex of the upper slab.
+    fn of_upper(&self, v: InSlab) -> u32 {
+        self.lower.own() + v.0
+    }
+
+    /// The number here of what the upper slab calls `name`, and the reverse.
+    fn named_by_upper(&self, name: u32) -> u32 {
+        match self.upper.named(name) {
+            Named::Before(InSlab(v)) => v,
+            // Those of the slab beyond follow the upper one's.
+            Named::Own(_) | Named::Next(_) => self.lower.own() + name,
+        }
     }
 
     fn name_to_upper(&self, v: u32) -> u32 {
@@ -119,9 +135,9 @@ impl<'a, T: Coordinate> Seam<'a, T> {
 
     /// Takes note that all vertices on so many planes on either side of the seam are read.
     fn read_near(&self, planes: u32) {
-        let (below, above) = (self.lower.on_highest(planes), self.upper.on_lowest(planes));
-        let of_upper = above.end.checked_sub(1).map(|v| self.lower.own() + v);
-        (!below.is_empty()).then_some(below.start).into_iter().chain(of_upper).for_each(|v| self.reach.read(v));
+        let lowest = self.lower.on_highest(planes).next().map(|InSlab(v)| v);
+        let highest = self.upper.on_lowest(planes).next_back().map(|v| self.of_upper(v));
+        lowest.into_iter().chain(highest).for_each(|v| self.reach.read(v));
     }
 
     /// The vertices of either slab that have come to the other's side of the plane: only their triangles, and those on the plane, can meet the other
@@ -130,11 +146,11 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         let plane = f64::from(self.upper.slices.start);
         self.read_near(TRAVEL);
         // In cells; what is just about on the plane counts as beyond it, whichever way it was rounded.
-        let height = |slab: &SlabMesh<T>, v: u32| grid.height_of(slab.position(v)) - plane;
-        let lives = |slab: &SlabMesh<T>, v: &u32| slab.state[*v as usize] != VertexState::Contracted;
+        let height = |slab: &SlabMesh<T>, v: InSlab| grid.height_of(slab.position(v)) - plane;
+        let lives = |slab: &SlabMesh<T>, v: &InSlab| slab.state[v.at()] != VertexState::Contracted;
         let of_lower = self.lower.on_highest(TRAVEL).filter(|v| lives(self.lower, v) && height(self.lower, *v) > -0.01);
         let of_upper = self.upper.on_lowest(TRAVEL).filter(|v| lives(self.upper, v) && height(self.upper, *v) < 0.01);
-        of_lower.chain(of_upper.map(|v| self.lower.own() + v)).collect()
+        of_lower.map(|InSlab(v)| v).chain(of_upper.map(|v| self.of_upper(v))).collect()
     }
 
     /// The vertex's point as something to compare ([`bits`]). None if it has none, has gone back, or is of a slab beyond.
@@ -143,8 +159,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
             return None;
         }
         let (slab, v) = self.slab_of(v);
-        let v = v as usize;
-        slab.state[v].is_on_point().then(|| bits(slab.fitted.target[v]))
+        slab.state[v.at()].is_on_point().then(|| bits(slab.fitted.target[v.at()]))
     }
 
     fn distance(&self, v: u32) -> f64 {
@@ -232,13 +247,19 @@ impl<'a, T: Coordinate> Seam<'a, T> {
 
     /// Of some vertices of a slab, those that took the place of a point near the seam, by where the point lies: lower than the two slices at the seam, in them,
     /// higher. Of the upper slab there are hardly any of the first, of the lower one hardly any of the last, so that few have to be compared.
-    fn fitted_near(&self, mesh: &SlabMesh<T>, vertices: Range<u32>, grid: &Grid, halo: u32) -> [Vec<u32>; 3] {
+    fn fitted_near(
+        &self,
+        mesh: &SlabMesh<T>,
+        vertices: impl Iterator<Item = InSlab>,
+        grid: &Grid,
+        halo: u32,
+    ) -> [Vec<InSlab>; 3] {
         let seam = self.upper.slices.start;
         // A vertex of the other slab can have the same point only if the point lies this near to the seam, and a vertex lies as near to its point.
         let near = seam.saturating_sub(halo)..seam + halo;
-        let mut out: [Vec<u32>; 3] = Default::default();
-        for v in vertices.filter(|&v| mesh.state[v as usize] == VertexState::Fitted) {
-            let slice = grid.slice_of(mesh.fitted.target[v as usize].map(Into::into));
+        let mut out: [Vec<InSlab>; 3] = Default::default();
+        for v in vertices.filter(|v| mesh.state[v.at()] == VertexState::Fitted) {
+            let slice = grid.slice_of(mesh.fitted.target[v.at()].map(Into::into));
             if near.contains(&slice) {
                 out[usize::from(slice + 1 >= seam) + usize::from(slice > seam)].push(v);
             }
@@ -253,13 +274,13 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         let above = self.fitted_near(self.upper, self.upper.on_lowest(2 * halo), grid, halo);
         let mut changed = Vec::new();
         for (below, above) in below.into_iter().zip(above) {
-            let below = below.into_iter().map(|v| (bits(self.lower.fitted.target[v as usize]), v));
-            let above = above.into_iter().map(|v| (bits(self.upper.fitted.target[v as usize]), v));
+            let below = below.into_iter().map(|v| (bits(self.lower.fitted.target[v.at()]), v));
+            let above = above.into_iter().map(|v| (bits(self.upper.fitted.target[v.at()]), v));
             for (v, u) in common(below, above) {
                 if self.upper.distance(u) < self.lower.distance(v) {
-                    changed.push(v);
+                    changed.push(v.0);
                 } else {
-                    changed.push(self.lower.own() + u);
+                    changed.push(self.of_upper(u));
                 }
             }
         }
@@ -267,8 +288,8 @@ impl<'a, T: Coordinate> Seam<'a, T> {
             self.reach.change(v);
             let (frame, quantizer) = (self.frame, self.quantizer);
             let (slab, v) = self.slab_of_mut(v);
-            slab.state[v as usize] = VertexState::Attracted;
-            slab.quantized[v as usize] = quantizer.quantized_point(frame.place(slab.position(v)));
+            slab.state[v.at()] = VertexState::Attracted;
+            slab.quantized[v.at()] = quantizer.quantized_point(frame.place(slab.position(v)));
         }
         changed
     }
@@ -276,13 +297,13 @@ impl<'a, T: Coordinate> Seam<'a, T> {
 
 /// The pairs of values of equal keys, in the order of the longer side.
 fn common<K: Eq + Hash>(
-    one: impl ExactSizeIterator<Item = (K, u32)>,
-    other: impl ExactSizeIterator<Item = (K, u32)>,
-) -> Vec<(u32, u32)> {
+    one: impl ExactSizeIterator<Item = (K, InSlab)>,
+    other: impl ExactSizeIterator<Item = (K, InSlab)>,
+) -> Vec<(InSlab, InSlab)> {
     if one.len() > other.len() {
         return common(other, one).into_iter().map(|(v, u)| (u, v)).collect();
     }
-    let one: SeededMap<K, u32> = one.collect();
+    let one: SeededMap<K, InSlab> = one.collect();
     other.filter_map(|(key, u)| Some((*one.get(&key)?, u))).collect()
 }
 
@@ -320,7 +341,7 @@ impl<T: Coordinate> TriangleSet for Seam<'_, T> {
     #[inline]
     fn quantized_point(&self, v: u32) -> QuantizedPoint {
         let (slab, v) = self.slab_of(v);
-        slab.quantized[v as usize]
+        slab.quantized[v.at()]
     }
 
     fn blocks(&mut self) -> &mut [PackedBox] {
@@ -352,7 +373,7 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
             return NONE;
         }
         let (slab, at) = self.slab_of(v);
-        match slab.stars.also[at as usize] {
+        match slab.stars.also[at.at()] {
             NONE => NONE,
             also if v < self.lower.own() => also,
             also => self.named_by_upper(also),
@@ -377,7 +398,7 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
 
     fn state(&self, v: u32) -> VertexState {
         let (slab, v) = self.slab_of(v);
-        slab.state[v as usize]
+        slab.state[v.at()]
     }
 
     fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState) {
@@ -394,8 +415,8 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
         let also = if v < self.lower.own() || also == NONE { also } else { self.name_to_upper(also) };
         let (frame, quantizer) = (self.frame, self.quantizer);
         let (slab, v) = self.slab_of_mut(v);
-        slab.stars.also[v as usize] = also;
-        slab.state[v as usize] = state;
-        slab.quantized[v as usize] = quantizer.quantized_point(frame.place(slab.position(v)));
+        slab.stars.also[v.at()] = also;
+        slab.state[v.at()] = state;
+        slab.quantized[v.at()] = quantizer.quantized_point(frame.place(slab.position(v)));
     }
 }

@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::slab_slices;
-use crate::grid::partition::{halo, slices_of, smooth_halo};
+use crate::grid::partition::{halo, plane_halo, slices_of, smooth_halo};
 use crate::grid::slice::Bits;
 use crate::mesh::spool::Frame;
 use crate::points::Coordinate;
@@ -15,6 +15,7 @@ use crate::resources::memory::SlabJobs;
 use crate::resources::workers::refill;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::Solid;
+use crate::stitch::numbers::{InSlab, Named};
 use crate::surface::attributes::{self, attributes};
 use crate::surface::contract::{self, Groups, NONE, Stars, contract, is_gone};
 use crate::surface::extract::{Kind, Surface, Triangles};
@@ -29,8 +30,7 @@ use crate::surface::vertex_state::{SHARES, VertexState};
 
 /// The mesh of one slab, of points of precision `T`.
 ///
-/// Triangles name vertices by number: `0..own()` are the slab's, `own() + n` is vertex n of the next slab, and from
-/// [`BEFORE`] on, `BEFORE + n` is vertex n of the slab before (only where the seam below was closed over it).
+/// Triangles name vertices by number, as [`Named`] says: the slab's, and those of the slabs on either side.
 #[derive(Debug, Default)]
 pub struct SlabMesh<T> {
     /// The slab's slices.
@@ -59,6 +59,21 @@ pub struct SlabMesh<T> {
     pub blocks: Vec<PackedBox>,
     /// Pairs of its own triangles that still intersect.
     pub tangled: u64,
+}
+
+/// What slabs are made of, and how.
+#[derive(Debug)]
+pub struct Making<'a, T> {
+    /// The solid cells.
+    pub solid: &'a Solid,
+    /// The points and the cells that count.
+    pub sampled: &'a Sampled<'a, T>,
+    /// How the surface is made; what vertices are moved onto has been [chosen](Fit::chosen).
+    pub options: SurfaceOptions,
+    /// How positions are going to be written.
+    pub frame: Frame,
+    /// How many slabs exist at a time.
+    pub jobs: SlabJobs,
 }
 
 /// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::extract::weights`].
@@ -197,9 +212,6 @@ impl Size {
     }
 }
 
-/// Where [`SlabMesh`]'s numbers of the slab before begin.
-pub const BEFORE: u32 = 1 << 31;
-
 impl<T: Coordinate> SlabMesh<T> {
     /// Number of the slab's own vertices, contracted ones included.
     pub fn own(&self) -> u32 {
@@ -211,19 +223,27 @@ impl<T: Coordinate> SlabMesh<T> {
         self.planes[1]
     }
 
+    /// What its triangles mean by a name.
+    #[inline]
+    pub fn named(&self, name: u32) -> Named {
+        Named::of(name, self.own())
+    }
+
     /// The plane that vertex `v` is on.
-    pub fn plane_of(&self, v: u32) -> u32 {
-        self.slices.start + self.planes.partition_point(|first| *first <= v) as u32 - 1
+    pub fn plane_of(&self, v: InSlab) -> u32 {
+        self.slices.start + self.planes.partition_point(|first| *first <= v.0) as u32 - 1
     }
 
     /// The vertices on the lowest `planes` planes.
-    pub fn on_lowest(&self, planes: u32) -> Range<u32> {
-        0..self.planes[self.planes.len().min(planes as usize + 1) - 1]
+    pub fn on_lowest(&self, planes: u32) -> impl DoubleEndedIterator<Item = InSlab> + use<T> {
+        let numbers = 0..self.planes[self.planes.len().min(planes as usize + 1) - 1];
+        numbers.map(InSlab)
     }
 
     /// The vertices on the highest `planes` planes.
-    pub fn on_highest(&self, planes: u32) -> Range<u32> {
-        self.planes[self.planes.len().saturating_sub(planes as usize + 1)]..self.own()
+    pub fn on_highest(&self, planes: u32) -> impl DoubleEndedIterator<Item = InSlab> + use<T> {
+        let numbers = self.planes[self.planes.len().saturating_sub(planes as usize + 1)]..self.own();
+        numbers.map(InSlab)
     }
 
     /// Room for a slab of this size: what it does not fill is not touched.
@@ -248,20 +268,12 @@ impl<T: Coordinate> SlabMesh<T> {
         (needed..=needed + needed / 8 + SMALL).contains(&room)
     }
 
-    /// Makes the mesh of slab `number`, as one of so many `jobs`, in the memory of `room`: of a slab that is done with. What vertices are moved onto has been
-    /// [chosen](Fit::chosen).
+    /// Makes the mesh of slab `number` in the memory of `room`: of a slab that is done with.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn make(
-        number: u32,
-        solid: &Solid,
-        sampled: &Sampled<'_, T>,
-        options: SurfaceOptions,
-        frame: Frame,
-        jobs: SlabJobs,
-        room: SlabMesh<T>,
-    ) -> Result<SlabMesh<T>> {
+    pub fn make(number: u32, making: &Making<'_, T>, room: SlabMesh<T>) -> Result<SlabMesh<T>> {
+        let Making { solid, sampled, options, frame, jobs } = *making;
         let slices = slices_of(number, options.smooth, solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
@@ -325,7 +337,9 @@ impl<T: Coordinate> SlabMesh<T> {
             Fit::None => Fitted::none(own.len(), room.fitted),
             Fit::Plane => {
                 let mut fitted = Fitted::none(own.len(), room.fitted);
-                project(sampled, solid, &surface, &q, planes.clone(), options.smooth, |v, place| {
+                let halo = plane_halo(options.smooth);
+                let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo };
+                project(sampled, solid, &task, |v, place| {
                     state[v] = VertexState::Projected;
                     fitted.target[v] = grid.position(place).map(T::from_f64);
                 })?;
@@ -399,14 +413,14 @@ impl<T: Coordinate> SlabMesh<T> {
         on_points.extend((0..self.own()).filter(lives).map(key));
         on_points.sort_unstable();
         for same in on_points.chunk_by(|a, b| a >> 32 == b >> 32) {
-            let mut nearest = same[0] as u32;
-            for v in same.iter().map(|key| *key as u32) {
-                self.state[v as usize] = VertexState::Attracted;
+            let mut nearest = InSlab(same[0] as u32);
+            for v in same.iter().map(|key| InSlab(*key as u32)) {
+                self.state[v.at()] = VertexState::Attracted;
                 if self.distance(v) < self.distance(nearest) {
                     nearest = v;
                 }
             }
-            self.state[nearest as usize] = VertexState::Fitted;
+            self.state[nearest.at()] = VertexState::Fitted;
         }
     }
 
@@ -414,7 +428,8 @@ impl<T: Coordinate> SlabMesh<T> {
     fn retreat_inside(&mut self, frame: Frame, near: &mut BroadPhase) {
         let first = if self.slices.start > 0 { self.seam() } else { 0 };
         let quantizer = near.quantizer();
-        let places: Vec<[T; 3]> = (0..self.own()).map(|v| frame.place(self.position(v)).map(T::from_f64)).collect();
+        let own = (0..self.own()).map(InSlab);
+        let places: Vec<[T; 3]> = own.map(|v| frame.place(self.position(v)).map(T::from_f64)).collect();
         self.quantized.clear();
         self.quantized.reserve_exact(places.len());
         self.quantized.extend(places.iter().map(|place| quantizer.quantized_point(place.map(Into::into))));
@@ -425,14 +440,14 @@ impl<T: Coordinate> SlabMesh<T> {
 
     /// The squared distance of vertex `v`, where smoothing put it, to its point.
     #[inline]
-    pub fn distance(&self, v: u32) -> f64 {
-        self.fitted.distance(v as usize, self.smoothed[v as usize])
+    pub fn distance(&self, v: InSlab) -> f64 {
+        self.fitted.distance(v.at(), self.smoothed[v.at()])
     }
 
     /// The final position of vertex `v`, in file axes.
-    pub fn position(&self, v: u32) -> [f64; 3] {
-        let (smoothed, target) = (self.smoothed[v as usize], self.fitted.target[v as usize].map(Into::into));
-        match self.state[v as usize] {
+    pub fn position(&self, v: InSlab) -> [f64; 3] {
+        let (smoothed, target) = (self.smoothed[v.at()], self.fitted.target[v.at()].map(Into::into));
+        match self.state[v.at()] {
             VertexState::Fitted | VertexState::Projected | VertexState::Bridged => target,
             VertexState::Attracted => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
             VertexState::Unfitted | VertexState::Contracted => smoothed,
@@ -444,8 +459,8 @@ impl<T: Coordinate> SlabMesh<T> {
         }
     }
 
-    fn rest_of(&self, v: u32) -> [f64; 3] {
-        *self.rest.get(v as usize).unwrap_or(&self.smoothed[v as usize])
+    fn rest_of(&self, v: InSlab) -> [f64; 3] {
+        *self.rest.get(v.at()).unwrap_or(&self.smoothed[v.at()])
     }
 
     /// Whether a triangle is written, if it is left.
@@ -551,7 +566,7 @@ impl<T: Coordinate> Submesh for Inside<'_, T> {
         }
         stars.also[v as usize] = also;
         self.slab.state[v as usize] = state;
-        let place = self.frame.place(self.slab.position(v));
+        let place = self.frame.place(self.slab.position(InSlab(v)));
         self.places[v as usize] = place.map(T::from_f64);
         self.slab.quantized[v as usize] = self.quantizer.quantized_point(place);
     }

@@ -1,4 +1,4 @@
-//! Seams that are said to be clean come out the same where stitching begins at them.
+//! Seams that are said to be clean come out the same where stitching begins at them; and what must not move does not, with all that would have moved with it.
 
 use std::ops::Range;
 
@@ -6,6 +6,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::grid::bucket::Buckets;
+use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{halo, slab_count};
 use crate::input::{Cloud, InputOptions};
@@ -17,7 +18,10 @@ use crate::run::progress::{Progress, Show};
 use crate::settings::surface::SurfaceOptions;
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::close::{ClosingOptions, close};
+use crate::stitch::slab::Making;
 use crate::storage::spool::Workspace;
+use crate::surface::untangle::step_back;
+use crate::surface::untangle::submesh::Submesh;
 
 const FRAME: Frame = Frame { origin: [0.0; 3], precision: Precision::Single };
 
@@ -41,8 +45,13 @@ fn points(seed: u64, count: usize, in_volume: f64) -> Vec<[f32; 3]> {
     (0..count).map(|_| point()).collect()
 }
 
-/// Stitches each range of slabs by itself; `ranges` is given the number of slabs.
-fn stitched(cloud: &[[f32; 3]], slices: u32, smooth: u32, ranges: impl Fn(u32) -> Vec<Range<u32>>) -> Vec<Closed> {
+/// What `work` makes of a cloud's slabs.
+fn with_slabs<R>(
+    cloud: &[[f32; 3]],
+    slices: u32,
+    smooth: u32,
+    work: impl FnOnce(&Grid, &Making<'_, f32>, &Context) -> R,
+) -> R {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("cloud.bin");
     std::fs::write(&path, cloud.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
@@ -62,19 +71,82 @@ fn stitched(cloud: &[[f32; 3]], slices: u32, smooth: u32, ranges: impl Fn(u32) -
     let sampled = Sampled { buckets: &buckets, occupied: &closed.occupancy.store, grid, counted: Counted::All };
     let options = SurfaceOptions { smooth, ..settings.surface };
     let jobs = SlabJobs { running: 2, ahead: 0, piece_points: 1 << 20 };
-    let stitch = |range: Range<u32>| {
-        let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
-        let mut stitcher = Stitcher::new(grid, halo(smooth), FRAME, mesh, false);
-        let mut slabs = Vec::new();
-        for number in range {
-            let room = SlabMesh::default();
-            let slab = SlabMesh::make(number, &closed.solid, &sampled, options, FRAME, jobs, room).unwrap();
-            slabs.extend(stitcher.add(slab).unwrap());
-        }
-        slabs.extend(stitcher.waiting.take());
-        Closed { slabs, seams: stitcher.seams }
-    };
-    ranges(slab_count(smooth, grid.cells()[1])).into_iter().map(stitch).collect()
+    work(grid, &Making { solid: &closed.solid, sampled: &sampled, options, frame: FRAME, jobs }, &context)
+}
+
+/// Stitches each range of slabs by itself; `ranges` is given the number of slabs.
+fn stitched(cloud: &[[f32; 3]], slices: u32, smooth: u32, ranges: impl Fn(u32) -> Vec<Range<u32>>) -> Vec<Closed> {
+    with_slabs(cloud, slices, smooth, |grid, making, context| {
+        let stitch = |range: Range<u32>| {
+            let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
+            let mut stitcher = Stitcher::new(grid, halo(smooth), FRAME, mesh, false);
+            let mut slabs = Vec::new();
+            for number in range {
+                let slab = SlabMesh::make(number, making, SlabMesh::default()).unwrap();
+                slabs.extend(stitcher.add(slab).unwrap());
+            }
+            slabs.extend(stitcher.waiting.take());
+            Closed { slabs, seams: stitcher.seams }
+        };
+        ranges(slab_count(smooth, grid.cells()[1])).into_iter().map(stitch).collect()
+    })
+}
+
+/// All of a slab that going back may change.
+type Changeable = (Vec<VertexState>, Vec<u32>, Vec<[u32; 3]>, Vec<[f64; 3]>);
+
+fn changeable(slab: &SlabMesh<f32>) -> Changeable {
+    let places = (0..slab.own()).map(|v| slab.position(InSlab(v))).collect();
+    (slab.state.clone(), slab.stars.also.clone(), slab.triangles.clone(), places)
+}
+
+/// A round of going back that meets a frozen vertex is taken back whole, after it has moved others and has taken clusters apart; a round that meets none moves no frozen one.
+#[test]
+fn a_round_that_meets_a_frozen_vertex_leaves_everything_as_it_was() {
+    let (mut taken_back, mut done, mut parted) = (0, 0, 0);
+    for seed in 0..16u64 {
+        let cloud = points(0x9E37_79B9_7F4A_7C15 ^ seed, 2500, 0.15 * (seed % 5) as f64);
+        with_slabs(&cloud, 62, 1, |grid, making, _| {
+            let [mut lower, mut upper] =
+                [0, 1].map(|number| SlabMesh::make(number, making, SlabMesh::default()).unwrap());
+            let quantizer = BroadPhase::new(grid, FRAME.origin).quantizer();
+            Seam::of(&mut lower, &mut upper, 0, FRAME, quantizer).close();
+            let own = lower.own();
+            // Up to the middle of the lower slab; what goes back lies round it.
+            let frozen = own / 2;
+            for round in 0..40u32 {
+                let before = [&lower, &upper].map(changeable);
+                let mut seam = Seam::of(&mut lower, &mut upper, frozen, FRAME, quantizer);
+                let lives = |v: &u32| !matches!(seam.state(*v), VertexState::Contracted | VertexState::AtRest);
+                // From the highest number on, so that others have moved when a frozen one is met.
+                let span = frozen.saturating_sub(2 * (round % 3))..(frozen + 40 + 7 * round).min(own);
+                let some: Vec<u32> = span.step_by(1 + round as usize % 5).filter(lives).collect();
+                let some: Vec<u32> = some.into_iter().rev().collect();
+                if some.is_empty() {
+                    continue;
+                }
+                let moved = step_back(&mut seam, &some);
+                let after = [&lower, &upper].map(changeable);
+                match moved {
+                    None => {
+                        assert!(before == after, "seed {seed}, round {round}");
+                        taken_back += 1;
+                    }
+                    Some(moved) => {
+                        assert!(moved.iter().all(|v| *v >= frozen), "seed {seed}, round {round}");
+                        let upto = frozen as usize;
+                        assert!(before[0].0[..upto] == after[0].0[..upto] && before[0].3[..upto] == after[0].3[..upto]);
+                        parted += u32::from(before[0].1 != after[0].1);
+                        done += 1;
+                    }
+                }
+            }
+        });
+    }
+    assert!(
+        taken_back > 50 && done > 50 && parted > 0,
+        "{taken_back} taken back, {done} done, {parted} took clusters apart"
+    );
 }
 
 proptest! {

@@ -8,7 +8,8 @@
 //! ```
 
 use crate::points::Coordinate;
-use crate::stitch::slab::{BEFORE, SlabMesh};
+use crate::stitch::numbers::{BEFORE, InMesh, Named};
+use crate::stitch::slab::SlabMesh;
 use crate::surface::contract::{NONE, is_gone};
 
 /// What is written of a slab.
@@ -17,7 +18,7 @@ pub struct Trimmed {
     /// Whether each of the slab's vertices is written.
     pub written: Vec<bool>,
     /// Its kept triangles.
-    pub triangles: Vec<[u32; 3]>,
+    pub triangles: Vec<[InMesh; 3]>,
     /// The next slab's vertices `0..frozen` must stay as they are.
     pub frozen: u32,
 }
@@ -28,7 +29,7 @@ pub struct Trim {
     /// Whether kept triangles of the slab below name each of the slab's first vertices.
     named: Vec<bool>,
     /// Numbers of the vertices of the slab before.
-    before: Vec<u32>,
+    before: Vec<InMesh>,
 }
 
 /// The kept triangles that are left of a slab.
@@ -51,20 +52,25 @@ impl Trim {
         let mut written = std::mem::take(&mut self.named);
         written.resize(own as usize, false);
         kept(slab).flatten().filter(|v| *v < own).for_each(|v| written[v as usize] = true);
-        let of_next = next.into_iter().flat_map(kept).flatten().filter(|v| *v >= BEFORE);
-        of_next.for_each(|v| written[(v - BEFORE) as usize] = true);
+        if let Some(next) = next {
+            for name in kept(next).flatten() {
+                if let Named::Before(v) = next.named(name) {
+                    written[v.at()] = true;
+                }
+            }
+        }
         let mut number = base;
         let mut count = |written: bool| {
             number += u32::from(written);
-            number - u32::from(written)
+            InMesh(number - u32::from(written))
         };
-        let numbers: Vec<u32> = written.iter().map(|written| count(*written)).collect();
+        let numbers: Vec<InMesh> = written.iter().map(|written| count(*written)).collect();
 
         // The next slab's vertices up to the last that is named.
-        let names_next = |v: &u32| (own..BEFORE).contains(v);
-        let named = slab.triangles_left().flatten().filter(names_next).max().map_or(0, |v| v - own + 1);
+        let of_next = |name: u32| slab.named(name).of_next();
+        let named = slab.triangles_left().flatten().filter_map(of_next).max().map_or(0, |v| v.0 + 1);
         self.named = vec![false; named as usize];
-        kept(slab).flatten().filter(names_next).for_each(|v| self.named[(v - own) as usize] = true);
+        kept(slab).flatten().filter_map(of_next).for_each(|v| self.named[v.at()] = true);
         let mut frozen = named;
         let mut after = Vec::with_capacity(named as usize);
         if let Some(next) = next {
@@ -75,17 +81,89 @@ impl Trim {
             frozen = corners.map(|u| u + 1).fold(frozen, u32::max);
         }
 
-        let name = |v: u32| {
-            if v >= BEFORE {
-                self.before[(v - BEFORE) as usize]
-            } else if v >= own {
-                after[(v - own) as usize]
-            } else {
-                numbers[v as usize]
-            }
+        let name = |name: u32| match slab.named(name) {
+            Named::Own(v) => numbers[v.at()],
+            Named::Next(v) => after[v.at()],
+            Named::Before(v) => self.before[v.at()],
         };
         let triangles = kept(slab).map(|triangle| triangle.map(name)).collect();
         self.before = numbers;
         Trimmed { written, triangles, frozen }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::stitch::numbers::InSlab;
+    use crate::surface::contract::Stars;
+    use crate::surface::vertex_state::VertexState;
+
+    /// A slab to be: its vertices; and of each triangle its corners as seeds, whether it is kept, and what its first corner is instead, of the slab before.
+    type Plan = (u32, Vec<([u32; 3], bool, Option<u32>)>);
+
+    fn plan() -> impl Strategy<Value = Plan> {
+        let triangle =
+            (prop::array::uniform3(any::<u32>()), prop::bool::weighted(0.7), prop::option::weighted(0.2, any::<u32>()));
+        (2u32..12, prop::collection::vec(triangle, 0..12))
+    }
+
+    /// The slab, and its triangles before any was closed over the seam below. The slab before names vertices of its lower half, the one after those of its upper half.
+    fn slab(plans: &[Plan], k: usize) -> (SlabMesh<f32>, Vec<[u32; 3]>) {
+        let (own, triangles) = &plans[k];
+        let names = own + plans.get(k + 1).map_or(0, |(next, _)| next / 2);
+        let first: Vec<[u32; 3]> = triangles.iter().map(|(seeds, ..)| seeds.map(|seed| seed % names)).collect();
+        let mut now = first.clone();
+        for (corners, (.., before)) in now.iter_mut().zip(triangles) {
+            if let (Some(seed), Some(below)) = (before, k.checked_sub(1)) {
+                let below = plans[below].0;
+                corners[0] = BEFORE + below / 2 + seed % (below - below / 2);
+            }
+        }
+        let stars = Stars::new(&first, names as usize, *own as usize, Stars::default());
+        let kept = triangles.iter().map(|(_, kept, _)| *kept).collect();
+        let state = vec![VertexState::Unfitted; *own as usize];
+        (SlabMesh { state, kept, triangles: now, stars, ..SlabMesh::default() }, first)
+    }
+
+    proptest! {
+        /// Slab by slab against all slabs at once.
+        #[test]
+        fn what_is_written_is_what_kept_triangles_name(plans in prop::collection::vec(plan(), 1..5)) {
+            let slabs: Vec<(SlabMesh<f32>, Vec<[u32; 3]>)> = (0..plans.len()).map(|k| slab(&plans, k)).collect();
+            let meant = |k: usize, name: u32| match slabs[k].0.named(name) {
+                Named::Own(v) => (k, v),
+                Named::Next(v) => (k + 1, v),
+                Named::Before(v) => (k - 1, v),
+            };
+            let kept_of = |k: usize| kept(&slabs[k].0).map(move |t| t.map(|name| meant(k, name))).collect::<Vec<_>>();
+            let named: BTreeSet<(usize, InSlab)> = (0..slabs.len()).flat_map(kept_of).flatten().collect();
+            let number = |of: (usize, InSlab)| InMesh(named.range(..of).count() as u32);
+            let (mut trim, mut base) = (Trim::default(), 0);
+            for (k, (slab, _)) in slabs.iter().enumerate() {
+                let next = slabs.get(k + 1);
+                let found = trim.slab(slab, next.map(|(next, _)| next), base);
+                let written: Vec<bool> = (0..slab.own()).map(|v| named.contains(&(k, InSlab(v)))).collect();
+                base += written.iter().filter(|written| **written).count() as u32;
+                prop_assert_eq!(found.written, written);
+                prop_assert_eq!(found.triangles, kept_of(k).into_iter().map(|t| t.map(number)).collect::<Vec<_>>());
+                // Frozen are the vertices up to the last that is named, and up to all that share a triangle with one of these.
+                let last = slab.triangles_left().flatten().filter_map(|name| slab.named(name).of_next()).max();
+                let mut frozen = last.map_or(0, |v| v.0 + 1);
+                let upto = frozen;
+                if let Some((next, first)) = next {
+                    for (triangle, first) in next.triangles.iter().zip(first) {
+                        if !is_gone(*triangle) && first.iter().any(|v| *v < upto) {
+                            frozen = triangle.iter().filter(|u| **u < next.own()).map(|u| u + 1).fold(frozen, u32::max);
+                        }
+                    }
+                }
+                prop_assert_eq!(found.frozen, frozen);
+            }
+        }
     }
 }

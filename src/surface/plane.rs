@@ -33,7 +33,8 @@ use crate::grid::slice::Runs;
 use crate::grid::window::Window;
 use crate::points::Coordinate;
 use crate::solid::Solid;
-use crate::surface::extract::{Kind, Surface};
+use crate::surface::extract::Kind;
+use crate::surface::fit::Task;
 use crate::surface::outward::{self, Outward};
 
 /// How far the first steps look, in cells. With noise of a cell, a surface starts three to four cells outside.
@@ -86,32 +87,29 @@ struct SliceMeans {
     means: Vec<Mean>,
 }
 
-/// Where the vertices on some planes of a slab go: `put` is told a vertex, counted from the first on `planes`, and its place in cells; of those that find no
-/// plane it hears nothing.
+/// Where the vertices on some planes of a slab go: `put` is told a vertex, counted from the first on the task's planes, and its place in cells; of those that find no
+/// plane it hears nothing. The task's halo is [`crate::grid::partition::plane_halo`].
 ///
-/// `q` are the positions q′ of all vertices of `surface`, after `smooth` steps of smoothing.
-/// Memory: a chunk of a bucket, and the means of [`plane_halo`] slices either side of a plane.
+/// Memory: a chunk of a bucket, and the means of the halo's slices either side of a plane.
 ///
 /// # Errors
 /// [`crate::Error::Io`].
 pub fn project<T: Coordinate>(
     sampled: &Sampled<'_, T>,
     solid: &Solid,
-    surface: &Surface,
-    q: &[[f64; 3]],
-    planes: Range<u32>,
-    smooth: u32,
+    task: &Task<'_>,
     mut put: impl FnMut(usize, [f64; 3]),
 ) -> Result<()> {
+    let Task { surface, q, ref planes, halo } = *task;
     let [width, slices, rows] = sampled.grid.cells();
-    let halo = i64::from(plane_halo(smooth));
+    let halo = i64::from(halo);
     let mut window =
         Window::new(2 * halo as usize, || SliceMeans { cells: RankBitmap::new(width, rows), means: Vec::new() });
     let outward = Outward::of_cells(solid);
     let mut reader = MeansReader { sampled, outward, bucket: None, sums: Vec::new(), runs: Runs::default() };
     let mut corners = Outward::of_corners(solid);
     let first = surface.on_plane(planes.start).start;
-    for plane in planes {
+    for plane in planes.clone() {
         window.slide_to(i64::from(plane) - halo, |y, slice| {
             if (0..i64::from(slices)).contains(&y) {
                 reader.read(y as u32, slice)

@@ -10,7 +10,7 @@ use serde::Deserialize;
 use crate::error::{Error, Result};
 use crate::format::glb::write::Z_UP_TO_Y_UP;
 use crate::format::read::convert::Converter;
-use crate::format::read::{Input, chosen, colours};
+use crate::format::read::input::{Input, chosen, colours};
 use crate::mesh::spool::MeshSpool;
 use crate::points::Precision;
 use crate::points::attribute::{Attribute, Schema, Wanted, canonical};

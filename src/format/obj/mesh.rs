@@ -2,8 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::format::read::convert::Converter;
+use crate::format::read::input::{Input, chosen, colours};
 use crate::format::read::text::{Lines, shortened};
-use crate::format::read::{Input, chosen, colours};
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::told_origin;
 use crate::points::Precision;

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use crate::error::Result;
 use crate::format::write::attributes::{COLOURS, Property, properties, records};
-use crate::format::write::{Positions, job::Job};
+use crate::format::write::job::{Job, Positions};
 use crate::mesh::MeshSource;
 use crate::points::Precision;
 

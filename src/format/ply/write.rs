@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::format::ply::header_text::HeaderText;
 use crate::format::write::attributes::{BLOCK, Property, properties, records};
-use crate::format::write::{Positions, job::Job};
+use crate::format::write::job::{Job, Positions};
 use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;

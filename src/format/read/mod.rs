@@ -5,23 +5,22 @@
 //! header promises is believed only as far as the file's length bears it out.
 
 pub(crate) mod convert;
+pub(crate) mod input;
 #[cfg(test)]
 mod tests;
 pub(crate) mod text;
 pub(crate) mod weld;
 
-use std::fs::File;
 use std::path::Path;
 
+use self::input::{Input, chosen};
 use crate::error::{Error, Result};
 use crate::format::write::Format;
 use crate::format::{glb, obj, ply, stl};
 use crate::mesh::MeshSource;
-use crate::points::attribute::{Attribute, Schema, Wanted};
+use crate::points::attribute::{Schema, Wanted};
 use crate::points::crs::Crs;
-use crate::points::scalar::Scalar;
 use crate::storage::spool::Workspace;
-use crate::system::FileAt;
 
 /// Opens a mesh: PLY and GLB by their first bytes, STL and OBJ by their extension.
 ///
@@ -122,60 +121,4 @@ fn comments(input: &Input) -> Option<Vec<String>> {
 fn named(text: &str) -> Option<Crs> {
     let code = text.split([' ', ',']).next().unwrap_or_default();
     Crs::parse(code).filter(|crs| crs.epsg.is_some()).or_else(|| Crs::parse(text))
-}
-
-/// The wanted ones of the attributes that are there.
-pub(crate) fn chosen(path: &Path, wanted: &Wanted, there: &Schema) -> Result<Schema> {
-    let find = |name: &String| -> Result<Attribute> {
-        let found = there.attributes().iter().find(|attribute| attribute.name == *name);
-        found.cloned().ok_or_else(|| Error::Usage(format!("{}: {}", path.display(), there.lacks(name))))
-    };
-    match wanted {
-        Wanted::None => Ok(Schema::default()),
-        Wanted::All => Ok(there.clone()),
-        Wanted::Named(names) => Ok(Schema::new(names.iter().map(find).collect::<Result<_>>()?)),
-    }
-}
-
-/// Colours, where the format knows them without names.
-pub(crate) fn colours(scalar: Scalar) -> Schema {
-    Schema::new(["red", "green", "blue"].map(|name| Attribute::new(name, scalar)).to_vec())
-}
-
-/// A file to read from, by position.
-pub(crate) struct Input<'a> {
-    pub(crate) file: File,
-    pub(crate) path: &'a Path,
-    pub(crate) length: u64,
-}
-
-impl<'a> Input<'a> {
-    fn open(path: &'a Path) -> Result<Input<'a>> {
-        // Asked first: opening a pipe would wait for a writer.
-        if !std::fs::metadata(path).map_err(Error::io(path, "open"))?.is_file() {
-            return Err(Error::io(path, "read a mesh from")(std::io::Error::new(
-                std::io::ErrorKind::InvalidInput,
-                "it is not a regular file",
-            )));
-        }
-        let file = File::open(path).map_err(Error::io(path, "open"))?;
-        let length = file.metadata().map_err(Error::io(path, "read"))?.len();
-        Ok(Input { file, path, length })
-    }
-
-    /// PLY and GLB by their first bytes, all by their extension.
-    fn format(&self) -> Result<Option<Format>> {
-        let mut magic = [0; 4];
-        let known = self.length.min(4) as usize;
-        self.read_at(0, &mut magic[..known])?;
-        Ok(match &magic {
-            b"ply\n" | b"ply\r" => Some(Format::Ply),
-            b"glTF" => Some(Format::Glb),
-            _ => Format::from_path(self.path).ok(),
-        })
-    }
-
-    pub(crate) fn read_at(&self, at: u64, out: &mut [u8]) -> Result<()> {
-        self.file.read_exact_at(out, at).map_err(Error::io(self.path, "read"))
-    }
 }

@@ -1,7 +1,7 @@
 //! STL, binary and text: triangles that share no vertices until their corners are welded by exact position.
 
 use crate::error::{Error, Result};
-use crate::format::read::Input;
+use crate::format::read::input::Input;
 use crate::format::read::text::Lines;
 use crate::format::read::weld::Welder;
 use crate::mesh::spool::MeshSpool;

@@ -411,7 +411,7 @@ fn made(
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     let (surveyed, context) = planned(surveyed, &settings, workers, workspace, left, progress).map_err(whole)?;
     let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
-    if settings.may_end() && made.mesh.face_count() == 0 {
+    if settings.may_be_empty() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
     let mut simplification = None;

@@ -78,8 +78,9 @@ pub fn solid<T: Coordinate>(
             let first = i64::from(slices.start) - i64::from(side);
             let end = i64::from(slices.start + job_slices(side) + side);
             let beyond = i64::from(ROUND_NEEDLES);
-            let extents = extents.read(first - beyond..end + beyond, Extent::NOTHING)?;
-            let extents = without_needles(&extents, columns as usize, asked.one_layer);
+            let lines = extents.read(first - beyond..end + beyond, Extent::NOTHING)?;
+            let extents = without_needles(&lines, columns as usize, asked.one_layer);
+            drop(lines);
             let patch =
                 Patch { width: columns as usize, side: side as usize, first, end: i64::from(cells[1]), extents };
             Ok(patch.of(slices.len(), asked))
@@ -114,8 +115,22 @@ pub fn solid<T: Coordinate>(
 /// Memory of a job, in bytes, for slices of `columns` columns: what it reads, discs, the lattice's levels, what it gives.
 pub fn bytes(columns: u32, bridge: u32, smooth: u32) -> u64 {
     let side = lattice_side(bridge, smooth);
-    u64::from(columns + 2 * (bridge + 1)) * u64::from(job_slices(side) + 2 * (side + ROUND_NEEDLES)) * 40
+    u64::from(columns + 2 * (bridge + 1)) * u64::from(job_slices(side) + 2 * (side + ROUND_NEEDLES)) * BYTES_OF_COLUMN
 }
+
+/// Memory of all jobs of the pass that needs the most of so many `slices`, with no more than `in_flight` at a time: of those that interpolate, which are few, or of those over
+/// chunks, which read fewer lines.
+pub fn bytes_of_pass(columns: u32, bridge: u32, smooth: u32, slices: u32, in_flight: usize) -> u64 {
+    let side = lattice_side(bridge, smooth);
+    let jobs = |slices_of_job: u32| (in_flight as u64).min(u64::from(slices.div_ceil(slices_of_job)));
+    let lines = u64::from(CHUNK_SLICES + 2 * side);
+    let over_chunk = u64::from(columns + 2 * (bridge + 1)) * lines * BYTES_OF_COLUMN;
+    (jobs(job_slices(side)) * bytes(columns, bridge, smooth)).max(jobs(CHUNK_SLICES) * over_chunk)
+}
+
+/// Bytes for each column of each slice that a job reads: what is occupied of it, whether it is near data in four ways, its height, top, flags, and a third of the
+/// lattice's levels.
+const BYTES_OF_COLUMN: u64 = 40;
 
 /// The side of the lattice's coarsest cells: twice as far as any live column lies from one with points, so that one of four neighbours holds some.
 fn lattice_side(bridge: u32, smooth: u32) -> u32 {

@@ -135,7 +135,7 @@ fn lies_beside(one: [[f64; 3]; 3], shared: [bool; 3], [a, b, c]: [[f64; 3]; 3]) 
 /// vertices of these are put to rest. Gives the vertices moved.
 ///
 /// If one of them is frozen, nothing is done, and there is no result.
-fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
+pub(crate) fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
     let mut moved = Vec::new();
     let mut apart = Vec::new();
     // What was: vertex, survivor, next of its cluster, state.
