@@ -29,6 +29,7 @@ use crate::settings::Resolution;
 use crate::settings::open::{Facing, Open};
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
+use crate::sign::Sights;
 use crate::solid::close;
 use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
@@ -190,18 +191,32 @@ pub fn survey_with(
         Resolution::K(_) | Resolution::Slices(_) => grid,
     };
     progress.end();
-    let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
+    let workload = workload(cloud, settings, &survey, &grid, open.as_ref());
+    Ok(Surveyed { survey, grid, open, sampling, coarse_grid, workload })
+}
+
+/// The workload of a surveyed cloud on a grid; `open` is what is asked of a surface that is not closed.
+fn workload(
+    cloud: &Cloud,
+    settings: &Settings,
+    survey: &Survey,
+    grid: &Grid,
+    open: Option<&Open>,
+) -> Workload {
+    let workload = Workload::new(survey.points, cloud.precision(), grid, settings.surface.smooth);
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
     let mut workload = workload.with_simplification(settings.simplify.is_some());
-    if let Some(open) = &open {
-        let of_slice = grid.cells()[open.up(&grid).across()];
-        workload = workload.with_columns(ColumnWorkload { of_slice, bridge: open.bridge(&grid) });
+    let sighted = open.is_none() && !cloud.places().places.is_empty();
+    workload = workload.with_sights(sighted);
+    if let Some(open) = open {
+        let of_slice = grid.cells()[open.up(grid).across()];
+        workload = workload.with_columns(ColumnWorkload { of_slice, bridge: open.bridge(grid) });
         if open.base.is_some() {
             workload = workload.with_walls_at_ends();
         }
     }
-    Ok(Surveyed { survey, grid, open, sampling, coarse_grid, workload })
+    workload
 }
 
 /// The passes of a survey, which is as far as the records they have read.
@@ -410,7 +425,10 @@ fn reconstruct_as<T: Coordinate>(
         progress.set(done);
     };
     let closed = match &settings.open {
-        None => close::close(occupancy, grid.cell_size(), asked, context, done)?,
+        None => {
+            let sights = Sights::of(cloud, grid);
+            close::close_seen(occupancy, grid.cell_size(), asked, sights.as_ref(), context, done)?
+        }
         Some(open) => close::close_below(occupancy, grid, open, asked, settings.surface.smooth, context, done)?,
     };
     let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {

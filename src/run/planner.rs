@@ -182,7 +182,7 @@ impl MemoryPlan {
         let check = mesh + checking(workload, self.threads).within(self.working).bytes() + filling;
         let passes = [
             buckets + bucketing,
-            held + sealing + slices.max(deciding(workload)).max(measuring),
+            held + sealing + slices.max(deciding(workload)).max(looking(workload, blocks)).max(measuring),
             held + standing + mesh + slabs,
             check,
             held + standing + mesh + workload.bridging().map_or(0, |extent| extent.memory(self.working, self.threads)),
@@ -214,6 +214,7 @@ impl MemoryPlan {
             + bucketing
                 .max(slices)
                 .max(deciding(workload))
+                .max(looking(workload, 1))
                 .max(measuring(workload))
                 .max(reopening(workload))
                 .max(slab)
@@ -304,6 +305,11 @@ fn reopening_records(workload: &Workload) -> u64 {
 /// Bytes of the level that inside and outside are told apart on; a surface that is not closed needs none.
 fn deciding(workload: &Workload) -> u64 {
     if workload.columns.is_some() { 0 } else { sign::bytes(workload.cells) }
+}
+
+/// Bytes of looking along lines of sight with so many blocks of points in flight, if there are any.
+fn looking(workload: &Workload, blocks: u64) -> u64 {
+    if workload.is_sighted() { sign::sights_bytes(workload.cells) + blocks * workload.block_job() } else { 0 }
 }
 
 /// What the check takes.

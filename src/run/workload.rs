@@ -42,6 +42,8 @@ pub struct Workload {
     simplified: bool,
     /// Whether distances from points are measured, and triangles left out by them.
     bridging: Option<bool>,
+    /// Whether lines of sight are looked along.
+    sighted: bool,
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
@@ -87,6 +89,7 @@ impl Workload {
             columns: None,
             simplified: false,
             bridging: None,
+            sighted: false,
         }
     }
 
@@ -135,6 +138,16 @@ impl Workload {
     /// The same workload for a mesh whose vertices' distances from points are `measured`; triangles may be `trimmed` by them.
     pub fn with_bridging(self, measured: bool, trimmed: bool) -> Workload {
         Workload { bridging: (measured || trimmed).then_some(trimmed), ..self }
+    }
+
+    /// The same workload for points of which it is known where they were scanned from, or not.
+    pub fn with_sights(self, sighted: bool) -> Workload {
+        Workload { sighted, ..self }
+    }
+
+    /// Whether lines of sight are looked along.
+    pub(crate) fn is_sighted(&self) -> bool {
+        self.sighted
     }
 
     /// The same workload with vertices that are moved onto something else than their nearest points.
