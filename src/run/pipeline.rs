@@ -191,32 +191,19 @@ pub fn survey_with(
         Resolution::K(_) | Resolution::Slices(_) => grid,
     };
     progress.end();
-    let workload = workload(cloud, settings, &survey, &grid, open.as_ref());
-    Ok(Surveyed { survey, grid, open, sampling, coarse_grid, workload })
-}
-
-/// The workload of a surveyed cloud on a grid; `open` is what is asked of a surface that is not closed.
-fn workload(
-    cloud: &Cloud,
-    settings: &Settings,
-    survey: &Survey,
-    grid: &Grid,
-    open: Option<&Open>,
-) -> Workload {
-    let workload = Workload::new(survey.points, cloud.precision(), grid, settings.surface.smooth);
+    let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
-    let mut workload = workload.with_simplification(settings.simplify.is_some());
-    let sighted = open.is_none() && !cloud.places().places.is_empty();
-    workload = workload.with_sights(sighted);
-    if let Some(open) = open {
-        let of_slice = grid.cells()[open.up(grid).across()];
-        workload = workload.with_columns(ColumnWorkload { of_slice, bridge: open.bridge(grid) });
+    let workload = workload.with_simplification(settings.simplify.is_some());
+    let mut workload = workload.with_sights(open.is_none() && !cloud.places().places.is_empty());
+    if let Some(open) = &open {
+        let of_slice = grid.cells()[open.up(&grid).across()];
+        workload = workload.with_columns(ColumnWorkload { of_slice, bridge: open.bridge(&grid) });
         if open.base.is_some() {
             workload = workload.with_walls_at_ends();
         }
     }
-    workload
+    Ok(Surveyed { survey, grid, open, sampling, coarse_grid, workload })
 }
 
 /// The passes of a survey, which is as far as the records they have read.
@@ -445,6 +432,10 @@ fn reconstruct_as<T: Coordinate>(
     let closed = match signed && !shell.is_some_and(|shell| shell.hides_walls()) {
         true => reopened(closed, &buckets, grid, context, progress)?,
         false => closed,
+    };
+    let closed = match settings.min_component.filter(|_| signed) {
+        Some(least) => Closed { solid: closed.solid.without_specks_of_outside(least, context)?, ..closed },
+        None => closed,
     };
     let Closed { solid, occupancy, .. } = &closed;
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
