@@ -99,6 +99,7 @@ pub use points::bounds::{Axis, Bounds};
 pub use points::clip::Clip;
 pub use points::crs::Crs;
 pub use points::scalar::{Endian, Scalar};
+pub use points::seen_from::SeenFrom;
 #[cfg(feature = "allocator")]
 #[doc(hidden)]
 pub use resources::allocator::give_back_after;

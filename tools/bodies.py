@@ -268,6 +268,14 @@ def truth_of(path):
     return solids.Solid(vertices, faces if judge.volume(vertices, faces) > 0 else faces[:, ::-1])
 
 
+def seen_from(arguments, cloud):
+    """The option that names the file of the scan's positions."""
+    positions = json.loads((arguments.data / "scans/positions.json").read_text())[cloud.stem]
+    file = arguments.work / f"positions-{cloud.stem}.txt"
+    file.write_text("".join(f"{scan} {x} {y} {z}\n" for scan, (x, y, z) in enumerate(positions)))
+    return ["--seen-from", str(file)]
+
+
 def scans(arguments):
     import judge
     import solids
@@ -305,7 +313,8 @@ def scans(arguments):
                         reasons.append(f"RMS {way} {ours:.3f} beside {theirs:.3f} %")
                 return reasons
 
-            cases += [Case(cloud.stem, window, cloud, [], verdict, measure) for window in arguments.window]
+            options = seen_from(arguments, cloud) if arguments.positions else []
+            cases += [Case(cloud.stem, window, cloud, options, verdict, measure) for window in arguments.window]
     run_all(cases, arguments)
 
 
@@ -500,6 +509,8 @@ def main():
                 command.add_argument("--turns", type=words(float), default=[0, 17, 33])
                 command.add_argument("--axes", type=words(str), default=["y"])
                 command.add_argument("--bodies", type=words(str))
+            case "scans":
+                command.add_argument("--positions", action="store_true", help="tell the program where each scan was taken from")
             case "holes":
                 command.add_argument("--places", type=int, default=20)
                 command.add_argument("--shares", type=words(float), default=[1, 2, 5, 10], help="per cent of the surface")

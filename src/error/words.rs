@@ -55,7 +55,7 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 42] = [
+pub const SETTINGS: [&str; 43] = [
     "attributes",
     "axis",
     "base",
@@ -85,6 +85,7 @@ pub const SETTINGS: [&str; 42] = [
     "raster_size",
     "recursive",
     "seal",
+    "seen_from",
     "simplify",
     "size",
     "skip_bytes",

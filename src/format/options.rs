@@ -5,6 +5,7 @@ use crate::points::attribute::Wanted;
 use crate::points::crs::Crs;
 use crate::points::filter::Filter;
 use crate::points::scalar::Endian;
+use crate::points::seen_from::SeenFrom;
 
 /// What the command line says about the input.
 #[derive(Debug, Clone, Default)]
@@ -25,6 +26,8 @@ pub struct InputOptions {
     pub crs: Option<Option<Crs>>,
     /// How folders are looked into.
     pub depth: Depth,
+    /// Where points were scanned from.
+    pub seen_from: SeenFrom,
 }
 
 /// How folders are looked into.

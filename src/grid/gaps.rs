@@ -1,5 +1,7 @@
 //! Gaps between far points: the planes in their middle are left out of the grid.
 
+use std::ops::Range;
+
 /// The least planes that a gap keeps, whatever the cloud: more than any ball that is tried on so few planes with points is wide.
 pub const GAP: u32 = 256;
 /// The most gaps that are shortened along an axis.
@@ -84,6 +86,14 @@ impl Gaps {
     pub fn left_out_below(&self, q: f64) -> u32 {
         let behind = |gap: &&Gap| q >= f64::from(gap.behind());
         self.all().iter().rev().find(behind).map_or(0, |gap| gap.so_far)
+    }
+
+    /// The planes round one, of `count` in all, among which none are left out, and how many are left out below them.
+    pub fn piece(&self, plane: u32, count: u32) -> (Range<u32>, u32) {
+        let below = self.all().iter().rev().find(|gap| plane >= gap.behind());
+        let above = self.all().iter().find(|gap| plane < gap.behind());
+        let (start, so_far) = below.map_or((0, 0), |gap| (gap.behind(), gap.so_far));
+        (start..above.map_or(count, Gap::behind), so_far)
     }
 
     /// How many planes up the axis a place lies, given how many raw ones. All left-out planes of a gap are at its end.

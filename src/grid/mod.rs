@@ -16,6 +16,8 @@ pub mod slice;
 pub mod survey;
 pub mod window;
 
+use std::ops::Range;
+
 pub use self::gaps::Gaps;
 use self::gaps::{GAP, SHOWS};
 use crate::error::words::short;
@@ -292,6 +294,17 @@ impl Grid {
     pub fn height_of(&self, place: [f64; 3]) -> f64 {
         let a = self.axis.index();
         self.gaps[1].height((self.own(place)[a] - self.bounds.min[a]) * self.inverse)
+    }
+
+    /// Where a place lies, in cells, as seen from a cell: as if the planes left out on the way were there. And the box of cells round that cell in which
+    /// nothing is left out, so that straight lines are straight.
+    pub fn seen_from(&self, cell: Cell, place: [f64; 3]) -> ([f64; 3], [Range<u32>; 3]) {
+        let (axes, place) = (self.axis.file_axes(), self.own(place));
+        let pieces = [0, 1, 2].map(|g| self.gaps[g].piece(cell[g], self.cells[g]));
+        let along = std::array::from_fn(|g| {
+            (place[axes[g]] - self.bounds.min[axes[g]]) * self.inverse - f64::from(pieces[g].1)
+        });
+        (along, pieces.map(|(cells, _)| cells))
     }
 
     /// A box of the file's coordinates that holds the grid: its lowest corner, and cells along the grid's axes without those that are left out, each taken for the file's that it is unless turned.

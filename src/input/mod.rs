@@ -15,6 +15,7 @@
 mod detect;
 mod files;
 mod memory;
+mod places;
 mod spooled;
 pub mod tally;
 
@@ -28,6 +29,7 @@ use crate::format::unpack::Unpacking;
 use crate::points::attribute::{Schema, Wanted};
 use crate::points::crs::Crs;
 use crate::points::filter::{Sieve, Verdict, judged};
+use crate::points::seen_from::SeenFrom;
 use crate::points::unit::{Measure, Unit, measured};
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::{Spares, Workers};
@@ -45,6 +47,7 @@ pub use crate::points::filter::{Filter, Returns, Withheld};
 pub use files::{expand, find};
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
+pub use places::Places;
 pub use spooled::PointSpool;
 
 /// Memory for opening where nobody names a budget.
@@ -61,6 +64,7 @@ pub struct Cloud<'a> {
     schema: Schema,
     filter: Filter,
     verdict: Option<Arc<dyn Verdict>>,
+    seen_from: SeenFrom,
     crs: Option<Crs>,
     unpacked: u64,
     unpacked_later: u64,
@@ -98,6 +102,7 @@ impl<'a> Cloud<'a> {
             schema: Schema::default(),
             filter: options.filter.clone(),
             verdict: None,
+            seen_from: options.seen_from.clone(),
             crs: None,
             unpacked: 0,
             unpacked_later: 0,
@@ -128,6 +133,7 @@ impl<'a> Cloud<'a> {
         }
         (cloud.unpacked, cloud.unpacked_later) = (unpacking.bytes(), unpacking.later());
         cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
+        cloud.check_places()?;
         Ok(cloud)
     }
 
@@ -145,7 +151,7 @@ impl<'a> Cloud<'a> {
         let bytes = source.len() * (3 * format.precision().bytes() as u64);
         let description = "points in memory".to_owned();
         let path = PathBuf::from("memory");
-        Ok(Cloud {
+        let cloud = Cloud {
             sources: vec![Source {
                 path,
                 format: "memory",
@@ -161,10 +167,13 @@ impl<'a> Cloud<'a> {
             schema,
             filter: options.filter.clone(),
             verdict: None,
+            seen_from: options.seen_from.clone(),
             crs,
             unpacked: 0,
             unpacked_later: 0,
-        })
+        };
+        cloud.check_places()?;
+        Ok(cloud)
     }
 
     /// The files, in reading order.

@@ -6,6 +6,7 @@ pub mod clip;
 pub mod crs;
 pub(crate) mod filter;
 pub mod scalar;
+pub mod seen_from;
 pub mod unit;
 pub mod vector;
 

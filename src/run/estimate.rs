@@ -208,7 +208,7 @@ fn faces_of_columns(
         one_layer: open.kind != Kind::Sheet,
         smooth: settings.surface.smooth,
     };
-    extract::weights(&heightfield::solid(&occupancy, asked, &context)?, &context)
+    extract::weights(&heightfield::solid::<f32>(&occupancy, None, asked, &context)?, &context)
 }
 
 /// The sampling distance as coarse cells show it may be more than the grid's cells are going to show, by this part.

@@ -29,6 +29,7 @@ use crate::settings::Resolution;
 use crate::settings::open::{Facing, Open};
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
+use crate::sign::Sights;
 use crate::solid::close;
 use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
@@ -194,7 +195,8 @@ pub fn survey_with(
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
     let workload = workload.with_level(level_to_expect(survey.points, &coarse_grid, &grid));
-    let mut workload = workload.with_simplification(settings.simplify.is_some());
+    let workload = workload.with_simplification(settings.simplify.is_some());
+    let mut workload = workload.with_sights(open.is_none() && !cloud.places().places.is_empty());
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
         workload = workload.with_columns(ColumnWorkload { of_slice, bridge: open.bridge(&grid) });
@@ -415,7 +417,10 @@ fn reconstruct_as<T: Coordinate>(
         progress.set(done);
     };
     let closed = match &settings.open {
-        None => close::close(occupancy, grid.cell_size(), asked, context, done)?,
+        None => {
+            let sights = Sights::of(cloud, grid);
+            close::close_seen(occupancy, grid.cell_size(), asked, sights.as_ref(), context, done)?
+        }
         Some(open) => {
             let smooth = settings.surface.smooth;
             close::close_below(occupancy, &buckets, grid, open, asked, smooth, context, done)?
@@ -435,6 +440,10 @@ fn reconstruct_as<T: Coordinate>(
     let closed = match signed && !shell.is_some_and(|shell| shell.hides_walls()) {
         true => reopened(closed, &buckets, grid, context, progress)?,
         false => closed,
+    };
+    let closed = match settings.min_component.filter(|_| signed) {
+        Some(least) => Closed { solid: closed.solid.without_specks_of_outside(least, context)?, ..closed },
+        None => closed,
     };
     let Closed { solid, occupancy, .. } = &closed;
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };

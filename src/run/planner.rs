@@ -189,7 +189,7 @@ impl MemoryPlan {
         let check = mesh + checking(workload, self.threads).within(self.working).bytes() + filling;
         let passes = [
             buckets + bucketing,
-            held + sealing + slices.max(deciding(workload)).max(measuring),
+            held + sealing + slices.max(deciding(workload)).max(looking(workload, blocks)).max(measuring),
             held + standing + mesh + slabs,
             check,
             held + standing + mesh + workload.bridging().map_or(0, |extent| extent.memory(self.working, self.threads)),
@@ -221,6 +221,7 @@ impl MemoryPlan {
             + bucketing
                 .max(slices)
                 .max(deciding(workload))
+                .max(looking(workload, 1))
                 .max(measuring(workload))
                 .max(reopening(workload))
                 .max(slab)
@@ -316,6 +317,11 @@ fn deciding(workload: &Workload) -> u64 {
     let factor = workload.cells.into_iter().max().unwrap_or(1).div_ceil(sign::LONGEST).max(1);
     let finest = workload.cells.map(|cells| cells.div_ceil(factor));
     sign::bytes(workload.cells_of_level()).max(sign::outliers::bytes(finest, workload.points))
+}
+
+/// Bytes of looking along lines of sight with so many blocks of points in flight, if there are any.
+fn looking(workload: &Workload, blocks: u64) -> u64 {
+    if workload.is_sighted() { sign::sights_bytes(workload.cells) + blocks * workload.block_job() } else { 0 }
 }
 
 /// What the check takes.

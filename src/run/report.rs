@@ -22,7 +22,7 @@ use crate::settings::simplification::{Simplification, Tolerance};
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
 use crate::simplify::Figures;
-use crate::solid::close::{How, PartingNothing};
+use crate::solid::close::{How, PartingNothing, Sighted};
 use crate::solid::component::Components;
 use crate::solid::heightfield::ColumnCounts as Columns;
 use crate::stitch::Counts;
@@ -187,6 +187,8 @@ pub struct Closing {
     pub filled: Vec<PatchReport>,
     /// Cells left out as outliers.
     pub outlier_cells: u64,
+    /// What lines of sight said, where it is known where points were scanned from.
+    pub sighted: Option<Sighted>,
     /// Occupied cells.
     pub occupied_cells: u64,
     /// Cells with points, but too few to be occupied.
@@ -350,6 +352,7 @@ impl Closing {
             open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),
             filled: parted.map_or_else(Vec::new, |parted| patches(&parted.filled)),
             outlier_cells: parted.map_or(0, |parted| parted.outliers),
+            sighted: parted.and_then(|parted| parted.sighted),
             occupied_cells: made.occupied,
             sparse_cells: made.sparse,
             components: made.components,

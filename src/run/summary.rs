@@ -13,6 +13,7 @@ use crate::run::report::{Closing, FitReport, GridReport, OutputReport, Report};
 use crate::settings::open::Kind;
 use crate::settings::surface::Fit;
 use crate::simplify::Figures;
+use crate::solid::close::Sighted;
 use crate::solid::component::Components;
 use crate::stitch::Counts;
 
@@ -103,6 +104,7 @@ impl Report {
             }
             _ => lines.push(format!("closing  {}", self.closing.verdict())),
         }
+        lines.extend(self.closing.sighted.map(|sighted| sighted.to_string()));
         lines.extend(self.closing.left_out().map(|left_out| format!("left out {left_out}")));
         let Counts { retreated, bridged_area, .. } = self.vertices;
         if let Some(share) = self.closing.bridged.filter(|share| *share > 0.0) {
@@ -178,6 +180,17 @@ impl Closing {
             }
             None => format!("not sealed: {}", self.same_sides()),
         }
+    }
+}
+
+impl fmt::Display for Sighted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (places, share) = (thousands(self.places as u64), 100.0 * self.emptied);
+        let noun = if self.places == 1 { "place" } else { "places" };
+        write!(
+            f,
+            "seen     from {places} {noun}: lines of sight pass through {share:.0} % of the box (--seen-from none leaves them out)"
+        )
     }
 }
 

@@ -44,6 +44,8 @@ pub struct Workload {
     bridging: Option<bool>,
     /// Cells of the grid to a cell of the level that inside and outside are told apart on, along every axis, at the least.
     level: u32,
+    /// Whether lines of sight are looked along.
+    sighted: bool,
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
@@ -90,6 +92,7 @@ impl Workload {
             simplified: false,
             bridging: None,
             level: 1,
+            sighted: false,
         }
     }
 
@@ -148,6 +151,16 @@ impl Workload {
     /// The grid's cells taken together as those of that level.
     pub(crate) fn cells_of_level(&self) -> Cell {
         self.cells.map(|cells| cells.div_ceil(self.level))
+    }
+
+    /// The same workload for points of which it is known where they were scanned from, or not.
+    pub fn with_sights(self, sighted: bool) -> Workload {
+        Workload { sighted, ..self }
+    }
+
+    /// Whether lines of sight are looked along.
+    pub(crate) fn is_sighted(&self) -> bool {
+        self.sighted
     }
 
     /// The same workload with vertices that are moved onto something else than their nearest points.

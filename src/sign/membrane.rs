@@ -23,8 +23,8 @@ const FEW: usize = 9;
 /// How far from a membrane cells are asked anew, at the most.
 const FAR: f64 = 32.0;
 
-/// Stretches the membranes anew.
-pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], sides: &mut [Side], workers: &Workers) {
+/// Stretches the membranes anew; what is `emptied`, if anything is, stays outside.
+pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], emptied: &[bool], sides: &mut [Side], workers: &Workers) {
     let size = [block.width, block.rows, block.slices];
     let mut membrane = vec![false; sides.len()];
     let mut count = 0;
@@ -44,6 +44,7 @@ pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], sides: &mut [Side]
     drop((far, membrane));
     let parted = |wall: &Wall| sides[wall.sides[0] as usize] != sides[wall.sides[1] as usize];
     walls.iter().filter(|wall| parted(wall)).flat_map(|wall| wall.sides).for_each(|cell| held[cell as usize] = true);
+    held.iter_mut().zip(emptied).for_each(|(held, empty)| *held |= empty);
     let sign = |cell: usize| if sides[cell] == Side::Outside { -1.0f32 } else { 1.0 };
     let mut open = vec![0f32; sides.len()];
     let mut u = vec![0f32; sides.len()];

@@ -32,6 +32,7 @@ mod normal;
 pub mod outliers;
 mod rolling;
 mod sheet;
+mod sights;
 mod support;
 mod system;
 #[cfg(test)]
@@ -46,6 +47,7 @@ pub use self::block::{Block, Side};
 use self::field::Field;
 use self::normal::Wall;
 use self::sheet::Sheet;
+pub use self::sights::Sights;
 
 /// The most cells along any axis of a level that is held whole.
 pub const LONGEST: u32 = 128;
@@ -66,6 +68,8 @@ pub struct Seen {
     occupied: Vec<bool>,
     walls: Vec<u32>,
     outliers: Vec<u32>,
+    /// Whether each cell is empty as lines of sight say; no flags if there are none.
+    emptied: Vec<bool>,
 }
 
 impl Seen {
@@ -77,7 +81,18 @@ impl Seen {
         let (block, mut occupied) = Block::of(occupancy, factor)?;
         let outliers = context.workers.pool().install(|| outliers::take_out(&block, &mut occupied));
         let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
-        Ok(Seen { block, occupied, walls, outliers })
+        Ok(Seen { block, occupied, walls, outliers, emptied: Vec::new() })
+    }
+
+    /// The same with what lines of sight say, if there are any; `factor` as in [`Seen::of`].
+    ///
+    /// # Errors
+    /// Errors of reading the input; [`crate::Error::Interrupted`].
+    pub fn with_sights(mut self, sights: Option<&Sights<'_>>, factor: u32, context: &Context) -> Result<Seen> {
+        if let Some(sights) = sights {
+            self.emptied = sights.emptied(&self, factor, context)?;
+        }
+        Ok(self)
     }
 
     /// Whether there are outliers.
@@ -99,6 +114,8 @@ pub struct Signed {
     pub block: Block,
     /// The side of each cell of the block.
     pub sides: Vec<Side>,
+    /// How many of them are empty, as lines of sight say.
+    pub emptied: u64,
     /// Number of walls: occupied cells that have free cells on both sides.
     pub walls: u64,
     /// How many of them have the same side on both sides.
@@ -146,11 +163,13 @@ impl Signed {
     }
 
     fn found(seen: Seen, context: &Context) -> Result<Signed> {
-        let Seen { block, occupied, walls, outliers: _ } = seen;
+        let Seen { block, occupied, walls, outliers: _, emptied } = seen;
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
-        let mut field = Field::new(&block, &occupied, rolling::reached(&block, &occupied, radius));
+        let mut outside = rolling::reached(&block, &occupied, radius);
+        outside.iter_mut().zip(&emptied).for_each(|(outside, empty)| *outside |= empty);
+        let mut field = Field::new(&block, &occupied, outside);
         let mut tries = 0;
         loop {
             context.workers.check_cancelled()?;
@@ -179,7 +198,7 @@ impl Signed {
             }
         }
         let mut sides = field.sides();
-        membrane::stretch(&block, &two_sided, &field.lined, &mut sides, &context.workers);
+        membrane::stretch(&block, &two_sided, &field.lined, &emptied, &mut sides, &context.workers);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
         let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
         let part_outside = two_sided.iter().map(of).filter(|both| *both == [Side::Outside; 2]).count() as u64;
@@ -188,7 +207,18 @@ impl Signed {
         sheets.sort_unstable();
         let [open, filled] =
             [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
-        Ok(Signed { walls: two_sided.len() as u64, part_nothing, part_outside, open, filled, sheets, block, sides })
+        let emptied = emptied.iter().filter(|empty| **empty).count() as u64;
+        Ok(Signed {
+            emptied,
+            walls: two_sided.len() as u64,
+            part_nothing,
+            part_outside,
+            open,
+            filled,
+            sheets,
+            block,
+            sides,
+        })
     }
 
     /// The side of a cell of the level; beyond it, all is outside.
@@ -199,12 +229,25 @@ impl Signed {
 
 /// Bytes for each cell of the block: its flags and number, and, as if every cell's u were looked for, the cell, u, and what conjugate gradients
 /// hold of it.
-const CELL: u64 = 5 + 4 + 8 + 20;
+const CELL: u64 = 6 + 4 + 8 + 20;
+
+/// The same before that: its flag and number.
+const CELL_SEEN: u64 = 1 + 4;
 
 /// The most memory that finding the sides of a grid of so many cells takes.
 pub fn bytes(cells: Cell) -> u64 {
+    block_cells(cells) * CELL
+}
+
+/// The most memory that looking along lines of sight takes before that, and beside blocks of points.
+pub fn sights_bytes(cells: Cell) -> u64 {
+    block_cells(cells) * (CELL_SEEN + sights::CELL)
+}
+
+/// The cells of the finest block of a grid.
+fn block_cells(cells: Cell) -> u64 {
     let factor = cells.into_iter().max().unwrap_or(1).div_ceil(LONGEST).max(1);
-    cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * block::PAD as u64).product::<u64>() * CELL
+    cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * block::PAD as u64).product()
 }
 
 /// How often sheets are looked for.

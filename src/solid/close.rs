@@ -17,7 +17,7 @@ use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Kind, Open};
 use crate::sign;
-use crate::sign::{Patch, Seen, Signed};
+use crate::sign::{Patch, Seen, Sights, Signed};
 use crate::solid::Solid;
 use crate::solid::component;
 use crate::solid::component::Components;
@@ -101,6 +101,18 @@ pub struct Parted {
     pub filled: Vec<PartingNothing>,
     /// Occupied cells left out as outliers.
     pub outliers: u64,
+    /// What lines of sight said, if any is known.
+    pub sighted: Option<Sighted>,
+}
+
+/// What lines of sight said.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[cfg_attr(not(feature = "internals"), non_exhaustive)]
+pub struct Sighted {
+    /// Places that points were scanned from.
+    pub places: usize,
+    /// The part of the box's cells that lines of sight go through, so that they are outside.
+    pub emptied: f64,
 }
 
 /// A patch of walls that part nothing.
@@ -116,7 +128,7 @@ pub struct PartingNothing {
 const SEALED: u64 = 50;
 
 impl Parted {
-    fn of(signed: &Signed, factor: u32, outliers: u64) -> Parted {
+    fn of(signed: &Signed, factor: u32, outliers: u64, sights: Option<&Sights<'_>>) -> Parted {
         let patch = |patch: &Patch| {
             let [low, high] = patch.cells;
             let scale = f64::from(factor);
@@ -125,12 +137,16 @@ impl Parted {
                 cells: [low.map(|c| c as f64 * scale), high.map(|c| (c + 1) as f64 * scale)],
             }
         };
+        let cells: u64 = signed.block.cells.into_iter().map(u64::from).product();
+        let emptied = signed.emptied as f64 / cells as f64;
+        let sighted = sights.map(|sights| Sighted { places: sights.places(), emptied });
         Parted {
             walls: signed.walls,
             part_nothing: signed.part_nothing,
             open: signed.open.iter().map(patch).collect(),
             filled: signed.filled.iter().map(patch).collect(),
             outliers,
+            sighted,
         }
     }
 
@@ -191,6 +207,21 @@ pub fn close(
     cell_size: f64,
     asked: ClosingOptions,
     context: &Context,
+    progress: impl FnMut(u64, u64),
+) -> Result<Closed> {
+    close_seen(occupancy, cell_size, asked, None, context, progress)
+}
+
+/// [`close`], with what lines of sight say, if the sides are told apart by a field.
+///
+/// # Errors
+/// The same as [`close`]; errors of reading the input.
+pub fn close_seen(
+    occupancy: Occupancy,
+    cell_size: f64,
+    asked: ClosingOptions,
+    sights: Option<&Sights<'_>>,
+    context: &Context,
     mut progress: impl FnMut(u64, u64),
 ) -> Result<Closed> {
     let slices = occupancy.cells[1];
@@ -204,7 +235,7 @@ pub fn close(
         ));
     }
     let (solid, occupancy, how, falls) = match given {
-        None => close_signed(occupancy, asked, context, progress)?,
+        None => close_signed(occupancy, asked, sights, context, progress)?,
         Some(_) => {
             let wanted = given.map(ClosingBall::with_radius).expect("a radius is given");
             let falls = slices_of_falls(slices, wanted.level, squared(wanted.radius), seal::last);
@@ -269,7 +300,7 @@ pub fn close_below<T: Coordinate>(
         one_layer: open.kind != Kind::Sheet,
         smooth,
     };
-    let solid = heightfield::solid(&occupancy, buckets, grid, ground, context)?;
+    let solid = heightfield::solid(&occupancy, Some((buckets, grid)), ground, context)?;
     progress(slices, slices);
     let how = How::Ball(ClosingBall { level: 0, radius: ball.radius() });
     Ok(Closed { solid, occupancy, how, falls: false, components: None })
@@ -306,6 +337,7 @@ pub(crate) fn side_in_samples(filling: f64) -> f64 {
 fn close_signed(
     mut occupancy: Occupancy,
     asked: ClosingOptions,
+    sights: Option<&Sights<'_>>,
     context: &Context,
     progress: &mut Passes,
 ) -> Result<(Solid, Occupancy, How, bool)> {
@@ -335,7 +367,7 @@ fn close_signed(
         Some(first) => first,
         None => Seen::of(&occupancy, factor, context)?,
     };
-    let mut signed = Signed::find(seen, context)?;
+    let mut signed = Signed::find(seen.with_sights(sights, factor, context)?, context)?;
     progress.done(slices);
     // Where the sampling is uneven, the cells may be too fine for a part of it, through which the outside leaks. Slots that are filled only fill more on coarser ones.
     let leaks = |signed: &Signed| !signed.open.is_empty() || SEALED * signed.part_outside >= signed.walls;
@@ -344,9 +376,10 @@ fn close_signed(
             break;
         }
         progress.expect(u64::from(slices) + of_fall);
-        let found = Signed::find(Seen::of(&occupancy, coarser, context)?, context)?;
+        let seen = Seen::of(&occupancy, coarser, context)?.with_sights(sights, coarser, context)?;
+        let found = Signed::find(seen, context)?;
         progress.done(slices);
-        if Parted::of(&found, coarser, 0).is_sealed() {
+        if Parted::of(&found, coarser, 0, sights).is_sealed() {
             (signed, factor, level) = (found, coarser, coarser.ilog2());
         }
     }
@@ -377,6 +410,6 @@ fn close_signed(
     progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
     progress.done(slices);
-    let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied));
+    let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied, sights));
     Ok((solid, occupancy, how, level > 0))
 }

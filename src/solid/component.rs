@@ -14,7 +14,7 @@ use crate::solid::Solid;
 
 impl Least {
     /// The least number of cells, where the largest component has `largest`.
-    fn cells(self, largest: u64) -> u64 {
+    pub(super) fn cells(self, largest: u64) -> u64 {
         match self {
             Least::Auto => SPECK.min(largest.div_ceil(SHARE)),
             Least::Cells(cells) => cells,
@@ -31,7 +31,7 @@ pub const SPECK: u64 = 64;
 const SHARE: u64 = 1000;
 
 /// Specks are less than this part of all cells.
-const FEW: u64 = 50;
+pub(super) const FEW: u64 = 50;
 
 /// What was found and left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]

@@ -5,6 +5,7 @@
 //! ([`self::watershed`]), what is outside is grown back by one cell instead, and what is inside stays.
 
 mod bare;
+pub mod cavities;
 mod change;
 pub mod close;
 pub mod component;

@@ -317,7 +317,8 @@ impl<T: Coordinate> SlabMesh<T> {
         if let Some(columns) = surface.columns() {
             let vertices = &surface.vertices[own.start as usize..own.end as usize];
             for (v, (vertex, q)) in vertices.iter().zip(&mut q[own.start as usize..]).enumerate() {
-                if let Some(level) = columns.level(vertex.corner, *q).filter(|_| matches!(vertex.kind, Kind::Sheet(_))) {
+                if let Some(level) = columns.level(vertex.corner, *q).filter(|_| matches!(vertex.kind, Kind::Sheet(_)))
+                {
                     q[columns.up().axis] = level.height;
                     bridged[v] = level.is_bridged;
                 }

@@ -16,6 +16,7 @@ use crate::points::bounds::{Axis, Bounds};
 use crate::points::clip::Clip;
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
+use crate::points::seen_from::SeenFrom;
 use crate::run::{Job, Resources, Units};
 use crate::settings::closing::{Least, Sealing};
 use crate::settings::ground::Classes;
@@ -113,6 +114,10 @@ pub struct CloudArguments {
     /// Where a sheet's points were seen from: +x, -x, +y, -y, +z or -z; a direction such as 0.3,0,1; a position such as @2,0.5,1; or @poses, the positions that E57 files tell
     #[arg(long, value_name = "FROM", allow_hyphen_values = true, help_heading = "Surface")]
     pub facing: Option<Facing>,
+    /// Where points were scanned from, so that what lies in between is empty: a file with lines such as 3 0.5 1.25 -2, the number of a scan (as points have it in their attribute scan, or
+    /// point_source_id) and its position; a position of all, such as @2,0.5,1; or none [default: the positions that E57 files tell]
+    #[arg(long, value_name = "FILE|@X,Y,Z|none", help_heading = "Surface")]
+    pub seen_from: Option<PathBuf>,
     /// The widest hole that is bridged in a sheet or terrain, a length as in 2.5 or 3m, or cells as in `8c` [default: 16c]
     #[arg(long, value_name = "WIDTH", value_parser = in_unit::<Hole>, allow_negative_numbers = true, help_heading = "Surface")]
     pub max_hole: Option<InUnit<Hole>>,
@@ -281,6 +286,24 @@ impl CloudArguments {
         })
     }
 
+    /// Where points were scanned from.
+    fn seen_from(&self) -> Result<SeenFrom> {
+        let Some(given) = &self.seen_from else { return Ok(SeenFrom::AsTold) };
+        if self.surface != SurfaceWord::Closed {
+            return Err(Error::Usage(
+                "--seen-from: is for closed surfaces; --facing says where a sheet was seen from".into(),
+            ));
+        }
+        match given.to_str() {
+            Some("none") => Ok(SeenFrom::Unknown),
+            Some(place) if place.starts_with('@') => match place.parse() {
+                Ok(Facing::Position(place)) => Ok(SeenFrom::Place(place)),
+                _ => Err(Error::Usage(format!("--seen-from: expected a position such as @2,0.5,1, found {place:?}"))),
+            },
+            _ => SeenFrom::read(given),
+        }
+    }
+
     /// How folders are looked into.
     pub fn depth(&self) -> Depth {
         if self.recursive { Depth::Recursive } else { Depth::Flat }
@@ -317,9 +340,20 @@ impl CloudArguments {
             clip: self.clip.as_deref().map(Clip::read).transpose()?.map(Arc::new),
             withheld: if self.keep_withheld { Withheld::Kept } else { Withheld::Dropped },
         };
+        let seen_from = self.seen_from()?;
         let (layout, skip_bytes, attributes) = (self.layout.clone(), self.skip_bytes, self.attributes.clone());
         let crs = self.crs.as_deref().map(Crs::given).transpose()?;
-        Ok(InputOptions { layout, skip_bytes, endian, attributes, filter, crs, looked_at: &[], depth: self.depth() })
+        Ok(InputOptions {
+            layout,
+            skip_bytes,
+            endian,
+            attributes,
+            filter,
+            crs,
+            looked_at: &[],
+            depth: self.depth(),
+            seen_from,
+        })
     }
 
     /// The job of these, with what else a command says of it by default.

@@ -123,7 +123,8 @@ impl LasFile {
         };
         let kept = match options.attributes {
             Wanted::None => {
-                let looked_at = self.attributes.iter().filter(|there| options.looked_at.contains(&there.name.as_str()));
+                let is_looked_at = |name: &str| options.looked_at.contains(&name) || options.seen_from.looks_at(name);
+                let looked_at = self.attributes.iter().filter(|there| is_looked_at(&there.name));
                 looked_at.fold(Schema::default(), |schema, attribute| schema.with(attribute))
             }
             _ => Wanted::All.of([&*self.attributes])?,

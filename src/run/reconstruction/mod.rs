@@ -14,6 +14,7 @@ use crate::points::attribute::Wanted;
 use crate::points::bounds::Axis;
 use crate::points::crs::Crs;
 use crate::points::scalar::Endian;
+use crate::points::seen_from::SeenFrom;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::finished::{Finished, refuse_unsound, report};
@@ -265,6 +266,12 @@ impl<'a> Reconstruction<'a> {
     /// The side of the cells of [`Reconstruction::dtm`] and [`Reconstruction::dsm`]: a metre by default.
     pub fn raster_size(mut self, side: f64) -> Self {
         self.job.raster_size = Some(side);
+        self
+    }
+
+    /// Where points were scanned from: as E57 files tell by default. What lies between a point and that place is empty, so that it is outside of a closed surface.
+    pub fn seen_from(mut self, places: SeenFrom) -> Self {
+        self.job.input.seen_from = places;
         self
     }
 

@@ -64,7 +64,7 @@ proptest! {
         }).collect();
         let before = sides.clone();
         let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
-        stretch(&block, &walls, &lined(&block, &occupied), &mut sides, &workers());
+        stretch(&block, &walls, &lined(&block, &occupied), &[], &mut sides, &workers());
         for cell in level(block.cells) {
             let (index, d) = (block.index(cell), depth(cell));
             if from_axis(cell) <= radius && d.abs() > 2 && d < far {
@@ -86,6 +86,6 @@ fn what_walls_close_stays_as_it_is() {
     numbers_of(&inside).into_iter().for_each(|cell| sides[cell as usize] = Side::Inside);
     let before = sides.clone();
     let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
-    stretch(&block, &walls, &lined(&block, &occupied), &mut sides, &workers());
+    stretch(&block, &walls, &lined(&block, &occupied), &[], &mut sides, &workers());
     assert_eq!(sides, before);
 }

@@ -7,6 +7,7 @@ mod normal;
 mod outliers;
 mod rolling;
 mod sheet;
+mod sights;
 mod signed;
 mod support;
 

@@ -12,7 +12,9 @@ fn signed(block: Block, mut occupied: Vec<bool>) -> Signed {
     let outliers = outliers::take_out(&block, &mut occupied);
     let walls = numbers_of(&occupied);
     let cells = block.cells;
-    with_context(cells, |context| Signed::find(Seen { block, occupied, walls, outliers }, context).unwrap())
+    with_context(cells, |context| {
+        Signed::find(Seen { block, occupied, walls, outliers, emptied: Vec::new() }, context).unwrap()
+    })
 }
 
 fn sampled(body: &Body, missing: f64, numbers: &mut Numbers) -> Signed {

@@ -22,16 +22,19 @@ pub struct Extent {
     below: u32,
     /// How high the points in the floor lie above its lower side on average, in [`QUANTA`].
     floor_within: u32,
-    /// The same of the highest cell; [`u32::MAX`] if that was not measured.
+    /// The same of the highest cell; [`u32::MAX`] if that is not known, as of a column whose needle is taken off.
     top_within: u32,
 }
+
+/// Half a cell, in [`QUANTA`]: where points lie that are not known.
+const MIDDLE: u32 = 1 << 19;
 
 /// Parts of a cell that points' heights are rounded down to, so that sums are exact in any order.
 pub const QUANTA: f64 = (1 << 20) as f64;
 
 impl Extent {
     /// Of a column without points.
-    pub const NOTHING: Extent = Extent { floor: u32::MAX, top: 0, below: 0, floor_within: 0, top_within: u32::MAX };
+    pub const NOTHING: Extent = Extent { floor: u32::MAX, top: 0, below: 0, floor_within: MIDDLE, top_within: MIDDLE };
 
     /// Whether anything is occupied.
     pub fn is_data(self) -> bool {
@@ -43,7 +46,7 @@ impl Extent {
         f64::from(self.floor) + f64::from(self.floor_within) / QUANTA
     }
 
-    /// That of the points in the highest cell; NaN if it was not measured, as that of a column whose needle is taken off.
+    /// That of the points in the highest cell; NaN if it is not known.
     pub fn top_height(self) -> f64 {
         if self.top_within == u32::MAX {
             return f64::NAN;

@@ -40,7 +40,7 @@ use crate::grid::slice::{Runs, SliceStore};
 use crate::points::Coordinate;
 use crate::solid::Solid;
 
-/// Finds the columns and makes the solid of them. The solid's ground is set.
+/// Finds the columns and makes the solid of them. The solid's ground is set. Without `points`, these lie in the middles of their cells.
 ///
 /// Memory: [`bytes`].
 ///
@@ -48,15 +48,14 @@ use crate::solid::Solid;
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
 pub fn solid<T: Coordinate>(
     occupancy: &Occupancy,
-    buckets: &Buckets<T>,
-    grid: &Grid,
+    points: Option<(&Buckets<T>, &Grid)>,
     asked: HeightFieldOptions,
     context: &Context,
 ) -> Result<Solid> {
     let cells = occupancy.cells;
     let (up, across) = (asked.up, asked.up.across());
     let (columns, cells_up) = (cells[across], cells[up.axis]);
-    let extents = extents(occupancy, buckets, grid, up, context)?;
+    let extents = extents(occupancy, points, up, context)?;
     let mut ground = HeightField {
         up,
         trimmed: !asked.base,
@@ -145,8 +144,7 @@ fn job_slices(side: u32) -> u32 {
 /// What is occupied of each column of each slice, and how high the points in its lowest and highest cells lie.
 fn extents<T: Coordinate>(
     occupancy: &Occupancy,
-    buckets: &Buckets<T>,
-    grid: &Grid,
+    points: Option<(&Buckets<T>, &Grid)>,
     up: Up,
     context: &Context,
 ) -> Result<Lines<Extent>> {
@@ -178,7 +176,9 @@ fn extents<T: Coordinate>(
                     line.iter_mut().for_each(|column| column.turn(cells_up));
                 }
             }
-            measure(&mut lines, chunk, buckets, grid, up)?;
+            if let Some((buckets, grid)) = points {
+                measure(&mut lines, chunk, buckets, grid, up)?;
+            }
             Ok(lines)
         },
         |lines| out.append(&lines),
@@ -202,11 +202,12 @@ fn measure<T: Coordinate>(
             for point in points {
                 let (cell, within) = grid.place_of(point.map(Into::into));
                 let (along, within) = (cell[up.axis], within[up.axis]);
-                let (height, within) =
-                    if up.positive { (along, within) } else { (cells_up - 1 - along, 1.0 - within) };
+                let (height, within) = if up.positive { (along, within) } else { (cells_up - 1 - along, 1.0 - within) };
                 let column = ((cell[1] - slices.start) * width + cell[up.across()]) as usize;
                 let Extent { floor, top, .. } = columns[column];
-                for (sum, _) in sums[column].iter_mut().zip([floor, top.wrapping_sub(1)]).filter(|(_, of)| *of == height) {
+                for (sum, _) in
+                    sums[column].iter_mut().zip([floor, top.wrapping_sub(1)]).filter(|(_, of)| *of == height)
+                {
                     *sum = (sum.0 + (within * QUANTA) as u64, sum.1 + 1);
                 }
             }
