@@ -12,7 +12,7 @@ use crate::grid::coarse::CoarseGrid;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{REACH, buckets_of, halo, slab_count, slices_of};
-use crate::grid::survey::{Survey, planes_with_points, sampling_distance, seen_from, survey, turned_bounds};
+use crate::grid::survey::{Density, Survey, Wanted, planes_with_points, seen_from, survey, turned_bounds};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::points::bounds::Bounds;
@@ -62,9 +62,11 @@ use crate::surface::thickness::{self, Shell};
 /// points thinned to a tenth, 1.25 still gives one component of the right genus, at a radius of 4.
 const AUTO_CELL: f64 = 1.25;
 
-/// Of clouds of more points the cells by k = 4 are not smaller than [`AUTO_CELL`] sampling distances, unless the area A of the surface is more than
-/// 6.4 L², L being the longest side: the cells' side is L / (4 n^(1/3)), the sampling distance (A / n)^(1/2).
-const COARSE_ENOUGH: u64 = 1 << 22;
+/// Default cells are no smaller than this part of those by k = 4: four times the triangles at most.
+const FINER: f64 = 0.5;
+
+/// Default cells finer than those by k = 4 are so wide that the noise is no more than this part of their side.
+const CLEAN: f64 = 0.05;
 
 /// A surveyed cloud on its grid: all that is known before the first point is sorted.
 #[derive(Debug)]
@@ -75,8 +77,8 @@ pub struct Surveyed {
     pub grid: Grid,
     /// What is asked of a surface that is not closed; it is seen from a direction if the scans' places were to tell.
     pub open: Option<Open>,
-    /// The sampling distance, where it was asked for.
-    pub sampling: Option<f64>,
+    /// How densely the points lie, where it was asked for.
+    pub density: Option<Density>,
     /// The cells of its points at a coarse resolution.
     pub coarse_grid: CoarseGrid,
     /// What the plan is made from.
@@ -116,45 +118,33 @@ pub fn survey_with(
     workers: &Workers,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
-    let always = sampling == Sampling::Always;
     settings.validate()?;
     let in_flight = 2 * workers.threads();
     let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
     progress.begin(Phase::Survey, known);
     let mut passes = Passes { progress, expected: forecast::records(cloud), records: 0, planned: 1, done: 0 };
-    passes.planned += match settings.fineness() {
-        _ if always => 1,
-        Fineness::Given(_) => 0,
-        Fineness::Sampling => 1,
-        Fineness::Default => u64::from(passes.expected <= COARSE_ENOUGH),
+    let wanted = match settings.fineness() {
+        Fineness::Given(_) if sampling == Sampling::IfNeeded => Wanted::Extent,
+        _ => Wanted::Density,
     };
-    let (survey, coarse_grid) = survey(cloud, workers, in_flight, |records| passes.read(records))?;
+    let (survey, coarse_grid, density) = survey(cloud, wanted, workers, in_flight, |records| passes.read(records))?;
     let farthest = survey.bounds.min.into_iter().chain(survey.bounds.max).fold(0.0, |most: f64, c| most.max(c.abs()));
     if cloud.precision() == Precision::Single && farthest > FARTHEST_SINGLE {
         return Err(Error::Usage(format!(
             "a coordinate of {farthest:e} leaves single precision no room for a surface, which ends at {FARTHEST_SINGLE:e}; scale the points down"
         )));
     }
-    let measured = match settings.fineness() {
-        Fineness::Given(_) => always,
-        Fineness::Sampling => true,
-        Fineness::Default => always || survey.points <= COARSE_ENOUGH,
-    };
-    let sampling = if measured {
-        passes.next();
-        sampling_distance(cloud, &survey, workers, in_flight, |records| passes.read(records))?
-    } else {
-        None
-    };
-    let resolution = match settings.fineness() {
-        Fineness::Given(resolution) => resolution,
-        // A single place has no sampling distance; any cell does.
-        Fineness::Sampling => Resolution::Cell(sampling.map_or(1.0, |d| d * AUTO_CELL)),
-        Fineness::Default if survey.points > COARSE_ENOUGH => Resolution::default(),
+    // A single place has no sampling distance; any cell does.
+    let distance = density.and_then(|density| density.distance);
+    let (resolution, may_have_gaps) = match settings.fineness() {
+        Fineness::Given(resolution) => (resolution, matches!(resolution, Resolution::Cell(_))),
+        Fineness::Sampling => (Resolution::Cell(distance.map_or(1.0, |d| d * AUTO_CELL)), true),
         Fineness::Default => {
-            let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?;
-            let least = sampling.map_or(0.0, |d| d * AUTO_CELL);
-            if usual.cell_size() < least { Resolution::Cell(least) } else { Resolution::default() }
+            let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?.cell_size();
+            match density.map_or(usual, |density| default_side(usual, density)) {
+                side if side == usual => (Resolution::default(), false),
+                side => (Resolution::Cell(side), side > usual),
+            }
         }
     };
     let open = match settings.open {
@@ -181,13 +171,13 @@ pub fn survey_with(
             }
         }
     };
-    // A number of slices is one of the whole box.
-    let grid = match resolution {
-        Resolution::Cell(_) => without_gaps(grid, &coarse_grid, settings, |grid, asked| {
+    // A number of slices is one of the whole box, and so are the default cells that k = 4 bounds.
+    let grid = match may_have_gaps {
+        true => without_gaps(grid, &coarse_grid, settings, |grid, asked| {
             passes.next();
             planes_with_points(cloud, grid, asked, workers, in_flight, |records| passes.read(records))
         })?,
-        Resolution::K(_) | Resolution::Slices(_) => grid,
+        false => grid,
     };
     progress.end();
     let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
@@ -201,7 +191,17 @@ pub fn survey_with(
             workload = workload.with_walls_at_ends();
         }
     }
-    Ok(Surveyed { survey, grid, open, sampling, coarse_grid, workload })
+    Ok(Surveyed { survey, grid, open, density, coarse_grid, workload })
+}
+
+/// The side of default cells, `usual` by k = 4: half of that, where points carry it.
+///
+/// They carry it if they are dense enough that cells are not empty by chance, and so clean that the surface through them is not rough.
+fn default_side(usual: f64, density: Density) -> f64 {
+    let dense = density.distance.map_or(0.0, |distance| AUTO_CELL * distance);
+    // What the noise is, few points do not tell.
+    let clean = density.noise.map_or(usual, |noise| noise / CLEAN);
+    dense.max((FINER * usual).max(clean).min(usual))
 }
 
 /// The passes of a survey, which is as far as the records they have read.
