@@ -21,6 +21,7 @@ use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
 use crate::run::bridging::{Trimmed, measured};
 use crate::run::estimate::{EstimateInput, estimate_faces};
+use crate::run::fineness::{auto_side, default_side};
 use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
@@ -40,33 +41,6 @@ use crate::storage::spool::Workspace;
 use crate::surface::extract;
 use crate::surface::plane;
 use crate::surface::thickness::{self, Shell};
-
-/// The cell size that `--cell-size auto` takes, in sampling distances: the finest that keeps handles and holes as they are.
-///
-/// 500,000 points at random on the horse (genus 0) and the dragon (its outside has genus 1), three times each; root mean square
-/// distances in thousandths of a percent of the box's diagonal, against those of ball pivoting through all points, with
-/// the samples' true normals. The dragon's other direction says nothing: part of its surface lies deep within.
-///
-/// | side / d | radius | horse: genus | mesh to truth | truth to mesh | dragon: components, genus | mesh to truth |
-/// |---|---|---|---|---|---|---|
-/// | ball pivoting | | open | 2.8 | 4.0 | open | 4.6 |
-/// | 1.0 | 2 to 3 | 1 or 2 | 3.1 | 5.9 | 1 to 3, 1 or 2 | 6.3 |
-/// | 1.25 | 1 | 0 | 3.6 | 7.5 | 1, 1 | 7.9 |
-/// | 1.5 | 1 | 0 | 4.3 | 8.9 | 1, 1 or 2 | 11.1 |
-/// | 2.0 | 1 | 0 | 6.2 | 14.3 | 1, 1 or 2 | 21.5 |
-/// | k = 4 (1.8; 1.2) | 1 | 0 | 5.5 | 13.0 | 1, 1 | 7.6 |
-///
-/// At 1.0, a third of the surface's cells are empty by chance, so that sealing takes two or three cells, which then bridge what
-/// lies close together; at 1.16 that still happens in one cloud of four, at 1.2 in none. The distance as measured is off by a
-/// few percent: with it, the horse comes to 4.0 and 8.3, the dragon to 8.1, 1.4 to 2.1 times ball pivoting. With half of the
-/// points thinned to a tenth, 1.25 still gives one component of the right genus, at a radius of 4.
-const AUTO_CELL: f64 = 1.25;
-
-/// Default cells are no smaller than this part of those by k = 4: four times the triangles at most.
-const FINER: f64 = 0.5;
-
-/// Default cells finer than those by k = 4 are so wide that the noise is no more than this part of their side.
-const CLEAN: f64 = 0.05;
 
 /// A surveyed cloud on its grid: all that is known before the first point is sorted.
 #[derive(Debug)]
@@ -138,7 +112,7 @@ pub fn survey_with(
     let distance = density.and_then(|density| density.distance);
     let (resolution, may_have_gaps) = match settings.fineness() {
         Fineness::Given(resolution) => (resolution, matches!(resolution, Resolution::Cell(_))),
-        Fineness::Sampling => (Resolution::Cell(distance.map_or(1.0, |d| d * AUTO_CELL)), true),
+        Fineness::Sampling => (Resolution::Cell(distance.map_or(1.0, auto_side)), true),
         Fineness::Default => {
             let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?.cell_size();
             match density.map_or(usual, |density| default_side(usual, density)) {
@@ -192,16 +166,6 @@ pub fn survey_with(
         }
     }
     Ok(Surveyed { survey, grid, open, density, coarse_grid, workload })
-}
-
-/// The side of default cells, `usual` by k = 4: half of that, where points carry it.
-///
-/// They carry it if they are dense enough that cells are not empty by chance, and so clean that the surface through them is not rough.
-fn default_side(usual: f64, density: Density) -> f64 {
-    let dense = density.distance.map_or(0.0, |distance| AUTO_CELL * distance);
-    // What the noise is, few points do not tell.
-    let clean = density.noise.map_or(usual, |noise| noise / CLEAN);
-    dense.max((FINER * usual).max(clean).min(usual))
 }
 
 /// The passes of a survey, which is as far as the records they have read.

@@ -89,7 +89,7 @@ pub fn survey(
     if total.points == 0 {
         return Err(Error::NoPoints { dropped: total.dropped, filtered: total.filtered });
     }
-    let density = (wanted == Wanted::Density).then(|| Density::of(&levels.finish(), total.points));
+    let density = (wanted == Wanted::Density).then(|| Density::of(&levels.finish(total.points), total.points));
     Ok((total, sketching.finish(), density))
 }
 

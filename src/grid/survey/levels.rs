@@ -26,7 +26,7 @@ pub const TELLING: usize = 256;
 /// Points that such a cell keeps.
 pub const PLACES: usize = 16;
 /// Cells for each point beyond which finer levels are left out: at four points to a cell, the sampling distance is known.
-pub const ENOUGH_CELLS: f64 = 0.25;
+const ENOUGH_CELLS: f64 = 0.25;
 
 /// Of level 0, cells are wider than the box's diagonal by so much: more than what rounding adds to it.
 const WIDER: f64 = 1.001;
@@ -187,6 +187,11 @@ impl Levels {
         self.levels.iter().enumerate().map(|(i, level)| (2f64.powi(self.widest - i as i32), level))
     }
 
+    /// The level with the least cells of more than this side.
+    pub fn wider_than(&self, side: f64) -> Option<(f64, &Level)> {
+        self.iter().take_while(|(wide, _)| *wide > side).last()
+    }
+
     /// Adds the levels of other points, and leaves out those finer than the first that has more cells than `enough`.
     fn add(&mut self, mut other: Levels, enough: f64) {
         if self.levels.is_empty() {
@@ -199,6 +204,11 @@ impl Levels {
             self.levels.truncate(other.levels.len());
             self.levels.iter_mut().zip(other.levels).for_each(|(level, more)| level.add(more));
         }
+        self.cut(enough);
+    }
+
+    /// Leaves out those finer than the first that has more cells than `enough`.
+    fn cut(&mut self, enough: f64) {
         let last = self.levels.iter().position(|level| level.distinct() > enough);
         self.levels.truncate(last.map_or(self.levels.len(), |last| last + 1));
     }
@@ -342,8 +352,9 @@ impl Sketching {
             Bar { bounds: *bounds, widest: *widest, levels: levels.len() as u32, highest };
     }
 
-    /// The levels of all points.
-    pub fn finish(self) -> Levels {
+    /// The levels of all points, of which there are so many; none finer than the first with more cells than a quarter of that, however many records there were.
+    pub fn finish(mut self, points: u64) -> Levels {
+        self.levels.cut(ENOUGH_CELLS * points as f64);
         self.levels
     }
 }

@@ -8,7 +8,7 @@
 use super::levels::{Levels, Places};
 
 /// Cells are wider than so many sampling distances, and no more than twice that: 19 to 77 points on average.
-const WIDE: f64 = 4.0;
+pub(super) const WIDE: f64 = 4.0;
 /// A cell with fewer points says nothing; nor does one with fewer than this part of a side's square in sampling distances: it has a corner or the rim of the surface.
 const LEAST: usize = 6;
 const PART: f64 = 0.25;

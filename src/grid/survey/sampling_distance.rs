@@ -1,6 +1,7 @@
 //! How densely the points lie: the distance between neighbouring samples.
 
-use super::levels::{ENOUGH_CELLS, Level, Levels};
+use super::levels::{Level, Levels};
+use super::noise::WIDE;
 
 /// A cell with fewer than this part of the usual points holds strays, or lies at the surface's border.
 const STRAY: u64 = 20;
@@ -28,7 +29,7 @@ const STEPS: u32 = 12;
 /// the denser, up to a third, and a grid laid by it keeps the detail there. The sparser part stays whole because the closing
 /// radius grows.
 ///
-/// Finer levels than the first with more cells than a quarter of the `points` tell nothing: so many of their cells hold strays.
+/// If none of the levels has so few points to a cell, the finest tells: so many of its cells hold strays.
 pub(super) fn sampling_distance(levels: &Levels, points: u64) -> Option<f64> {
     let counted = |level: &Level| {
         let [cells, kept] = without_strays(level);
@@ -38,11 +39,28 @@ pub(super) fn sampling_distance(levels: &Levels, points: u64) -> Option<f64> {
     for (side, level) in levels.iter() {
         let (n, cells) = counted(level);
         told = Some(side / (CELLS_OF_SURFACE * points_to_a_cell(n / cells)).sqrt());
-        if n / cells < POINTS_TO_A_CELL || level.distinct() > ENOUGH_CELLS * points as f64 {
+        if n / cells < POINTS_TO_A_CELL {
             break;
         }
     }
     told
+}
+
+/// Points of the middle cell for each d² of its side's square, where they lie evenly, d apart: .72 to .85 on horse, dragon, rocker arm and sphere. Cells have less of a surface than their
+/// side's square, as many have a corner of it only.
+const OF_MIDDLE: f64 = 0.78;
+/// Fewer cells say nothing.
+const CELLS: usize = 32;
+
+/// The sampling distance of the middle one of all cells, which are those by which the noise is told; `distance` is that of all samples.
+///
+/// Where density is 1:10 along the body it is 1.14 times the distance of all samples, where it is 1:50 1.38 times.
+pub(super) fn middle(levels: &Levels, distance: f64) -> Option<f64> {
+    let (side, level) = levels.wider_than(WIDE * distance)?;
+    let mut counts: Vec<u64> = level.counts().collect();
+    counts.sort_unstable();
+    let middle = counts.get(counts.len() / 2).filter(|_| counts.len() >= CELLS)?;
+    Some(side / (*middle as f64 / OF_MIDDLE).sqrt())
 }
 
 /// The parts of the cells, and of their points, that are no strays: cells with at least a [`STRAY`] of the points that the middle one of all points shares its

@@ -19,7 +19,8 @@ fn density(blocks: &[Vec<[f64; 3]>], records: Option<u64>, late: usize) -> Densi
         let levels: Vec<_> = at_work.iter().map(|points| known.levels_of(points, bounds_of(points))).collect();
         levels.into_iter().flatten().for_each(|levels| sketching.add(levels, &known));
     }
-    Density::of(&sketching.finish(), blocks.iter().map(|block| block.len() as u64).sum())
+    let points = blocks.iter().map(|block| block.len() as u64).sum();
+    Density::of(&sketching.finish(points), points)
 }
 
 mod naive {
@@ -60,19 +61,33 @@ mod naive {
         cells
     }
 
-    pub fn distance(points: &[[f64; 3]]) -> f64 {
-        let n = points.len() as f64;
+    fn distinct(cells: &Cells) -> f64 {
+        match cells.keys().take(1024).last() {
+            Some(last) if cells.len() >= 1024 => 1023.0 * (u64::MAX as f64 / *last as f64),
+            _ => cells.len() as f64,
+        }
+    }
+
+    /// The sides of the levels that are looked at.
+    pub fn sides(points: &[[f64; 3]]) -> Vec<f64> {
         let widest = widest(&bounds_of(points));
-        let mut distance = 0.0;
+        let mut sides: Vec<f64> = Vec::new();
         for level in 0..20 {
-            let side = 2f64.powi(widest - level);
-            let kept: Vec<(u64, u64)> =
-                cells(points, side).into_iter().map(|(hash, of)| (hash, of.0)).take(1024).collect();
-            let distinct = match kept.last() {
-                Some((last, _)) if kept.len() == 1024 => 1023.0 * (u64::MAX as f64 / *last as f64),
-                _ => kept.len() as f64,
-            };
-            let mut sizes: Vec<u64> = kept.iter().map(|(_, count)| *count).collect();
+            sides.push(2f64.powi(widest - level));
+            if distinct(&cells(points, sides[level as usize])) > 0.25 * points.len() as f64 {
+                break;
+            }
+        }
+        sides
+    }
+
+    pub fn distance(points: &[[f64; 3]], sides: &[f64]) -> f64 {
+        let n = points.len() as f64;
+        let mut distance = 0.0;
+        for &side in sides {
+            let cells = cells(points, side);
+            let distinct = distinct(&cells);
+            let mut sizes: Vec<u64> = cells.into_values().map(|of| of.0).take(1024).collect();
             sizes.sort_unstable();
             let all: u64 = sizes.iter().sum();
             let middle = (0..sizes.len()).find(|i| 2 * sizes[..=*i].iter().sum::<u64>() >= all).unwrap();
@@ -83,7 +98,7 @@ mod naive {
             let mut mean = found;
             (0..12).for_each(|_| mean = found * (1.0 - libm::exp(-mean)));
             distance = side / (1.2 * mean.max(found / 2.0)).sqrt();
-            if found < 16.0 || distinct > 0.25 * n {
+            if found < 16.0 {
                 break;
             }
         }
@@ -126,14 +141,18 @@ mod naive {
         m[0][0].min(m[1][1]).min(m[2][2]).max(0.0) / (n - 3.0)
     }
 
-    pub fn noise(points: &[[f64; 3]], distance: f64) -> Option<f64> {
-        let widest = widest(&bounds_of(points));
-        let level = (0..20).rev().find(|level| 2f64.powi(widest - level) > 4.0 * distance)?;
-        if level == 0 {
-            return None;
-        }
-        let of = |level: i32| quartile(points, 2f64.powi(widest - level), distance);
-        Some(((16.0 * of(level)? - of(level - 1)?).max(0.0) / 15.0).sqrt())
+    pub fn middle(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+        let side = *sides.iter().rfind(|side| **side > 4.0 * distance)?;
+        let mut sizes: Vec<u64> = cells(points, side).into_values().map(|of| of.0).take(1024).collect();
+        sizes.sort_unstable();
+        (sizes.len() >= 32).then(|| side / (sizes[sizes.len() / 2] as f64 / 0.78).sqrt())
+    }
+
+    pub fn noise(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+        let level = sides.iter().rposition(|side| *side > 4.0 * distance)?;
+        let of = |level: usize| quartile(points, sides[level], distance);
+        let (narrow, wide) = (of(level)?, of(level.checked_sub(1)?)?);
+        Some(((16.0 * narrow - wide).max(0.0) / 15.0).sqrt())
     }
 }
 
@@ -184,9 +203,11 @@ proptest! {
             blocks.reverse();
         }
         let found = density(&blocks, known.then_some(count as u64), late);
-        let distance = naive::distance(&points);
+        let sides = naive::sides(&points);
+        let distance = naive::distance(&points, &sides);
         prop_assert_eq!(found.distance.unwrap().to_bits(), distance.to_bits());
-        let noise = naive::noise(&points, distance);
+        prop_assert_eq!(found.middle.map(f64::to_bits), naive::middle(&points, &sides, distance).map(f64::to_bits));
+        let noise = naive::noise(&points, &sides, distance);
         prop_assert_eq!(found.noise.is_some(), noise.is_some());
         let (a, b) = (found.noise.unwrap_or(0.0), noise.unwrap_or(0.0));
         // Roots of differences of what was found in two ways.
@@ -271,5 +292,23 @@ fn noise_is_told_from_what_is_bent() {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn the_middle_is_where_even_samples_lie_and_sparser_where_they_do_not() {
+    for kind in ["sphere", "pipe", "block", "folds"] {
+        let (points, _) = body(kind, 200_000, 0.0, 3);
+        let of = |points: Vec<[f64; 3]>| {
+            let found = density(&[points], None, 1);
+            found.middle.unwrap() / found.distance.unwrap()
+        };
+        // One half keeps a part of its points only.
+        let thinned = |every: usize| {
+            points.iter().enumerate().filter(|(i, p)| p[0] > 0.1 || i % every == 0).map(|(_, p)| *p).collect()
+        };
+        let told = [of(points.clone()), of(thinned(10)), of(thinned(50))];
+        assert!((0.9..1.12).contains(&told[0]), "{kind}: {told:?}");
+        assert!(told[1] > 1.3 && told[2] > 1.2, "{kind}: {told:?}");
     }
 }
