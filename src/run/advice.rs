@@ -7,8 +7,20 @@ use crate::run::progress::Warning;
 
 /// What the survey alone tells.
 pub(super) fn of_survey(surveyed: &Surveyed) -> Vec<Warning> {
-    far_points(surveyed).into_iter().collect()
+    far_points(surveyed).into_iter().chain(too_fine(surveyed)).collect()
 }
+
+/// Cells of a closed surface that are smaller than the sampling distance have about two triangles and more to a point.
+fn too_fine(surveyed: &Surveyed) -> Option<Warning> {
+    let distance = surveyed.density?.distance.filter(|_| surveyed.open.is_none())?;
+    let side = surveyed.grid.cell_size() / distance;
+    (side < 1.0)
+        .then(|| Warning::new(format!("cells are finer than points can carry: {side:.2} sampling distances"), CARRIED))
+}
+
+/// What helps where cells are too fine.
+pub(super) const CARRIED: &str =
+    "--cell-size auto makes them as fine as can be; without --k, --slices and --cell-size they are as fine as is good";
 
 /// A few points far from all others, which make the box large and cells coarse. A grid that leaves the gap out is none the worse for them.
 fn far_points(surveyed: &Surveyed) -> Option<Warning> {

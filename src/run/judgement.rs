@@ -3,6 +3,7 @@
 use crate::error::words::{short, thousands};
 use crate::grid::partition::REACH;
 use crate::points::bounds::Bounds;
+use crate::run::advice;
 use crate::run::progress::Warning;
 use crate::run::report::{Closing, PatchReport, Report};
 use crate::run::simplification;
@@ -14,6 +15,9 @@ const CROWDED: f64 = 1000.0;
 
 /// The part of the surface that bridges holes from which the summary warns of it, and the mesh is not called sealed.
 const MUCH_BRIDGED: f64 = 0.02;
+
+/// Triangles to a point of a closed mesh from which finer cells bring the surface no nearer.
+const MANY_TRIANGLES: f64 = 2.0;
 
 /// Pieces of a closed mesh from which the summary warns of them: an object, and some beside it, may be meant.
 const MANY_COMPONENTS: u64 = 10;
@@ -47,6 +51,7 @@ impl Report {
             ));
         }
         found.extend(self.noise());
+        found.extend(self.too_fine());
         if self.parameters.open.is_none() {
             found.extend(self.closing.warnings(self.grid.cell_size));
         }
@@ -91,6 +96,23 @@ impl Report {
             ),
             format!("if that is noise, --cell-size {} lays the mesh amid them", short(2.0 * self.grid.cell_size)),
         ))
+    }
+
+    /// Cells that were asked for and are so fine that the mesh has more triangles than its points can carry.
+    fn too_fine(&self) -> Option<Warning> {
+        let asked = &self.parameters;
+        if asked.k.is_none() && asked.slices.is_none() && asked.cell_size.is_none() || asked.open.is_some() {
+            return None;
+        }
+        let made = self.simplification.as_ref().map(|figures| figures.before);
+        let made = made.or(self.check.as_ref().map(|check| check.triangles))?;
+        let to_a_point = made as f64 / self.points.count as f64;
+        (to_a_point > MANY_TRIANGLES).then(|| {
+            Warning::new(
+                format!("cells are finer than points can carry: {to_a_point:.1} triangles to a point"),
+                advice::CARRIED,
+            )
+        })
     }
 
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.

@@ -87,6 +87,8 @@ pub struct InfoReport {
     pub spacing: Option<f64>,
     /// Mean distance between neighbouring samples of the surface; null for a single place.
     pub sampling_distance: Option<f64>,
+    /// Standard deviation of points from the surface; null if too few places tell.
+    pub noise: Option<f64>,
     /// Points by class and return.
     #[serde(flatten)]
     pub tally: Tally,
@@ -124,7 +126,8 @@ impl InfoReport {
             area,
             points_per_square_unit: density,
             spacing: density.map(|density| density.sqrt().recip()),
-            sampling_distance: surveyed.sampling,
+            sampling_distance: surveyed.density.and_then(|density| density.distance),
+            noise: surveyed.density.and_then(|density| density.noise),
             tally: tally.clone(),
             grid: GridReport::of(&surveyed.grid),
             warnings: advice::of_survey(surveyed),
@@ -174,6 +177,7 @@ impl fmt::Display for InfoReport {
             self.sampling_distance
                 .map_or_else(|| "none: a single place".to_owned(), |distance| format!("{}{length}", short(distance))),
         ));
+        rows.extend(self.noise.map(|noise| ("noise", format!("{}{length}", short(three_digits(noise))))));
         let counts = |counts: &Counts, word: &dyn Fn(u8) -> String| {
             counts.iter().map(|(value, points)| format!("{} {}", word(*value), thousands(*points))).collect::<Vec<_>>()
         };

@@ -12,6 +12,7 @@ pub mod bare_earth;
 pub mod bridging;
 mod estimate;
 mod files_to_mesh;
+mod fineness;
 mod finished;
 pub mod forecast;
 pub mod job;

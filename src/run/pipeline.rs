@@ -12,7 +12,7 @@ use crate::grid::coarse::CoarseGrid;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{REACH, buckets_of, halo, slab_count, slices_of};
-use crate::grid::survey::{Survey, planes_with_points, sampling_distance, seen_from, survey, turned_bounds};
+use crate::grid::survey::{Density, Survey, Wanted, planes_with_points, seen_from, survey, turned_bounds};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::points::bounds::Bounds;
@@ -21,6 +21,7 @@ use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::{Spares, Workers};
 use crate::run::bridging::{Trimmed, measured};
 use crate::run::estimate::{EstimateInput, estimate_faces, estimate_open_faces, level_to_expect};
+use crate::run::fineness::{auto_side, default_side};
 use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
@@ -42,31 +43,6 @@ use crate::surface::extract;
 use crate::surface::plane;
 use crate::surface::thickness::{self, Shell};
 
-/// The cell size that `--cell-size auto` takes, in sampling distances: the finest that keeps handles and holes as they are.
-///
-/// 500,000 points at random on the horse (genus 0) and the dragon (its outside has genus 1), three times each; root mean square
-/// distances in thousandths of a percent of the box's diagonal, against those of ball pivoting through all points, with
-/// the samples' true normals. The dragon's other direction says nothing: part of its surface lies deep within.
-///
-/// | side / d | radius | horse: genus | mesh to truth | truth to mesh | dragon: components, genus | mesh to truth |
-/// |---|---|---|---|---|---|---|
-/// | ball pivoting | | open | 2.8 | 4.0 | open | 4.6 |
-/// | 1.0 | 2 to 3 | 1 or 2 | 3.1 | 5.9 | 1 to 3, 1 or 2 | 6.3 |
-/// | 1.25 | 1 | 0 | 3.6 | 7.5 | 1, 1 | 7.9 |
-/// | 1.5 | 1 | 0 | 4.3 | 8.9 | 1, 1 or 2 | 11.1 |
-/// | 2.0 | 1 | 0 | 6.2 | 14.3 | 1, 1 or 2 | 21.5 |
-/// | k = 4 (1.8; 1.2) | 1 | 0 | 5.5 | 13.0 | 1, 1 | 7.6 |
-///
-/// At 1.0, a third of the surface's cells are empty by chance, so that sealing takes two or three cells, which then bridge what
-/// lies close together; at 1.16 that still happens in one cloud of four, at 1.2 in none. The distance as measured is off by a
-/// few percent: with it, the horse comes to 4.0 and 8.3, the dragon to 8.1, 1.4 to 2.1 times ball pivoting. With half of the
-/// points thinned to a tenth, 1.25 still gives one component of the right genus, at a radius of 4.
-const AUTO_CELL: f64 = 1.25;
-
-/// Of clouds of more points the cells by k = 4 are not smaller than [`AUTO_CELL`] sampling distances, unless the area A of the surface is more than
-/// 6.4 L², L being the longest side: the cells' side is L / (4 n^(1/3)), the sampling distance (A / n)^(1/2).
-const COARSE_ENOUGH: u64 = 1 << 22;
-
 /// A surveyed cloud on its grid: all that is known before the first point is sorted.
 #[derive(Debug)]
 pub struct Surveyed {
@@ -76,8 +52,8 @@ pub struct Surveyed {
     pub grid: Grid,
     /// What is asked of a surface that is not closed; it is seen from a direction if the scans' places were to tell.
     pub open: Option<Open>,
-    /// The sampling distance, where it was asked for.
-    pub sampling: Option<f64>,
+    /// How densely the points lie, where it was asked for.
+    pub density: Option<Density>,
     /// The cells of its points at a coarse resolution.
     pub coarse_grid: CoarseGrid,
     /// What the plan is made from.
@@ -117,45 +93,33 @@ pub fn survey_with(
     workers: &Workers,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
-    let always = sampling == Sampling::Always;
     settings.validate()?;
     let in_flight = 2 * workers.threads();
     let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
     progress.begin(Phase::Survey, known);
     let mut passes = Passes { progress, expected: forecast::records(cloud), records: 0, planned: 1, done: 0 };
-    passes.planned += match settings.fineness() {
-        _ if always => 1,
-        Fineness::Given(_) => 0,
-        Fineness::Sampling => 1,
-        Fineness::Default => u64::from(passes.expected <= COARSE_ENOUGH),
+    let wanted = match settings.fineness() {
+        Fineness::Given(_) if sampling == Sampling::IfNeeded => Wanted::Extent,
+        _ => Wanted::Density,
     };
-    let (survey, coarse_grid) = survey(cloud, workers, in_flight, |records| passes.read(records))?;
+    let (survey, coarse_grid, density) = survey(cloud, wanted, workers, in_flight, |records| passes.read(records))?;
     let farthest = survey.bounds.min.into_iter().chain(survey.bounds.max).fold(0.0, |most: f64, c| most.max(c.abs()));
     if cloud.precision() == Precision::Single && farthest > FARTHEST_SINGLE {
         return Err(Error::Usage(format!(
             "a coordinate of {farthest:e} leaves single precision no room for a surface, which ends at {FARTHEST_SINGLE:e}; scale the points down"
         )));
     }
-    let measured = match settings.fineness() {
-        Fineness::Given(_) => always,
-        Fineness::Sampling => true,
-        Fineness::Default => always || survey.points <= COARSE_ENOUGH,
-    };
-    let sampling = if measured {
-        passes.next();
-        sampling_distance(cloud, &survey, workers, in_flight, |records| passes.read(records))?
-    } else {
-        None
-    };
-    let resolution = match settings.fineness() {
-        Fineness::Given(resolution) => resolution,
-        // A single place has no sampling distance; any cell does.
-        Fineness::Sampling => Resolution::Cell(sampling.map_or(1.0, |d| d * AUTO_CELL)),
-        Fineness::Default if survey.points > COARSE_ENOUGH => Resolution::default(),
+    // A single place has no sampling distance; any cell does.
+    let distance = density.and_then(|density| density.distance);
+    let (resolution, may_have_gaps) = match settings.fineness() {
+        Fineness::Given(resolution) => (resolution, matches!(resolution, Resolution::Cell(_))),
+        Fineness::Sampling => (Resolution::Cell(distance.map_or(1.0, auto_side)), true),
         Fineness::Default => {
-            let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?;
-            let least = sampling.map_or(0.0, |d| d * AUTO_CELL);
-            if usual.cell_size() < least { Resolution::Cell(least) } else { Resolution::default() }
+            let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?.cell_size();
+            match density.map_or(usual, |density| default_side(usual, density)) {
+                side if side == usual => (Resolution::default(), false),
+                side => (Resolution::Cell(side), side > usual),
+            }
         }
     };
     let open = match settings.open {
@@ -182,13 +146,13 @@ pub fn survey_with(
             }
         }
     };
-    // A number of slices is one of the whole box.
-    let grid = match resolution {
-        Resolution::Cell(_) => without_gaps(grid, &coarse_grid, settings, |grid, asked| {
+    // A number of slices is one of the whole box, and so are the default cells that k = 4 bounds.
+    let grid = match may_have_gaps {
+        true => without_gaps(grid, &coarse_grid, settings, |grid, asked| {
             passes.next();
             planes_with_points(cloud, grid, asked, workers, in_flight, |records| passes.read(records))
         })?,
-        Resolution::K(_) | Resolution::Slices(_) => grid,
+        false => grid,
     };
     progress.end();
     let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
@@ -204,7 +168,7 @@ pub fn survey_with(
             workload = workload.with_walls_at_ends();
         }
     }
-    Ok(Surveyed { survey, grid, open, sampling, coarse_grid, workload })
+    Ok(Surveyed { survey, grid, open, density, coarse_grid, workload })
 }
 
 /// The passes of a survey, which is as far as the records they have read.

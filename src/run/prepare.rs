@@ -16,8 +16,8 @@ use crate::run::job::{Check, Job, default_output};
 use crate::run::phase::Phase;
 use crate::run::pipeline::{self, Sampling, Surveyed, context, rehearsed, survey_cloud, survey_with};
 use crate::run::progress::Progress;
+use crate::settings::Settings;
 use crate::settings::open::Kind;
-use crate::settings::{Fineness, Settings};
 use crate::storage::spool::Workspace;
 
 /// What is known of a job before its first point is sorted.
@@ -180,8 +180,7 @@ pub(super) fn known(job: &Job, files: &[PathBuf], passes: Passes) -> Known {
 
 /// What is known of the work that a job is, of so many points.
 pub(super) fn known_of_points(job: &Job, points: u64, passes: Passes) -> Known {
-    let measured = matches!(job.settings.fineness, Fineness::Sampling | Fineness::Default);
-    let survey = 1 + u64::from(measured) + u64::from(job.batch && passes == Passes::All);
+    let survey = 1 + u64::from(job.batch && passes == Passes::All);
     let rehearsed = job.settings.open.is_none() && (passes == Passes::Few || points >= WORTH_IT);
     let known = Known { passes: survey, points, rehearsed, ..Known::default() };
     match passes {

@@ -146,6 +146,8 @@ pub struct PointsReport {
     pub bounds: Bounds,
     /// Mean distance between neighbouring samples, if it was measured.
     pub sampling_distance: Option<f64>,
+    /// Standard deviation of points from the surface, if the grid depends on it and enough places tell.
+    pub noise: Option<f64>,
 }
 
 /// The grid.
@@ -308,7 +310,8 @@ impl PointsReport {
             attributes: cloud.schema().attributes().iter().map(|a| a.name.clone()).collect(),
             precision: surveyed.workload.precision,
             bounds: surveyed.survey.bounds,
-            sampling_distance: surveyed.sampling,
+            sampling_distance: surveyed.density.and_then(|density| density.distance),
+            noise: surveyed.density.and_then(|density| density.noise),
         }
     }
 }

@@ -45,7 +45,8 @@ impl Default for Resolution {
 /// How fine the grid is to be.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Fineness {
-    /// The paper's k = 4, but cells no smaller than `--cell-size auto` would make them: of smaller ones too many are empty by chance.
+    /// The paper's k = 4, with cells up to half as wide where points are dense and clean, but no smaller than `--cell-size auto` would make them: of smaller ones too many are
+    /// empty by chance.
     #[default]
     Default,
     /// The resolution that is given.

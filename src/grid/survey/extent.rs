@@ -2,6 +2,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::density::Density;
+use super::levels::{Known, Sketching as LevelSketching};
 use crate::error::{Error, Result};
 use crate::grid::coarse::{CoarseGrid, Sketching};
 use crate::grid::{Cell, Grid, Rotation};
@@ -30,18 +32,30 @@ impl Survey {
     }
 }
 
-/// Counts the points, finds their box and sketches their cells. `progress` is told the records of each block.
+/// What the first pass is to find beside the points' number, their box and their cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wanted {
+    /// Nothing.
+    Extent,
+    /// How densely they lie.
+    Density,
+}
+
+/// Counts the points, finds their box, sketches their cells and, if that is wanted, finds how densely they lie. `progress` is told the records of each block.
 ///
 /// # Errors
 /// Errors of reading the input; [`Error::NoPoints`]; [`Error::Interrupted`].
 pub fn survey(
     cloud: &Cloud,
+    wanted: Wanted,
     workers: &Workers,
     in_flight: usize,
     mut progress: impl FnMut(u64),
-) -> Result<(Survey, CoarseGrid)> {
+) -> Result<(Survey, CoarseGrid, Option<Density>)> {
     let mut total = Survey { points: 0, dropped: 0, filtered: 0, bounds: Bounds::EMPTY };
     let sketching = Sketching::default();
+    let records = cloud.sources().iter().map(|source| source.records).sum();
+    let (mut levels, known) = (LevelSketching::new(records), Known::default());
     cloud.for_each_batch(
         workers,
         in_flight,
@@ -52,14 +66,22 @@ pub fn survey(
                 Points::Single(points) => sketching.add(points, bounds),
                 Points::Double(points) => sketching.add(points, bounds),
             }
+            let levels = match (&batch.points, wanted) {
+                (_, Wanted::Extent) => None,
+                (Points::Single(points), Wanted::Density) => known.levels_of(points, bounds),
+                (Points::Double(points), Wanted::Density) => known.levels_of(points, bounds),
+            };
             let Batch { dropped, filtered, .. } = *batch;
-            Ok(Survey { points: batch.points.len() as u64, dropped, filtered, bounds })
+            Ok((Survey { points: batch.points.len() as u64, dropped, filtered, bounds }, levels))
         },
-        |part| {
+        |(part, of_part)| {
             total.points += part.points;
             total.dropped += part.dropped;
             total.filtered += part.filtered;
             total.bounds = total.bounds.union(part.bounds);
+            if let Some(of_part) = of_part {
+                levels.add(of_part, &known);
+            }
             progress(part.records());
             Ok(())
         },
@@ -67,7 +89,8 @@ pub fn survey(
     if total.points == 0 {
         return Err(Error::NoPoints { dropped: total.dropped, filtered: total.filtered });
     }
-    Ok((total, sketching.finish()))
+    let density = (wanted == Wanted::Density).then(|| Density::of(&levels.finish(total.points), total.points));
+    Ok((total, sketching.finish(), density))
 }
 
 fn bounds_of_batch(points: &Points) -> Bounds {

@@ -135,7 +135,7 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
-    /// The side of a cell. By default the paper's k = 4, or larger where the sampling is sparser.
+    /// The side of a cell. By default that of the paper's k = 4, down to half of it where points are dense and clean, and no less than 1.25 sampling distances.
     pub fn cell_size(mut self, side: f64) -> Self {
         self.job.settings.fineness = Fineness::Given(Resolution::Cell(side));
         self

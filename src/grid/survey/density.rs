@@ -1,0 +1,27 @@
+//! How densely points lie and how clean they are, as far as the levels tell.
+
+use super::levels::Levels;
+use super::noise::noise;
+use super::sampling_distance::{middle, sampling_distance};
+
+/// How densely points lie, and how far from their surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Density {
+    /// The mean distance between neighbouring samples; none of a single place.
+    pub distance: Option<f64>,
+    /// The distance in the middle of the surface, half of which is sampled more sparsely: that of all samples, if these lie evenly; none if too few places tell.
+    pub middle: Option<f64>,
+    /// The standard deviation from the surface; none if too few places tell.
+    pub noise: Option<f64>,
+}
+
+impl Density {
+    pub(super) fn of(levels: &Levels, points: u64) -> Density {
+        let distance = sampling_distance(levels, points);
+        Density {
+            distance,
+            middle: distance.and_then(|distance| middle(levels, distance)),
+            noise: distance.and_then(|distance| noise(levels, distance)),
+        }
+    }
+}
