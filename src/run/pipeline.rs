@@ -193,7 +193,7 @@ pub fn survey_with(
     let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
-    let mut workload = workload.with_simplification(settings.simplify.is_some());
+    let mut workload = workload.with_simplification(settings.simplify);
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];
         workload = workload.with_columns(ColumnWorkload { of_slice, bridge: open.bridge(&grid) });
