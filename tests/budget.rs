@@ -173,7 +173,10 @@ impl Case {
                 open,
                 bridged: self.trimmed,
                 trim: self.trimmed.then_some(Tolerance::Cells(1.5)),
-                simplify: self.simplified.then(|| Simplification::within(Tolerance::Cells(0.25))),
+                // Triangles that carry what vertices are made of take more.
+                simplify: self
+                    .simplified
+                    .then(|| Simplification::within(Tolerance::Cells(0.25)).move_vertices(self.carried)),
                 surface: SurfaceOptions { smooth: self.smooth, fit: self.fit, ..Settings::default().surface },
                 ..Settings::default()
             },

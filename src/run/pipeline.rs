@@ -159,7 +159,7 @@ pub fn survey_with(
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
     let workload = workload.with_level(level_to_expect(survey.points, &coarse_grid, &grid));
-    let workload = workload.with_simplification(settings.simplify.is_some());
+    let workload = workload.with_simplification(settings.simplify);
     let mut workload = workload.with_sights(open.is_none() && !cloud.places().places.is_empty());
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];

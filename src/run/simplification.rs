@@ -41,7 +41,8 @@ fn options(asked: &Simplification, lengths: Lengths, schema: &Schema) -> Result<
     let tolerance = asked.tolerance.map(|tolerance| tolerance.length(lengths.cell, lengths.longest)).transpose()?;
     let there = schema.attributes().iter().any(|attribute| attribute.name == CLASSIFICATION);
     let borders = (asked.keep_borders == Borders::Classification && there).then(|| CLASSIFICATION.to_owned());
-    Ok(Options { tolerance, most: asked.max_triangles, borders })
+    let (colours, moves) = (asked.keep_colours, asked.move_vertices);
+    Ok(Options { tolerance, most: asked.max_triangles, borders, colours, moves })
 }
 
 /// The mesh of a run with fewer triangles, and how many.
@@ -173,7 +174,7 @@ fn checked_and_simplified(
     progress: &mut Progress,
 ) -> Result<(MeshSpool, MeshHeader, SimplifyReport)> {
     let share = budget / 8 * 7;
-    let least = Extent::of(opened).least_memory();
+    let least = Extent::of(opened, job.asked.move_vertices, job.asked.keep_colours.is_some()).least_memory();
     if share < least {
         let needed = ByteSize((least * 8).div_ceil(7).next_multiple_of(1 << 20));
         return Err(Error::Budget { given: ByteSize(budget), needed, what: "simplifying the mesh" });

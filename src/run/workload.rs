@@ -7,6 +7,7 @@ use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::{Cell, Grid};
 use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
 use crate::points::Precision;
+use crate::settings::simplification::Simplification;
 use crate::settings::surface::Fit;
 use crate::simplify::Extent;
 use crate::stitch::slab::{Made, Size};
@@ -39,7 +40,8 @@ pub struct Workload {
     /// The columns of a surface that is seen from one side.
     pub(crate) columns: Option<ColumnWorkload>,
     /// Whether triangles are left out in the end.
-    simplified: bool,
+    /// Whether vertices may move, or colours count, as triangles are left out; none if all stay.
+    simplified: Option<bool>,
     /// Whether distances from points are measured, and triangles left out by them.
     bridging: Option<bool>,
     /// Cells of the grid to a cell of the level that inside and outside are told apart on, along every axis, at the least.
@@ -89,7 +91,7 @@ impl Workload {
             falls: false,
             counted: None,
             columns: None,
-            simplified: false,
+            simplified: None,
             bridging: None,
             level: 1,
             sighted: false,
@@ -133,9 +135,10 @@ impl Workload {
         Workload { slabs: slabs.collect(), falls, ..self.clone() }
     }
 
-    /// The same workload for a mesh of which triangles are left out in the end.
-    pub fn with_simplification(self, simplified: bool) -> Workload {
-        Workload { simplified, ..self }
+    /// The same workload for a mesh of which triangles are left out in the end, as it is asked.
+    pub fn with_simplification(self, asked: Option<Simplification>) -> Workload {
+        let marked = |asked: Simplification| asked.move_vertices || asked.keep_colours.is_some();
+        Workload { simplified: asked.map(marked), ..self }
     }
 
     /// The same workload for a mesh whose vertices' distances from points are `measured`; triangles may be `trimmed` by them.
@@ -210,7 +213,7 @@ impl Workload {
     /// The mesh that is simplified, if it is.
     pub fn simplified(&self) -> Option<Extent> {
         let (triangles, vertices, precision) = (self.triangles(), self.vertices(), self.precision);
-        self.simplified.then_some(Extent { triangles, vertices, precision })
+        self.simplified.map(|marked| Extent { triangles, vertices, precision, marked })
     }
 
     /// What the measuring of distances depends on, if there is any.

@@ -78,17 +78,45 @@ pub struct Simplification {
     pub max_triangles: Option<u64>,
     /// What edges are not collapsed across.
     pub keep_borders: Borders,
+    /// No place may change its colour by more than so many steps of 255, in any channel, where vertices have `red`, `green` and `blue`. None: as much as it may.
+    pub keep_colours: Option<u8>,
+    /// Whether vertices may be placed anew, where that keeps nearer to the surface, with attributes between those of the vertices that they are made of. Else every
+    /// vertex that is left is one of the mesh's.
+    pub move_vertices: bool,
 }
 
 impl Simplification {
+    const UNLIMITED: Simplification = Simplification {
+        tolerance: None,
+        max_triangles: None,
+        keep_borders: Borders::Classification,
+        keep_colours: None,
+        move_vertices: false,
+    };
+
     /// Within a tolerance.
     pub const fn within(tolerance: Tolerance) -> Simplification {
-        Simplification { tolerance: Some(tolerance), max_triangles: None, keep_borders: Borders::Classification }
+        Simplification { tolerance: Some(tolerance), ..Simplification::UNLIMITED }
     }
 
     /// To so many triangles, with the least tolerance.
     pub const fn to(max_triangles: u64) -> Simplification {
-        Simplification { tolerance: None, max_triangles: Some(max_triangles), keep_borders: Borders::Classification }
+        Simplification { max_triangles: Some(max_triangles), ..Simplification::UNLIMITED }
+    }
+
+    /// The same, with vertices that may be placed anew, or not.
+    pub const fn move_vertices(self, move_vertices: bool) -> Simplification {
+        Simplification { move_vertices, ..self }
+    }
+
+    /// The same, with what edges are not collapsed across.
+    pub const fn keep_borders(self, keep_borders: Borders) -> Simplification {
+        Simplification { keep_borders, ..self }
+    }
+
+    /// The same, with colours that change by no more than so many steps of 255.
+    pub const fn keep_colours(self, steps: u8) -> Simplification {
+        Simplification { keep_colours: Some(steps), ..self }
     }
 
     /// Checks what can be checked without a mesh.

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-/// Triangles of a leaf.
-const LEAF: usize = 4;
-/// A place of a leaf without a triangle.
+/// Children of a node.
+const WIDE: usize = 8;
+/// A triangle without a place.
 const NONE: u32 = u32::MAX;
 
 /// An axis-parallel box in single precision, never less than what it holds.
@@ -27,17 +27,10 @@ impl Extent {
         Extent { low: low.to_array().map(below), high: high.to_array().map(above) }
     }
 
-    /// The box of both.
-    pub(super) fn with(self, other: Extent) -> Extent {
-        let low = std::array::from_fn(|a| self.low[a].min(other.low[a]));
-        let high = std::array::from_fn(|a| self.high[a].max(other.high[a]));
-        Extent { low, high }
-    }
-
     /// Whether they have a place in common.
+    #[cfg(test)]
     pub(super) fn meets(&self, other: &Extent) -> bool {
-        // Without branches: half of all boxes that are asked meet.
-        (0..3).fold(true, |meet, a| meet & (self.low[a] <= other.high[a]) & (other.low[a] <= self.high[a]))
+        (0..3).all(|a| self.low[a] <= other.high[a] && other.low[a] <= self.high[a])
     }
 }
 
@@ -53,29 +46,70 @@ fn above(x: f64) -> f32 {
     if f64::from(near) < x { near.next_up() } else { near }
 }
 
-/// A binary tree over triangles in the order of a curve that fills space. A triangle that changes keeps its place.
+/// Boxes of a node's children, side by side, so that all of them are looked at in a few operations.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    low: [[f32; WIDE]; 3],
+    high: [[f32; WIDE]; 3],
+}
+
+impl Node {
+    const EMPTY: Node = Node { low: [[f32::INFINITY; WIDE]; 3], high: [[f32::NEG_INFINITY; WIDE]; 3] };
+
+    fn set(&mut self, child: usize, extent: Extent) {
+        for a in 0..3 {
+            (self.low[a][child], self.high[a][child]) = (extent.low[a], extent.high[a]);
+        }
+    }
+
+    fn child(&self, child: usize) -> Extent {
+        Extent { low: self.low.map(|low| low[child]), high: self.high.map(|high| high[child]) }
+    }
+
+    /// The box of all.
+    fn whole(&self) -> Extent {
+        let low = self.low.map(|low| low.into_iter().fold(f32::INFINITY, |a, b| if b < a { b } else { a }));
+        let high = self.high.map(|high| high.into_iter().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a }));
+        Extent { low, high }
+    }
+
+    /// Which of them meet a box: a bit each.
+    fn meeting(&self, place: &Extent) -> u32 {
+        let mut meet = [u32::MAX; WIDE];
+        for a in 0..3 {
+            let (low, high) = (&self.low[a], &self.high[a]);
+            for child in 0..WIDE {
+                // Without branches, one comparison for all.
+                let both = (low[child] <= place.high[a]) & (place.low[a] <= high[child]);
+                meet[child] &= u32::from(both).wrapping_neg();
+            }
+        }
+        meet.iter().enumerate().fold(0, |bits, (child, meet)| bits | (meet & 1 << child))
+    }
+}
+
+/// A tree over triangles in the order of a curve that fills space. A triangle that changes keeps its place.
 ///
 /// ```text
-///            0                node i has the children 2i + 1 and 2i + 2;
-///         1     2             its box holds theirs; the last row are the leaves
-///        3  4  5  6
+///   row 2                    o                 each node holds the boxes of up to eight nodes of the row below,
+///   row 1        o o o o o o o o               those of row 0 of up to eight triangles
+///   row 0     oooooooo ... oooooooo
 /// ```
 #[derive(Debug, Default)]
 pub(super) struct Boxes {
-    nodes: Vec<Extent>,
-    /// The triangles of leaf l, and their boxes: `LEAF` from `LEAF * l`.
+    rows: Vec<Vec<Node>>,
+    /// The triangles in the order of their places.
     triangles: Vec<u32>,
-    extents: Vec<Extent>,
     /// Of each triangle: its place among these.
     places: Vec<u32>,
-    /// Nodes to be looked at.
-    waiting: Vec<u32>,
+    /// Nodes to be looked at: row and number.
+    waiting: Vec<(u32, u32)>,
 }
 
 impl Boxes {
-    /// Bytes for each triangle, at most: up to two places, half as many nodes, a place and a leaf; and while it is made, its number on the curve.
-    pub(super) const BYTES: u64 =
-        (2 * (size_of::<Extent>() + size_of::<u32>()) + 4 * size_of::<Extent>() / LEAF + size_of::<u32>() + 8) as u64;
+    /// Bytes for each triangle, at most: a box, a seventh of a box of nodes above and what is left over in the last ones, two numbers; and while it is made, its
+    /// number on the curve.
+    pub(super) const BYTES: u64 = (size_of::<Extent>() + size_of::<Extent>() / 2 + 2 * size_of::<u32>() + 8) as u64;
 
     /// A tree of the triangles given, each with its centre; `corners` gives its corners.
     pub(super) fn build(
@@ -91,91 +125,60 @@ impl Boxes {
         let scale = 1023.0 / (high - low).max_element().max(f64::MIN_POSITIVE);
         let mut order: Vec<(u32, u32)> = centres.map(|(t, centre)| (curve((centre - low) * scale), t)).collect();
         order.sort_unstable();
-        let leaves = order.len().div_ceil(LEAF).max(1).next_power_of_two();
-        let mut boxes = Boxes {
-            nodes: vec![Extent::EMPTY; 2 * leaves - 1],
-            triangles: vec![NONE; leaves * LEAF],
-            extents: vec![Extent::EMPTY; leaves * LEAF],
-            places: vec![NONE; count],
-            waiting: Vec::new(),
-        };
-        // Spread over all leaves, so that none is much fuller than another.
-        let len = order.len();
-        let (mut before, mut filled) = (usize::MAX, 0);
-        for (at, (_, triangle)) in order.into_iter().enumerate() {
-            let leaf = at * leaves / len;
-            filled = if leaf == before { filled + 1 } else { 0 };
-            before = leaf;
-            let place = leaf * LEAF + filled;
-            boxes.triangles[place] = triangle;
-            boxes.extents[place] = Extent::of(corners(triangle));
-            boxes.places[triangle as usize] = place as u32;
+        let mut places = vec![NONE; count];
+        let mut row = vec![Node::EMPTY; order.len().div_ceil(WIDE).max(1)];
+        for (place, (_, triangle)) in order.iter().enumerate() {
+            row[place / WIDE].set(place % WIDE, Extent::of(corners(*triangle)));
+            places[*triangle as usize] = place as u32;
         }
-        for leaf in 0..leaves {
-            boxes.nodes[leaves - 1 + leaf] = boxes.leaf_extent(leaf);
+        let triangles = order.into_iter().map(|(_, triangle)| triangle).collect();
+        let mut rows = vec![row];
+        while let Some(below) = rows.last().filter(|row| row.len() > 1) {
+            let mut row = vec![Node::EMPTY; below.len().div_ceil(WIDE)];
+            below.iter().enumerate().for_each(|(at, node)| row[at / WIDE].set(at % WIDE, node.whole()));
+            rows.push(row);
         }
-        for node in (0..leaves - 1).rev() {
-            boxes.nodes[node] = boxes.nodes[2 * node + 1].with(boxes.nodes[2 * node + 2]);
-        }
-        boxes
-    }
-
-    fn first_leaf(&self) -> usize {
-        self.nodes.len() / 2
-    }
-
-    fn leaf_extent(&self, leaf: usize) -> Extent {
-        self.extents[leaf * LEAF..][..LEAF].iter().fold(Extent::EMPTY, |all, extent| all.with(*extent))
+        Boxes { rows, triangles, places, waiting: Vec::new() }
     }
 
     /// Takes a triangle out.
     pub(super) fn remove(&mut self, triangle: u32) {
-        let place = self.places[triangle as usize] as usize;
-        (self.triangles[place], self.extents[place]) = (NONE, Extent::EMPTY);
-        self.follow(place / LEAF);
+        self.set(triangle, Extent::EMPTY);
     }
 
     /// A triangle has these corners now.
     pub(super) fn update(&mut self, triangle: u32, corners: [DVec3; 3]) {
-        let place = self.places[triangle as usize] as usize;
-        self.extents[place] = Extent::of(corners);
-        self.follow(place / LEAF);
+        self.set(triangle, Extent::of(corners));
     }
 
-    fn follow(&mut self, leaf: usize) {
-        let mut node = self.first_leaf() + leaf;
-        let mut now = self.leaf_extent(leaf);
-        loop {
-            if self.nodes[node] == now {
+    fn set(&mut self, triangle: u32, extent: Extent) {
+        let (mut at, mut now) = (self.places[triangle as usize] as usize, extent);
+        for row in &mut self.rows {
+            let node = &mut row[at / WIDE];
+            if node.child(at % WIDE) == now {
                 return;
             }
-            self.nodes[node] = now;
-            if node == 0 {
-                return;
-            }
-            node = (node - 1) / 2;
-            now = self.nodes[2 * node + 1].with(self.nodes[2 * node + 2]);
+            node.set(at % WIDE, now);
+            (at, now) = (at / WIDE, node.whole());
         }
     }
 
     /// Adds the triangles to `found` whose boxes meet the place.
     pub(super) fn near(&mut self, place: &Extent, found: &mut Vec<u32>) {
-        let first = self.first_leaf();
-        self.waiting.clear();
-        if self.nodes[0].meets(place) {
-            self.waiting.push(0);
+        let Boxes { rows, triangles, waiting, .. } = self;
+        waiting.clear();
+        if let Some(top) = rows.len().checked_sub(1) {
+            waiting.push((top as u32, 0));
         }
-        while let Some(node) = self.waiting.pop() {
-            let node = node as usize;
-            if node >= first {
-                let at = (node - first) * LEAF;
-                let there = self.extents[at..][..LEAF].iter().zip(&self.triangles[at..][..LEAF]);
-                found.extend(there.filter(|(extent, _)| extent.meets(place)).map(|(_, triangle)| *triangle));
-            } else {
-                for child in [2 * node + 1, 2 * node + 2] {
-                    if self.nodes[child].meets(place) {
-                        self.waiting.push(child as u32);
-                    }
+        while let Some((row, number)) = waiting.pop() {
+            let mut meeting = rows[row as usize][number as usize].meeting(place);
+            while meeting != 0 {
+                let child = number * WIDE as u32 + meeting.trailing_zeros();
+                meeting &= meeting - 1;
+                if row == 0 {
+                    found.push(triangles[child as usize]);
+                } else {
+                    waiting.push((row - 1, child));
                 }
             }
         }

@@ -5,6 +5,9 @@ use glam::DVec3;
 use super::boxes::Boxes;
 use super::fan::{Fan, shape};
 use super::gap::{Drift, MOST, Overlay, ROUNDING};
+use super::mark::Colours;
+use super::merge::Merging;
+use super::patch::{Node, Patch};
 use super::piece::{NONE, Piece, Ring};
 use super::quadric::Quadric;
 use super::queue::Queue;
@@ -16,21 +19,27 @@ pub(super) struct Limits {
     pub(super) tolerance: f64,
     /// A collapse that costs more is not made: of the squared distances from the planes of the triangles that go, their areas' sum.
     pub(super) cost: f64,
+    /// No channel of the colour changes by more than this.
+    pub(super) tint: f64,
+    /// What colours are made of, if they are carried.
+    pub(super) colours: Option<Colours>,
+    /// Whether vertices may move.
+    pub(super) moves: bool,
 }
 
 /// Triangles round a vertex, at most: each collapse looks at all of them.
-const MOST_ROUND: usize = 40;
+pub(super) const MOST_ROUND: usize = 40;
 /// Neighbours that a vertex is moved to in trial.
 const MOST_TRIED: usize = 3;
 /// A triangle's shape that is good enough, from 0 (without area) to 1 (equal sides): less is accepted only where it was no better before.
-const SHAPE: f64 = 0.15;
+pub(super) const SHAPE: f64 = 0.15;
 /// What edges' lengths weigh beside distances from planes: flat areas become even triangles.
-const EVEN: f64 = 1e-3;
+pub(super) const EVEN: f64 = 1e-3;
 /// What the rim's planes weigh beside those of triangles.
 const RIM: f64 = 10.0;
 
 /// Mixes the bits of a number (Steele, Lea, Flood 2014).
-fn mixed(number: u32) -> u64 {
+pub(super) fn mixed(number: u32) -> u64 {
     let mut z = u64::from(number).wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -38,27 +47,57 @@ fn mixed(number: u32) -> u64 {
 }
 
 /// A piece while it is simplified.
-pub(super) struct Simplifier {
+pub(super) struct Simplifier<'a> {
     pub(super) piece: Piece,
-    limits: Limits,
+    pub(super) limits: Limits,
+    /// Where a vertex comes to lie that is moved there, as it is written; none if that is not in the part.
+    pub(super) placed: &'a dyn Fn(DVec3) -> Option<DVec3>,
     /// Vertices on a rim.
-    rim: Vec<bool>,
-    queue: Queue,
+    pub(super) rim: Vec<bool>,
+    pub(super) queue: Queue,
     /// Vertices whose cost may have changed.
-    stale: Vec<bool>,
-    costs: Vec<f32>,
-    boxes: Boxes,
-    triangles: usize,
+    pub(super) stale: Vec<bool>,
+    pub(super) costs: Vec<f32>,
+    pub(super) boxes: Boxes,
+    pub(super) triangles: usize,
     /// Triangles when the boxes were made.
-    boxed: usize,
+    pub(super) boxed: usize,
     overlay: Overlay,
-    targets: Vec<(f32, u32, u32)>,
-    fan: Fan,
-    bounds: Vec<Drift>,
+    pub(super) targets: Vec<Target>,
+    pub(super) fan: Fan,
+    pub(super) bounds: Vec<Drift>,
+    pub(super) tints: Vec<Drift>,
+    ways: Vec<Drift>,
+    pub(super) patch: Patch,
+    pub(super) merging: Merging,
+    /// Whether vertices are placed anew by now.
+    placing: bool,
 }
 
-impl Simplifier {
-    pub(super) fn new(piece: Piece, limits: Limits) -> Simplifier {
+/// Where a vertex may go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Target {
+    pub(super) cost: f32,
+    key: u32,
+    /// The neighbour that it becomes one with.
+    pub(super) vertex: u32,
+    /// Where both come to lie, if that is not where the neighbour is.
+    pub(super) place: Option<DVec3>,
+}
+
+impl Target {
+    pub(super) fn new(cost: f64, (number, vertex): (u32, u32), place: Option<DVec3>) -> Target {
+        Target { cost: cost as f32, key: mixed(number) as u32, vertex, place }
+    }
+
+    fn is_before(&self, other: &Target) -> bool {
+        let key = |target: &Target| (target.key, target.vertex, target.place.is_none());
+        self.cost.total_cmp(&other.cost).then(key(self).cmp(&key(other))).is_lt()
+    }
+}
+
+impl<'a> Simplifier<'a> {
+    pub(super) fn new(piece: Piece, limits: Limits, placed: &'a dyn Fn(DVec3) -> Option<DVec3>) -> Simplifier<'a> {
         let vertices = piece.positions.len();
         let triangles = piece.triangles.len();
         let mut simplifier = Simplifier {
@@ -73,15 +112,22 @@ impl Simplifier {
             targets: Vec::new(),
             fan: Fan::default(),
             bounds: Vec::new(),
+            tints: Vec::new(),
+            ways: Vec::new(),
+            patch: Patch::default(),
+            merging: Merging::new(if limits.moves { vertices } else { 0 }),
+            // Where the tolerance alone ends it, vertices on the surface go farther: places beside it use the tolerance up sooner.
+            placing: limits.moves && limits.cost < f64::INFINITY,
             piece,
             limits,
+            placed,
         };
         simplifier.find_rims();
         simplifier.make_boxes();
         simplifier
     }
 
-    fn make_boxes(&mut self) {
+    pub(super) fn make_boxes(&mut self) {
         let Piece { triangles, positions, .. } = &self.piece;
         let corners = |t: u32| triangles[t as usize].map(|v| positions[v as usize]);
         let there = (0..triangles.len() as u32).filter(|t| triangles[*t as usize][0] != NONE);
@@ -99,7 +145,7 @@ impl Simplifier {
     }
 
     /// The distances from the planes of the triangles round a vertex; on a rim, of planes that stand on it, too.
-    fn quadric(&self, vertex: u32) -> Quadric {
+    pub(super) fn quadric(&self, vertex: u32) -> Quadric {
         let own = self.piece.position(vertex);
         let star = self.piece.star(vertex);
         let mut quadric = Quadric::default();
@@ -125,6 +171,10 @@ impl Simplifier {
     /// The neighbours that a vertex may go to, in `self.targets`.
     fn look(&mut self, vertex: u32) {
         self.targets.clear();
+        if self.placing && !self.rim[vertex as usize] {
+            self.look_to_merge(vertex);
+            return;
+        }
         let quadric = self.quadric(vertex);
         let (own, star) = (self.piece.position(vertex), self.piece.star(vertex));
         let rim = self.rim[vertex as usize];
@@ -134,33 +184,31 @@ impl Simplifier {
             for &target in &others[..if rim { 2 } else { 1 }] {
                 if (!rim || self.piece.is_rim(star, target)) && self.same_class(vertex, target) {
                     let cost = quadric.at(self.piece.position(target) - own, EVEN * EVEN);
-                    self.targets.push((cost as f32, mixed(self.piece.numbers[target as usize]) as u32, target));
+                    self.targets.push(Target::new(cost, (self.piece.numbers[target as usize], target), None));
                 }
             }
         }
     }
 
     /// Takes the cheapest of the neighbours that [`Simplifier::look`] has found.
-    fn next_target(&mut self) -> Option<(f32, u32, u32)> {
-        let key = |target: &(f32, u32, u32)| (target.1, target.2);
-        let before = |a: &(f32, u32, u32), b: &(f32, u32, u32)| a.0.total_cmp(&b.0).then(key(a).cmp(&key(b)));
-        let least = (0..self.targets.len())
-            .reduce(|a, b| if before(&self.targets[b], &self.targets[a]).is_lt() { b } else { a })?;
+    fn next_target(&mut self) -> Option<Target> {
+        let least =
+            (0..self.targets.len()).reduce(|a, b| if self.targets[b].is_before(&self.targets[a]) { b } else { a })?;
         Some(self.targets.swap_remove(least))
     }
 
     /// The least that a move to one of them costs.
     fn least_cost(&self) -> f32 {
-        self.targets.iter().fold(f32::INFINITY, |least, target| least.min(target.0))
+        self.targets.iter().fold(f32::INFINITY, |least, target| least.min(target.cost))
     }
 
-    fn same_class(&self, a: u32, b: u32) -> bool {
+    pub(super) fn same_class(&self, a: u32, b: u32) -> bool {
         let classes = &self.piece.classes;
         classes.is_empty() || classes[a as usize] == classes[b as usize]
     }
 
     /// Puts a vertex into the queue by what it costs now.
-    fn push(&mut self, vertex: u32) {
+    pub(super) fn push(&mut self, vertex: u32) {
         self.stale[vertex as usize] = false;
         if self.piece.fixed[vertex as usize] {
             return;
@@ -172,8 +220,18 @@ impl Simplifier {
 
     /// Collapses until nothing more can go.
     pub(super) fn run(&mut self) {
+        self.run_through();
+        if self.limits.moves && !self.placing {
+            self.placing = true;
+            self.run_through();
+        }
+    }
+
+    fn run_through(&mut self) {
         for vertex in 0..self.piece.positions.len() as u32 {
-            self.push(vertex);
+            if !self.piece.star(vertex).is_empty() {
+                self.push(vertex);
+            }
         }
         let mut ring = Ring::default();
         while let Some((cost, vertex)) = self.queue.pop() {
@@ -181,7 +239,7 @@ impl Simplifier {
                 break;
             }
             self.look(vertex);
-            if std::mem::take(&mut self.stale[vertex as usize]) {
+            if std::mem::take(&mut self.stale[vertex as usize]) || self.placing {
                 // It waits again if it costs more by now.
                 let now = self.least_cost();
                 self.costs[vertex as usize] = now;
@@ -197,9 +255,25 @@ impl Simplifier {
             if ring.vertices.len() > MOST {
                 continue;
             }
-            for _ in 0..MOST_TRIED {
-                let Some((_, _, target)) = self.next_target() else { break };
-                if self.collapse(vertex, target, used, &ring) {
+            // So many neighbours, and so many places.
+            let mut tried = [0; 2];
+            while let Some(Target { cost, vertex: target, place, .. }) = self.next_target() {
+                let tried = &mut tried[usize::from(place.is_some())];
+                if *tried == MOST_TRIED {
+                    if self.placing {
+                        continue;
+                    }
+                    break;
+                }
+                *tried += 1;
+                if self.placing && f64::from(cost) > self.limits.cost {
+                    break;
+                }
+                let done = match place {
+                    Some(place) => self.merge(vertex, target, place, &ring),
+                    None => self.collapse(vertex, target, used, &ring),
+                };
+                if done {
                     break;
                 }
             }
@@ -213,7 +287,7 @@ impl Simplifier {
     }
 
     /// Whether the two vertices' neighbours in common are those across their edge, and no triangle would come twice.
-    fn links(&self, vertex: u32, target: u32, ring: &Ring) -> bool {
+    pub(super) fn links(&self, vertex: u32, target: u32, ring: &Ring) -> bool {
         let n = ring.vertices.len();
         let at = ring.vertices.iter().position(|v| *v == target).expect("a target is a neighbour");
         let across = |v: u32| {
@@ -321,14 +395,24 @@ impl Simplifier {
         if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) {
             return false;
         }
-        let overlay = seen.then_some(&self.overlay);
-        if self.fan.meets(&self.piece, &mut self.boxes, &ring.triangles, own, overlay) {
+        let tinted = self.limits.tint < f64::INFINITY;
+        if tinted && !self.tints_are_kept(vertex, target, ring, (axis / length, seen && n > 2), old) {
+            return false;
+        }
+        let axes = seen.then(|| self.overlay.axes());
+        if self.fan.meets(&self.piece, &mut self.boxes, &ring.triangles, own, axes) {
             return false;
         }
 
         // Done: what follows cannot fail.
         let first = self.bounds[0];
         let following: Vec<(usize, Drift)> = (1..n - 1).map(|k| (old(k), self.bounds[k - 1])).collect();
+        if tinted {
+            (1..n - 1).for_each(|k| self.piece.tints[old(k)] = self.tints[k - 1]);
+            if let Some(inner) = inner {
+                self.piece.tints[inner as usize] = self.tints[0].with(self.piece.tints[inner as usize]);
+            }
+        }
         let Simplifier { piece, boxes, .. } = self;
         piece.collapse(vertex, target, ring);
         let Piece { triangles, positions, drift: carried, .. } = piece;
@@ -350,6 +434,9 @@ impl Simplifier {
         if self.triangles * 2 < self.boxed {
             self.make_boxes();
         }
+        if self.limits.moves {
+            self.forget(target, ring);
+        }
         self.push(target);
         for &v in &ring.vertices {
             if v != target && !self.piece.fixed[v as usize] {
@@ -360,5 +447,54 @@ impl Simplifier {
             }
         }
         true
+    }
+
+    /// Whether colours stay within what is allowed as a vertex goes to a neighbour; `self.tints` has how they change, of every triangle that comes. `old` tells
+    /// the triangles round the vertex in the order in which the overlay sees the ring.
+    fn tints_are_kept(
+        &mut self,
+        vertex: u32,
+        target: u32,
+        ring: &Ring,
+        (axis, seen): (DVec3, bool),
+        old: impl Fn(usize) -> usize,
+    ) -> bool {
+        let n = ring.vertices.len();
+        let Piece { tints, blends, .. } = &self.piece;
+        let tint = |v: u32| blends[v as usize].tint();
+        if seen {
+            let at = ring.vertices.iter().position(|v| *v == target).expect("a target is a neighbour");
+            let Patch { nodes, old: before, new: after, size, .. } = &mut self.patch;
+            nodes.clear();
+            for k in 0..n {
+                let v = match (ring.closed, at) {
+                    (true, _) => ring.vertices[(at + k) % n],
+                    (false, 0) => ring.vertices[k],
+                    (false, _) => ring.vertices[n - 1 - k],
+                };
+                let (at, height) = self.overlay.node(k);
+                nodes.push(Node { at, height, tint: tint(v) });
+            }
+            let (at, height) = self.overlay.middle();
+            nodes.push(Node { at, height, tint: tint(vertex) });
+            *size = self.overlay.size();
+            before.clear();
+            after.clear();
+            before.triangles.extend((0..ring.triangles.len()).map(|j| [n, j, (j + 1) % n]));
+            before.inner.push(n);
+            after.triangles.extend((1..n - 1).map(|k| [0, k, k + 1]));
+            let used = |j: usize| (Drift::NONE, tints[old(j)]);
+            let mut ways = std::mem::take(&mut self.ways);
+            let told = self.patch.bounds(axis, DVec3::ZERO, used, &mut ways, &mut self.tints);
+            self.ways = ways;
+            if !told {
+                return false;
+            }
+        } else {
+            let used = ring.triangles.iter().map(|t| tints[*t as usize]).fold(Drift::NONE, Drift::with);
+            self.tints.clear();
+            self.tints.resize(n - 1, used.along(tint(target) - tint(vertex), [-1.0, 0.0]));
+        }
+        self.tints.iter().all(|tint| tint.greatest() <= self.limits.tint)
     }
 }

@@ -1,6 +1,7 @@
 //! The least tolerance that leaves no more triangles than are wanted.
 
 use super::collapse::Limits;
+use super::mark::Mark;
 use super::passes::{Passes, Triangles};
 use super::soup::Soup;
 use crate::error::Result;
@@ -24,21 +25,21 @@ pub(super) enum Knob {
 
 /// Looks for the least limit that leaves at most `most` triangles. Where a limit leaves more, the next trial goes on from there; so the longest trial is the
 /// first. Beyond `farthest`, a limit changes nothing any more: what is left then is as few as there can be.
-pub(super) fn fewest<T: Coordinate>(
+pub(super) fn fewest<T: Coordinate, M: Mark>(
     passes: &Passes,
-    mesh: Triangles<T>,
+    mesh: Triangles<T, M>,
     limits: Limits,
     (knob, start, farthest): (Knob, f64, f64),
     most: u64,
     progress: &mut dyn FnMut(f64),
-) -> Result<Soup<T>> {
+) -> Result<Soup<T, M>> {
     let with = |limit: f64| match knob {
         Knob::Tolerance => Limits { tolerance: limit, ..limits },
         Knob::Cost => Limits { cost: limit, ..limits },
     };
     // What is left with the greatest limit that leaves too many, and with the least that does not.
-    let mut many: Option<Soup<T>> = None;
-    let mut few: Option<Soup<T>> = None;
+    let mut many: Option<Soup<T, M>> = None;
+    let mut few: Option<Soup<T, M>> = None;
     let (mut low, mut high) = (0.0, f64::INFINITY);
     let mut limit = start.min(farthest);
     for trial in 0..MOST {

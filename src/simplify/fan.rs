@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::boxes::{Boxes, Extent};
 use super::gap::Overlay;
+use super::patch::Node;
 use super::piece::Piece;
 use crate::mesh::intersect::intersect;
 
@@ -51,19 +52,33 @@ impl Fan {
         }
     }
 
+    /// The triangles from a vertex, at a place, to all sides of the ring round it. `nodes` are those of the ring, and the last is the vertex's.
+    pub(super) fn spread_round(&mut self, piece: &Piece, ring: &[u32], (middle, place): (u32, DVec3), nodes: &[Node]) {
+        self.fresh.clear();
+        for k in 0..ring.len() {
+            let numbers = [k, (k + 1) % ring.len()];
+            let [(p, b), (q, c)] = numbers.map(|k| (ring[k], piece.position(ring[k])));
+            let places = [place, b, c];
+            let seen = [(middle, nodes[nodes.len() - 1].at), (p, nodes[numbers[0]].at), (q, nodes[numbers[1]].at)];
+            let (low, high) = (place.min(b).min(c), place.max(b).max(c));
+            self.fresh.push(Fresh { vertices: [middle, p, q], places, low, high, seen });
+        }
+    }
+
     /// The worst shape of the triangles.
     pub(super) fn shape(&self) -> f64 {
         self.fresh.iter().map(|fresh| shape(fresh.places)).fold(1.0, f64::min)
     }
 
-    /// Whether one of them would meet a triangle that stays, or, where they are not seen apart, another of them. `star` are the triangles that go.
+    /// Whether one of them would meet a triangle that stays, or, where they are not seen apart, another of them. `star` are the triangles that go; `axes` the two
+    /// across which all of them are seen, relative to `own`.
     pub(super) fn meets(
         &mut self,
         piece: &Piece,
         boxes: &mut Boxes,
         star: &[u32],
         own: DVec3,
-        overlay: Option<&Overlay>,
+        axes: Option<(DVec3, DVec3)>,
     ) -> bool {
         let Fan { fresh, near } = self;
         let Some(first) = fresh.first() else { return false };
@@ -81,8 +96,9 @@ impl Fan {
             }
             let mut seen = None;
             for one in fresh.iter().filter(|one| !outside(one.low, one.high)) {
-                if let Some(overlay) = overlay {
-                    let seen = seen.get_or_insert_with(|| its.map(|place| overlay.across(place - own)));
+                if let Some((right, up)) = axes {
+                    let across = |place: DVec3| DVec2::new((place - own).dot(right), (place - own).dot(up));
+                    let seen = seen.get_or_insert_with(|| its.map(across));
                     if is_beside(one, there, seen) {
                         continue;
                     }
@@ -93,7 +109,7 @@ impl Fan {
                 }
             }
         }
-        if overlay.is_none() {
+        if axes.is_none() {
             let places = |one: &Fresh| one.places.map(|place| place.to_array());
             let pairs = fresh.iter().enumerate().flat_map(|(k, a)| fresh[..k].iter().map(move |b| (a, b)));
             return pairs.into_iter().any(|(a, b)| intersect(a.vertices, places(a), b.vertices, places(b)));

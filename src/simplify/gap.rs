@@ -44,8 +44,17 @@ pub(super) struct Overlay {
 }
 
 /// Twice the area of a triangle, positive if it runs counter-clockwise.
-fn area(a: DVec2, b: DVec2, c: DVec2) -> f64 {
+pub(super) fn area(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     (b - a).perp_dot(c - a)
+}
+
+/// Two axes that, with a unit vector, make a right-handed system (Duff et al. 2017).
+pub(super) fn across(axis: DVec3) -> (DVec3, DVec3) {
+    let sign = 1f64.copysign(axis.z);
+    let a = -1.0 / (sign + axis.z);
+    let b = axis.x * axis.y * a;
+    let right = DVec3::new(1.0 + sign * axis.x * axis.x * a, sign * b, -sign * axis.x);
+    (right, DVec3::new(b, sign + axis.y * axis.y * a, -axis.y))
 }
 
 impl Overlay {
@@ -54,20 +63,30 @@ impl Overlay {
         self.across[number]
     }
 
-    /// Where a place, relative to the vertex that goes, is across the axis.
-    pub(super) fn across(&self, place: DVec3) -> DVec2 {
-        DVec2::new(place.dot(self.right), place.dot(self.up))
+    /// Where the ring's vertex of this number is, across the axis and along it.
+    pub(super) fn node(&self, number: usize) -> (DVec2, f64) {
+        (self.across[number], self.height[number])
+    }
+
+    /// Where the vertex is that goes, or, in an open star, was moved to.
+    pub(super) fn middle(&self) -> (DVec2, f64) {
+        self.middle
+    }
+
+    /// The largest distance of the ring from the vertex.
+    pub(super) fn size(&self) -> f64 {
+        self.size
+    }
+
+    /// The two axes across that which it is seen along.
+    pub(super) fn axes(&self) -> (DVec3, DVec3) {
+        (self.right, self.up)
     }
 
     /// Looks at a star along a unit vector `axis`. `ring` gives places relative to the vertex that goes, beginning with the vertex that it goes to.
     /// `false` if the old or the new triangles do not cover one polygon once, seen from there.
     pub(super) fn look(&mut self, axis: DVec3, ring: impl Iterator<Item = DVec3>, closed: bool) -> bool {
-        // Two axes that, with the first, make a right-handed system (Duff et al. 2017).
-        let sign = 1f64.copysign(axis.z);
-        let a = -1.0 / (sign + axis.z);
-        let b = axis.x * axis.y * a;
-        let right = DVec3::new(1.0 + sign * axis.x * axis.x * a, sign * b, -sign * axis.x);
-        let up = DVec3::new(b, sign + axis.y * axis.y * a, -axis.y);
+        let (right, up) = across(axis);
         (self.right, self.up) = (right, up);
         self.across.clear();
         self.height.clear();
@@ -203,7 +222,7 @@ impl Overlay {
 }
 
 /// Where the places of a triangle may have been at first, relative to where they are: a box of ways.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Drift {
     pub(super) low: DVec3,
     pub(super) high: DVec3,
@@ -227,6 +246,11 @@ impl Drift {
     /// After all places have moved by so much, wherever to.
     pub(super) fn wider(self, way: f64) -> Drift {
         Drift { low: self.low - way, high: self.high + way }
+    }
+
+    /// The greatest number in it, whatever its sign.
+    pub(super) fn greatest(self) -> f64 {
+        self.low.abs().max(self.high.abs()).max_element()
     }
 
     /// The longest way.

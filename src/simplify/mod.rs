@@ -1,6 +1,7 @@
 //! Fewer triangles, within a tolerance, with every guarantee kept, out of core.
 //!
-//! An edge is collapsed onto one of its ends, so that every vertex that is left is one of the mesh's, with its attributes, bit for bit. The cheapest collapse
+//! An edge is collapsed onto one of its ends, so that every vertex that is left is one of the mesh's, with its attributes, bit for bit, or, if it is asked for, to
+//! the best place near it ([`merge`]). The cheapest collapse
 //! comes first: the one whose vertex goes the least far, squared, from the planes of its triangles (Garland & Heckbert 1997; without memory of what was there
 //! before, as Lindstrom & Turk 1998). A collapse is made only if
 //!
@@ -26,9 +27,12 @@ mod collapse;
 mod count;
 mod fan;
 mod gap;
+mod mark;
+mod merge;
 mod number;
 mod part;
 mod passes;
+mod patch;
 mod piece;
 mod quadric;
 mod queue;
@@ -37,9 +41,13 @@ mod space;
 #[cfg(test)]
 mod tests;
 
+use std::cell::Cell;
+
 use self::collapse::Limits;
 use self::count::Knob;
-use self::passes::{Passes, Room, Triangles};
+use self::mark::{Colours, Mark, Marks};
+use self::number::Placed;
+use self::passes::{Passes, Room, Triangles, Wanted};
 use self::soup::Soup;
 use crate::error::Result;
 use crate::mesh::spool::MeshSpool;
@@ -57,6 +65,10 @@ pub struct Options {
     pub most: Option<u64>,
     /// The attribute of vertices, a whole number up to 65,535, that edges are not collapsed across.
     pub borders: Option<String>,
+    /// No channel of a colour may change by more than so many steps of 255, where vertices have colours. None: by as much as it may.
+    pub colours: Option<u8>,
+    /// Whether a vertex may be placed anew, with attributes between those of the vertices that it is made of.
+    pub moves: bool,
 }
 
 /// A tolerance is kept to with so much to spare: drift is rounded up to single precision between passes.
@@ -75,6 +87,10 @@ pub struct Figures {
     pub reached: f64,
     /// The most triangles that were asked for.
     pub most: Option<u64>,
+    /// No channel of a colour has changed by more than so many steps of 255; none if it was not asked for.
+    pub recoloured: Option<f64>,
+    /// Passes over the mesh, those of trials included.
+    pub passes: u64,
 }
 
 /// A mesh as far as the memory to simplify it depends on it.
@@ -86,44 +102,47 @@ pub struct Extent {
     pub vertices: u64,
     /// Their precision.
     pub precision: Precision,
+    /// Whether vertices may move, or colours are looked at.
+    pub marked: bool,
+}
+
+/// Calls a function of the types of a mesh's records.
+macro_rules! typed {
+    ($extent:expr, $($path:ident)::+ ($($argument:expr),*)) => {
+        match ($extent.precision, $extent.marked) {
+            (Precision::Single, false) => $($path)::+::<f32, ()>($($argument),*),
+            (Precision::Single, true) => $($path)::+::<f32, Marks>($($argument),*),
+            (Precision::Double, false) => $($path)::+::<f64, ()>($($argument),*),
+            (Precision::Double, true) => $($path)::+::<f64, Marks>($($argument),*),
+        }
+    };
 }
 
 impl Extent {
-    /// The extent of a mesh.
-    pub fn of(mesh: &dyn MeshSource) -> Extent {
-        Extent { triangles: mesh.face_count(), vertices: mesh.vertex_count(), precision: mesh.precision() }
+    /// The extent of a mesh whose vertices may move, or whose colours count, if it has any.
+    pub fn of(mesh: &dyn MeshSource, moves: bool, colours: bool) -> Extent {
+        let (triangles, vertices, precision) = (mesh.face_count(), mesh.vertex_count(), mesh.precision());
+        let marked = moves || colours && Colours::of(mesh).is_some();
+        Extent { triangles, vertices, precision, marked }
     }
 
     /// The least memory that simplifying it needs, in bytes.
     pub fn least_memory(self) -> u64 {
-        let least = match self.precision {
-            Precision::Single => Room::least::<f32>(self.triangles),
-            Precision::Double => Room::least::<f64>(self.triangles),
-        };
-        least + number::bytes(self.vertices)
+        typed!(self, Room::least(self.triangles)) + typed!(self, number::bytes(self.vertices))
     }
 
     /// The memory that simplifying it is going to take of so much, in bytes: never more than that, and [`Extent::least_memory`] at least.
     pub fn memory(self, budget: u64, threads: usize) -> u64 {
-        let numbering = number::bytes(self.vertices);
+        let numbering = typed!(self, number::bytes(self.vertices));
         let budget = budget.max(self.least_memory());
-        let used =
-            match self.precision {
-                Precision::Single => Room::of::<f32>(self.triangles, budget, numbering)
-                    .map(|room| room.used::<f32>(self.triangles, threads)),
-                Precision::Double => Room::of::<f64>(self.triangles, budget, numbering)
-                    .map(|room| room.used::<f64>(self.triangles, threads)),
-            };
+        let used = typed!(self, Room::of(self.triangles, budget, numbering))
+            .map(|room| typed!(self, Room::used(&room, self.triangles, threads)));
         used.map_or(budget, |used| (used + numbering).min(budget))
     }
 
     /// The temporary disk that simplifying it takes, in bytes: triangles with their corners, as they are sorted to parts, and those that are left.
     pub fn disk(self) -> u64 {
-        let record = match self.precision {
-            Precision::Single => size_of::<soup::Record<f32>>(),
-            Precision::Double => size_of::<soup::Record<f64>>(),
-        };
-        2 * self.triangles * record as u64
+        2 * self.triangles * typed!(self, soup::record_bytes())
     }
 }
 
@@ -145,13 +164,11 @@ pub fn simplify(
     progress: &mut dyn FnMut(f64),
 ) -> Result<(MeshSpool, Figures)> {
     check_vertex_count(mesh.vertex_count())?;
-    match mesh.precision() {
-        Precision::Single => simplify_as::<f32>(mesh, options, budget, workers, workspace, progress),
-        Precision::Double => simplify_as::<f64>(mesh, options, budget, workers, workspace, progress),
-    }
+    let extent = Extent::of(mesh, options.moves, options.colours.is_some());
+    typed!(extent, simplify_as(mesh, options, budget, workers, workspace, progress))
 }
 
-fn simplify_as<T: Coordinate>(
+fn simplify_as<T: Coordinate, M: Mark>(
     mesh: &dyn MeshSource,
     options: &Options,
     budget: u64,
@@ -161,13 +178,22 @@ fn simplify_as<T: Coordinate>(
 ) -> Result<(MeshSpool, Figures)> {
     let classes = options.borders.as_ref().map(|name| class_of(mesh, name)).transpose()?;
     let before = mesh.face_count();
-    let numbering = number::bytes(mesh.vertex_count());
-    let passes = Passes { workers, workspace, room: Room::of::<T>(before, budget, numbering)? };
-    let from = Triangles::Mesh(mesh, classes);
+    let numbering = number::bytes::<T, M>(mesh.vertex_count());
+    let passes = Passes { workers, workspace, room: Room::of::<T, M>(before, budget, numbering)?, made: Cell::new(0) };
+    let colours = if M::CARRIED { Colours::of(mesh) } else { None };
+    let from = Triangles::Mesh(mesh, Wanted { classes, colours });
     let told = &mut |part: f64| progress(0.95 * part);
-    let within =
-        Limits { tolerance: options.tolerance.map_or(f64::INFINITY, |asked| asked * LESS), cost: f64::INFINITY };
-    let soup: Soup<T> = match options.most {
+    let within = Limits {
+        tolerance: options.tolerance.map_or(f64::INFINITY, |asked| asked * LESS),
+        cost: f64::INFINITY,
+        tint: match (options.colours, colours) {
+            (Some(steps), Some(colours)) => f64::from(steps) * colours.step * LESS,
+            _ => f64::INFINITY,
+        },
+        colours,
+        moves: options.moves,
+    };
+    let soup: Soup<T, M> = match options.most {
         Some(most) if most < before => {
             let scale = passes::scale(mesh)?;
             let search = match options.tolerance {
@@ -189,10 +215,20 @@ fn simplify_as<T: Coordinate>(
         }
         _ => passes.simplified(&from, within, told)?,
     };
-    let whole = number::numbered(mesh, &soup, &passes)?;
+    let placed = if options.moves { Placed::Anew(colours) } else { Placed::AsBefore };
+    let whole = number::numbered(mesh, &soup, placed, &passes)?;
     progress(1.0);
     let Options { tolerance: asked, most, .. } = *options;
-    let figures = Figures { before, after: whole.face_count(), asked, reached: soup.reached, most };
+    let recoloured = options.colours.map(|_| colours.map_or(0.0, |colours| soup.recoloured / colours.step));
+    let figures = Figures {
+        before,
+        after: whole.face_count(),
+        asked,
+        reached: soup.reached,
+        most,
+        recoloured,
+        passes: passes.made.get(),
+    };
     Ok((whole, figures))
 }
 

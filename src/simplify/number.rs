@@ -1,13 +1,19 @@
 //! The mesh that is left: its vertices in the order that they had, its triangles in that of their first vertices.
 
+use super::mark::{Blend, Colours, Mark, is_measure};
 use super::passes::Passes;
 use super::soup::{Record, Soup};
 use crate::error::Result;
 use crate::mesh::MeshSource;
+use crate::mesh::measure::Corners;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Coordinate;
+use crate::points::attribute::Attribute;
+use crate::points::scalar::Scalar;
 use crate::storage::partitions::Partitions;
 
+/// Vertices that are read along with a group of corners if its numbers span no more.
+const WINDOW: usize = 1 << 16;
 /// Vertices read at a time.
 const BLOCK: usize = 1 << 13;
 /// Triangles that are sorted at a time, about.
@@ -50,12 +56,37 @@ impl Left {
 }
 
 /// Bytes that the numbering takes.
-pub(super) fn bytes(vertices: u64) -> u64 {
-    vertices.div_ceil(64) * 12 + (2 * SORTED) * 24 + (1 << 20)
+pub(super) fn bytes<T: Coordinate, M: Mark>(vertices: u64) -> u64 {
+    let placing = if M::CARRIED { 2 * SORTED * size_of::<Corner<T>>() as u64 + (1 << 22) } else { 0 };
+    vertices.div_ceil(64) * 12 + (2 * SORTED) * 24 + (1 << 20) + placing
+}
+
+/// Where the vertices that are left lie.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Placed {
+    /// Where they did.
+    AsBefore,
+    /// Where the triangles say, with attributes between those of two vertices, and these colours.
+    Anew(Option<Colours>),
+}
+
+/// A corner of a triangle: its vertex, by the number it gets, where that lies and what it is made of. 36 bytes in single precision, 48 in double.
+#[derive(Debug, Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, packed)]
+struct Corner<T> {
+    number: u32,
+    vertex: u32,
+    place: [T; 3],
+    blend: Blend,
 }
 
 /// Numbers what is left of `mesh` anew.
-pub(super) fn numbered<T: Coordinate>(mesh: &dyn MeshSource, soup: &Soup<T>, passes: &Passes) -> Result<MeshSpool> {
+pub(super) fn numbered<T: Coordinate, M: Mark>(
+    mesh: &dyn MeshSource,
+    soup: &Soup<T, M>,
+    placed: Placed,
+    passes: &Passes,
+) -> Result<MeshSpool> {
     let mut left = Left::of(mesh.vertex_count());
     each(soup, |record| {
         let vertices = record.vertices;
@@ -67,31 +98,9 @@ pub(super) fn numbered<T: Coordinate>(mesh: &dyn MeshSource, soup: &Soup<T>, pas
     let quota = passes.room.quota;
     let whole = MeshSpool::with_attributes(passes.workspace, T::PRECISION, mesh.schema().clone(), quota);
     let mut whole = whole.placed(mesh.origin());
-    let attributes = mesh.schema().attributes();
-    let (mut places, mut kept, mut records) = (Vec::new(), Vec::new(), Vec::new());
-    let mut values = vec![Vec::new(); attributes.len()];
-    for first in (0..mesh.vertex_count()).step_by(BLOCK) {
-        let len = (mesh.vertex_count() - first).min(BLOCK as u64);
-        if (first..first + len).all(|v| !left.has(v)) {
-            continue;
-        }
-        places.resize(len as usize, [0.0; 3]);
-        mesh.read_vertices(first, &mut places)?;
-        for (number, values) in values.iter_mut().enumerate() {
-            values.resize(len as usize, 0.0);
-            mesh.read_attribute(number, first, values)?;
-        }
-        kept.clear();
-        records.clear();
-        for at in (0..len as usize).filter(|at| left.has(first + *at as u64)) {
-            kept.push(places[at]);
-            attributes
-                .iter()
-                .zip(&values)
-                .for_each(|(attribute, values)| attribute.scalar.put(values[at], &mut records));
-        }
-        whole.append_vertices(&kept)?;
-        whole.append_attributes(&records)?;
+    match placed {
+        Placed::AsBefore => copy_vertices(mesh, &left, &mut whole)?,
+        Placed::Anew(colours) => place_vertices(mesh, soup, (&left, vertices), colours, &mut whole, passes)?,
     }
 
     // By ranges of first vertices; there are twice as many triangles as vertices.
@@ -127,6 +136,123 @@ pub(super) fn numbered<T: Coordinate>(mesh: &dyn MeshSource, soup: &Soup<T>, pas
     Ok(whole)
 }
 
-fn each<T: Coordinate>(soup: &Soup<T>, mut visit: impl FnMut(&Record<T>) -> Result<()>) -> Result<()> {
+/// Copies the vertices that are left.
+fn copy_vertices(mesh: &dyn MeshSource, left: &Left, whole: &mut MeshSpool) -> Result<()> {
+    let attributes = mesh.schema().attributes();
+    let (mut places, mut kept, mut records) = (Vec::new(), Vec::new(), Vec::new());
+    let mut values = vec![Vec::new(); attributes.len()];
+    for first in (0..mesh.vertex_count()).step_by(BLOCK) {
+        let len = (mesh.vertex_count() - first).min(BLOCK as u64);
+        if (first..first + len).all(|v| !left.has(v)) {
+            continue;
+        }
+        places.resize(len as usize, [0.0; 3]);
+        mesh.read_vertices(first, &mut places)?;
+        for (number, values) in values.iter_mut().enumerate() {
+            values.resize(len as usize, 0.0);
+            mesh.read_attribute(number, first, values)?;
+        }
+        kept.clear();
+        records.clear();
+        for at in (0..len as usize).filter(|at| left.has(first + *at as u64)) {
+            kept.push(places[at]);
+            attributes
+                .iter()
+                .zip(&values)
+                .for_each(|(attribute, values)| attribute.scalar.put(values[at], &mut records));
+        }
+        whole.append_vertices(&kept)?;
+        whole.append_attributes(&records)?;
+    }
+    Ok(())
+}
+
+/// Places the vertices that are left where the triangles say.
+fn place_vertices<T: Coordinate, M: Mark>(
+    mesh: &dyn MeshSource,
+    soup: &Soup<T, M>,
+    (left, vertices): (&Left, u64),
+    colours: Option<Colours>,
+    whole: &mut MeshSpool,
+    passes: &Passes,
+) -> Result<()> {
+    // There are about six corners to a vertex.
+    let ranges = vertices.div_ceil(SORTED / 6).max(1);
+    let range = vertices.div_ceil(ranges).max(1);
+    let mut partitions = Partitions::<Corner<T>>::new(ranges as usize, 1 << 18, passes.room.quota, passes.workspace);
+    each(soup, |record| {
+        let (vertices, corners, marks) = (record.vertices, record.corners, record.marks());
+        (0..3).try_for_each(|k| {
+            let (vertex, place, blend) = (vertices[k], corners[k], marks.corners[k]);
+            let number = left.number(vertex);
+            partitions.push((u64::from(number) / range) as usize, &Corner { number, vertex, place, blend })
+        })
+    })?;
+    let attributes = mesh.schema().attributes();
+    let (mut corners, mut records): (Vec<Corner<T>>, Vec<u8>) = (Vec::new(), Vec::new());
+    for part in 0..partitions.count() {
+        corners.clear();
+        partitions.read(part, |corner| {
+            // Vertices come once, not once for every triangle.
+            corners.push(*corner);
+            if corners.len() as u64 >= SORTED + range {
+                once_each(&mut corners);
+            }
+            Ok(())
+        })?;
+        once_each(&mut corners);
+        for block in corners.chunks(BLOCK) {
+            let places: Vec<[f64; 3]> = block.iter().map(|corner| { corner.place }.map(Into::into)).collect();
+            whole.append_vertices(&places)?;
+            let mut columns = Vec::with_capacity(attributes.len());
+            for (number, attribute) in attributes.iter().enumerate() {
+                columns.push(match colours.and_then(|colours| colours.attributes.iter().position(|a| *a == number)) {
+                    Some(channel) => block.iter().map(|corner| f64::from({ corner.blend }.colour[channel])).collect(),
+                    None => blended(mesh, (number, attribute), block)?,
+                });
+            }
+            records.clear();
+            for at in 0..block.len() {
+                attributes
+                    .iter()
+                    .zip(&columns)
+                    .for_each(|(attribute, column)| attribute.scalar.put(column[at], &mut records));
+            }
+            whole.append_attributes(&records)?;
+        }
+    }
+    Ok(())
+}
+
+/// Sorts corners, and leaves one of each vertex.
+fn once_each<T: Coordinate>(corners: &mut Vec<Corner<T>>) {
+    corners.sort_unstable_by_key(|corner| corner.number);
+    corners.dedup_by_key(|corner| corner.number);
+}
+
+/// An attribute of vertices: between those of two, if it is a measure.
+fn blended<T: Coordinate>(
+    mesh: &dyn MeshSource,
+    (number, attribute): (usize, &Attribute),
+    block: &[Corner<T>],
+) -> Result<Vec<f64>> {
+    let mut named: Vec<[u32; 3]> =
+        block.iter().map(|corner| [corner.vertex, corner.vertex, { corner.blend }.other]).collect();
+    let mut values = Corners::<f64>::default();
+    values.fill_from(&|first, out| mesh.read_attribute(number, first, out), &mut named, WINDOW)?;
+    let of = |v: u32| values.table[v as usize];
+    let floats = matches!(attribute.scalar, Scalar::F32 | Scalar::F64);
+    let between = |(corner, named): (&Corner<T>, &[u32; 3])| {
+        let (near, far, share) = (of(named[0]), of(named[2]), f64::from({ corner.blend }.share));
+        match is_measure(attribute) && share > 0.0 {
+            false => near,
+            true if floats => near + (far - near) * share,
+            true => (near + (far - near) * share).round(),
+        }
+    };
+    Ok(block.iter().zip(&named).map(between).collect())
+}
+
+fn each<T: Coordinate, M: Mark>(soup: &Soup<T, M>, mut visit: impl FnMut(&Record<T, M>) -> Result<()>) -> Result<()> {
     soup.each_block(|records| records.iter().try_for_each(&mut visit))
 }

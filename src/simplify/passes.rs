@@ -1,8 +1,12 @@
 //! Pass after pass over a mesh that does not fit in memory: each cuts space in another way, so that what lay on a border lies within a part the next time.
 
+use std::cell::Cell;
+
 use glam::DVec3;
 
 use super::collapse::Limits;
+use super::gap::Drift;
+use super::mark::{Blend, Colours, Mark, Marks};
 use super::part::Gathered;
 use super::soup::{Record, Sample, Soup};
 use super::space::Space;
@@ -52,12 +56,21 @@ const BLOCK: usize = 1 << 13;
 /// Vertices that are read along with a group of triangles if its numbers span no more.
 const WINDOW: usize = 1 << 16;
 
+/// What is read of a mesh's vertices beside their places.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wanted {
+    /// The number of the attribute that tells classes.
+    pub(super) classes: Option<usize>,
+    /// Colours, if marks are carried.
+    pub(super) colours: Option<Colours>,
+}
+
 /// Where a pass has its triangles from.
 #[derive(Clone, Copy)]
-pub(super) enum Triangles<'a, T> {
-    /// The mesh as it was given, and the class of each vertex by the attribute of this number.
-    Mesh(&'a dyn MeshSource, Option<usize>),
-    Soup(&'a Soup<T>),
+pub(super) enum Triangles<'a, T, M> {
+    /// The mesh as it was given, and what is read of its vertices.
+    Mesh(&'a dyn MeshSource, Wanted),
+    Soup(&'a Soup<T, M>),
 }
 
 /// What all passes work with.
@@ -65,6 +78,8 @@ pub(super) struct Passes<'a> {
     pub(super) workers: &'a Workers,
     pub(super) workspace: &'a Workspace,
     pub(super) room: Room,
+    /// Passes that were made.
+    pub(super) made: Cell<u64>,
 }
 
 /// The budget, shared out. Nothing of it shows in the bytes.
@@ -84,43 +99,46 @@ const STORES: u64 = 5;
 
 impl Room {
     /// The least that simplifying so many triangles needs, in bytes, beside the numbering.
-    pub(super) fn least<T: Coordinate>(triangles: u64) -> u64 {
-        Room::fixed::<T>(triangles) + Room::largest::<T>(triangles)
+    pub(super) fn least<T: Coordinate, M: Mark>(triangles: u64) -> u64 {
+        Room::fixed::<T, M>(triangles) + Room::largest::<T, M>(triangles)
     }
 
-    fn fixed<T: Coordinate>(triangles: u64) -> u64 {
-        pages::<T>(triangles.div_ceil(PART / 2))
-            + reading::<T>(triangles)
+    fn fixed<T: Coordinate, M: Mark>(triangles: u64) -> u64 {
+        pages::<T, M>(triangles.div_ceil(PART / 2))
+            + reading::<T, M>(triangles)
             + 3 * Sample::<T>::BYTES.min(triangles * size_of::<[T; 3]>() as u64)
     }
 
     /// A part, if it is as much larger than intended as one may be.
-    fn largest<T: Coordinate>(triangles: u64) -> u64 {
-        triangles.min(UNEVEN * PART) * Gathered::bytes::<T>()
+    fn largest<T: Coordinate, M: Mark>(triangles: u64) -> u64 {
+        triangles.min(UNEVEN * PART) * Gathered::bytes::<T, M>()
     }
 
-    pub(super) fn of<T: Coordinate>(triangles: u64, budget: u64, numbering: u64) -> Result<Room> {
-        let least = Room::least::<T>(triangles) + numbering;
+    pub(super) fn of<T: Coordinate, M: Mark>(triangles: u64, budget: u64, numbering: u64) -> Result<Room> {
+        let least = Room::least::<T, M>(triangles) + numbering;
         if budget < least {
             return Err(refused(budget, least));
         }
         let spare = budget - least;
-        let quota = (spare / 2 / STORES).min(triangles * size_of::<Record<T>>() as u64);
-        let pages = pages::<T>(triangles.div_ceil(PART / 2)) + spare / 16;
-        let jobs = Room::largest::<T>(triangles) + spare - STORES * quota - spare / 16;
+        let quota = (spare / 2 / STORES).min(triangles * size_of::<Record<T, M>>() as u64);
+        let pages = pages::<T, M>(triangles.div_ceil(PART / 2)) + spare / 16;
+        let jobs = Room::largest::<T, M>(triangles) + spare - STORES * quota - spare / 16;
         Ok(Room { budget, jobs, quota, pages })
     }
 
     /// What is going to be used of it, at the most.
-    pub(super) fn used<T: Coordinate>(&self, triangles: u64, threads: usize) -> u64 {
+    pub(super) fn used<T: Coordinate, M: Mark>(&self, triangles: u64, threads: usize) -> u64 {
         let parts = (threads as u64 + 1).min(triangles.div_ceil(PART).max(1));
-        let pages = self.pages.min(triangles * size_of::<Record<T>>() as u64);
-        Room::fixed::<T>(triangles) + self.jobs.min(parts * Room::largest::<T>(triangles)) + STORES * self.quota + pages
+        let pages = self.pages.min(triangles * size_of::<Record<T, M>>() as u64);
+        Room::fixed::<T, M>(triangles)
+            + self.jobs.min(parts * Room::largest::<T, M>(triangles))
+            + STORES * self.quota
+            + pages
     }
 
     /// How many parts of so many triangles at most can be under way.
-    fn in_flight<T: Coordinate>(&self, largest: u64, threads: usize) -> Result<usize> {
-        let each = largest * Gathered::bytes::<T>();
+    fn in_flight<T: Coordinate, M: Mark>(&self, largest: u64, threads: usize) -> Result<usize> {
+        let each = largest * Gathered::bytes::<T, M>();
         if each > self.jobs {
             return Err(refused(self.budget, self.budget + each - self.jobs));
         }
@@ -135,27 +153,28 @@ fn refused(given: u64, needed: u64) -> Error {
 }
 
 /// Bytes of the partitions' pages, at the least: of a row's parts as long as pages are, and of rows a quarter.
-fn pages<T>(parts: u64) -> u64 {
-    let page = |records: u64| records * size_of::<Record<T>>() as u64 + 64;
+fn pages<T, M>(parts: u64) -> u64 {
+    let page = |records: u64| records * size_of::<Record<T, M>>() as u64 + 64;
     let (fine, coarse) = (parts.min(ROW as u64) * page(256), parts.div_ceil(ROW as u64) * page(128));
     2 * fine.max(coarse)
 }
 
 /// Bytes of a group of triangles that is read, with the vertices that its numbers span, and of its records.
-fn reading<T>(triangles: u64) -> u64 {
-    let group = triangles.min(BLOCK as u64) * (2 * size_of::<Record<T>>() as u64 + 3 * 12 + 110);
-    group + (WINDOW as u64).min(3 * triangles) * (24 + 8)
+fn reading<T, M: Mark>(triangles: u64) -> u64 {
+    let group = triangles.min(BLOCK as u64) * (2 * size_of::<Record<T, M>>() as u64 + 3 * 12 + 110);
+    let channels = if M::CARRIED { 3 * 8 } else { 0 };
+    group + (WINDOW as u64).min(3 * triangles) * (24 + 8 + channels)
 }
 
 impl Passes<'_> {
     /// Simplifies, pass after pass. `progress` is told the part that is done.
-    pub(super) fn simplified<T: Coordinate>(
+    pub(super) fn simplified<T: Coordinate, M: Mark>(
         &self,
-        from: &Triangles<T>,
+        from: &Triangles<T, M>,
         limits: Limits,
         progress: &mut dyn FnMut(f64),
-    ) -> Result<Soup<T>> {
-        let mut soup: Option<Soup<T>> = None;
+    ) -> Result<Soup<T, M>> {
+        let mut soup: Option<Soup<T, M>> = None;
         for (number, share) in SHARES.into_iter().enumerate() {
             let again = soup.as_ref().map(Triangles::Soup);
             // The first pass has by far the most to do.
@@ -171,18 +190,19 @@ impl Passes<'_> {
     }
 
     /// Partitions for the parts of a row.
-    fn row_of<T: Coordinate>(&self, parts: usize) -> Partitions<Record<T>> {
+    fn row_of<T: Coordinate, M: Mark>(&self, parts: usize) -> Partitions<Record<T, M>> {
         Partitions::new(parts, self.room.pages / 2, self.room.quota, self.workspace)
     }
 
     /// One pass: the triangles that are left, and the number of parts.
-    fn pass<T: Coordinate>(
+    fn pass<T: Coordinate, M: Mark>(
         &self,
-        from: &Triangles<T>,
+        from: &Triangles<T, M>,
         limits: Limits,
         share: f64,
         progress: &mut dyn FnMut(f64),
-    ) -> Result<(Soup<T>, usize)> {
+    ) -> Result<(Soup<T, M>, usize)> {
+        self.made.set(self.made.get() + 1);
         let count = from.count();
         let sample = match from {
             Triangles::Soup(soup) => soup.sample().places(),
@@ -191,7 +211,7 @@ impl Passes<'_> {
         let space = Space::of(sample, count, part(), share);
         // Parts in rows, so that records are sorted to few partitions at a time, in large pages: first to rows, then to the parts of a row.
         let rows = space.parts().div_ceil(ROW);
-        let mut coarse = Partitions::<Record<T>>::new(rows, self.room.pages / 2, self.room.quota, self.workspace);
+        let mut coarse = Partitions::<Record<T, M>>::new(rows, self.room.pages / 2, self.room.quota, self.workspace);
         let mut only = (rows == 1).then(|| self.row_of(space.parts()));
         let mut done = 0;
         from.visit(self, |records| {
@@ -223,14 +243,14 @@ impl Passes<'_> {
                 })
             })?;
             let largest = (0..fine.count()).map(|part| fine.records(part)).max().unwrap_or(0);
-            let in_flight = self.room.in_flight::<T>(largest, self.workers.threads())?;
+            let in_flight = self.room.in_flight::<T, M>(largest, self.workers.threads())?;
             let simplify = |number: usize| {
-                let mut gathered = Gathered::with_room(fine.records(number) as usize);
+                let mut gathered = Gathered::with_room::<M>(fine.records(number) as usize);
                 fine.read(number, |record| {
                     gathered.push(record);
                     Ok(())
                 })?;
-                Ok(gathered.simplified::<T>(limits, |place| space.part(place) as usize == parts.start + number))
+                Ok(gathered.simplified::<T, M>(limits, |place| space.part(place) as usize == parts.start + number))
             };
             self.workers.in_order_range(in_flight, parts.len(), simplify, |records| {
                 left.append(&records)?;
@@ -244,7 +264,11 @@ impl Passes<'_> {
 }
 
 /// Calls `visit` with each part that a triangle's box meets.
-fn meeting<T: Coordinate>(space: &Space, record: &Record<T>, mut visit: impl FnMut(usize) -> Result<()>) -> Result<()> {
+fn meeting<T: Coordinate, M: Mark>(
+    space: &Space,
+    record: &Record<T, M>,
+    mut visit: impl FnMut(usize) -> Result<()>,
+) -> Result<()> {
     let places = record.places();
     let low = std::array::from_fn(|a| places[0][a].min(places[1][a]).min(places[2][a]));
     let high = std::array::from_fn(|a| places[0][a].max(places[1][a]).max(places[2][a]));
@@ -311,7 +335,7 @@ fn sampled(mesh: &dyn MeshSource, mut visit: impl FnMut([[f64; 3]; 3])) -> Resul
     Ok(())
 }
 
-impl<T: Coordinate> Triangles<'_, T> {
+impl<T: Coordinate, M: Mark> Triangles<'_, T, M> {
     pub(super) fn count(&self) -> u64 {
         match self {
             Triangles::Mesh(mesh, _) => mesh.face_count(),
@@ -320,20 +344,24 @@ impl<T: Coordinate> Triangles<'_, T> {
     }
 
     /// Visits all triangles in order. Those that repeat a vertex are left out.
-    fn visit(&self, passes: &Passes, mut visit: impl FnMut(&[Record<T>]) -> Result<()>) -> Result<()> {
+    fn visit(&self, passes: &Passes, mut visit: impl FnMut(&[Record<T, M>]) -> Result<()>) -> Result<()> {
         match self {
             Triangles::Soup(soup) => soup.each_block(visit),
-            Triangles::Mesh(mesh, classes) => {
+            Triangles::Mesh(mesh, wanted) => {
                 let groups = mesh.face_count().div_ceil(BLOCK as u64) as usize;
-                let read = |group: usize| read_group(*mesh, *classes, group);
-                passes.workers.in_order_range(1, groups, read, |records: Vec<Record<T>>| visit(&records))
+                let read = |group: usize| read_group(*mesh, *wanted, group);
+                passes.workers.in_order_range(1, groups, read, |records: Vec<Record<T, M>>| visit(&records))
             }
         }
     }
 }
 
 /// A group of triangles with their corners' places and classes.
-fn read_group<T: Coordinate>(mesh: &dyn MeshSource, classes: Option<usize>, group: usize) -> Result<Vec<Record<T>>> {
+fn read_group<T: Coordinate, M: Mark>(
+    mesh: &dyn MeshSource,
+    wanted: Wanted,
+    group: usize,
+) -> Result<Vec<Record<T, M>>> {
     let first = (group * BLOCK) as u64;
     let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
     mesh.read_faces(first, &mut faces)?;
@@ -341,15 +369,25 @@ fn read_group<T: Coordinate>(mesh: &dyn MeshSource, classes: Option<usize>, grou
     let numbers = faces.clone();
     let mut corners = Corners::default();
     corners.fill(mesh, &mut faces, WINDOW)?;
-    let mut of_class = Corners::<f64>::default();
-    if let Some(attribute) = classes {
-        let mut again = numbers.clone();
-        of_class.fill_from(&|first, out| mesh.read_attribute(attribute, first, out), &mut again, WINDOW)?;
+    // The table's order is the same for whatever is read of the same vertices.
+    let read = |attribute: usize| {
+        let (mut table, mut again) = (Corners::<f64>::default(), numbers.clone());
+        table.fill_from(&|first, out| mesh.read_attribute(attribute, first, out), &mut again, WINDOW)?;
+        Ok::<_, Error>(table.table)
+    };
+    let of_class = wanted.classes.map(read).transpose()?.unwrap_or_default();
+    let class = |v: u32| of_class.get(v as usize).map_or(0, |class| *class as u16);
+    let mut channels = Vec::new();
+    if let Some(colours) = wanted.colours {
+        for attribute in colours.attributes {
+            channels.push(read(attribute)?);
+        }
     }
-    let class = |v: u32| of_class.table.get(v as usize).map_or(0, |class| *class as u16);
+    let colour = |v: u32| std::array::from_fn(|c| channels.get(c).map_or(0.0, |channel| channel[v as usize] as f32));
     let record = |(face, number): (&[u32; 3], &[u32; 3])| {
         let places = face.map(|v| corners.table[v as usize]);
-        Record::new(*number, face.map(class), places, super::gap::Drift::NONE)
+        let corners = std::array::from_fn(|corner| Blend::of(number[corner], colour(face[corner])));
+        Record::new(*number, face.map(class), places, Drift::NONE, Marks { corners, ..Marks::default() })
     };
     Ok(faces.iter().zip(&numbers).map(record).collect())
 }

@@ -3,12 +3,16 @@
 use glam::DVec3;
 
 use super::gap::Drift;
+use super::mark::Blend;
 
 /// Bytes for each triangle of a piece, with as much room again for stars that grow.
 pub(super) const TRIANGLE_BYTES: u64 = (size_of::<[u32; 3]>() + size_of::<Drift>() + 2 * 3 * size_of::<u32>()) as u64;
 /// Bytes for each vertex of a piece.
 pub(super) const VERTEX_BYTES: u64 =
     (size_of::<DVec3>() + size_of::<u32>() + size_of::<Star>() + size_of::<u16>() + 3) as u64;
+/// Bytes more for each triangle and each vertex of a piece with marks.
+pub(super) const MARKED_TRIANGLE_BYTES: u64 = size_of::<Drift>() as u64;
+pub(super) const MARKED_VERTEX_BYTES: u64 = size_of::<Blend>() as u64;
 
 /// No vertex, no triangle.
 pub(super) const NONE: u32 = u32::MAX;
@@ -28,6 +32,10 @@ pub(super) struct Piece {
     pub(super) fixed: Vec<bool>,
     /// Vertices' classes, which triangles do not join across; none if all are one.
     pub(super) classes: Vec<u16>,
+    /// What vertices' attributes are made of; none if no marks are carried.
+    pub(super) blends: Vec<Blend>,
+    /// Of each triangle: how its colours may differ from what they were; none if no marks are carried.
+    pub(super) tints: Vec<Drift>,
     stars: Vec<Star>,
     around: Vec<u32>,
 }
@@ -79,7 +87,8 @@ impl Piece {
             }
         }
         let fixed = vec![false; positions.len()];
-        Piece { positions, numbers, triangles, drift, fixed, classes: Vec::new(), stars, around }
+        let (classes, blends, tints) = (Vec::new(), Vec::new(), Vec::new());
+        Piece { positions, numbers, triangles, drift, fixed, classes, blends, tints, stars, around }
     }
 
     /// The triangles round a vertex, in no order that means anything.

@@ -1,6 +1,6 @@
 //! Sums of squared distances from planes (Garland & Heckbert 1997) that pass through one place.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// Σ (n·d)² / |n| over vectors n, as a function of d, the way from the place that the planes have in common: a symmetric 3 × 3 matrix.
 ///
@@ -38,5 +38,16 @@ impl Quadric {
         let [xx, xy, xz, yy, yz, zz] = self.square;
         let squares = x * (xx * x + 2.0 * (xy * y + xz * z)) + y * (yy * y + 2.0 * yz * z) + zz * z * z;
         squares.max(0.0) + even * self.weight * (x * x + y * y + z * z)
+    }
+
+    /// The matrix.
+    pub(super) fn matrix(&self) -> DMat3 {
+        let [xx, xy, xz, yy, yz, zz] = self.square;
+        DMat3::from_cols(DVec3::new(xx, xy, xz), DVec3::new(xy, yy, yz), DVec3::new(xz, yz, zz))
+    }
+
+    /// Σ |n|.
+    pub(super) fn weight(&self) -> f64 {
+        self.weight
     }
 }

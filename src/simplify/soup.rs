@@ -1,17 +1,19 @@
 //! Triangles on their way from pass to pass: each with its corners' places, so that nothing else has to be looked up.
 
+use std::marker::PhantomData;
+
 use bytemuck::Zeroable;
-use glam::DVec3;
 
 use super::gap::Drift;
+use super::mark::{Mark, Marks, inwards, outwards};
 use crate::error::Result;
 use crate::points::Coordinate;
 use crate::storage::spool::{Spool, Workspace};
 
-/// A triangle with all that is known of it. 78 bytes in single precision, 114 in double.
+/// A triangle with all that is known of it. 78 bytes in single precision, 114 in double; 84 more with marks.
 #[derive(Debug, Clone, Copy, Zeroable, bytemuck::Pod)]
 #[repr(C, packed)]
-pub(super) struct Record<T> {
+pub(super) struct Record<T, M> {
     /// The vertices' numbers in the mesh that was given.
     pub(super) vertices: [u32; 3],
     /// What it has drifted, rounded outwards: the least and the most along x, y and z.
@@ -19,14 +21,19 @@ pub(super) struct Record<T> {
     /// The vertices' classes.
     pub(super) classes: [u16; 3],
     pub(super) corners: [[T; 3]; 3],
+    mark: M,
 }
 
-impl<T: Coordinate> Record<T> {
-    pub(super) fn new(vertices: [u32; 3], classes: [u16; 3], corners: [[f64; 3]; 3], drift: Drift) -> Record<T> {
-        let down = |x: f64| if f64::from(x as f32) > x { (x as f32).next_down() } else { x as f32 };
-        let up = |x: f64| if f64::from(x as f32) < x { (x as f32).next_up() } else { x as f32 };
-        let drift = [drift.low.to_array().map(down), drift.high.to_array().map(up)];
-        Record { vertices, drift, classes, corners: corners.map(|corner| corner.map(T::from_f64)) }
+impl<T: Coordinate, M: Mark> Record<T, M> {
+    pub(super) fn new(
+        vertices: [u32; 3],
+        classes: [u16; 3],
+        corners: [[f64; 3]; 3],
+        drift: Drift,
+        marks: Marks,
+    ) -> Record<T, M> {
+        let corners = corners.map(|corner| corner.map(T::from_f64));
+        Record { vertices, drift: outwards(drift), classes, corners, mark: M::of(marks) }
     }
 
     pub(super) fn places(&self) -> [[f64; 3]; 3] {
@@ -35,9 +42,18 @@ impl<T: Coordinate> Record<T> {
     }
 
     pub(super) fn drift(&self) -> Drift {
-        let [low, high] = self.drift.map(|ends| DVec3::from_array(ends.map(f64::from)));
-        Drift { low, high }
+        inwards(self.drift)
     }
+
+    pub(super) fn marks(&self) -> Marks {
+        let mark = self.mark;
+        mark.marks()
+    }
+}
+
+/// Bytes of a record.
+pub(super) fn record_bytes<T, M>() -> u64 {
+    size_of::<Record<T, M>>() as u64
 }
 
 /// Triangles read at a time.
@@ -46,12 +62,15 @@ const BLOCK: usize = 1 << 13;
 const SAMPLE: usize = 1 << 18;
 
 /// Triangles in the order in which they came, and a sample of where they are.
-pub(super) struct Soup<T> {
+pub(super) struct Soup<T, M> {
     spool: Spool,
     count: u64,
     sample: Sample<T>,
     /// The farthest that any place has drifted.
     pub(super) reached: f64,
+    /// The most that any channel of a colour has changed.
+    pub(super) recoloured: f64,
+    records: PhantomData<M>,
 }
 
 /// First corners of every so many triangles: all, until they are too many; then every second of them, and so on.
@@ -91,31 +110,35 @@ impl<T: Coordinate> Sample<T> {
     }
 }
 
-impl<T: Coordinate> Soup<T> {
-    pub(super) fn new(workspace: &Workspace, in_memory: u64) -> Soup<T> {
-        Soup { spool: workspace.spool(in_memory), count: 0, sample: Sample::new(), reached: 0.0 }
+impl<T: Coordinate, M: Mark> Soup<T, M> {
+    pub(super) fn new(workspace: &Workspace, in_memory: u64) -> Soup<T, M> {
+        let spool = workspace.spool(in_memory);
+        Soup { spool, count: 0, sample: Sample::new(), reached: 0.0, recoloured: 0.0, records: PhantomData }
     }
 
     pub(super) fn count(&self) -> u64 {
         self.count
     }
 
-    pub(super) fn append(&mut self, records: &[Record<T>]) -> Result<()> {
+    pub(super) fn append(&mut self, records: &[Record<T, M>]) -> Result<()> {
         for record in records {
             let corners = record.corners;
             self.sample.take(corners[0]);
             self.reached = self.reached.max(record.drift().most());
+            if M::CARRIED {
+                self.recoloured = self.recoloured.max(inwards(record.marks().tint).greatest());
+            }
         }
         self.count += records.len() as u64;
         self.spool.append(bytemuck::cast_slice(records)).map(|_| ())
     }
 
     /// Visits all triangles in order, some at a time.
-    pub(super) fn each_block(&self, mut visit: impl FnMut(&[Record<T>]) -> Result<()>) -> Result<()> {
+    pub(super) fn each_block(&self, mut visit: impl FnMut(&[Record<T, M>]) -> Result<()>) -> Result<()> {
         let mut records = Vec::new();
         for first in (0..self.count).step_by(BLOCK) {
             records.resize((self.count - first).min(BLOCK as u64) as usize, Record::zeroed());
-            self.spool.read_at(first * size_of::<Record<T>>() as u64, bytemuck::cast_slice_mut(&mut records))?;
+            self.spool.read_at(first * size_of::<Record<T, M>>() as u64, bytemuck::cast_slice_mut(&mut records))?;
             visit(&records)?;
         }
         Ok(())

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use proptest::prelude::*;
 
 use super::boxes::{Boxes, Extent as Box3};
@@ -15,6 +15,8 @@ use crate::mesh::spool::FaceRecord;
 use crate::points::attribute::{Attribute, Schema};
 use crate::points::scalar::Scalar;
 
+mod moved;
+
 type Triangle = [DVec3; 3];
 
 /// A mesh in memory.
@@ -22,6 +24,7 @@ type Triangle = [DVec3; 3];
 struct Mesh {
     vertices: Vec<[f64; 3]>,
     classes: Vec<u8>,
+    colours: Vec<[u8; 3]>,
     triangles: Vec<[u32; 3]>,
 }
 
@@ -31,10 +34,13 @@ impl Mesh {
     }
 
     fn spool(&self, precision: Precision, workspace: &Workspace) -> MeshSpool {
-        let schema = Schema::new(vec![Attribute::new("classification", Scalar::U8)]);
+        let names = ["classification", "red", "green", "blue"];
+        let schema = Schema::new(names.map(|name| Attribute::new(name, Scalar::U8)).to_vec());
         let mut spool = MeshSpool::with_attributes(workspace, precision, schema, 1 << 30);
         spool.append_vertices(&self.vertices).unwrap();
-        spool.append_attributes(&self.classes).unwrap();
+        let records = self.classes.iter().zip(&self.colours);
+        let records: Vec<u8> = records.flat_map(|(class, [r, g, b])| [*class, *r, *g, *b]).collect();
+        spool.append_attributes(&records).unwrap();
         spool.append_faces(&self.triangles.iter().map(|t| FaceRecord::new(*t)).collect::<Vec<_>>()).unwrap();
         spool
     }
@@ -44,9 +50,14 @@ impl Mesh {
         spool.read_vertices(0, &mut vertices).unwrap();
         let mut triangles = vec![[0; 3]; spool.face_count() as usize];
         spool.read_faces(0, &mut triangles).unwrap();
-        let mut classes = vec![0.0; vertices.len()];
-        spool.read_attribute(0, 0, &mut classes).unwrap();
-        Mesh { vertices, classes: classes.into_iter().map(|class| class as u8).collect(), triangles }
+        let read = |number: usize| -> Vec<u8> {
+            let mut values = vec![0.0; vertices.len()];
+            spool.read_attribute(number, 0, &mut values).unwrap();
+            values.into_iter().map(|value| value as u8).collect()
+        };
+        let [classes, red, green, blue] = [0, 1, 2, 3].map(read);
+        let colours = (0..vertices.len()).map(|v| [red[v], green[v], blue[v]]).collect();
+        Mesh { vertices, classes, colours, triangles }
     }
 
     fn report(&self) -> CheckReport {
@@ -62,7 +73,7 @@ impl Mesh {
         let dir = tempfile::tempdir().unwrap();
         let (workspace, workers) = (Workspace::new(dir.path()).unwrap(), Workers::new(threads).unwrap());
         let spool = self.spool(precision, &workspace);
-        let least = Extent::of(&spool).least_memory();
+        let least = Extent::of(&spool, options.moves, options.colours.is_some()).least_memory();
         let (left, figures) = simplify(&spool, options, budget.max(least), &workers, &workspace, &mut |_| ()).unwrap();
         (Mesh::of(&left), figures)
     }
@@ -100,6 +111,7 @@ impl Shape {
         let [of_rows, of_columns] = [0, 1].map(|a| self.cells[a] + usize::from(!self.closed[a]));
         let turn = DMat3::from_rotation_z(self.turn) * DMat3::from_rotation_x(0.7 * self.turn);
         let (mut vertices, mut classes, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
+        let mut colours = Vec::new();
         for i in 0..of_rows {
             for j in 0..of_columns {
                 let (u, v) = (i as f64 / rows as f64, j as f64 / columns as f64);
@@ -118,6 +130,7 @@ impl Shape {
                 let edge = 4.0 / rows.max(columns) as f64;
                 vertices.push((turn * (place + 0.2 * self.noise * edge * off)).as_vec3().as_dvec3().to_array());
                 classes.push(u8::from(u + 0.3 * v > 0.55));
+                colours.push([a.sin(), (2.0 * b).cos(), (a + b).sin()].map(|c| (127.0 + 100.0 * c) as u8));
             }
         }
         let at = |i: usize, j: usize| ((i % of_rows) * of_columns + j % of_columns) as u32;
@@ -131,7 +144,7 @@ impl Shape {
                 }
             }
         }
-        Mesh { vertices, classes, triangles }
+        Mesh { vertices, classes, colours, triangles }
     }
 }
 
@@ -183,7 +196,7 @@ fn farthest(from: &[Triangle], to: &[Triangle]) -> f64 {
     places.map(nearest).fold(0.0, f64::max)
 }
 
-const WITHIN: Options = Options { tolerance: None, most: None, borders: None };
+const WITHIN: Options = Options { tolerance: None, most: None, borders: None, colours: None, moves: false };
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
@@ -205,8 +218,9 @@ proptest! {
         prop_assert_eq!((figures.before, figures.after), (before.triangles, after.triangles));
 
         // Every vertex is one of those before, with its attributes, and in their order.
-        let bits = |mesh: &Mesh| -> Vec<([u64; 3], u8)> {
-            mesh.vertices.iter().zip(&mesh.classes).map(|(v, class)| (v.map(f64::to_bits), *class)).collect()
+        let bits = |mesh: &Mesh| -> Vec<([u64; 3], u8, [u8; 3])> {
+            let rest = mesh.classes.iter().zip(&mesh.colours);
+            mesh.vertices.iter().zip(rest).map(|(v, (class, colour))| (v.map(f64::to_bits), *class, *colour)).collect()
         };
         let mut there = bits(&mesh).into_iter();
         prop_assert!(bits(&left).iter().all(|vertex| there.any(|other| other == *vertex)));
@@ -412,6 +426,7 @@ fn what_is_no_manifold_stays_as_it_is() {
     let count = mesh.vertices.len() as u32;
     mesh.vertices.extend(other.vertices.iter().map(|v| [v[0] + 9.0, v[1], v[2]]));
     mesh.classes.extend(other.classes);
+    mesh.colours.extend(other.colours);
     let shared = 100;
     mesh.triangles.extend(other.triangles.iter().map(|t| t.map(|v| if v == shared { shared } else { v + count })));
     let before = mesh.report();

@@ -93,3 +93,129 @@ fn an_unsound_mesh_is_refused_with_the_counts() {
     f.write("empty.ply", head.replace("vertex 8", "vertex 0").replace("face 8", "face 0"));
     f.fails("simplify empty.ply 0.1 -o y.ply", 65, &["empty.ply"]);
 }
+
+/// A wavy sheet of so many squares a side, coloured; the classes of its halves differ. Text, in single precision.
+fn coloured(side: usize) -> String {
+    let (mut vertices, mut faces) = (String::new(), String::new());
+    for i in 0..=side {
+        for j in 0..=side {
+            let (u, v) = (i as f64 / side as f64, j as f64 / side as f64);
+            let z = 0.05 * (9.0 * u).sin() * (7.0 * v).cos();
+            let colour = [u, v, u * v].map(|c| (255.0 * c) as u8);
+            let [r, g, b] = colour;
+            vertices += &format!("{u} {v} {z} {r} {g} {b} {} {}\n", 2 + 4 * (2 * i / (side + 1)), 10.0 * u);
+            if i < side && j < side {
+                let a = i * (side + 1) + j;
+                let (b, c, d) = (a + side + 1, a + side + 2, a + 1);
+                faces += &format!("3 {a} {b} {c}\n3 {a} {c} {d}\n");
+            }
+        }
+    }
+    let names = ["red", "green", "blue", "classification"].map(|name| format!("property uchar {name}\n")).concat();
+    let head = format!("ply\nformat ascii 1.0\nelement vertex {}\n", (side + 1) * (side + 1));
+    let places = "property float x\nproperty float y\nproperty float z\n";
+    let lists = format!("element face {}\nproperty list uchar int vertex_indices\n", 2 * side * side);
+    format!("{head}{places}{names}property float height\n{lists}end_header\n{vertices}{faces}")
+}
+
+#[test]
+fn vertices_move_and_colours_stay_as_they_are_asked_to() {
+    let f = Folder::new();
+    f.write("m.ply", coloured(60));
+    let left = |options: &str, name: &str| -> Value {
+        f.ok(&format!("simplify m.ply 0.01 -o {name}.ply --report {name}.json -q {options}"));
+        f.ok(&format!("check {name}.ply --open -q"));
+        f.ok(&format!("compare {name}.ply m.ply --report c.json -q"));
+        let report = json(&f, &format!("{name}.json"));
+        let reached = report["simplification"]["reached"].as_f64().unwrap();
+        for side in ["mesh_to_reference", "reference_to_mesh"] {
+            assert!(json(&f, "c.json")[side]["centroids"]["max"]["units"].as_f64().unwrap() <= reached, "{options}");
+        }
+        report["simplification"].clone()
+    };
+    let count = |figures: &Value| figures["after"].as_u64().unwrap();
+    let plain = left("", "plain");
+    assert!(plain["recoloured"].is_null() && plain["passes"].as_u64().unwrap() >= 1);
+    let moved = left("--move-vertices", "moved");
+    assert!(count(&moved) < count(&plain), "{moved} {plain}");
+    for (options, name) in [("--keep-colours 3", "kept"), ("--keep-colours 3 --move-vertices", "both")] {
+        let kept = left(options, name);
+        assert!(kept["recoloured"].as_f64().unwrap() <= 3.0, "{kept}");
+        assert!(count(&kept) > count(&plain) && count(&kept) * 2 < 7200, "{kept}");
+    }
+    left("--move-vertices -j 1 --max-memory 300M", "again");
+    assert_eq!(f.read("moved.ply"), f.read("again.ply"));
+    f.fails("simplify m.ply 0.01 -o x.ply --keep-colours 256", 2, &["--keep-colours"]);
+}
+
+/// One E for all tiles, and where they meet they have the same vertices: each triangle of the whole is in one of them.
+#[test]
+fn tiles_are_cut_from_what_is_left() {
+    let f = Folder::new();
+    f.knot(20_000);
+    for options in ["", " --move-vertices"] {
+        let folder = format!("t{}", options.len());
+        f.ok(&format!("k.ply -o {folder}w.ply --simplify 0.25c -q{options}"));
+        f.ok(&format!("k.ply -o {folder}.ply --simplify 0.25c --tile 0.5 -q{options} --report r.json"));
+        let counts = |name: &str| {
+            f.ok(&format!("check {name} --open -q --no-intersections --report c.json"));
+            json(&f, "c.json")["triangles"].as_u64().unwrap()
+        };
+        let tiles = f.names(&format!("{folder}.tiles"));
+        let tiles: Vec<&String> = tiles.iter().filter(|name| name.ends_with(".ply")).collect();
+        assert!(tiles.len() > 3, "{tiles:?}");
+        let all: u64 = tiles.iter().map(|name| counts(&format!("{folder}.tiles/{name}"))).sum();
+        assert_eq!(all, counts(&format!("{folder}w.ply")));
+        assert_eq!(json(&f, "r.json")["simplification"]["after"], all);
+    }
+}
+
+/// A mesh that runs through itself has no more pairs that do afterwards.
+#[test]
+fn no_intersections_are_added_to_those_there() {
+    let f = Folder::new();
+    f.knot(8_000);
+    f.ok("k.ply -o k.off.ply -q");
+    // Two knots, one moved by half of its thickness: they run through each other.
+    let (head, rest) = {
+        let bytes = f.read("k.off.ply");
+        let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+        (String::from_utf8(bytes[..end].to_vec()).unwrap(), bytes[end..].to_vec())
+    };
+    let number = |word: &str| -> usize {
+        let line = head.lines().find(|line| line.starts_with(&format!("element {word} "))).unwrap();
+        line.rsplit(' ').next().unwrap().parse().unwrap()
+    };
+    let (vertices, faces) = (number("vertex"), number("face"));
+    let stride = (rest.len() - 13 * faces) / vertices;
+    let mut moved = rest[..stride * vertices].to_vec();
+    for vertex in moved.chunks_exact_mut(stride) {
+        let x: f32 = bytemuck::pod_read_unaligned(&vertex[..4]);
+        vertex[..4].copy_from_slice(&(x + 0.11).to_le_bytes());
+    }
+    let mut other = rest[stride * vertices..].to_vec();
+    for face in other.chunks_exact_mut(13) {
+        for corner in 0..3 {
+            let at = 1 + 4 * corner;
+            let v: u32 = bytemuck::pod_read_unaligned(&face[at..at + 4]);
+            face[at..at + 4].copy_from_slice(&(v + vertices as u32).to_le_bytes());
+        }
+    }
+    let head = head.replace(&format!("vertex {vertices}"), &format!("vertex {}", 2 * vertices));
+    let head = head.replace(&format!("face {faces}"), &format!("face {}", 2 * faces));
+    let (own, triangles) = rest.split_at(stride * vertices);
+    f.write("two.ply", [head.as_bytes(), own, &moved, triangles, &other].concat());
+    let pairs = |name: &str| {
+        f.run(&format!("check {name} -q --report c.json"));
+        json(&f, "c.json")["intersections"]["pairs"].as_u64().unwrap()
+    };
+    let before = pairs("two.ply");
+    assert!(before > 0);
+    f.fails("simplify two.ply 0.2c -o x.ply", 65, &["pairs of triangles that intersect"]);
+    for options in ["", "--move-vertices"] {
+        let answer = f.ok(&format!("simplify two.ply 0.2c -o left.ply --overwrite --unsound {options}"));
+        assert!(answer.err.contains("pairs of triangles that intersect"), "{}", answer.err);
+        let after = pairs("left.ply");
+        assert!(after <= before, "{after} of {before}");
+    }
+}

@@ -96,18 +96,27 @@ class Mesh:
         self._core.save(os.fsdecode(path), overwrite, coordinates)
 
     def simplify(
-        self, tolerance: float | str | None = None, *, max_triangles: int | None = None, keep_borders: str | None = None, progress: Any = None
+        self,
+        tolerance: float | str | None = None,
+        *,
+        max_triangles: int | None = None,
+        keep_borders: str | None = None,
+        keep_colours: int | None = None,
+        move_vertices: bool = False,
+        progress: Any = None,
     ) -> "Mesh":
         """The mesh with fewer triangles: as few as can be with no place of either surface farther than ``tolerance`` from the other.
 
         ``tolerance`` is a length, cells as in "0.25c", or per cents of the longest side as in "0.01%"; ``max_triangles`` is a number of triangles, with the least
         tolerance that does or, within ``tolerance``, those that matter most. ``keep_borders`` is "classification" (triangles are not joined across classes) or "none".
-        Every vertex that is left is one of this mesh's, with its attributes; a closed mesh stays closed, and no triangles intersect.
+        No channel of a colour changes by more than ``keep_colours`` steps of 255 anywhere; None: as much as it may. Every vertex that is left is one of this mesh's, with its
+        attributes, unless ``move_vertices`` places them better, with attributes between those that were there. A closed mesh stays closed, and no triangles intersect.
         ``report["simplification"]`` tells the distance that was reached. Raises UsageError, CannotFitError, and what ``progress`` raises.
         """
         if tolerance is None and max_triangles is None:
             raise UsageError("simplify: expected a tolerance, max_triangles, or both", code=2)
-        line = words({"simplify": tolerance, "max_triangles": max_triangles, "keep_borders": keep_borders})
+        asked = {"simplify": tolerance, "max_triangles": max_triangles, "keep_borders": keep_borders, "keep_colours": keep_colours, "move_vertices": move_vertices}
+        line = words(asked)
         from ._run import _progress
 
         with _progress(progress) as tell:

@@ -161,6 +161,12 @@ pub struct SimplificationArguments {
     /// What triangles are not joined across as they are left out: classes, where points have some
     #[arg(long, value_enum, default_value_t, value_name = "WHAT", help_heading = "Surface")]
     pub keep_borders: Borders,
+    /// How much any channel of a colour may change anywhere as triangles are left out, in steps of 255, where points have colours [default: as much as it may]
+    #[arg(long, value_name = "STEPS", help_heading = "Surface")]
+    pub keep_colours: Option<u8>,
+    /// Place vertices anew as triangles are left out, where that keeps nearer to the surface, with attributes between those that were there
+    #[arg(long, help_heading = "Surface")]
+    pub move_vertices: bool,
 }
 
 impl SimplificationArguments {
@@ -169,7 +175,8 @@ impl SimplificationArguments {
         let tolerance = self.simplify.map(|tolerance| tolerance.value);
         let (max_triangles, keep_borders) = (self.max_triangles, self.keep_borders);
         let is_asked = tolerance.is_some() || max_triangles.is_some();
-        is_asked.then_some(Simplification { tolerance, max_triangles, keep_borders })
+        let (keep_colours, move_vertices) = (self.keep_colours, self.move_vertices);
+        is_asked.then_some(Simplification { tolerance, max_triangles, keep_borders, keep_colours, move_vertices })
     }
 }
 

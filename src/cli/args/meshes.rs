@@ -115,6 +115,12 @@ pub struct SimplifyArguments {
     /// What triangles are not joined across: classes, where vertices have some
     #[arg(long, value_enum, default_value_t, value_name = "WHAT")]
     pub keep_borders: Borders,
+    /// How much any channel of a colour may change anywhere, in steps of 255, where vertices have colours [default: as much as it may]
+    #[arg(long, value_name = "STEPS")]
+    pub keep_colours: Option<u8>,
+    /// Place vertices anew, where that keeps nearer to the surface, with attributes between those that were there
+    #[arg(long)]
+    pub move_vertices: bool,
     /// Take a mesh that is no oriented manifold, or intersects itself, too: such places stay as they are
     #[arg(long)]
     pub unsound: bool,
@@ -211,11 +217,12 @@ impl SimplifyArguments {
     pub fn job(&self) -> SimplifyJob {
         let tolerance = self.tolerance.map(|tolerance| tolerance.value);
         let (max_triangles, keep_borders) = (self.max_triangles, self.keep_borders);
+        let (keep_colours, move_vertices) = (self.keep_colours, self.move_vertices);
         SimplifyJob {
             mesh: self.mesh.clone(),
             output: self.output.clone(),
             overwrite: overwrite(self.overwrite),
-            asked: Simplification { tolerance, max_triangles, keep_borders },
+            asked: Simplification { tolerance, max_triangles, keep_borders, keep_colours, move_vertices },
             unit: self.tolerance.and_then(|tolerance| tolerance.unit),
             unsound: self.unsound,
             unseen: self.no_intersections,

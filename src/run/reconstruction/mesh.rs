@@ -239,8 +239,8 @@ impl Mesh {
         Ok(report)
     }
 
-    /// The mesh with fewer triangles, see [`Simplification`]. Every vertex that is left is one of this mesh's, with its attributes; components, tunnels and rims
-    /// stay, no triangles intersect, and no place of either surface is farther from the other than the report's `simplification` tells. It is checked to be sound.
+    /// The mesh with fewer triangles, see [`Simplification`]. Every vertex that is left is one of this mesh's, with its attributes, unless vertices may move;
+    /// components, tunnels and rims stay, no triangles intersect, and no place of either surface is farther from the other than the report's `simplification` tells. It is checked to be sound.
     ///
     /// Memory: as much as the run was granted.
     ///

@@ -232,7 +232,7 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
-    /// Leaves out triangles, within a tolerance or down to a number; all stay by default. No vertex is moved, and no guarantee is lost.
+    /// Leaves out triangles, within a tolerance or down to a number; all stay by default. No guarantee is lost, and no vertex is moved unless it is asked for.
     pub fn simplify(mut self, asked: Simplification) -> Self {
         self.job.settings.simplify = Some(asked);
         self
