@@ -93,6 +93,25 @@ impl Bits {
             && self.rows[z as usize * self.words + x as usize / 64] >> (x % 64) & 1 == 1
     }
 
+    /// Whether the cells x - 1, x and x + 1 of row z are set: bits 0 to 2. Cells outside the slice are not; x lies in it.
+    #[inline]
+    pub fn three(&self, x: i64, z: i64) -> u8 {
+        if z < 0 || z >= self.lit.len() as i64 || !self.lit[z as usize] {
+            return 0;
+        }
+        let (row, x) = (self.row(z as u32), x as usize);
+        let (word, bit) = (x / 64, x % 64);
+        let before = if bit > 0 {
+            row[word] >> (bit - 1) & 1
+        } else if word > 0 {
+            row[word - 1] >> 63
+        } else {
+            0
+        };
+        let after = if bit < 63 { row[word] >> (bit + 1) & 1 } else { row.get(word + 1).map_or(0, |next| next & 1) };
+        (before | (row[word] >> bit & 1) << 1 | after << 2) as u8
+    }
+
     /// The words of all rows, one row behind the other.
     pub fn words(&self) -> &[u64] {
         &self.rows

@@ -97,9 +97,17 @@ impl Block {
     }
 
     /// The six cells that share a face with one that does not lie at the border.
+    #[inline]
     pub fn beside(&self, cell: usize) -> [usize; 6] {
-        let [a, b, c] = self.strides();
-        [-a, a, -b, b, -c, c].map(|step| cell.wrapping_add_signed(step))
+        let (slice, row) = (self.rows * self.width, self.width);
+        [
+            cell.wrapping_sub(1),
+            cell.wrapping_add(1),
+            cell.wrapping_sub(slice),
+            cell.wrapping_add(slice),
+            cell.wrapping_sub(row),
+            cell.wrapping_add(row),
+        ]
     }
 
     /// The step from a cell to another.

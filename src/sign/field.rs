@@ -1,5 +1,7 @@
 //! The field u that makes E least.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::block::{Block, Side};
@@ -94,15 +96,21 @@ impl<'a> Field<'a> {
         if self.is_asked(cell) { self.u[cell] <= 0.0 } else { !self.occupied[cell] }
     }
 
-    /// Whether a cell is free and inside.
-    pub(super) fn is_inside(&self, cell: usize) -> bool {
-        self.is_asked(cell) && self.u[cell] > 0.0
+    /// Which cells are free and inside.
+    pub(super) fn inside(&self) -> Vec<bool> {
+        self.open.iter().zip(&self.u).map(|(open, u)| (*open > 0.0) & (*u > 0.0)).collect()
     }
 
     /// Finds the u that makes E least, from where it is.
     pub fn solve(&mut self, walls: &[Wall], workers: &Workers) {
-        let known = |cell: usize, next: usize| {
-            (!self.occupied[next]).then(|| (weight(self.gaps[cell] | self.gaps[next]), -1.0))
+        let known = |cells: Range<usize>, weights: &mut [f32], held: &mut [f32]| {
+            let of = self.occupied[cells.clone()].iter().zip(&self.gaps[cells.clone()]);
+            for (to, (occupied, gap)) in weights.iter_mut().zip(of) {
+                *to = if *occupied { 0.0 } else { weight(*gap) };
+            }
+            for (to, open) in held.iter_mut().zip(&self.open[cells]) {
+                *to = if *open > 0.0 { 0.0 } else { -1.0 };
+            }
         };
         let mut system = System::new(self.block, &self.open, workers, known);
         walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |_| -1.0));

@@ -11,6 +11,8 @@
 //! So the cells round a membrane are asked anew, with those beside walls that part inside and outside held at ±1, and those farther off too. The
 //! field that is harmonic in between is as far from the walls on either side, and its membrane is as flat as the rim lets it be.
 
+use std::ops::Range;
+
 use super::block::{Block, Side};
 use super::distance::squared;
 use super::normal::Wall;
@@ -52,7 +54,14 @@ pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], emptied: &[bool], 
         (open[cell], u[cell]) = (1.0, sign(cell));
     }
     drop(held);
-    let known = |_, next: usize| (sides[next] != Side::Wall).then(|| (1.0, sign(next)));
+    let known = |cells: Range<usize>, weights: &mut [f32], held: &mut [f32]| {
+        for (weight, side) in weights.iter_mut().zip(&sides[cells.clone()]) {
+            *weight = if *side == Side::Wall { 0.0 } else { 1.0 };
+        }
+        for (to, cell) in held.iter_mut().zip(cells) {
+            *to = if open[cell] > 0.0 { 0.0 } else { sign(cell) };
+        }
+    };
     let mut system = System::new(block, &open, workers, known);
     walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |other| sign(other as usize)));
     system.solve(&mut u, workers);

@@ -43,7 +43,7 @@ use crate::grid::Cell;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
 
-pub use self::block::{Block, Side};
+pub use self::block::{Block, PAD, Side};
 use self::field::Field;
 use self::normal::Wall;
 use self::sheet::Sheet;
@@ -221,9 +221,10 @@ impl Signed {
         })
     }
 
-    /// The side of a cell of the level; beyond it, all is outside.
-    pub fn side(&self, cell: [i64; 3]) -> Side {
-        self.block.at(cell).map_or(Side::Outside, |index| self.sides[index])
+    /// The sides of a row of cells of the level, from [`PAD`] cells before its first one to as many after its last; none if all of it is outside, beyond the level.
+    pub fn row(&self, y: i64, z: i64) -> Option<&[Side]> {
+        let first = self.block.at([-(PAD as i64), y, z])?;
+        Some(&self.sides[first..first + self.block.width])
     }
 }
 
@@ -247,7 +248,7 @@ pub fn sights_bytes(cells: Cell) -> u64 {
 /// The cells of the finest block of a grid.
 fn block_cells(cells: Cell) -> u64 {
     let factor = cells.into_iter().max().unwrap_or(1).div_ceil(LONGEST).max(1);
-    cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * block::PAD as u64).product()
+    cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * PAD as u64).product()
 }
 
 /// How often sheets are looked for.

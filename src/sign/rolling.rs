@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::block::{Block, PAD};
 use crate::grid::dilate::{Ball, Dilation};
-use crate::grid::slice::{Bits, clip};
+use crate::grid::slice::{Bits, clip, set_range};
 
 /// The radius from which a coarser copy will do.
 const ROUND: f64 = 24.0;
@@ -27,8 +27,12 @@ pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {
     let place = |c: usize| (c >> level) + margin;
     let mut coarse = vec![empty.clone(); slices];
     for (row, cells) in occupied.chunks(block.width).enumerate().filter(|(_, cells)| cells.contains(&true)) {
-        let (slice, z) = (&mut coarse[place(row / block.rows)], place(row % block.rows) as u32);
-        (0..cells.len()).filter(|&x| cells[x]).for_each(|x| slice.set(place(x) as u32, z));
+        let row = coarse[place(row / block.rows)].row_mut(place(row % block.rows) as u32);
+        let mut at = 0;
+        while let Some(start) = cells[at..].iter().position(|is| *is).map(|first| at + first) {
+            at = cells[start..].iter().position(|is| !is).map_or(cells.len(), |length| start + length);
+            set_range(row, place(start) as u32, place(at - 1) as u32 + 1);
+        }
     }
     let mut free = dilated(&coarse, ball);
     drop(coarse);
@@ -62,33 +66,43 @@ pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {
     out
 }
 
-/// The slices with all cells in the ball round a set one.
+/// The slices with all cells in the ball round a set one. The work is dealt out to the pool that it is called in, in as many parts as it has threads.
 fn dilated(slices: &[Bits], ball: Ball) -> Vec<Bits> {
-    let (width, rows, count) = (slices[0].width(), slices[0].row_count(), slices.len() as i64);
-    let mut dilation = Dilation::new(ball, width, rows, count);
-    let mut out = Vec::with_capacity(slices.len());
-    for y in 0..count {
-        let slice = dilation.slide_to(y, |y, bits| {
-            match usize::try_from(y).ok().and_then(|y| slices.get(y)) {
-                Some(slice) => bits.clone_from(slice),
-                None => bits.clear(),
-            }
-            Ok(())
-        });
-        out.push(slice.expect("nothing is read").clone());
-    }
-    out
+    let (width, rows) = (slices[0].width(), slices[0].row_count());
+    let each = slices.len().div_ceil(rayon::current_num_threads());
+    let part = |first: usize| {
+        let end = (first + each).min(slices.len());
+        let mut dilation = Dilation::new(ball, width, rows, end as i64);
+        let slice = |y: usize| {
+            let slice = dilation.slide_to(y as i64, |y, bits| {
+                match usize::try_from(y).ok().and_then(|y| slices.get(y)) {
+                    Some(slice) => bits.clone_from(slice),
+                    None => bits.clear(),
+                }
+                Ok(())
+            });
+            slice.expect("nothing is read").clone()
+        };
+        (first..end).map(slice).collect::<Vec<Bits>>()
+    };
+    let firsts: Vec<usize> = (0..slices.len()).step_by(each).collect();
+    let parts: Vec<Vec<Bits>> = firsts.into_par_iter().map(part).collect();
+    parts.into_iter().flatten().collect()
 }
 
-/// The free cells that hang together by faces with the first cell: found slice by slice, up and down, until no slice gains a cell.
+/// The free cells that hang together by faces with the first cell: found slice by slice, up and down, until no slice gains a cell. A slice is looked at again if it, or one beside it,
+/// has gained cells since.
 fn filled_from_corner(free: &[Bits]) -> Vec<Bits> {
     let (rows, count) = (free[0].row_count(), free.len());
     let mut reached = vec![Bits::new(free[0].width(), rows); count];
     reached[0].set(0, 0);
-    let mut changed = true;
-    while changed {
-        changed = false;
+    let mut waits = vec![true; count];
+    while waits.contains(&true) {
         for y in (0..count).chain((0..count).rev()) {
+            if !std::mem::take(&mut waits[y]) {
+                continue;
+            }
+            let mut changed = false;
             let mut here = std::mem::replace(&mut reached[y], Bits::new(0, 0));
             for beside in [y.checked_sub(1), Some(y + 1).filter(|y| *y < count)].into_iter().flatten() {
                 for z in 0..rows {
@@ -106,6 +120,9 @@ fn filled_from_corner(free: &[Bits]) -> Vec<Bits> {
                 }
             }
             reached[y] = here;
+            if changed {
+                waits[y.saturating_sub(1)..(y + 2).min(count)].fill(true);
+            }
         }
     }
     reached

@@ -36,12 +36,13 @@ pub struct Bare {
 /// Finds what of the inside is bare; none if nothing is. A component is bare for want of walls. A large part of it ([`parts`]) that narrow necks join to others
 /// is judged by itself; a wall with another part behind it lines neither of both.
 pub fn bare(field: &Field<'_>, walls: &[Wall]) -> Option<Bare> {
+    let inside = field.inside();
     let of_components = {
-        let (of, count) = components(field);
+        let (of, count) = numbered(field.block, &inside);
         let borders = borders(field, &of, count);
         marked(&of, &borders, |border| border.open as f64 > BARE * border.all())
     };
-    let (of, count) = parts(field);
+    let (of, count) = parts(field, &inside);
     let mut borders = borders(field, &of, count);
     for [a, b] in walls.iter().map(|wall| wall.sides.map(|cell| of[cell as usize])) {
         if a != 0 && b != 0 && a != b {
@@ -73,13 +74,22 @@ fn marked(of: &[u32], borders: &[Border], is: impl Fn(&Border) -> bool) -> Optio
 /// The borders of what has these numbers, from 1 on.
 fn borders(field: &Field<'_>, of: &[u32], count: u32) -> Vec<Border> {
     let none = || vec![Border::default(); count as usize + 1];
-    let slice = field.block.rows * field.block.width;
+    let (slice, [a, b, c]) = (field.block.rows * field.block.width, field.block.strides());
     let add = |mut borders: Vec<Border>, (y, cells): (usize, &[u32])| {
-        for (cell, &number) in cells.iter().enumerate().filter(|(_, number)| **number != 0) {
-            let cell = y * slice + cell;
-            for next in field.block.beside(cell).into_iter().filter(|&next| of[next] != number) {
-                let border = &mut borders[number as usize];
-                match of[next] {
+        let Some(first) = cells.iter().position(|number| *number != 0) else { return borders };
+        let last = cells.iter().rposition(|number| *number != 0).unwrap_or(first);
+        let from = y * slice + first;
+        let rows = [0, -a, a, -b, b, -c, c].map(|step| &of[from.wrapping_add_signed(step)..][..last + 1 - first]);
+        for i in 0..rows[0].len() {
+            let number = rows[0][i];
+            let next = [1, 2, 3, 4, 5, 6].map(|row: usize| rows[row][i]);
+            if number == 0 || next.iter().fold(0, |differ, next| differ | (next ^ number)) == 0 {
+                continue;
+            }
+            let cell = from + i;
+            let border = &mut borders[number as usize];
+            for (next, of) in field.block.beside(cell).into_iter().zip(next).filter(|(_, of)| *of != number) {
+                match of {
                     0 if field.is_open(cell, next) => border.open += 1,
                     0 => border.lined += 1,
                     _ => border.neck += 1,
@@ -95,17 +105,13 @@ fn borders(field: &Field<'_>, of: &[u32], count: u32) -> Vec<Border> {
     of.par_chunks(slice).enumerate().fold(none, add).reduce(none, both)
 }
 
-/// The components of the inside, joined by faces of cells, numbered from 1 on, and how many there are.
-fn components(field: &Field<'_>) -> (Vec<u32>, u32) {
-    numbered(field.block, |cell| field.is_inside(cell))
-}
-
-/// Parts of the components, numbered from 1 on, and how many there are. They hang together by faces of cells that lie beside no wall, so that what leads through a
+/// Parts of the components of what is `inside`, numbered from 1 on, and how many there are. They hang together by faces of cells that lie beside no wall, so that what leads through a
 /// hole between samples parts them; cells beside walls belong to the first part next to them, and what has no other cells is a part of its own.
-fn parts(field: &Field<'_>) -> (Vec<u32>, u32) {
-    let (mut of, count) = numbered(field.block, |cell| !field.lined[cell] && field.is_inside(cell));
+fn parts(field: &Field<'_>, inside: &[bool]) -> (Vec<u32>, u32) {
+    let core: Vec<bool> = inside.iter().zip(&field.lined).map(|(inside, lined)| inside & !lined).collect();
+    let (mut of, count) = numbered(field.block, &core);
     let nearest = |cell: usize| {
-        if !field.lined[cell] || !field.is_inside(cell) {
+        if !(inside[cell] & field.lined[cell]) {
             return None;
         }
         let beside = field.block.beside(cell).into_iter().map(|next| of[next]).filter(|number| *number != 0);
@@ -116,7 +122,7 @@ fn parts(field: &Field<'_>) -> (Vec<u32>, u32) {
     if lined.iter().any(|(_, number)| alone(number)) {
         let mut left = vec![false; of.len()];
         lined.iter().filter(|(_, number)| alone(number)).for_each(|(cell, _)| left[*cell] = true);
-        let (others, more) = numbered(field.block, |cell| left[cell]);
+        let (others, more) = numbered(field.block, &left);
         let all =
             lined.iter().map(|&(cell, number)| (cell, if alone(&number) { count + others[cell] } else { number }));
         all.for_each(|(cell, number)| of[cell] = number);
@@ -131,17 +137,17 @@ const ALONE: usize = 1 << 14;
 
 /// Numbers the components of some cells, none of which lies at the block's border, from 1 on, in the order of their first cells; and tells how many there are. Cells that share a face belong together. Runs of
 /// cells in a row are joined where they overlap with those of the rows before.
-fn numbered(block: &Block, is: impl Fn(usize) -> bool + Sync) -> (Vec<u32>, u32) {
+fn numbered(block: &Block, is: &[bool]) -> (Vec<u32>, u32) {
     let slice = block.rows * block.width;
     let runs_of = |y: usize| {
         let (mut runs, mut ends): (Vec<Range<usize>>, Vec<usize>) = (Vec::new(), Vec::with_capacity(block.rows));
         for row in (y * slice..(y + 1) * slice).step_by(block.width) {
-            let before = runs.len();
-            for cell in (row..row + block.width).filter(|&cell| is(cell)) {
-                match runs[before..].last_mut() {
-                    Some(run) if run.end == cell => run.end += 1,
-                    _ => runs.push(cell..cell + 1),
-                }
+            let (cells, mut at) = (&is[row..row + block.width], 0);
+            while let Some(first) = cells[at..].iter().position(|is| *is) {
+                let start = at + first;
+                let end = cells[start..].iter().position(|is| !is).map_or(cells.len(), |length| start + length);
+                runs.push(row + start..row + end);
+                at = end;
             }
             ends.push(runs.len());
         }

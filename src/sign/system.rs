@@ -52,35 +52,31 @@ pub struct System<'a> {
 }
 
 impl<'a> System<'a> {
-    /// The system of the cells that are `open`, none of which lies at the block's border. `known` gives the weight of the face between such a cell and
-    /// one of which u is not looked for, and the u there; none if there is a wall.
+    /// The system of the cells that are `open`, none of which lies at the block's border. For some cells of the block, `known` writes the weight of the face between
+    /// each and an equally open one, 0 if it is a wall; and the u of each, 0 where it is looked for.
     pub fn new(
         block: &'a Block,
         open: &'a [f32],
         workers: &Workers,
-        known: impl Fn(usize, usize) -> Option<(f32, f32)> + Sync,
+        known: impl Fn(Range<usize>, &mut [f32], &mut [f32]) + Sync,
     ) -> System<'a> {
         let slice = block.rows * block.width;
         let (mut diagonal, mut right) = (vec![0f32; open.len()], vec![0f32; open.len()]);
         let spans = workers.pool().install(|| {
-            let work = |(y, (diagonal, right)): (usize, (&mut [f32], &mut [f32]))| {
-                let spans = spans(&open[y * slice..(y + 1) * slice], block.width);
-                let cells = spans.iter().cloned().flatten().map(|cell| y * slice + cell);
-                for cell in cells.filter(|&cell| open[cell] > 0.0) {
-                    let (mut sum, mut known_sum) = (LEAST, 0f32);
-                    for next in block.beside(cell) {
-                        if open[next] > 0.0 {
-                            sum += open[cell].min(open[next]);
-                        } else if let Some((weight, u)) = known(cell, next) {
-                            sum += weight;
-                            known_sum += weight * u;
-                        }
-                    }
-                    (diagonal[cell - y * slice], right[cell - y * slice]) = (sum, known_sum);
+            // Three slices' weights, and their u.
+            let buffers = || [(); 2].map(|()| vec![0f32; 3 * slice]);
+            let work = |[weights, held]: &mut [Vec<f32>; 2],
+                        (y, (diagonal, right)): (usize, (&mut [f32], &mut [f32]))| {
+                let open = &open[y * slice..(y + 1) * slice];
+                let spans = spans(open, block.width);
+                if !spans.is_empty() {
+                    known((y - 1) * slice..(y + 2) * slice, weights, held);
+                    terms(&spans, open, weights, held, block, diagonal, right);
                 }
                 spans
             };
-            diagonal.par_chunks_mut(slice).zip(right.par_chunks_mut(slice)).enumerate().map(work).collect()
+            let slices = diagonal.par_chunks_mut(slice).zip(right.par_chunks_mut(slice)).enumerate();
+            slices.map_init(buffers, work).collect()
         });
         System { block, open, spans, across: vec![Vec::new(); block.slices], diagonal, right }
     }
@@ -130,11 +126,8 @@ impl<'a> System<'a> {
             let of = (p.par_chunks(slice), out.par_chunks_mut(slice));
             let slices = u.par_chunks_mut(slice).zip(r.par_chunks_mut(slice)).zip(of.0.zip(of.1)).enumerate();
             let steps = slices.map(|(y, ((u, r), (p, out)))| {
-                advance(spans(y), alpha, p, u);
-                advance(spans(y), -alpha, out, r);
                 // What the product is no longer needed for holds z from here on.
-                precondition(spans(y), diagonal(y), r, out);
-                [product(spans(y), r, r), product(spans(y), r, out)]
+                step(spans(y), alpha, diagonal(y), p, u, r, out)
             });
             let [new_rr, new_rz] = total(steps.collect());
             let beta = (new_rz / rz) as f32;
@@ -173,12 +166,11 @@ fn times_matrix(
     block: &Block,
     out: &mut [f32],
 ) {
-    let [a, b, c] = block.strides();
+    let strides = block.strides();
     for span in spans {
         let (from, n) = (first + span.start, span.len());
-        let at = [0, -a, a, -b, b, -c, c].map(|step| from.wrapping_add_signed(step));
-        let [o, o1, o2, o3, o4, o5, o6] = rows(open, at, n);
-        let [x0, x1, x2, x3, x4, x5, x6] = rows(x, at, n);
+        let [o, o1, o2, o3, o4, o5, o6] = rows(open, from, strides, n);
+        let [x0, x1, x2, x3, x4, x5, x6] = rows(x, from, strides, n);
         let (d, out) = (&diagonal[from..][..n], &mut out[span.start..][..n]);
         for i in 0..n {
             let mut sum = d[i] * x0[i];
@@ -193,10 +185,58 @@ fn times_matrix(
     }
 }
 
-/// `n` numbers from each place on.
+/// The faces' terms of a slice: `weights` and `held` are those of the slice, of the one below and of the one above.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn terms(
+    spans: &[Range<usize>],
+    open: &[f32],
+    weights: &[f32],
+    held: &[f32],
+    block: &Block,
+    diagonal: &mut [f32],
+    right: &mut [f32],
+) {
+    let strides = block.strides();
+    for span in spans {
+        let (from, n) = (open.len() + span.start, span.len());
+        let [w, w1, w2, w3, w4, w5, w6] = rows(weights, from, strides, n);
+        let [_, h1, h2, h3, h4, h5, h6] = rows(held, from, strides, n);
+        let (open, diagonal, right) =
+            (&open[span.start..][..n], &mut diagonal[span.start..][..n], &mut right[span.start..][..n]);
+        for i in 0..n {
+            let faces = [
+                lesser(w[i], w1[i]),
+                lesser(w[i], w2[i]),
+                lesser(w[i], w3[i]),
+                lesser(w[i], w4[i]),
+                lesser(w[i], w5[i]),
+                lesser(w[i], w6[i]),
+            ];
+            let sum = LEAST + faces[0] + faces[1] + faces[2] + faces[3] + faces[4] + faces[5];
+            let mut known = faces[0] * h1[i];
+            known += faces[1] * h2[i];
+            known += faces[2] * h3[i];
+            known += faces[3] * h4[i];
+            known += faces[4] * h5[i];
+            known += faces[5] * h6[i];
+            diagonal[i] = if open[i] > 0.0 { sum } else { 0.0 };
+            right[i] = if open[i] > 0.0 { known } else { 0.0 };
+        }
+    }
+}
+
+/// `n` numbers from a place on, and from those beside it in either direction along each axis.
 #[inline(always)]
-fn rows(of: &[f32], at: [usize; 7], n: usize) -> [&[f32]; 7] {
-    at.map(|at| &of[at..at + n])
+fn rows(of: &[f32], from: usize, [a, b, c]: [isize; 3], n: usize) -> [&[f32]; 7] {
+    [
+        &of[from..][..n],
+        &of[from.wrapping_add_signed(-a)..][..n],
+        &of[from.wrapping_add_signed(a)..][..n],
+        &of[from.wrapping_add_signed(-b)..][..n],
+        &of[from.wrapping_add_signed(b)..][..n],
+        &of[from.wrapping_add_signed(-c)..][..n],
+        &of[from.wrapping_add_signed(c)..][..n],
+    ]
 }
 
 #[inline(always)]
@@ -213,6 +253,49 @@ fn advance(spans: &[Range<usize>], alpha: f32, w: &[f32], v: &mut [f32]) {
             *v += alpha * w;
         }
     }
+}
+
+/// A step of the search: u + `alpha` p, for u; r - `alpha` z, for r, z being the matrix times p; and r / d, for z. Gives the products of r with itself and with the new z, in
+/// double precision, of which eight parts grow side by side.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn step(
+    spans: &[Range<usize>],
+    alpha: f32,
+    d: &[f32],
+    p: &[f32],
+    u: &mut [f32],
+    r: &mut [f32],
+    z: &mut [f32],
+) -> [f64; 2] {
+    let (mut rr, mut rz) = ([0f64; 8], [0f64; 8]);
+    for span in spans {
+        let n = span.len();
+        let (d, p) = (&d[span.start..][..n], &p[span.start..][..n]);
+        let (u, r, z) = (&mut u[span.start..][..n], &mut r[span.start..][..n], &mut z[span.start..][..n]);
+        for i in 0..n {
+            u[i] += alpha * p[i];
+            r[i] = normal(r[i] - alpha * z[i]);
+            z[i] = preconditioned(r[i], d[i]);
+        }
+        let ((r8, r), (z8, z)) = (r.as_chunks::<8>(), z.as_chunks::<8>());
+        for i in 0..r.len() {
+            rr[i] += f64::from(r[i]) * f64::from(r[i]);
+            rz[i] += f64::from(r[i]) * f64::from(z[i]);
+        }
+        for (r, z) in r8.iter().zip(z8) {
+            for i in 0..8 {
+                rr[i] += f64::from(r[i]) * f64::from(r[i]);
+                rz[i] += f64::from(r[i]) * f64::from(z[i]);
+            }
+        }
+    }
+    [rr.into_iter().sum(), rz.into_iter().sum()]
+}
+
+/// r / d, as if d were no less than [`LEAST`].
+#[inline(always)]
+fn preconditioned(r: f32, d: f32) -> f32 {
+    r / if d > LEAST { d } else { LEAST }
 }
 
 /// z + `beta` p, for p.
@@ -233,7 +316,7 @@ fn precondition(spans: &[Range<usize>], d: &[f32], r: &mut [f32], z: &mut [f32])
         let (d, r) = (&d[span.start..span.end], &mut r[span.start..span.end]);
         for ((z, r), d) in z[span.start..span.end].iter_mut().zip(r).zip(d) {
             *r = normal(*r);
-            *z = *r / if *d > LEAST { *d } else { LEAST };
+            *z = preconditioned(*r, *d);
         }
     }
 }

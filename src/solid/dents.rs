@@ -37,7 +37,7 @@ impl Solid {
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn without_dents(&self, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
+    pub fn without_dents(self, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
         let ball = Ball::squared(REACHES);
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.cells[1]);
@@ -47,7 +47,15 @@ impl Solid {
             |slices| self.dents(occupancy, ball, slices),
             |parts: Parts<Lining>| labeller.add(parts),
         )?;
-        let labels = labeller.finish()?.judged(context, |lining| lining.verdict())?;
+        let mut any = false;
+        let labels = labeller.finish()?.judged(context, |lining| {
+            let verdict = lining.verdict();
+            any |= verdict == FILLED;
+            verdict
+        })?;
+        if !any {
+            return Ok(self);
+        }
         self.changed(&labels, FILLED, Change::Filled, context)
     }
 

@@ -24,7 +24,7 @@ use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, behind, set_range};
-use crate::sign::{Side, Signed};
+use crate::sign::{PAD, Side, Signed};
 use crate::solid::exterior::{Exterior, Padded, Scratch};
 use crate::solid::side_votes::{INSIDE, OUTSIDE, Open};
 
@@ -88,6 +88,8 @@ impl Sides {
         let padded = Padded::new(occupancy.cells, Ball::squared(squared).radius());
         let pad = i64::from(padded.pad);
         let parent = |c: u32| (((2 * (i64::from(c) - pad) + 1) << level).div_euclid(2)).div_euclid(i64::from(factor));
+        // Where the sides of the cells of a row lie in a row of `signed`; beyond it all is outside.
+        let columns: Vec<usize> = (0..padded.cells[0]).map(|x| (parent(x) + PAD as i64) as usize).collect();
         let [outside, inside] = stores(padded, 1, context, |slices| {
             let (mut occupied, mut runs) = (padded.bits(), Runs::default());
             let mut bits = [padded.bits(), padded.bits()];
@@ -95,11 +97,19 @@ impl Sides {
             for y in slices {
                 bits.iter_mut().for_each(Bits::clear);
                 for z in 0..padded.cells[2] {
-                    for x in 0..padded.cells[0] {
-                        match signed.side([x, y, z].map(parent)) {
-                            Side::Outside => bits[0].set(x, z),
-                            Side::Inside => bits[1].set(x, z),
-                            Side::Wall | Side::Enclosed => {}
+                    let Some(row) = signed.row(parent(y), parent(z)) else {
+                        set_range(bits[0].row_mut(z), 0, padded.cells[0]);
+                        continue;
+                    };
+                    for (i, columns) in columns.chunks(64).enumerate() {
+                        let mut words = [0u64; 2];
+                        for (bit, column) in columns.iter().enumerate() {
+                            let side = row.get(*column).copied().unwrap_or(Side::Outside);
+                            words[0] |= u64::from(side == Side::Outside) << bit;
+                            words[1] |= u64::from(side == Side::Inside) << bit;
+                        }
+                        for (bits, word) in bits.iter_mut().zip(words).filter(|(_, word)| *word != 0) {
+                            bits.row_mut(z)[i] = word;
                         }
                     }
                 }

@@ -168,6 +168,11 @@ struct BlockCell {
     moments: Moments,
 }
 
+/// The order of a slice's cells, which is that of x, then of rows.
+fn place([x, z]: &[u32; 2]) -> u64 {
+    u64::from(*x) << 32 | u64::from(*z)
+}
+
 /// The cells of slice `y` that were looked at, and the variances of the blocks round those that tell.
 fn of_slice<T: Coordinate>(sampled: &Sampled<'_, T>, solid: &Solid, y: u32) -> Result<(usize, Vec<[f64; 2]>)> {
     let [width, slices, rows] = solid.cells;
@@ -190,12 +195,13 @@ fn of_slice<T: Coordinate>(sampled: &Sampled<'_, T>, solid: &Solid, y: u32) -> R
                 .flat_map(|z| (i64::from(*x) - far..=i64::from(*x) + far).map(move |x| (x, z)));
             cells.extend(beside.filter(|(x, z)| bits.get(*x, *z)).map(|(x, z)| [x as u32, z as u32]));
         }
-        cells.sort_unstable();
+        cells.sort_unstable_by_key(place);
         cells.dedup();
         let cell = |at: [u32; 2]| BlockCell { at, outward: outward.at(at[0], y, at[1]), moments: Moments::default() };
         blocks.push(cells.into_iter().map(cell).collect());
     }
-    let found = |cells: &[BlockCell], at: [u32; 2]| cells.binary_search_by(|cell| cell.at.cmp(&at)).ok();
+    let found =
+        |cells: &[BlockCell], at: [u32; 2]| cells.binary_search_by_key(&place(&at), |cell| place(&cell.at)).ok();
     for bucket in *block_slices.start() as u32 / BUCKET_SLICES..=*block_slices.end() as u32 / BUCKET_SLICES {
         sampled.buckets.read(bucket as usize, |points| {
             for point in points {

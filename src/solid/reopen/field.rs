@@ -174,12 +174,11 @@ impl Slabs<'_> {
         let mut store = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
         let mut sums = Layers::new(self.context);
         let reach = BAND;
-        let round = -reach..=reach;
-        let ball: Vec<[i64; 3]> = round
-            .clone()
-            .flat_map(|y| round.clone().map(move |z| (y, z)))
-            .flat_map(|(y, z)| (-reach..=reach).map(move |x| [x, y, z]))
-            .filter(|d| d.iter().map(|c| c * c).sum::<i64>() <= reach * reach)
+        // The rows of the ball: slices and rows away, and how far along x.
+        let ball: Vec<[i64; 3]> = (-reach..=reach)
+            .flat_map(|y| (-reach..=reach).map(move |z| (y, z, reach * reach - y * y - z * z)))
+            .filter(|(.., left)| *left >= 0)
+            .map(|(y, z, left)| [y, z, left.isqrt()])
             .collect();
         self.each(
             |chunk| {
@@ -192,18 +191,20 @@ impl Slabs<'_> {
                     let occupied = Slabs::stretch(occupied, &chunk, 0)?;
                     let mut allowed = Runs::default();
                     for tile in tiles {
-                        let mut near_walls = vec![false; tile.len()];
+                        let (own, mut near_walls) = (tile.ranges(0), vec![false; tile.len()]);
                         for y in i64::from(chunk.start) - reach..i64::from(chunk.end) + reach {
                             let (cells, _) = held.slice(y);
                             let [xs, _, zs] =
                                 [0, 1, 2].map(|a| tile.low[a] - reach..tile.low[a] + tile.size[a] as i64 + reach);
                             for z in zs {
                                 for number in cells.range(z, xs.clone()) {
-                                    let at = [i64::from(cells.x(number)), y, z];
-                                    for d in &ball {
-                                        let cell = [0, 1, 2].map(|a| at[a] + d[a]);
-                                        if tile.holds(cell, 0) {
-                                            near_walls[tile.place(cell)] = true;
+                                    let x = i64::from(cells.x(number));
+                                    for [dy, dz, far] in &ball {
+                                        let [own_xs, ys, zs] = &own;
+                                        let (from, to) = (own_xs.start.max(x - far), own_xs.end.min(x + far + 1));
+                                        if from < to && ys.contains(&(y + dy)) && zs.contains(&(z + dz)) {
+                                            let first = tile.place([from, y + dy, z + dz]);
+                                            near_walls[first..first + (to - from) as usize].fill(true);
                                         }
                                     }
                                 }

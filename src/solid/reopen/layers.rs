@@ -74,14 +74,20 @@ impl Cells {
         self.xs.len()
     }
 
-    /// The numbers of the cells `x` of row `z`; both may reach outside the slice.
-    #[inline]
-    pub fn range(&self, z: i64, x: Range<i64>) -> Range<usize> {
+    /// The numbers of the cells of row `z`, which may lie outside the slice.
+    fn row(&self, z: i64) -> Range<usize> {
         if z < 0 || z + 1 >= self.starts.len() as i64 {
             return 0..0;
         }
-        let (from, to) = (self.starts[z as usize] as usize, self.starts[z as usize + 1] as usize);
-        let row = &self.xs[from..to];
+        self.starts[z as usize] as usize..self.starts[z as usize + 1] as usize
+    }
+
+    /// The numbers of the cells `x` of row `z`; both may reach outside the slice.
+    #[inline]
+    pub fn range(&self, z: i64, x: Range<i64>) -> Range<usize> {
+        let numbers = self.row(z);
+        let from = numbers.start;
+        let row = &self.xs[numbers];
         let first = row.partition_point(|c| i64::from(*c) < x.start);
         let count = row[first..].iter().take_while(|c| i64::from(**c) < x.end).count();
         from + first..from + first + count
@@ -284,6 +290,51 @@ impl<T: Copy> Found<T> {
         });
         let runs = runs.collect();
         (runs, self.slices.into_iter().map(|slice| slice.into_iter().map(|(.., value)| value).collect()).collect())
+    }
+}
+
+/// Cubes of cells round one cell after the other, of a row from the first on: what the next ones do not reach is passed over once.
+#[derive(Debug)]
+pub struct Rounds<'a, T> {
+    held: &'a Held<T>,
+    reach: i64,
+    /// The cell before.
+    before: Option<[i64; 3]>,
+    /// The rows round it, what they lie in, and of each the cells, with their values, that are not passed over.
+    rows: Vec<([i64; 2], &'a [u32], &'a [T])>,
+}
+
+impl<'a, T> Rounds<'a, T> {
+    /// Cubes of so many cells either way.
+    pub fn new(held: &'a Held<T>, reach: i64) -> Rounds<'a, T> {
+        Rounds { held, reach, before: None, rows: Vec::new() }
+    }
+
+    /// The same as [`Held::round`].
+    #[inline]
+    pub fn round(&mut self, cell: [i64; 3], mut each: impl FnMut([i64; 3], &'a T)) {
+        let [x, y, z] = cell;
+        if !self.before.is_some_and(|before| [before[1], before[2]] == [y, z] && before[0] <= x) {
+            self.rows.clear();
+            for y in y - self.reach..=y + self.reach {
+                let (cells, values) = &self.held.slices[(y - self.held.first) as usize];
+                for z in z - self.reach..=z + self.reach {
+                    let numbers = cells.row(z);
+                    if !numbers.is_empty() {
+                        self.rows.push(([y, z], &cells.xs[numbers.clone()], &values[numbers]));
+                    }
+                }
+            }
+        }
+        self.before = Some(cell);
+        let (from, to) = (x - self.reach, x + self.reach);
+        for ([y, z], xs, values) in &mut self.rows {
+            let passed = xs.iter().take_while(|x| i64::from(**x) < from).count();
+            (*xs, *values) = (&xs[passed..], &values[passed..]);
+            for (x, value) in xs.iter().zip(*values).take_while(|(x, _)| i64::from(**x) <= to) {
+                each([i64::from(*x), *y, *z], value);
+            }
+        }
     }
 }
 

@@ -41,7 +41,7 @@ use bytemuck::Pod;
 
 use self::blocks::{BLOCK, Blocks};
 use self::field::{Kernel, RANGE};
-use self::layers::{Cells, Found, Held, Layers, Stretch};
+use self::layers::{Cells, Found, Held, Layers, Rounds, Stretch};
 use self::plane::{Moments, Near, Sum};
 use self::signs::Signs;
 use self::tile::{TILE, Tile};
@@ -142,24 +142,6 @@ impl Slabs<'_> {
         Stretch::read(store, i64::from(chunk.start) - more..i64::from(chunk.end) + more)
     }
 
-    /// One value for each active cell, from what is known of those near it: `reach` slices on either side.
-    fn map<T: Pod + Sync, U: Pod + Send>(
-        &self,
-        values: &Layers<T>,
-        reach: i64,
-        each: impl Fn([i64; 3], &T, &Held<T>) -> U + Sync,
-    ) -> Result<Layers<U>> {
-        let mut out = Layers::new(self.context);
-        self.each(
-            |chunk| {
-                let held = self.held(values, &chunk, reach)?;
-                Ok(mapped(&held, &chunk, |cell, value| each(cell, value, &held)))
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
-    }
-
     /// The tiles of a chunk in which cells may open.
     fn tiles(&self, chunk: &Range<u32>, margin: i64) -> Result<Vec<Tile>> {
         let mut at = BTreeSet::new();
@@ -209,12 +191,12 @@ impl Slabs<'_> {
 }
 
 /// One value for each cell of a chunk.
-fn mapped<T: Pod, U>(held: &Held<T>, chunk: &Range<u32>, each: impl Fn([i64; 3], &T) -> U) -> Vec<Vec<U>> {
-    let slice = |y: u32| {
+fn mapped<T: Pod, U>(held: &Held<T>, chunk: &Range<u32>, mut each: impl FnMut([i64; 3], &T) -> U) -> Vec<Vec<U>> {
+    let mut slice = |y: u32| {
         let (cells, values) = held.slice(y.into());
         cells.iter().zip(values).map(|((z, x), value)| each([x, y, z].map(i64::from), value)).collect()
     };
-    chunk.clone().map(slice).collect()
+    chunk.clone().map(&mut slice).collect()
 }
 
 impl Solid {
@@ -468,22 +450,31 @@ impl<'a> Slabs<'a> {
 
     /// The active cells with their planes.
     fn planes(&self, moments: &Layers<Moments>) -> Result<Layers<Wall>> {
-        self.map(moments, plane::REACH[1], |cell, own, held| {
-            let mut near = Vec::new();
-            let mut wide = false;
-            for (number, reach) in plane::REACH.into_iter().enumerate() {
-                near.clear();
-                held.round(cell, reach, |there, moments| {
-                    near.push(Near { step: std::array::from_fn(|a| there[a] - cell[a]), moments: *moments });
-                });
-                wide = number > 0;
-                if plane::is_enough(&near) {
-                    break;
-                }
-            }
-            let plane = plane::plane(own, &near, wide);
-            Wall { mean: own.mean, normal: plane.normal, confidence: plane.confidence, ..Wall::default() }
-        })
+        let mut out = Layers::new(self.context);
+        self.each(
+            |chunk| {
+                let held = self.held(moments, &chunk, plane::REACH[1])?;
+                let mut rounds = plane::REACH.map(|reach| Rounds::new(&held, reach));
+                let mut near = Vec::new();
+                Ok(mapped(&held, &chunk, |cell, own| {
+                    let mut wide = false;
+                    for (number, rounds) in rounds.iter_mut().enumerate() {
+                        near.clear();
+                        rounds.round(cell, |there, moments| {
+                            near.push(Near::new([0, 1, 2].map(|a| there[a] - cell[a]), moments))
+                        });
+                        wide = number > 0;
+                        if plane::is_enough(&near) {
+                            break;
+                        }
+                    }
+                    let plane = plane::plane(own, &near, wide);
+                    Wall { mean: own.mean, normal: plane.normal, confidence: plane.confidence, ..Wall::default() }
+                }))
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
     }
 
     /// The walls as they are seen from outside the solid.
@@ -496,7 +487,8 @@ impl<'a> Slabs<'a> {
                     return Ok(vec![Vec::new(); chunk.len()]);
                 }
                 let solid = Slabs::stretch(&solid.store, &chunk, wall::SIGHT)?;
-                Ok(mapped(&held, &chunk, |cell, wall| wall.seen(cell, &held, &solid)))
+                let mut rounds = Rounds::new(&held, wall::NEXT_REACH);
+                Ok(mapped(&held, &chunk, |cell, wall| wall.seen(cell, &mut rounds, &solid)))
             },
             |slices| out.extend(&slices),
         )?;
@@ -531,12 +523,12 @@ impl<'a> Slabs<'a> {
         self.each(
             |chunk| {
                 let held = signs.walls(self, walls, &chunk, wall::BOUNDS)?;
-                let mut blocks = Runs::default();
+                let (mut blocks, mut rounds) = (Runs::default(), Rounds::new(&held, wall::BOUNDS));
                 let slice = |y: u32| {
                     near.read(y, &mut blocks)?;
                     let (cells, values) = held.slice(y.into());
                     let dipole = |((z, x), wall): ((u32, u32), &Wall)| match blocks::holds(&blocks, x, z) {
-                        true => Dipole::of(wall, [x, y, z].map(i64::from), &held),
+                        true => Dipole::of(wall, [x, y, z].map(i64::from), &mut rounds),
                         false => Dipole { mean: wall.mean, area: [0.0; 3], inside: 1.0 },
                     };
                     Ok(cells.iter().zip(values).map(dipole).collect())

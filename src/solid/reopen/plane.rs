@@ -11,6 +11,7 @@
 //! ```
 
 use bytemuck::{Pod, Zeroable};
+use multiversion::multiversion;
 
 use super::vector::{dot, minus, plus, times};
 
@@ -107,25 +108,36 @@ const THIN: f64 = 0.25;
 /// A cell near the one whose plane is looked for.
 #[derive(Debug, Clone, Copy)]
 pub struct Near {
-    /// How far off it is, in cells.
-    pub step: [i64; 3],
     /// Its points.
-    pub moments: Moments,
+    points: f64,
+    /// Their mean, and the mean of their products xx, yy, zz, xy, xz, yz, seen from the lowest corner of the cell whose plane is looked for.
+    mean: [f64; 3],
+    products: [f64; 6],
+    /// Of the eight blocks of 2 x 2 x 2 cells, those that hold it; none if it is not one of the 27 cells.
+    blocks: u8,
 }
 
 impl Near {
-    fn mean(&self) -> [f64; 3] {
-        std::array::from_fn(|a| self.step[a] as f64 + f64::from(self.moments.mean[a]))
-    }
-
-    fn within(&self, cells: i64) -> bool {
-        self.step.iter().all(|c| c.abs() <= cells)
+    /// The cell that is so many cells off.
+    pub fn new(step: [i64; 3], moments: &Moments) -> Near {
+        /// Of the blocks, those on the lower side along each axis.
+        const LOWER: [u8; 3] = [0x55, 0x33, 0x0F];
+        let side = |a: usize| match step[a] {
+            0 => 0xFF,
+            1 => !LOWER[a],
+            -1 => LOWER[a],
+            _ => 0,
+        };
+        let mean = [0, 1, 2].map(|a: usize| step[a] as f64 + f64::from(moments.mean[a]));
+        let ([x, y, z], c) = (mean, moments.covariance.map(f64::from));
+        let products = [x * x + c[0], y * y + c[1], z * z + c[2], x * y + c[3], x * z + c[4], y * z + c[5]];
+        Near { points: f64::from(moments.weight), mean, products, blocks: side(0) & side(1) & side(2) }
     }
 }
 
 /// Whether the cells near one hold enough points for a plane.
 pub fn is_enough(near: &[Near]) -> bool {
-    let points = |near: &Near| f64::from(near.moments.weight) * if near.within(1) { 1.0 } else { BEYOND };
+    let points = |near: &Near| near.points * if near.blocks != 0 { 1.0 } else { BEYOND };
     near.iter().map(points).sum::<f64>() >= ENOUGH
 }
 
@@ -146,20 +158,11 @@ struct Fitted {
 
 impl Sums {
     fn add(&mut self, near: &Near, weight: f64) {
-        let [x, y, z] = near.mean();
-        let c = near.moments.covariance.map(f64::from);
         self.weight += weight;
-        for (sum, v) in self.first.iter_mut().zip([x, y, z]) {
+        for (sum, v) in self.first.iter_mut().zip(near.mean) {
             *sum += weight * v;
         }
-        for (sum, v) in self.second.iter_mut().zip([
-            x * x + c[0],
-            y * y + c[1],
-            z * z + c[2],
-            x * y + c[3],
-            x * z + c[4],
-            y * z + c[5],
-        ]) {
+        for (sum, v) in self.second.iter_mut().zip(near.products) {
             *sum += weight * v;
         }
     }
@@ -177,24 +180,17 @@ impl Sums {
 /// The plane of a cell whose points are `own`, among the cells `near` it, itself included; these lie within the second [`REACH`] if `wide`.
 pub fn plane(own: &Moments, near: &[Near], wide: bool) -> Plane {
     let own: [f64; 3] = own.mean.map(f64::from);
-    let points = |near: &Near| f64::from(near.moments.weight);
     let mut best: Option<(f64, Fitted)> = None;
     for block in 0..9 {
-        let (all, corner) = (block == 0, block - 1);
+        let all = block == 0;
         // Nothing is left to win.
         if !all && best.as_ref().is_some_and(|(residual, _)| *residual <= HANDICAP.1) {
             break;
         }
         let mut sums = Sums::default();
-        for cell in near {
-            let holds = if all {
-                wide || cell.within(1)
-            } else {
-                (0..3).all(|a| matches!(if corner >> a & 1 == 1 { cell.step[a] } else { -cell.step[a] }, 0 | 1))
-            };
-            if holds {
-                sums.add(cell, points(cell));
-            }
+        let of = if all { 0xFF } else { 1 << (block - 1) };
+        for cell in near.iter().filter(|cell| (all && wide) || cell.blocks & of != 0) {
+            sums.add(cell, cell.points);
         }
         if sums.weight < LEAST[usize::from(!all)] {
             continue;
@@ -223,14 +219,18 @@ pub fn plane(own: &Moments, near: &[Near], wide: bool) -> Plane {
             at = plus(at, times(off, normal));
         }
         let mut sums = Sums::default();
-        for cell in near {
-            let across = dot(normal, minus(cell.mean(), at));
-            let d = minus(cell.mean(), from);
-            let t = dot(normal, d);
-            let along = dot(d, d) - t * t;
-            let power = -along / (2.0 * ALONG * ALONG) - across * across / (2.0 * ACROSS * ACROSS);
-            if power > NEGLIGIBLE {
-                sums.add(cell, points(cell) * libm::exp(power));
+        for cells in near.chunks(TOGETHER) {
+            let mut weights = [f64::NEG_INFINITY; TOGETHER];
+            for (weight, cell) in weights.iter_mut().zip(cells) {
+                let across = dot(normal, minus(cell.mean, at));
+                let d = minus(cell.mean, from);
+                let t = dot(normal, d);
+                let along = dot(d, d) - t * t;
+                *weight = -along / (2.0 * ALONG * ALONG) - across * across / (2.0 * ACROSS * ACROSS);
+            }
+            exponentials(&mut weights);
+            for (weight, cell) in weights.iter().zip(cells).filter(|(weight, _)| **weight > 0.0) {
+                sums.add(cell, cell.points * weight);
             }
         }
         if sums.weight < LEAST_REFIT.0 {
@@ -247,6 +247,42 @@ pub fn plane(own: &Moments, near: &[Near], wide: bool) -> Plane {
     let squared = thickness * thickness + off * off;
     let confidence = libm::exp(-squared / (2.0 * THIN * THIN)) as f32;
     Plane { normal: normal.map(|c| c as f32), confidence }
+}
+
+/// So many exponentials are found together.
+const TOGETHER: usize = 8;
+
+/// exp of each power, which is more than [`NEGLIGIBLE`] and no more than a little over 0; 0 of lesser ones. They are the bits of `libm::exp`, of which these are the operations,
+/// without branches.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn exponentials(powers: &mut [f64; TOGETHER]) {
+    // ln 2 in two parts, and the polynomial's coefficients.
+    const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
+    const P: [f64; 5] = [
+        1.666_666_666_666_660_2e-1,
+        -2.777_777_777_701_559_3e-3,
+        6.613_756_321_437_934e-5,
+        -1.653_390_220_546_525_2e-6,
+        4.138_136_797_057_238_5e-8,
+    ];
+    // The upper halves of the bits of ln 2 / 2 and of 2^-28.
+    const HALF_LN_2: u64 = 0x3FD6_2E42;
+    const SMALL: u64 = 0x3E30_0000;
+    // Added to a whole number, 2^52 leaves its bits at the end.
+    const WHOLE: f64 = 4_503_599_627_370_496.0;
+    for power in powers {
+        let x = if *power > NEGLIGIBLE { *power } else { NEGLIGIBLE };
+        let upper = x.to_bits() >> 32 & 0x7FFF_FFFF;
+        let k = if upper > HALF_LN_2 { (std::f64::consts::LOG2_E * x - 0.5).trunc() } else { 0.0 };
+        let (high, low) = (x - k * LN_2[0], k * LN_2[1]);
+        let r = high - low;
+        let rr = r * r;
+        let c = r - rr * (P[0] + rr * (P[1] + rr * (P[2] + rr * (P[3] + rr * P[4]))));
+        let y = 1.0 + (r * c / (2.0 - c) - low + high);
+        let scale = f64::from_bits((k + 1023.0 + WHOLE).to_bits() << 52);
+        let exp = if upper > SMALL { y * scale } else { 1.0 + x };
+        *power = if *power > NEGLIGIBLE { exp } else { 0.0 };
+    }
 }
 
 /// The two least eigenvalues of a symmetric matrix, no less than 0, and the direction of the least, of length 1: by Jacobi's rotations.
@@ -270,9 +306,10 @@ fn flattest(mut a: [[f64; 3]; 3]) -> ([f64; 2], [f64; 3]) {
                 let (x, y) = (row[p], row[q]);
                 (row[p], row[q]) = (cosine * x - sine * y, sine * x + cosine * y);
             }
-            let (x, y) = (a[p], a[q]);
-            a[p] = [0, 1, 2].map(|k: usize| cosine * x[k] - sine * y[k]);
-            a[q] = [0, 1, 2].map(|k: usize| sine * x[k] + cosine * y[k]);
+            for k in 0..3 {
+                let (x, y) = (a[p][k], a[q][k]);
+                (a[p][k], a[q][k]) = (cosine * x - sine * y, sine * x + cosine * y);
+            }
         }
     }
     let mut order = [0, 1, 2];
@@ -288,6 +325,18 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        #[test]
+        fn exponentials_have_the_bits_of_the_library(
+            powers in prop::collection::vec(prop_oneof![-13.0f64..1e-9, -0.4f64..-0.3, -1.1f64..-1.0, -1e-7f64..1e-12], TOGETHER),
+        ) {
+            let mut found: [f64; TOGETHER] = powers.clone().try_into().unwrap();
+            exponentials(&mut found);
+            for (power, found) in powers.into_iter().zip(found) {
+                let expected = if power > NEGLIGIBLE { libm::exp(power) } else { 0.0 };
+                prop_assert_eq!(found.to_bits(), expected.to_bits(), "{}", power);
+            }
+        }
+
         #[test]
         fn the_flattest_direction_is_an_eigenvector_of_the_least_value(d in prop::array::uniform6(-2.0f64..2.0)) {
             let a = [[d[0], d[3], d[4]], [d[3], d[1], d[5]], [d[4], d[5], d[2]]];

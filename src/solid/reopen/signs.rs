@@ -21,7 +21,7 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 
 use super::Slabs;
-use super::layers::{Held, Layers};
+use super::layers::{Held, Layers, Rounds};
 use super::vector::{dot, minus};
 use super::wall::{HIDDEN, Relation, SEEN, Wall};
 use crate::error::Result;
@@ -379,6 +379,7 @@ impl Signs {
             return Ok(votes);
         }
         let held = self.walls(slabs, walls, chunk, REACH)?;
+        let mut rounds = Rounds::new(&held, REACH);
         for y in chunk.clone() {
             let parts = self.parts.read(y)?;
             let (cells, values) = held.slice(y.into());
@@ -389,7 +390,7 @@ impl Signs {
                 let turn = if part & 1 == 1 { -1.0 } else { 1.0 };
                 let (cell, votes) = ([x, y, z].map(i64::from), &mut votes[(part >> 1) as usize]);
                 let at = wall.at(cell);
-                held.round(cell, REACH, |there, other| {
+                rounds.round(cell, |there, other| {
                     let votes_too = match other.kind {
                         SEEN => other.confidence > VOTER,
                         HIDDEN => other.sign != 0,
@@ -399,11 +400,11 @@ impl Signs {
                         return;
                     }
                     let d = minus(other.at(there), at);
-                    let decay = libm::exp(-dot(d, d) / (2.0 * DECAY * DECAY));
+                    let decay = || libm::exp(-dot(d, d) / (2.0 * DECAY * DECAY));
                     let weight = match Relation::of(wall, other, d) {
                         None => return,
-                        Some(Relation::Wall(same)) => same * decay,
-                        Some(Relation::Crease(same)) => CREASE * same * decay,
+                        Some(Relation::Wall(same)) => same * decay(),
+                        Some(Relation::Crease(same)) => CREASE * same * decay(),
                         Some(Relation::Facing(same)) => FACING * same,
                     };
                     votes.vote(weight * f64::from(other.sign) * turn);

@@ -115,7 +115,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
     let mut walls = BTreeMap::new();
     for cell in &active {
         let around = |reach: i64| -> Vec<Near> {
-            let near = cube(reach).into_iter().filter_map(|step| Some(Near { step, moments: *of(add(*cell, step))? }));
+            let near = cube(reach).into_iter().filter_map(|step| Some(Near::new(step, of(add(*cell, step))?)));
             near.collect()
         };
         let (own, wide) = (of(*cell).unwrap(), !plane::is_enough(&around(2)));
@@ -125,7 +125,9 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
     }
     let whole = stretch(solid);
     let held = held(solid.cells, &walls);
-    let seen = walls.iter().map(|(at, wall)| (*at, wall.seen([at[2], at[0], at[1]], &held, &whole)));
+    let seen = walls
+        .iter()
+        .map(|(at, wall)| (*at, wall.seen([at[2], at[0], at[1]], &mut Rounds::new(&held, wall::NEXT_REACH), &whole)));
     let mut walls: BTreeMap<[i64; 3], Wall> = seen.collect();
     signed(&mut walls);
     let held = self::held(solid.cells, &walls);
@@ -140,7 +142,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
     let dipoles = walls.iter().map(|(at, wall)| {
         let cell = [at[2], at[0], at[1]];
         let none = Dipole { mean: wall.mean, area: [0.0; 3], inside: 1.0 };
-        (*at, if near(cell, LOOKED_AT) { Dipole::of(wall, cell, &held) } else { none })
+        (*at, if near(cell, LOOKED_AT) { Dipole::of(wall, cell, &mut Rounds::new(&held, wall::BOUNDS)) } else { none })
     });
     let dipoles: BTreeMap<[i64; 3], Dipole> = dipoles.collect();
     // Labels.

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::layers::{Held, Stretch};
+use super::layers::{Rounds, Stretch};
 use super::vector::{cross, dot, minus, plus, times};
 
 /// An occupied cell with its plane.
@@ -46,7 +46,8 @@ const NEARER: f64 = 1.0;
 
 /// Cells that are looked at to see a wall, either way.
 pub const SIGHT: i64 = 4;
-const NEXT_REACH: i64 = 3;
+/// Cells in which walls are looked for that end the look, either way.
+pub const NEXT_REACH: i64 = 3;
 
 /// A vector of numbers in double precision.
 fn wide(v: [f32; 3]) -> [f64; 3] {
@@ -66,11 +67,11 @@ impl Wall {
         wide(self.normal)
     }
 
-    /// The same wall, as it is seen from outside the solid.
-    pub fn seen(&self, cell: [i64; 3], walls: &Held<Wall>, solid: &Stretch) -> Wall {
+    /// The same wall, as it is seen from outside the solid; `walls` are cubes of [`NEXT_REACH`] cells either way.
+    pub fn seen(&self, cell: [i64; 3], walls: &mut Rounds<Wall>, solid: &Stretch) -> Wall {
         let (normal, at) = (self.across(), self.at(cell));
         let mut stops = [FAR; 2];
-        walls.round(cell, NEXT_REACH, |other, wall| {
+        walls.round(cell, |other, wall| {
             let d = minus(wall.at(other), at);
             let across = dot(d, normal);
             let parallel = dot(normal, wall.across()).abs() >= NEXT.1;
@@ -193,8 +194,8 @@ pub const BOUNDS: i64 = 3;
 const VANISHED: f64 = 0.1;
 
 impl Dipole {
-    /// Of a wall whose sign has been looked for.
-    pub fn of(wall: &Wall, cell: [i64; 3], walls: &Held<Wall>) -> Dipole {
+    /// Of a wall whose sign has been looked for; `walls` are cubes of [`BOUNDS`] cells either way.
+    pub fn of(wall: &Wall, cell: [i64; 3], walls: &mut Rounds<Wall>) -> Dipole {
         let normal = wall.across();
         let side = f64::from(wall.sign);
         let inside = match wall.sign {
@@ -211,7 +212,7 @@ impl Dipole {
 }
 
 /// The area of a wall: of what, in its plane, is nearer to its mean than to any other wall's that is not one behind it.
-fn area(wall: &Wall, cell: [i64; 3], walls: &Held<Wall>) -> f64 {
+fn area(wall: &Wall, cell: [i64; 3], walls: &mut Rounds<Wall>) -> f64 {
     let (normal, at) = (wall.across(), wall.at(cell));
     let aside = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let first = cross(normal, aside);
@@ -221,7 +222,7 @@ fn area(wall: &Wall, cell: [i64; 3], walls: &Held<Wall>) -> f64 {
     let mut cut = Vec::new();
     // Of the polygon's corner that is farthest from the mean, the squared distance.
     let mut farthest = RADIUS * RADIUS * (1.0 + 1e-9);
-    walls.round(cell, BOUNDS, |other, neighbour| {
+    walls.round(cell, |other, neighbour| {
         if other == cell || polygon.len() < 3 {
             return;
         }

@@ -262,10 +262,12 @@ impl<'a> Seen<'a> {
         let (mut runs, mut held, mut groups) = (Runs::default(), Vec::with_capacity(slices.len()), Vec::new());
         for y in slices.map(i64::from) {
             cells.slide_to(y - 1, |y, bits| self.paint(y, bits))?;
-            for (window, store) in around.iter_mut().zip([&self.solid.store, &self.occupancy.store]) {
-                window.slide_to(y - 1, |y, bits| store.paint(y, bits, &mut runs))?;
-            }
             let found = Runs::from_bits(cells.get(y));
+            if !found.all().is_empty() {
+                for (window, store) in around.iter_mut().zip([&self.solid.store, &self.occupancy.store]) {
+                    window.slide_to(y - 1, |y, bits| store.paint(y, bits, &mut runs))?;
+                }
+            }
             for z in 0..rows {
                 groups.extend(found.row(z).iter().map(|run| Group::of(&around, &cells, y, z, *run)));
             }
@@ -282,22 +284,26 @@ impl Group {
     fn of(around: &[Window<Bits>; 2], cells: &Window<Bits>, y: i64, z: u32, run: Run) -> Group {
         let mut change = 0;
         let [solid, _] = around;
+        let slices = [y - 1, y, y + 1].map(|y| [cells.get(y), solid.get(y)]);
         for x in i64::from(run.start)..i64::from(run.end) {
-            for corner in 0..8i64 {
-                let [dx, dz, dy] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
-                let (mut group, mut without) = (0u8, 0u8);
-                for cell in 0..8i64 {
-                    // The corner's lowest cell lies at x + dx - 1, y + dy - 1, z + dz - 1.
-                    let at = [x + dx - 1 + (cell & 1), i64::from(z) + dz - 1 + (cell >> 1 & 1)];
-                    let slice = y + dy - 1 + (cell >> 2 & 1);
-                    if cells.get(slice).get(at[0], at[1]) {
-                        group |= 1 << cell;
-                    } else if solid.get(slice).get(at[0], at[1]) {
-                        without |= 1 << cell;
-                    }
+            // Of each row of the 27 cells round it, slice by slice: three of the group, and three of the solid without it.
+            let mut threes = [[[0u8; 2]; 3]; 3];
+            for (threes, [cells, solid]) in threes.iter_mut().zip(slices) {
+                for (threes, z) in threes.iter_mut().zip(i64::from(z) - 1..) {
+                    let group = cells.three(x, z);
+                    *threes = [group, solid.three(x, z) & !group];
                 }
-                let this = (1 - dx) + 2 * (1 - dz) + 4 * (1 - dy);
-                if i64::from(group.trailing_zeros()) == this {
+            }
+            for corner in 0..8usize {
+                // The corner's lowest cell lies at x + dx - 1, y + dy - 1, z + dz - 1.
+                let [dx, dz, dy] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
+                let pattern = |of: usize| {
+                    let two = |dy: usize, dz: usize| threes[dy][dz][of] >> dx & 3;
+                    two(dy, dz) | two(dy, dz + 1) << 2 | two(dy + 1, dz) << 4 | two(dy + 1, dz + 1) << 6
+                };
+                let (group, without) = (pattern(0), pattern(1));
+                // It is this cell that is the first one of a group there.
+                if group.trailing_zeros() as usize == 7 - corner {
                     let [with, without] = [group | without, without].map(|p| i64::from(CHARACTERISTIC[p as usize]));
                     change += with - without;
                 }
