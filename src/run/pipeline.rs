@@ -113,7 +113,10 @@ pub fn survey_with(
     let distance = density.and_then(|density| density.distance);
     let (resolution, may_have_gaps) = match settings.fineness() {
         Fineness::Given(resolution) => (resolution, matches!(resolution, Resolution::Cell(_))),
-        Fineness::Sampling => (Resolution::Cell(distance.map_or(1.0, auto_side)), true),
+        Fineness::Sampling => {
+            let kind = settings.open.map(|open| open.kind);
+            (Resolution::Cell(distance.map_or(1.0, |distance| auto_side(distance, kind))), true)
+        }
         Fineness::Default => {
             let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?.cell_size();
             match density.map_or(usual, |density| default_side(usual, density)) {
