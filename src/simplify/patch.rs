@@ -77,11 +77,9 @@ impl Triangulation {
             for side in 0..3 {
                 let (a, b) = (triangle[side], triangle[(side + 1) % 3]);
                 let back = |other: &[usize; 3]| (0..3).any(|side| (other[side], other[(side + 1) % 3]) == (b, a));
-                if a < b {
-                    if let Some(beside) = self.triangles.iter().position(back) {
-                        self.edges.push(([a, b], [number, beside]));
-                    }
-                }
+                // Each edge has two triangles; one side of it is enough.
+                let beside = if a < b { self.triangles.iter().position(back) } else { None };
+                self.edges.extend(beside.map(|beside| ([a, b], [number, beside])));
             }
         }
     }

