@@ -24,6 +24,10 @@ use crate::settings::open::Kind;
 /// points thinned to a tenth, 1.25 still gives one component of the right genus, at a radius of 4.
 const AUTO_CELL: f64 = 1.25;
 
+/// The side that default cells have at least where they are finer than by k = 4, in sampling distances: a little more than the finest that keeps handles and holes, as the
+/// distance is known to a few per cent, and the next cloud may be worse. With 1.25, one of eight clouds (50,000 samples of the horse) had a handle that is not there; with 1.35 none of four had.
+const SAFE_CELL: f64 = 1.35;
+
 /// Default cells are no smaller than this part of those by k = 4: four times the triangles at most.
 const FINER: f64 = 0.5;
 
@@ -56,9 +60,14 @@ pub(super) fn auto_side(distance: f64, open: Option<Kind>) -> f64 {
 /// They carry it if they are dense enough on half of the surface that cells are not empty by chance, and so clean that the surface through them is not rough.
 pub(super) fn default_side(usual: f64, density: Density) -> f64 {
     // What few points do not tell is taken for the worst.
-    let even = density.middle.map_or(usual, |middle| auto_side(middle, None));
+    let sparser = density.middle.zip(density.distance).map(|(middle, all)| middle.max(all));
+    let even = sparser.map_or(usual, |distance| SAFE_CELL * distance);
     let clean = density.noise.map_or(usual, |noise| noise / CLEAN);
-    (FINER * usual).max(even).max(clean).min(usual).max(density.distance.map_or(0.0, |distance| auto_side(distance, None)))
+    (FINER * usual)
+        .max(even)
+        .max(clean)
+        .min(usual)
+        .max(density.distance.map_or(0.0, |distance| auto_side(distance, None)))
 }
 
 #[cfg(test)]
@@ -79,7 +88,7 @@ mod tests {
             // Never coarser than by k = 4 or the sampling distance, whichever is more; never finer than half of it.
             prop_assert!(side >= least && side >= 0.5 && side <= least.max(1.0));
             if side < 1.0 {
-                prop_assert!(side >= 1.25 * middle.unwrap());
+                prop_assert!(side >= 1.35 * middle.unwrap() && side >= 1.35 * distance.unwrap());
                 prop_assert!(noise.unwrap() <= side * 0.05 * (1.0 + 1e-9));
             }
             // Points that are denser, more even or cleaner never make cells coarser.
