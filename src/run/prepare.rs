@@ -270,8 +270,8 @@ pub(crate) fn surveyed(
     Ok((surveyed, settings))
 }
 
-/// With a budget of so many times the least, any slab of an open surface has room.
-const NEAR: u64 = 8;
+/// With a budget of so many times the least of a surface with upright walls in its first and last slab, there is room for the walls of an open one.
+const NEAR: u64 = 4;
 
 /// The plan of a surveyed cloud, and all that the passes over it are given.
 ///
@@ -289,7 +289,10 @@ pub(crate) fn planned(
     // What the box alone lets expect may be too much; and of an open surface, whose walls fall to few slabs, too little.
     let is_worth_it = match surveyed.open {
         None => surveyed.survey.points >= WORTH_IT,
-        Some(_) => budget < NEAR * MemoryPlan::least(&surveyed.workload, workers.threads()),
+        Some(_) => {
+            let walled = surveyed.workload.clone().with_walls_at_ends();
+            budget < NEAR * MemoryPlan::least(&walled, workers.threads())
+        }
     };
     if is_worth_it || pipeline::plan(&surveyed, workers, budget).is_err() {
         surveyed = rehearsed(surveyed, settings, workers, workspace, budget, progress)?;
