@@ -80,8 +80,7 @@ fn borders(field: &Field<'_>, of: &[u32], count: u32) -> Vec<Border> {
         let last = cells.iter().rposition(|number| *number != 0).unwrap_or(first);
         let from = y * slice + first;
         let rows = [0, -a, a, -b, b, -c, c].map(|step| &of[from.wrapping_add_signed(step)..][..last + 1 - first]);
-        for i in 0..rows[0].len() {
-            let number = rows[0][i];
+        for (i, &number) in rows[0].iter().enumerate() {
             let next = [1, 2, 3, 4, 5, 6].map(|row: usize| rows[row][i]);
             if number == 0 || next.iter().fold(0, |differ, next| differ | (next ^ number)) == 0 {
                 continue;

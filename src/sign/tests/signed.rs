@@ -8,6 +8,14 @@ use super::bodies::{Body, Shape};
 use super::{Numbers, level, numbers_of, square_between};
 use crate::run::testing::with_context;
 
+impl Signed {
+    /// The side of a cell of the level; beyond it, all is outside.
+    fn side(&self, [x, y, z]: [i64; 3]) -> Side {
+        let row = self.row(y, z);
+        row.and_then(|row| row.get((x + super::super::PAD as i64) as usize)).copied().unwrap_or(Side::Outside)
+    }
+}
+
 fn signed(block: Block, mut occupied: Vec<bool>) -> Signed {
     let outliers = outliers::take_out(&block, &mut occupied);
     let walls = numbers_of(&occupied);

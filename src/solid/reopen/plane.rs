@@ -306,10 +306,9 @@ fn flattest(mut a: [[f64; 3]; 3]) -> ([f64; 2], [f64; 3]) {
                 let (x, y) = (row[p], row[q]);
                 (row[p], row[q]) = (cosine * x - sine * y, sine * x + cosine * y);
             }
-            for k in 0..3 {
-                let (x, y) = (a[p][k], a[q][k]);
-                (a[p][k], a[q][k]) = (cosine * x - sine * y, sine * x + cosine * y);
-            }
+            let (x, y) = (a[p], a[q]);
+            a[p] = [0, 1, 2].map(|k: usize| cosine * x[k] - sine * y[k]);
+            a[q] = [0, 1, 2].map(|k: usize| sine * x[k] + cosine * y[k]);
         }
     }
     let mut order = [0, 1, 2];
