@@ -15,7 +15,7 @@ use crate::resources::memory::SlabJobs;
 use crate::resources::workers::Workers;
 use crate::run::pipeline::{context, survey_cloud};
 use crate::run::progress::{Progress, Show};
-use crate::settings::surface::SurfaceOptions;
+use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::close::{ClosingOptions, close};
 use crate::stitch::slab::Making;
@@ -69,7 +69,7 @@ fn with_slabs<R>(
         ClosingOptions { seal: settings.seal, window: None, keep_outliers: true, min_component: None, rough: false };
     let closed = close(occupancy, grid.cell_size(), options, &context, |_, _| ()).unwrap();
     let sampled = Sampled { buckets: &buckets, occupied: &closed.occupancy.store, grid, counted: Counted::All };
-    let options = SurfaceOptions { smooth, ..settings.surface };
+    let options = SurfaceOptions { smooth, fit: Fit::Nearest, ..settings.surface };
     let jobs = SlabJobs { running: 2, ahead: 0, piece_points: 1 << 20 };
     work(grid, &Making { solid: &closed.solid, sampled: &sampled, options, frame: FRAME, jobs }, &context)
 }
@@ -104,7 +104,7 @@ fn changeable(slab: &SlabMesh<f32>) -> Changeable {
 #[test]
 fn a_round_that_meets_a_frozen_vertex_leaves_everything_as_it_was() {
     let (mut taken_back, mut done, mut parted) = (0, 0, 0);
-    for seed in 0..16u64 {
+    for seed in 0..12u64 {
         let cloud = points(0x9E37_79B9_7F4A_7C15 ^ seed, 2500, 0.15 * (seed % 5) as f64);
         with_slabs(&cloud, 62, 1, |grid, making, _| {
             let [mut lower, mut upper] =
@@ -114,13 +114,16 @@ fn a_round_that_meets_a_frozen_vertex_leaves_everything_as_it_was() {
             let own = lower.own();
             // Up to the middle of the lower slab; what goes back lies round it.
             let frozen = own / 2;
-            for round in 0..40u32 {
+            // Each part twelve times, until its vertices are at rest, and their clusters apart: by turns beside what is frozen, and far above it.
+            for round in 0..96u32 {
+                let part = round / 12;
                 let before = [&lower, &upper].map(changeable);
                 let mut seam = Seam::of(&mut lower, &mut upper, frozen, FRAME, quantizer);
                 let lives = |v: &u32| !matches!(seam.state(*v), VertexState::Contracted | VertexState::AtRest);
                 // From the highest number on, so that others have moved when a frozen one is met.
-                let span = frozen.saturating_sub(2 * (round % 3))..(frozen + 40 + 7 * round).min(own);
-                let some: Vec<u32> = span.step_by(1 + round as usize % 5).filter(lives).collect();
+                let first = if part % 2 == 0 { frozen.saturating_sub(part) } else { own - own / 4 };
+                let span = first..(first + 40 + 28 * part).min(own);
+                let some: Vec<u32> = span.step_by(1 + part as usize % 5).filter(lives).collect();
                 let some: Vec<u32> = some.into_iter().rev().collect();
                 if some.is_empty() {
                     continue;
