@@ -45,13 +45,13 @@ use asra_stream::internals::settings::surface::{Fit, SurfaceOptions};
 use asra_stream::internals::solid::close;
 use asra_stream::internals::solid::close::ClosingOptions;
 use asra_stream::internals::solid::exterior::Exterior;
-use asra_stream::internals::stitch::slab::SlabMesh;
+use asra_stream::internals::stitch::slab::{Making, SlabMesh};
 use asra_stream::internals::storage::spool::Workspace;
 use asra_stream::internals::surface::contract::{Groups, NONE, Stars, contract};
 use asra_stream::internals::surface::extract::Surface;
 use asra_stream::internals::surface::fit::{Fitted, Task, fit};
 
-use asra_stream::internals::grid::survey::survey;
+use asra_stream::internals::grid::survey::{Wanted, survey};
 use asra_stream::internals::solid::Solid;
 use asra_stream::internals::stitch::Stitcher;
 use asra_stream::internals::storage::atomic_file::Overwrite;
@@ -114,7 +114,7 @@ fn points_to_cells(
     group.throughput(Throughput::Elements(points));
     group.bench_function("survey", |b| {
         let in_flight = 2 * context.workers.threads();
-        b.iter(|| survey(cloud, &context.workers, in_flight, |_| ()).expect("points"));
+        b.iter(|| survey(cloud, Wanted::Density, &context.workers, in_flight, |_| ()).expect("points"));
     });
     let fill = || Buckets::<f32>::fill(cloud, grid, context, |_| ()).expect("points");
     group.bench_function("bucket", |b| b.iter(fill));
@@ -179,8 +179,8 @@ impl Slab {
         let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(SMOOTH) };
         let fitted = fit(sampled, &task, jobs.piece_points, Fitted::default()).expect("points");
         let options = SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None };
-        let unfitted =
-            SlabMesh::make(number, solid, sampled, options, FRAME, jobs, SlabMesh::default()).expect("a slab");
+        let making = Making { solid, sampled, options, frame: FRAME, jobs };
+        let unfitted = SlabMesh::make(number, &making, SlabMesh::default()).expect("a slab");
         let mut group = fitted.point.clone();
         if slices.start > 0 {
             group[..unfitted.seam() as usize].fill(NONE);
@@ -259,8 +259,8 @@ fn slabs_to_mesh(
     let count = slab_count(SMOOTH, solid.cells[1]);
     let make = || {
         let mut slabs = Vec::new();
-        let make =
-            |number: usize| SlabMesh::make(number as u32, solid, sampled, options, FRAME, jobs, SlabMesh::default());
+        let making = Making { solid, sampled, options, frame: FRAME, jobs };
+        let make = |number: usize| SlabMesh::make(number as u32, &making, SlabMesh::default());
         let keep = |slab| {
             slabs.push(slab);
             Ok(())

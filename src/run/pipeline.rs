@@ -390,7 +390,7 @@ fn reconstruct_as<T: Coordinate>(
         }
         Some(open) => {
             let smooth = settings.surface.smooth;
-            close::close_below(occupancy, &buckets, grid, open, asked, smooth, context, done)?
+            close::close_below(occupancy, (&buckets, grid), open, asked, smooth, context, done)?
         }
     };
     let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {

@@ -280,8 +280,7 @@ pub fn close_seen(
 /// [`Error::Io`], [`Error::Interrupted`].
 pub fn close_below<T: Coordinate>(
     occupancy: Occupancy,
-    buckets: &Buckets<T>,
-    grid: &Grid,
+    (buckets, grid): (&Buckets<T>, &Grid),
     open: &Open,
     asked: ClosingOptions,
     smooth: u32,

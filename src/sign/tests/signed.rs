@@ -10,7 +10,7 @@ use crate::run::testing::with_context;
 
 impl Signed {
     /// The side of a cell of the level; beyond it, all is outside.
-    fn side(&self, [x, y, z]: [i64; 3]) -> Side {
+    pub(super) fn side(&self, [x, y, z]: [i64; 3]) -> Side {
         let row = self.row(y, z);
         row.and_then(|row| row.get((x + super::super::PAD as i64) as usize)).copied().unwrap_or(Side::Outside)
     }
