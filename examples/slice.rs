@@ -20,8 +20,8 @@ pub fn main() -> Result<()> {
 fn torus(count: usize) -> Vec<[f32; 3]> {
     (0..count)
         .map(|i| {
-            // Steps of irrational shares of the circle fill the square of angles evenly.
-            let (u, v) = (i as f64 * 2.3999632297, i as f64 * 3.8832220774);
+            // Steps of .7549 and .5698 of the circle, of which neither is made of the other: they fill the square of angles evenly.
+            let (u, v) = (i as f64 * 4.7430362, i as f64 * 3.5804122);
             let r = 2.0 + 0.7 * v.cos();
             [r * u.cos(), r * u.sin(), 0.7 * v.sin()].map(|c| c as f32)
         })

@@ -6,7 +6,7 @@ use super::boxes::Boxes;
 use super::fan::{Fan, shape};
 use super::gap::{Drift, MOST, Overlay, ROUNDING};
 use super::mark::Colours;
-use super::merge::Merging;
+use super::merging::Merging;
 use super::patch::{Node, Patch};
 use super::piece::{NONE, Piece, Ring};
 use super::quadric::Quadric;

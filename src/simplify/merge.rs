@@ -10,40 +10,13 @@ use super::collapse::{EVEN, MOST_ROUND, SHAPE, Simplifier, Target};
 use super::fan::shape;
 use super::gap::{MOST, across};
 use super::mark::Blend;
+use super::merging::{Corner, Merging};
 use super::patch::{Node, Patch};
 use super::piece::{NONE, Piece, Ring};
 use super::quadric::Quadric;
 
 /// A place is no farther from both ends than so many times their distance: planes that are nearly one meet anywhere.
 const FARTHEST: f64 = 2.0;
-
-/// What is known of the triangles round a vertex.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Corner {
-    quadric: Quadric,
-    /// The sum of their normals, each as long as the area.
-    across: DVec3,
-    known: bool,
-}
-
-/// What merges work with.
-#[derive(Debug, Default)]
-pub(super) struct Merging {
-    corners: Vec<Corner>,
-    /// The triangles round the other end.
-    ring: Ring,
-    /// The vertices round both ends, in order, and the triangles that lie on the ways from each to the next.
-    link: Vec<u32>,
-    outer: Vec<u32>,
-    star: Vec<u32>,
-}
-
-impl Merging {
-    /// Room for so many vertices.
-    pub(super) fn new(vertices: usize) -> Merging {
-        Merging { corners: vec![Corner::default(); vertices], ..Merging::default() }
-    }
-}
 
 impl Simplifier<'_> {
     fn corner(&mut self, vertex: u32) -> Corner {

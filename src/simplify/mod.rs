@@ -29,6 +29,7 @@ mod fan;
 mod gap;
 mod mark;
 mod merge;
+mod merging;
 mod number;
 mod part;
 mod passes;

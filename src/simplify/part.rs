@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::collapse::{Limits, Simplifier};
 use super::gap::Drift;
 use super::mark::{Mark, Marks, inwards, outwards};
-use super::merge::Corner;
+use super::merging::Corner;
 use super::piece::{NONE, Piece};
 use super::soup::Record;
 use super::{boxes, piece, queue};

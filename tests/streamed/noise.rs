@@ -79,8 +79,8 @@ fn chosen(shape: Shape, points: u64, noise: f64, seed: u64) -> Fit {
 
 #[test]
 fn planes_are_chosen_where_noise_is_wider_than_a_cell() {
-    // Such noise fills the smaller of the blocks that measure it.
-    for (shape, noise) in [(Shape::Box, 0.02), (Shape::Sphere, 0.014), (Shape::Torus, 0.01)] {
+    // Noise of a cell fills the smaller of the blocks that measure it.
+    for (shape, noise) in [(Shape::Box, 0.018), (Shape::Sphere, 0.0115), (Shape::Torus, 0.0092)] {
         assert_eq!(chosen(shape, 60_000, noise, 1), Fit::Plane, "{shape}");
     }
     // A body that points fill is no shell.

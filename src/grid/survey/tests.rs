@@ -1,6 +1,7 @@
 //! The sampling distance and the noise beside a naive twin, and on bodies whose noise is known.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::TAU;
 
 use proptest::prelude::*;
 
@@ -62,9 +63,9 @@ mod naive {
     }
 
     fn distinct(cells: &Cells) -> f64 {
-        match cells.keys().take(1024).last() {
-            Some(last) if cells.len() >= 1024 => 1023.0 * (u64::MAX as f64 / *last as f64),
-            _ => cells.len() as f64,
+        match cells.keys().nth(1023) {
+            Some(last) => 1023.0 * (u64::MAX as f64 / *last as f64),
+            None => cells.len() as f64,
         }
     }
 
@@ -242,7 +243,7 @@ fn body(kind: &str, count: usize, noise: f64, seed: u64) -> (Vec<[f64; 3]>, f64)
         .map(|_| {
             let more = noise * normal();
             let (u, v) = (unit(), unit());
-            let (s, c) = (libm::sin(6.283185307 * u), libm::cos(6.283185307 * u));
+            let (s, c) = (libm::sin(TAU * u), libm::cos(TAU * u));
             let p = match kind {
                 "sphere" => {
                     area = 12.566;
@@ -252,7 +253,7 @@ fn body(kind: &str, count: usize, noise: f64, seed: u64) -> (Vec<[f64; 3]>, f64)
                 }
                 "pipe" => {
                     // Ten times as long as it is wide.
-                    area = 6.2832 * 0.2 * 2.0;
+                    area = TAU * 0.2 * 2.0;
                     [(0.2 + more) * c, (0.2 + more) * s, 2.0 * v]
                 }
                 "block" => {
