@@ -47,6 +47,10 @@ const CLEAN: f64 = 0.05;
 /// At 1.0, terrain has 1.4 triangles a point, a triangulation 2.
 const AUTO_COLUMN: f64 = 1.0;
 
+/// Cells are made finer than by k = 4 if they are no more than this part as wide. Hardly finer ones gain hardly anything, and noise and sparseness near the limits
+/// are not known so well.
+const WORTH: f64 = 0.9;
+
 /// The side that `--cell-size auto` takes for samples that are so far apart.
 pub(super) fn auto_side(distance: f64, open: Option<Kind>) -> f64 {
     match open {
@@ -63,11 +67,9 @@ pub(super) fn default_side(usual: f64, density: Density) -> f64 {
     let sparser = density.middle.zip(density.distance).map(|(middle, all)| middle.max(all));
     let even = sparser.map_or(usual, |distance| SAFE_CELL * distance);
     let clean = density.noise.map_or(usual, |noise| noise / CLEAN);
-    (FINER * usual)
-        .max(even)
-        .max(clean)
-        .min(usual)
-        .max(density.distance.map_or(0.0, |distance| auto_side(distance, None)))
+    let carried = (FINER * usual).max(even).max(clean);
+    let side = if carried <= WORTH * usual { carried } else { usual };
+    side.max(density.distance.map_or(0.0, |distance| auto_side(distance, None)))
 }
 
 #[cfg(test)]
