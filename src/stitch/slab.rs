@@ -35,7 +35,7 @@ use crate::surface::vertex_state::{SHARES, VertexState};
 pub struct SlabMesh<T> {
     /// The slab's slices.
     pub slices: Range<u32>,
-    /// The smoothed position of each vertex, in file axes.
+    /// The position of each vertex before it is fitted, in file axes: the smoothed one, of open surfaces at the surface's height where that is known.
     pub smoothed: Vec<[f64; 3]>,
     /// The position of each vertex at rest: after one step of smoothing. Empty if that is the smoothed one.
     pub rest: Vec<[f64; 3]>,

@@ -104,17 +104,7 @@ proptest! {
         let before = mesh.report();
         prop_assume!(before.intersections.as_ref().is_some_and(|found| found.none()));
         let options = Options { tolerance: Some(part), colours, most, ..MOVED };
-        let (left, figures) = passes::with_parts_of(300, || mesh.simplified(&options, 1, 0, Precision::Single));
-        for (threads, budget) in [(1, 1 << 30), (3, 0), (4, 200 << 20)] {
-            let (again, others) = passes::with_parts_of(300, || mesh.simplified(&options, threads, budget, Precision::Single));
-            prop_assert_eq!(&left, &again);
-            prop_assert_eq!(figures, others);
-        }
-        let after = left.report();
-        prop_assert_eq!(kept(&before), kept(&after));
-        prop_assert!(after.intersections.as_ref().is_some_and(|found| found.none()));
-        let (fine, coarse) = (mesh.corners(), left.corners());
-        prop_assert!(farthest(&fine, &coarse).max(farthest(&coarse, &fine)) <= figures.reached * (1.0 + 1e-12) + 1e-12);
+        keeps_what_is_promised(&mesh, &before, &options)?;
     }
 
     /// On a plane nothing drifts, so that a place's colour before is that of the same place.
