@@ -37,7 +37,7 @@ use crate::settings::open::{Kind, Open};
 use crate::solid::close::{COARSE, ClosingOptions, close, side_in_samples};
 use crate::solid::heightfield::{self, HeightFieldOptions};
 use crate::storage::spool::Workspace;
-use crate::surface::extract;
+use crate::surface::extract::{self, Weight};
 
 /// Points from which a run is worth a rehearsal, which takes about as long as a cloud of 100,000.
 pub const WORTH_IT: u64 = 3_000_000;
@@ -158,7 +158,7 @@ pub fn estimate_open_faces(
         factor *= 2;
     }
     progress(0, 2);
-    let found = faces_of_columns(known, open, factor, workers, workspace, budget)?;
+    let (found, last_plane) = faces_of_columns(known, open, factor, workers, workspace, budget)?;
     progress(1, 2);
     let area =
         |faces: &[u32], factor: u32| faces.iter().map(|f| f64::from(*f)).sum::<f64>() * f64::from(factor).powi(2);
@@ -166,7 +166,7 @@ pub fn estimate_open_faces(
     let growth = match factor {
         1 => 1.0,
         _ => {
-            let half = faces_of_columns(known, open, 2 * factor, workers, workspace, budget)?;
+            let (half, _) = faces_of_columns(known, open, 2 * factor, workers, workspace, budget)?;
             growth(area(&found, factor) / area(&half, 2 * factor).max(f64::MIN_POSITIVE), f64::from(factor)).max(1.0)
         }
     };
@@ -174,11 +174,15 @@ pub fn estimate_open_faces(
     // Each of a coarse slice's faces comes to as many of the grid's slices along it, and to as many on each.
     let scale = f64::from(factor) * growth * (1.0 + DOUBT);
     let of_slice = |y: u32| (f64::from(found[(y / factor) as usize]) * scale).ceil() as u32;
-    let faces: Vec<u32> = (0..grid.cells()[1]).map(of_slice).collect();
+    let mut faces: Vec<u32> = (0..grid.cells()[1]).map(of_slice).collect();
+    // The plane above the last slice is that of one slice, however many a coarse one comes to.
+    if let Some(last) = faces.last_mut() {
+        *last += (f64::from(last_plane) * scale).ceil() as u32;
+    }
     Ok(workload.with_faces_of_slices(&faces, false))
 }
 
-/// The faces that count for memory of each slice of columns made of the coarse cells, in the grid's cells taken together by `factor`.
+/// The faces that count for memory of each slice of columns made of the coarse cells, in the grid's cells taken together by `factor`, and of the plane above the last.
 fn faces_of_columns(
     known: EstimateInput<'_>,
     open: &Open,
@@ -186,7 +190,7 @@ fn faces_of_columns(
     workers: &Workers,
     workspace: &Workspace,
     budget: u64,
-) -> Result<Vec<u32>> {
+) -> Result<(Vec<u32>, u32)> {
     let EstimateInput { coarse_grid, grid, settings, .. } = known;
     let cells = grid.cells().map(|c| c.div_ceil(factor));
     let (up, bridge) = (open.up(grid), open.bridge(grid).div_ceil(factor));
@@ -208,7 +212,9 @@ fn faces_of_columns(
         one_layer: open.kind != Kind::Sheet,
         smooth: settings.surface.smooth,
     };
-    extract::weights(&heightfield::solid::<f32>(&occupancy, None, asked, &context)?, &context)
+    let solid = heightfield::solid::<f32>(&occupancy, None, asked, &context)?;
+    let (weights, last_plane) = extract::weights_below(&solid, &context)?;
+    Ok((weights.into_iter().map(Weight::rectangles).collect(), last_plane))
 }
 
 /// The sampling distance as coarse cells show it may be more than the grid's cells are going to show, by this part.

@@ -50,7 +50,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     describe(&cloud, &job.settings, progress);
     let budget = job.resources.budget();
     bare_earth(&mut cloud, &job.settings, &mut BesideFiles::default(), budget, workers, &workspace, progress)?;
-    let surveyed = survey_cloud(&cloud, &job.settings, workers, progress)?;
+    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
     let left = budget_beside(&job.settings, budget, workers);

@@ -100,6 +100,7 @@ impl Open<'_> {
                     for (i, cells) in words_of(run.start, run.end) {
                         evidence.outside_behind += u64::from((outside[i] & !inside[i] & cells).count_ones());
                         evidence.inside_behind += u64::from((inside[i] & !outside[i] & cells).count_ones());
+                        evidence.inside_near += u64::from((inside[i] & cells).count_ones());
                     }
                     found.push(evidence);
                 }
@@ -121,6 +122,8 @@ struct Evidence {
     outside_behind: u64,
     /// The same with the inside.
     inside_behind: u64,
+    /// Its cells near walls that have the inside on a face, whatever else.
+    inside_near: u64,
 }
 
 impl Measure for Evidence {
@@ -129,17 +132,20 @@ impl Measure for Evidence {
         self.touches_outside += other.touches_outside;
         self.outside_behind += other.outside_behind;
         self.inside_behind += other.inside_behind;
+        self.inside_near += other.inside_near;
     }
 }
 
 impl Evidence {
-    /// What is cut off from the outside is inside. Else the walls decide, if those of a quarter of the cells speak, and four times as
-    /// many for one side as for the other: a rim round a hole is not enough.
+    /// The walls decide, if those of a quarter of the cells speak, and four times as many for one side as for the other: a rim round a hole is not enough.
+    /// Else what is cut off from the outside is inside, unless walls round it have the inside behind them: that is a slot, where the ball fits by chance before
+    /// the outside gets there.
     fn verdict(&self) -> u8 {
         let decisive = |most: u64, least: u64| 4 * most >= self.cells && 4 * least <= most;
-        if self.touches_outside == 0 || decisive(self.outside_behind, self.inside_behind) {
+        let (is_outside, cut_off) = (decisive(self.inside_behind, self.outside_behind), self.touches_outside == 0);
+        if decisive(self.outside_behind, self.inside_behind) || cut_off && 4 * self.inside_near < self.cells {
             INSIDE
-        } else if decisive(self.inside_behind, self.outside_behind) {
+        } else if is_outside && !cut_off {
             OUTSIDE
         } else {
             UNDECIDED

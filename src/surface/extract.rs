@@ -296,8 +296,46 @@ impl Surface {
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
 pub fn weights(solid: &Solid, context: &Context) -> Result<Vec<u32>> {
+    let (mut weights, last_plane) = weights_below(solid, context)?;
+    if let Some(last) = weights.last_mut() {
+        last.of_plane += last_plane;
+    }
+    Ok(weights.into_iter().map(Weight::rectangles).collect())
+}
+
+/// What counts for a slice's memory.
+#[derive(Debug, Clone, Copy)]
+pub struct Weight {
+    /// Its own faces with those that midpoints add.
+    faces: u32,
+    /// The vertices on its lower plane.
+    of_plane: u32,
+}
+
+impl Weight {
+    /// As many rectangles as count for it.
+    pub fn rectangles(self) -> u32 {
+        self.faces.max(self.of_plane)
+    }
+}
+
+/// [`weights`] without the plane above the last slice, and the number of its vertices.
+///
+/// # Errors
+/// The same as [`weights`].
+pub fn weights_below(solid: &Solid, context: &Context) -> Result<(Vec<Weight>, u32)> {
+    let planes = vertices_of_planes(solid, context)?;
+    let weight = |(faces, planes): (&u32, &[[u32; 2]])| {
+        let [below, above] = [planes[0], planes[1]];
+        Weight { faces: faces + below[1] + above[1], of_plane: below[0] }
+    };
+    let weights = solid.faces.iter().zip(planes.windows(2)).map(weight).collect();
+    Ok((weights, planes.last().map_or(0, |[vertices, _]| *vertices)))
+}
+
+/// Of each plane, its vertices, and how many of them are midpoints.
+fn vertices_of_planes(solid: &Solid, context: &Context) -> Result<Vec<[u32; 2]>> {
     let [_, slices, _] = solid.cells;
-    // Of each plane: its vertices, and how many of them are midpoints.
     let mut planes: Vec<[u32; 2]> = Vec::with_capacity(slices as usize + 1);
     let mut jobs = chunks(slices);
     context.workers.in_order(
@@ -309,11 +347,7 @@ pub fn weights(solid: &Solid, context: &Context) -> Result<Vec<u32>> {
             Ok(())
         },
     )?;
-    let own = |y: usize| {
-        let vertices = planes[y][0] + if y + 1 == slices as usize { planes[y + 1][0] } else { 0 };
-        (solid.faces[y] + planes[y][1] + planes[y + 1][1]).max(vertices)
-    };
-    Ok((0..slices as usize).map(own).collect())
+    Ok(planes)
 }
 
 /// The number of vertices on each plane, and how many of them are midpoints.

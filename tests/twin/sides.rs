@@ -177,19 +177,21 @@ impl Sides {
             }
             let component = component(&open, first, &mut seen);
             let touches_outside = component.iter().any(|&c| FACES.iter().any(|&d| self.is_outside(plus(c, d))));
-            let (mut outside_behind, mut inside_behind) = (0, 0);
+            let (mut outside_behind, mut inside_behind, mut inside_near) = (0, 0, 0);
             for &cell in &component {
                 let sees = |side: usize| sight.iter().any(|&d| walls[side].get(plus(cell, d)));
                 match (sees(0), sees(1)) {
                     (true, false) => outside_behind += 1,
                     (false, true) => inside_behind += 1,
-                    _ => (),
+                    (true, true) => inside_near += 1,
+                    (false, false) => (),
                 }
             }
+            inside_near += inside_behind;
             let decisive = |most: usize, least: usize| 4 * most >= component.len() && 4 * least <= most;
-            if !touches_outside || decisive(outside_behind, inside_behind) {
+            if decisive(outside_behind, inside_behind) || !touches_outside && 4 * inside_near < component.len() {
                 verdicts.push((component, true));
-            } else if decisive(inside_behind, outside_behind) {
+            } else if touches_outside && decisive(inside_behind, outside_behind) {
                 verdicts.push((component, false));
             }
         }
