@@ -60,7 +60,6 @@
 #![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
 #![cfg_attr(test, allow(clippy::disallowed_methods))]
 
-mod bridged;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
@@ -68,8 +67,6 @@ pub mod cli;
 mod compare;
 mod error;
 mod format;
-#[cfg(feature = "generate")]
-mod generate;
 mod grid;
 mod ground;
 mod input;
@@ -81,7 +78,6 @@ mod render;
 mod resources;
 mod run;
 mod settings;
-mod sign;
 mod simplify;
 mod solid;
 mod stitch;
@@ -129,8 +125,8 @@ pub mod internals {
         };
     }
     opened! {
-        #[cfg(feature = "compare")] compare, error, format, #[cfg(feature = "generate")] generate, grid, ground, input, mesh, points,
-        #[cfg(feature = "render")] render, resources, run, settings, sign, simplify, solid, stitch, storage, surface,
+        #[cfg(feature = "compare")] compare, error, format, grid, ground, input, mesh, points,
+        #[cfg(feature = "render")] render, resources, run, settings, simplify, solid, stitch, storage, surface,
     }
 }
 

@@ -10,9 +10,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 use asra_stream::internals::format::read;
-use asra_stream::internals::generate::{Options, Shape, generate};
 use asra_stream::internals::points::attribute::Wanted;
 use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::generate::{Options, Shape, generate};
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::{Job, Resources, look, run};
 use asra_stream::internals::storage::spool::Workspace;

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use asra_stream::internals::generate::{Options, Shape, generate};
 use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::generate::{Options, Shape, generate};
 
 /// The allocator of the command: what is measured is what its users get.
 #[global_allocator]

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::generate::densify;
-use crate::generate::{Options, Shape, generate};
 use crate::resources::workers::Workers;
+use crate::run::generate::densify;
+use crate::run::generate::{Options, Shape, generate};
 use crate::run::progress::{Progress, Show};
 use crate::run::{Job, Resources, run};
 use crate::storage::atomic_file::Overwrite;

@@ -4,6 +4,7 @@
 //! block until none nearer can hold anything ([`search`]). Neither threads nor memory show in what is found ([`shape`]).
 
 pub(crate) mod blocks;
+pub(crate) mod bridged;
 pub(crate) mod room;
 pub(crate) mod search;
 pub(crate) mod shape;

@@ -1,11 +1,11 @@
 //! The phase after the surface's: how far vertices are from points, and what is too far from any.
 
-use crate::bridged::{Bridging, Extent, Rewritten, distances, rewritten};
 use crate::error::Result;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Sampled;
 use crate::mesh::MeshSource;
 use crate::mesh::spool::MeshSpool;
+use crate::nearest::bridged::{Bridging, Extent, Rewritten, distances, rewritten};
 use crate::nearest::room::Room;
 use crate::points::Coordinate;
 use crate::resources::memory::MemoryPlan;

@@ -15,6 +15,8 @@ mod files_to_mesh;
 mod fineness;
 mod finished;
 pub mod forecast;
+#[cfg(feature = "generate")]
+pub mod generate;
 pub mod job;
 mod judgement;
 pub mod looks;

@@ -4,7 +4,6 @@
 
 use bytesize::ByteSize;
 
-use crate::bridged::{Bridging, with_bridged};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::bucket::Buckets;
@@ -15,6 +14,7 @@ use crate::grid::partition::{REACH, buckets_of, halo, slab_count, slices_of};
 use crate::grid::survey::{Density, Survey, Wanted, planes_with_points, seen_from, survey, turned_bounds};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
+use crate::nearest::bridged::{Bridging, with_bridged};
 use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
@@ -30,11 +30,11 @@ use crate::settings::Resolution;
 use crate::settings::open::{Facing, Open};
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
-use crate::sign::Sights;
 use crate::solid::close;
 use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
+use crate::solid::sign::Sights;
 use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Counts, Stitched, Stitcher, VERTEX_LIMIT};

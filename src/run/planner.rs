@@ -13,20 +13,20 @@
 
 use bytesize::ByteSize;
 
-use crate::bridged;
 use crate::error::{Error, Result};
 use crate::grid::context::{CHUNK_SLICES, job_bytes};
 use crate::grid::partition::{buckets_round, halo, slab_slices};
 use crate::input::BLOCK_RECORDS;
 use crate::mesh::check::job::Need;
+use crate::nearest::bridged;
 use crate::resources::memory::{Keepable, Kept, MemoryPlan, SlabJobs};
 use crate::resources::workers::Workers;
 use crate::run::workload::{PointWorkload, Workload};
 use crate::settings::surface::Fit;
-use crate::sign;
 use crate::simplify::Extent;
 use crate::solid::heightfield;
 use crate::solid::reopen;
+use crate::solid::sign;
 use crate::stitch::slab::Size;
 use crate::surface::thickness;
 

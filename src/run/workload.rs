@@ -1,11 +1,11 @@
 //! The workload: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
 
-use crate::bridged;
 use crate::grid::partition::plane_halo;
 use crate::grid::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices};
 use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::{Cell, Grid};
 use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
+use crate::nearest::bridged;
 use crate::points::Precision;
 use crate::settings::simplification::Simplification;
 use crate::settings::surface::Fit;

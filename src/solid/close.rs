@@ -1,6 +1,6 @@
 //! Closing: from the occupied cells to the solid, as asked for.
 //!
-//! Tells inside and outside apart by the sign of a field ([`crate::sign`]) or by a ball that is asked for ([`crate::solid::seal`]), decides finer
+//! Tells inside and outside apart by the sign of a field ([`crate::solid::sign`]) or by a ball that is asked for ([`crate::solid::seal`]), decides finer
 //! cells by falling balls, and leaves out what is too small to be kept.
 //!
 //! The field is found on one coarse level, whose cells are at least 1.1 sampling distances wide, and no more than [`sign::LONGEST`] along any axis. A window
@@ -16,14 +16,14 @@ use crate::points::Coordinate;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Kind, Open};
-use crate::sign;
-use crate::sign::{Patch, Seen, Sights, Signed};
 use crate::solid::Solid;
 use crate::solid::component;
 use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::solid::seal;
 use crate::solid::seal::Pyramid;
+use crate::solid::sign;
+use crate::solid::sign::{Patch, Seen, Sights, Signed};
 use crate::solid::thicken::Sheets;
 use crate::solid::watershed;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
@@ -332,7 +332,7 @@ pub(crate) fn side_in_samples(filling: f64) -> f64 {
     r0 + (r1 - r0) * ((filling - f0) / (f1 - f0)).clamp(0.0, 1.0)
 }
 
-/// Closes the occupied cells by the sign of a field on a coarse level ([`crate::sign`]), and finer levels by what that says.
+/// Closes the occupied cells by the sign of a field on a coarse level ([`crate::solid::sign`]), and finer levels by what that says.
 fn close_signed(
     mut occupancy: Occupancy,
     asked: ClosingOptions,

@@ -16,6 +16,7 @@ pub mod isolated;
 pub mod reopen;
 pub mod seal;
 pub mod side_votes;
+pub mod sign;
 pub mod thicken;
 pub mod unresolved;
 pub mod watershed;

@@ -4,7 +4,7 @@
 //! other side faces enclosed cells, and the ball may fall to smaller ones ([`crate::solid::watershed`]), so that it does not bridge what a smaller
 //! one does not. Large balls begin on a coarser level of the pyramid, each level of which halves the resolution.
 //!
-//! Without a radius, [`crate::sign`] tells the sides apart.
+//! Without a radius, [`crate::solid::sign`] tells the sides apart.
 
 use crate::error::Result;
 use crate::grid::context::Context;

@@ -6,7 +6,7 @@
 //!      o o o o o o o o
 //! ```
 //!
-//! Of a sheet's occupied cells, those in the walls of its patch ([`crate::sign`]), D is what a ball of squared radius r₁² round one of them covers. Inside
+//! Of a sheet's occupied cells, those in the walls of its patch ([`crate::solid::sign`]), D is what a ball of squared radius r₁² round one of them covers. Inside
 //! become the free cells, whether they had a side or none, that are farther than r₂ from all cells out of D. r₁ is 2.7 sampling distances, at least √6 cells: of a
 //! sheet whose samples lie at random, a disc of that radius is empty once in 10¹⁰. r₂ is a little less, so that a sheet across the axes hangs together by faces.
 
@@ -15,9 +15,9 @@ use crate::grid::context::Context;
 use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Runs, Slices, clip};
-use crate::sign::Block;
 use crate::solid::exterior::{Padded, invert};
 use crate::solid::move_back;
+use crate::solid::sign::Block;
 use crate::solid::watershed::{Sides, stores};
 
 /// r₁ in sampling distances.

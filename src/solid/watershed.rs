@@ -1,7 +1,7 @@
 //! Sides: which free cells lie outside and which inside, found where a large ball still fits and carried on to smaller ones.
 //!
 //! One closing radius for the whole cloud, needed by one hole, bridges every concavity narrower than that hole. So the radius falls: outside and
-//! inside are first told apart by a field ([`crate::sign`]) or by a ball that is given ([`crate::solid::seal`]); then, ball by ball, the
+//! inside are first told apart by a field ([`crate::solid::sign`]) or by a ball that is given ([`crate::solid::seal`]); then, ball by ball, the
 //! cells that become free are given to a side.
 //!
 //! ```text
@@ -24,9 +24,9 @@ use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, behind, set_range};
-use crate::sign::{PAD, Side, Signed};
 use crate::solid::exterior::{Exterior, Padded, Scratch};
 use crate::solid::side_votes::{INSIDE, OUTSIDE, Open};
+use crate::solid::sign::{PAD, Side, Signed};
 
 /// The last step's squared radius.
 pub const LAST: u32 = 2;

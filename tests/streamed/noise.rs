@@ -1,8 +1,8 @@
 //! Noisy clouds: `--fit plane` leads the surface back to where the points were sampled.
 
 use asra_stream::internals::format::read;
-use asra_stream::internals::generate::{Options, Shape, generate};
 use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::generate::{Options, Shape, generate};
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::{Job, Resources, run};
 use asra_stream::internals::settings::Resolution;

@@ -1,9 +1,9 @@
 //! More smoothing makes the surface smoother and leaves its volume alone.
 
 use asra_stream::internals::format::read;
-use asra_stream::internals::generate::{Options, Shape, generate};
 use asra_stream::internals::mesh::MeshSource;
 use asra_stream::internals::resources::workers::Workers;
+use asra_stream::internals::run::generate::{Options, Shape, generate};
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::{Job, Resources, run};
 use asra_stream::internals::settings::Resolution;

@@ -7,8 +7,8 @@ use clap::Args;
 use super::shared::TalkArguments;
 use super::values::triple;
 use crate::cli::sizes;
-use crate::generate::Shape;
 use crate::run::Resources;
+use crate::run::generate::Shape;
 
 /// Arguments of `generate`.
 #[derive(Debug, Args)]

@@ -7,10 +7,10 @@ use clap::Args;
 use super::shared::{InUnit, ResourceArguments, TalkArguments, coordinates_only, in_unit, overwrite};
 use crate::cli::sizes;
 use crate::compare;
-use crate::generate::densify;
 use crate::input::Layout;
 use crate::points::unit::Measure;
 use crate::render::{Background, ColourBy, Legend, Options, Shading, Size, Up, View};
+use crate::run::generate::densify;
 use crate::run::simplification::SimplifyJob;
 use crate::settings::simplification::{Borders, Simplification, Tolerance};
 

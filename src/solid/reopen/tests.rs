@@ -10,8 +10,8 @@ use super::*;
 use crate::grid::occupancy::Occupancy;
 use crate::run::testing::context;
 use crate::settings::closing::Sealing;
-use crate::sign::tests::Numbers;
 use crate::solid::close::{ClosingOptions, close};
+use crate::solid::sign::tests::Numbers;
 
 /// Points on a comb: a base and teeth on it, turned, noisy, in cells.
 fn comb(

@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
 
-use crate::bridged::distances::Distances;
-use crate::bridged::schema::BRIDGED;
-use crate::bridged::{Bridging, Rewritten, rewritten, with_bridged};
 use crate::mesh::MeshSource;
 use crate::mesh::check::check;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
+use crate::nearest::bridged::distances::Distances;
+use crate::nearest::bridged::schema::BRIDGED;
+use crate::nearest::bridged::{Bridging, Rewritten, rewritten, with_bridged};
 use crate::nearest::room::Room;
 use crate::nearest::testing::with_room;
 use crate::points::Precision;

@@ -16,12 +16,12 @@
 
 use bytemuck::Pod;
 
-use crate::bridged::distances::Distances;
-use crate::bridged::schema::with_bridged;
 use crate::error::Result;
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, Sums, fresh};
 use crate::mesh::spool::{FaceRecord, MeshSpool};
+use crate::nearest::bridged::distances::Distances;
+use crate::nearest::bridged::schema::with_bridged;
 use crate::nearest::room::Room;
 use crate::storage::partitions::Partitions;
 use crate::storage::spool::Spool;
