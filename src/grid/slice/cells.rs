@@ -1,25 +1,15 @@
-//! One slice of cells, in its two shapes: bits to compute with, runs to keep.
-//!
-//! ```text
-//!   bits  ..####....##..   one u64 for 64 cells of a row, cell x in bit x % 64 of word x / 64
-//!   runs    2..6   10..12  half-open ranges of set cells, sorted, never touching each other
-//! ```
-//!
-//! A row of bits ends with at least one bit that is no cell, and is never set: rows lie one behind the other, and what is moved by one
-//! bit over all of them at once must not come to lie in the next row.
+//! A slice as bits, and as runs.
 
 use bytemuck::{Pod, Zeroable};
-
-use crate::error::Result;
-use crate::storage::spool::{Spool, Workspace};
 
 /// A slice as bits: `rows` rows of `width` cells.
 #[derive(Debug, Clone)]
 pub struct Bits {
     width: u32,
-    words: usize,
-    rows: Vec<u64>,
-    lit: Vec<bool>,
+    /// Words of a row.
+    pub(super) words: usize,
+    pub(super) rows: Vec<u64>,
+    pub(super) lit: Vec<bool>,
 }
 
 impl Bits {
@@ -182,7 +172,7 @@ impl Bits {
 
     /// Takes the words of rows of `words` words each for its own cells, moved by `by` cells and rows. They lie at the beginning of its own
     /// words, which are else of no meaning.
-    fn spread(&mut self, rows: usize, words: usize, by: u32) {
+    pub(super) fn spread(&mut self, rows: usize, words: usize, by: u32) {
         let (whole, bits) = ((by / 64) as usize, by % 64);
         // From the last to the first: nothing is overwritten before it has been read.
         for z in (0..rows).rev() {
@@ -286,8 +276,8 @@ pub struct Run {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Runs {
     /// Row z's runs are `runs[starts[z]..starts[z + 1]]`; always one longer than the number of rows.
-    starts: Vec<u32>,
-    runs: Vec<Run>,
+    pub(super) starts: Vec<u32>,
+    pub(super) runs: Vec<Run>,
 }
 
 impl Default for Runs {
@@ -345,7 +335,7 @@ impl Runs {
     }
 
     /// Takes the runs of all rows of `bits` for its own; if they are more than `most`, only some of them, and says so by `false`.
-    fn replace(&mut self, bits: &Bits, most: usize) -> bool {
+    pub(super) fn replace(&mut self, bits: &Bits, most: usize) -> bool {
         self.clear();
         for z in 0..bits.row_count() {
             match bits.lit_row(z) {
@@ -384,230 +374,5 @@ impl Runs {
     /// Number of set cells.
     pub fn cell_count(&self) -> u64 {
         self.runs.iter().map(|r| u64::from(r.end - r.start)).sum()
-    }
-}
-
-/// Marks a stored slice as bits.
-const BITS: u32 = 1 << 31;
-
-/// Rows of fewer words are stored as bits whatever they hold.
-const NOT_NARROW: usize = 5;
-
-/// Slices in the format of a [`SliceStore`], on their way there: a job makes them, so that whoever appends them only copies bytes.
-#[derive(Debug, Default)]
-pub struct Slices {
-    bytes: Vec<u8>,
-    starts: Vec<usize>,
-    /// Whether any of them has a set cell.
-    any: bool,
-    runs: Runs,
-}
-
-impl Slices {
-    /// Adds a slice, in whichever shape is the smaller, if its rows are not narrow.
-    pub fn push(&mut self, bits: &Bits) {
-        // As runs: 4 bytes a row, 8 a run. Of narrow rows that is about as much, and bits are there at once.
-        let (rows, words) = (bits.lit.len(), bits.rows.len());
-        let most = words.saturating_sub(rows / 2 + 1);
-        if bits.words >= NOT_NARROW && self.runs.replace(bits, most) {
-            let runs = std::mem::take(&mut self.runs);
-            self.push_runs(&runs);
-            self.runs = runs;
-        } else {
-            self.begin([rows as u32, BITS | bits.words as u32]);
-            self.any |= bits.rows.iter().any(|word| *word != 0);
-            self.bytes.extend_from_slice(bytemuck::cast_slice(&bits.rows));
-        }
-    }
-
-    /// Adds a slice of runs.
-    pub fn push_runs(&mut self, slice: &Runs) {
-        self.begin([slice.row_count(), slice.runs.len() as u32]);
-        self.any |= !slice.runs.is_empty();
-        self.bytes.extend_from_slice(bytemuck::cast_slice(&slice.starts));
-        self.bytes.extend_from_slice(bytemuck::cast_slice(&slice.runs));
-    }
-
-    fn begin(&mut self, header: [u32; 2]) {
-        self.starts.push(self.bytes.len());
-        self.bytes.extend_from_slice(bytemuck::cast_slice(&header));
-    }
-}
-
-/// Slices kept in temporary storage, written in order, read in any order.
-///
-/// A stored slice: `u32` rows, `u32` runs, `rows + 1` × `u32` starts, then the runs, 8 bytes each; or, where that is smaller, `u32` rows, `u32`
-/// words of a row with the highest bit set, then the words. Native byte order.
-#[derive(Debug)]
-pub struct SliceStore {
-    spool: Spool,
-    places: Vec<u64>,
-    any: bool,
-}
-
-impl SliceStore {
-    /// An empty store that keeps up to `in_memory` bytes in memory.
-    pub fn new(workspace: &Workspace, in_memory: u64) -> SliceStore {
-        SliceStore { spool: workspace.spool(in_memory), places: Vec::new(), any: false }
-    }
-
-    /// Appends the next slices.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`] if the work directory is full.
-    pub fn extend(&mut self, slices: &Slices) -> Result<()> {
-        let at = self.spool.append(&slices.bytes)?;
-        self.places.extend(slices.starts.iter().map(|start| at + *start as u64));
-        self.any |= slices.any;
-        Ok(())
-    }
-
-    /// Whether no slice has a set cell.
-    pub fn is_empty(&self) -> bool {
-        !self.any
-    }
-
-    /// Number of slices.
-    pub fn slice_count(&self) -> u32 {
-        self.places.len() as u32
-    }
-
-    /// Sets the cells of slice `y` in `bits`, which is cleared first; none where there is no such slice. `runs` is overwritten.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn paint(&self, y: i64, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
-        self.paint_moved(y, 0, bits, runs)
-    }
-
-    /// Sets the cells of slice `y`, moved by `by` cells and rows, in `bits`, which is cleared first; none where there is no such slice.
-    /// `runs` is overwritten.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn paint_moved(&self, y: i64, by: u32, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
-        if !(0..i64::from(self.slice_count())).contains(&y) {
-            bits.clear();
-            return Ok(());
-        }
-        let (at, [rows, words]) = self.header(y as u32)?;
-        if words & BITS == 0 {
-            bits.clear();
-            self.read_runs(at, [rows, words], runs)?;
-            bits.paint(runs, by, by);
-        } else {
-            let (rows, words) = (rows as usize, (words & !BITS) as usize);
-            self.spool.read_at(at, bytemuck::cast_slice_mut(&mut bits.rows[..rows * words]))?;
-            bits.spread(rows, words, by);
-        }
-        Ok(())
-    }
-
-    /// Reads slice `y` into `out`.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`] if the work directory fails.
-    pub fn read(&self, y: u32, out: &mut Runs) -> Result<()> {
-        let (at, [rows, words]) = self.header(y)?;
-        if words & BITS == 0 {
-            return self.read_runs(at, [rows, words], out);
-        }
-        let words = (words & !BITS) as usize;
-        let mut read = vec![0u64; rows as usize * words];
-        self.spool.read_at(at, bytemuck::cast_slice_mut(&mut read))?;
-        out.clear();
-        read.chunks_exact(words).for_each(|row| out.push_row(row));
-        Ok(())
-    }
-
-    /// The header of slice `y`, and where what follows it lies.
-    fn header(&self, y: u32) -> Result<(u64, [u32; 2])> {
-        let (at, mut header) = (self.places[y as usize], [0u32; 2]);
-        self.spool.read_at(at, bytemuck::cast_slice_mut(&mut header))?;
-        Ok((at + 8, header))
-    }
-
-    fn read_runs(&self, at: u64, [rows, runs]: [u32; 2], out: &mut Runs) -> Result<()> {
-        let rows = rows as usize;
-        out.starts.resize(rows + 1, 0);
-        self.spool.read_at(at, bytemuck::cast_slice_mut(&mut out.starts))?;
-        out.runs.resize(runs as usize, Run { start: 0, end: 0 });
-        self.spool.read_at(at + 4 * (rows as u64 + 1), bytemuck::cast_slice_mut(&mut out.runs))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn runs_and_bits_are_the_same_slice(cells in prop::collection::vec(any::<bool>(), 1..700), width in 1u32..200) {
-            let rows = (cells.len() as u32).div_ceil(width);
-            let mut bits = Bits::new(width, rows);
-            for (i, _) in cells.iter().enumerate().filter(|(_, set)| **set) {
-                bits.set(i as u32 % width, i as u32 / width);
-            }
-            let runs = Runs::from_bits(&bits);
-            prop_assert_eq!(runs.cell_count(), cells.iter().filter(|c| **c).count() as u64);
-            let mut back = Bits::new(width + 5, rows + 2);
-            back.paint(&runs, 5, 2);
-            for z in 0..i64::from(rows) {
-                for x in 0..i64::from(width) {
-                    prop_assert_eq!(bits.get(x, z), back.get(x + 5, z + 2));
-                }
-            }
-            for z in 0..rows {
-                prop_assert!(runs.row(z).windows(2).all(|p| p[0].end < p[1].start));
-            }
-
-            let dir = tempfile::tempdir().unwrap();
-            let workspace = Workspace::new(dir.path()).unwrap();
-            for quota in [0, 1 << 20] {
-                let mut store = SliceStore::new(&workspace, quota);
-                let mut slices = Slices::default();
-                slices.push_runs(&Runs::default());
-                slices.push_runs(&runs);
-                store.extend(&slices).unwrap();
-                let mut slices = Slices::default();
-                slices.push(&bits);
-                slices.push(&Bits::new(width, 0));
-                slices.push(&bits);
-                store.extend(&slices).unwrap();
-                let mut read = Runs::default();
-                for y in [2, 4] {
-                    store.read(y, &mut read).unwrap();
-                    prop_assert_eq!(&read, &runs);
-                    for by in [0, 1, 5, 64, 70] {
-                        let mut painted = Bits::new(width + by + 3, rows + by + 2);
-                        painted.set(1, 1);
-                        store.paint_moved(y.into(), by, &mut painted, &mut read).unwrap();
-                        let mut expected = Bits::new(width + by + 3, rows + by + 2);
-                        expected.paint(&runs, by, by);
-                        prop_assert_eq!(painted.words(), expected.words());
-                        prop_assert_eq!(Runs::from_bits(&painted), Runs::from_bits(&expected));
-                    }
-                }
-                store.read(3, &mut read).unwrap();
-                prop_assert_eq!(&read, &Runs::default());
-                store.read(1, &mut read).unwrap();
-                prop_assert_eq!(&read, &runs);
-                store.read(0, &mut read).unwrap();
-                prop_assert_eq!(&read, &Runs::default());
-            }
-        }
-
-        #[test]
-        fn a_range_is_set_exactly(start in 0u32..200, length in 0u32..200) {
-            let mut words = vec![0u64; 7];
-            set_range(&mut words, start, start + length);
-            for x in 0..448 {
-                prop_assert_eq!(words[x / 64] >> (x % 64) & 1 == 1, (start..start + length).contains(&(x as u32)));
-            }
-            let mut masks = vec![0u64; 7];
-            words_of(start, start + length).for_each(|(i, mask)| masks[i] |= mask);
-            prop_assert_eq!(masks, words);
-        }
     }
 }
