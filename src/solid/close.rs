@@ -412,3 +412,76 @@ fn close_signed(
     let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied, sights));
     Ok((solid, occupancy, how, level > 0))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use proptest::test_runner::{RngAlgorithm, TestRng};
+    use rand::RngExt;
+
+    use super::*;
+    use crate::grid::Cell;
+    use crate::run::testing::with_context;
+
+    /// Cells of points at random on a sphere, of which one half has so many times fewer.
+    fn sphere(cells: Cell, points: usize, sparser: f64, numbers: &mut TestRng) -> BTreeSet<Cell> {
+        let [middle, radius] = [f64::from(cells[0]) / 2.0, f64::from(cells[0]) / 2.0 - 3.0];
+        let mut out = BTreeSet::new();
+        for _ in 0..points {
+            let way: [f64; 3] = loop {
+                let way: [f64; 3] = std::array::from_fn(|_| numbers.random_range(-1.0..1.0));
+                let length = way.iter().map(|c| c * c).sum::<f64>().sqrt();
+                if (0.1..1.0).contains(&length) {
+                    break way.map(|c| c / length);
+                }
+            };
+            if way[0] < 0.0 || numbers.random_range(0.0..1.0) * sparser < 1.0 {
+                out.insert(way.map(|c| (middle + radius * c) as u32));
+            }
+        }
+        out
+    }
+
+    /// What the field says on a level, as docs/algorithm.md has it, section 5.6: whether the outside leaks in, and whether it is sealed.
+    fn judged(signed: &Signed) -> [bool; 2] {
+        let in_fifty = |number: u64| number * 50 >= signed.walls;
+        let leaks = !signed.open.is_empty() || in_fifty(signed.part_outside);
+        let sealed = signed.open.is_empty() && signed.filled.is_empty() && !in_fifty(signed.part_nothing);
+        [leaks, sealed]
+    }
+
+    #[test]
+    fn the_level_that_is_taken_is_the_one_that_the_rule_names() {
+        let cells = [96; 3];
+        let mut taken = BTreeSet::new();
+        for seed in 0..8u8 {
+            let mut numbers = TestRng::from_seed(RngAlgorithm::ChaCha, &[seed; 32]);
+            let sparser = [1.0, 4.0, 9.0, 16.0][usize::from(seed) % 4];
+            let occupied = sphere(cells, 60_000, sparser, &mut numbers);
+            with_context(cells, |context| {
+                let occupancy = || Occupancy::of_cells(occupied.iter().copied(), cells, context).unwrap();
+                let halves: BTreeSet<Cell> = occupied.iter().map(|cell| cell.map(|c| c / 2)).collect();
+                let side = side_in_samples(occupied.len() as f64 / halves.len() as f64);
+                let factor = (COARSE / side).ceil() as u32;
+                let found = |factor| Signed::find(Seen::of(&occupancy(), factor, context).unwrap(), context).unwrap();
+                let first = found(factor);
+                let others = [2, 3, 4].map(|times| times * factor).into_iter().filter(|factor| 96 / factor >= 16);
+                let sealed = others.filter(|_| judged(&first)[0]).find(|factor| judged(&found(*factor))[1]);
+                let expected = Parted::of(&sealed.map_or(first, found), sealed.unwrap_or(factor), 0, None);
+
+                let asked = ClosingOptions {
+                    seal: Sealing::Auto,
+                    window: None,
+                    keep_outliers: true,
+                    min_component: None,
+                    rough: false,
+                };
+                let closed = close(occupancy(), 1.0, asked, context, |_, _| ()).unwrap();
+                assert_eq!(closed.how, How::Sign(expected), "seed {seed}");
+                taken.insert(sealed.map(|sealed| sealed / factor));
+            });
+        }
+        assert!(taken.len() > 1 && taken.contains(&None), "no sphere needed coarser cells: {taken:?}");
+    }
+}
