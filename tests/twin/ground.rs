@@ -117,7 +117,7 @@ impl Ground {
             } else if kept.iter().any(|k| near(*k, p, reach)) {
                 let h = lattice.between(0, p).expect("there are points near") as f32;
                 level.insert(p, h);
-                tops.insert(p, h as i32 + 1);
+                tops.insert(p, (h as i32 + 1).min(cells[open.up] as i32));
             }
         }
         let ball: Vec<(Place, i32)> = (-open.ball..=open.ball)

@@ -10,6 +10,8 @@ pub struct Patch {
     /// The first slice, and the first behind the grid's last.
     pub first: i64,
     pub end: i64,
+    /// The grid's cells along the direction that is up.
+    pub cells_up: u32,
     pub extents: Vec<Extent>,
 }
 
@@ -50,7 +52,8 @@ impl Patch {
                 (self.extents[i].top_height() as f32, self.extents[i].top)
             } else if flag & LIVE_COLUMN != 0 {
                 let height = levels[0].between(x, row) as f32;
-                (height, height as u32 + 1)
+                // Points on the box's upper side lie at the end of its highest cells.
+                (height, (height as u32 + 1).min(self.cells_up))
             } else {
                 (f32::NAN, 0)
             };

@@ -80,8 +80,14 @@ pub fn solid<T: Coordinate>(
             let lines = extents.read(first - beyond..end + beyond, Extent::NOTHING)?;
             let extents = without_needles(&lines, columns as usize, asked.one_layer);
             drop(lines);
-            let patch =
-                Patch { width: columns as usize, side: side as usize, first, end: i64::from(cells[1]), extents };
+            let patch = Patch {
+                width: columns as usize,
+                side: side as usize,
+                first,
+                end: i64::from(cells[1]),
+                cells_up,
+                extents,
+            };
             Ok(patch.of(slices.len(), asked))
         },
         |(heights, tops, flags, found)| {
