@@ -672,6 +672,27 @@ fn never_a_double_wall() {
     }
 }
 
+/// Points on the box's upper side lie at the end of its highest cells, and what is interpolated between them is no higher.
+#[test]
+fn a_roof_on_the_upper_side_of_the_box_is_bridged() {
+    let within = |c: f64, from: f64, to: f64| (from..to).contains(&c);
+    let hole = |x: f64, y: f64| within(x, 7.0, 10.0) && within(y, 5.0, 8.0);
+    let roof = |x: f64, y: f64| if x < 4.0 { Some(0.0) } else { (!hole(x, y)).then_some(6.0) };
+    let points = sampled([14, 12], roof);
+    for facing in ["+z", "-z"] {
+        let open = Open { facing: facing.parse().unwrap(), max_hole: Hole::Cells(4), ..Open::TERRAIN };
+        assert_eq!(loops_of("a roof with a hole", &points, open), 1, "{facing}");
+    }
+    let terrain = Open { max_hole: Hole::Cells(4), ..Open::TERRAIN };
+    let settings = Settings {
+        fineness: Fineness::Given(Resolution::Cell(1.0)),
+        open: Some(terrain),
+        min_component: None,
+        ..Settings::default()
+    };
+    assert_same_open(&points, false, &settings).unwrap();
+}
+
 /// The stream's closing gives the solid that the twin's gives.
 fn assert_same_solid(points: &[[f64; 3]], params: &twin::Params) -> Result<(), TestCaseError> {
     let expected = twin::solid(points, params);
