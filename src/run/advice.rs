@@ -2,8 +2,8 @@
 
 use crate::error::words::short;
 use crate::points::bounds::Bounds;
-use crate::run::pipeline::Surveyed;
 use crate::run::progress::Warning;
+use crate::run::surveyed::Surveyed;
 
 /// What the survey alone tells.
 pub(super) fn of_survey(surveyed: &Surveyed) -> Vec<Warning> {

@@ -6,11 +6,12 @@ use crate::mesh::check::CheckReport;
 use crate::resources::machine;
 use crate::run::advice;
 use crate::run::bare_earth::GroundReport;
-use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::Progress;
 use crate::run::report::{
     Closing, FitReport, GridReport, InputReport, MemoryReport, OutputReport, Parameters, PointsReport, Report,
 };
+use crate::run::surface::Reconstructed;
+use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
 use crate::simplify::Figures;
 use crate::storage::spool::Workspace;

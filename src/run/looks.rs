@@ -18,10 +18,10 @@ use crate::points::unit::Measure;
 use crate::resources::memory::MemoryPlan;
 use crate::run::advice;
 use crate::run::finished::input_reports;
-use crate::run::pipeline::Surveyed;
 use crate::run::prepare::{Looked, Planned, contradiction};
 use crate::run::progress::Warning;
 use crate::run::report::{GridReport, InputReport};
+use crate::run::surveyed::Surveyed;
 
 /// The reference system of a cloud.
 #[derive(Debug, Clone, serde::Serialize)]

@@ -7,7 +7,8 @@ use crate::mesh::MeshHeader;
 use crate::points::attribute::Wanted;
 use crate::resources::workers::Workers;
 use crate::run::bridging::Trimmed;
-use crate::run::pipeline::{Reconstructed, Surveyed};
+use crate::run::surface::Reconstructed;
+use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
 use crate::solid::close::How;
 

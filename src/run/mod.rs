@@ -10,6 +10,7 @@
 mod advice;
 pub mod bare_earth;
 pub mod bridging;
+pub mod closed_cells;
 mod estimate;
 mod files_to_mesh;
 mod fineness;
@@ -34,6 +35,8 @@ pub mod reconstruction;
 pub mod report;
 pub mod simplification;
 mod summary;
+pub mod surface;
+pub mod surveyed;
 #[cfg(any(test, feature = "internals"))]
 #[doc(hidden)]
 pub mod testing;

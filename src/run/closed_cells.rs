@@ -1,0 +1,120 @@
+//! From sorted points to closed cells: which cells are occupied, which are solid, and what is opened again.
+
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+use crate::grid::bucket::Buckets;
+use crate::grid::context::Context;
+use crate::grid::occupancy::{Counted, Occupancy, Sampled};
+use crate::input::Cloud;
+use crate::points::Coordinate;
+use crate::run::phase::Phase;
+use crate::run::progress::Progress;
+use crate::run::surveyed::Surveyed;
+use crate::settings::Settings;
+use crate::settings::surface::Fit;
+use crate::solid::close::{self, Closed, ClosingOptions, How};
+use crate::solid::sign::Sights;
+use crate::surface::thickness::{self, Shell};
+
+/// The closed cells of a cloud, and what is to be told of the cells that points lie in.
+#[derive(Debug)]
+pub struct ClosedCells {
+    /// The solid, and how it came to be.
+    pub closed: Closed,
+    /// Which points count.
+    pub counted: Counted,
+    /// The shell of points, where it was measured.
+    pub shell: Option<Shell>,
+    /// Occupied cells.
+    pub occupied: u64,
+    /// Cells with points, but too few to be occupied.
+    pub sparse: u64,
+}
+
+/// Closes the cells of the sorted points.
+pub(super) fn closed_cells<T: Coordinate>(
+    cloud: &Cloud,
+    surveyed: &Surveyed,
+    settings: &Settings,
+    buckets: &Buckets<T>,
+    context: &Context,
+    progress: &mut Progress,
+) -> Result<ClosedCells> {
+    let Surveyed { survey, grid, .. } = surveyed;
+    context.memory.between_phases(&context.workers);
+    progress.begin(Phase::Raster, Some(survey.points));
+    let least = settings.min_points;
+    let occupancy = Occupancy::of_buckets(buckets, grid, least, context, |points| progress.add(points))?;
+    if occupancy.occupied == 0 {
+        let cells = occupancy.sparse;
+        return Err(Error::setting(
+            "min_points",
+            format!("`min_points` {least}: none of the {cells} cells holds so many points"),
+        ));
+    }
+    context.memory.between_phases(&context.workers);
+    progress.begin(Phase::Seal, None);
+    let (occupied, sparse) = (occupancy.occupied, occupancy.sparse);
+    let asked = ClosingOptions {
+        seal: settings.seal,
+        window: settings.window,
+        keep_outliers: settings.keep_outliers,
+        min_component: settings.min_component,
+        rough: false,
+    };
+    let done = |done: u64, total: u64| {
+        progress.set_total(total);
+        progress.set(done);
+    };
+    let closed = match &settings.open {
+        None => {
+            let sights = Sights::of(cloud, grid);
+            close::close_seen(occupancy, grid.cell_size(), asked, sights.as_ref(), context, done)?
+        }
+        Some(open) => {
+            let smooth = settings.surface.smooth;
+            close::close_below(occupancy, (buckets, grid), open, asked, smooth, context, done)?
+        }
+    };
+    let counted = if sparse > 0 || closed.components.is_some() || closed.has_outliers() {
+        Counted::Occupied
+    } else {
+        Counted::All
+    };
+    let sampled = Sampled { buckets, occupied: &closed.occupancy.store, grid, counted };
+    let signed = matches!(closed.how, How::Sign(_));
+    let shell = match signed || settings.surface.fit == Fit::Auto {
+        true => thickness::measure(&sampled, &closed.solid, context)?,
+        false => None,
+    };
+    let closed = match signed && !shell.is_some_and(|shell| shell.hides_walls()) {
+        true => reopened(closed, buckets, grid, context, progress)?,
+        false => closed,
+    };
+    let closed = match settings.min_component.filter(|_| signed) {
+        Some(least) => Closed { solid: closed.solid.without_specks_of_outside(least, context)?, ..closed },
+        None => closed,
+    };
+    Ok(ClosedCells { closed, counted, shell, occupied, sparse })
+}
+
+/// What was closed, with what that filled opened again where the points say so.
+fn reopened<T: Coordinate>(
+    closed: Closed,
+    buckets: &Buckets<T>,
+    grid: &Grid,
+    context: &Context,
+    progress: &mut Progress,
+) -> Result<Closed> {
+    context.memory.between_phases(&context.workers);
+    progress.begin(Phase::Reopen, None);
+    let Closed { solid, occupancy, .. } = closed;
+    let coarser = occupancy.coarser(context)?.occupied;
+    let side = close::side_in_samples(occupancy.occupied as f64 / coarser.max(1) as f64);
+    let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted: Counted::All };
+    let solid = solid.reopened(&sampled, side, context, |done, total| {
+        progress.set_total(total);
+        progress.set(done);
+    })?;
+    Ok(Closed { solid, occupancy, ..closed })
+}

@@ -1,0 +1,198 @@
+//! The last phase of a run's pipeline: from closed cells and sorted points to the mesh.
+
+use crate::error::Result;
+use crate::grid::bucket::Buckets;
+use crate::grid::context::Context;
+use crate::grid::occupancy::Sampled;
+use crate::grid::partition::{REACH, buckets_of, halo, slab_count, slices_of};
+use crate::input::Cloud;
+use crate::mesh::spool::{Frame, MeshSpool};
+use crate::nearest::bridged::Bridging;
+use crate::points::bounds::Bounds;
+use crate::points::{Coordinate, Precision};
+use crate::resources::memory::MemoryPlan;
+use crate::resources::workers::Spares;
+use crate::run::bridging::{Trimmed, measured};
+use crate::run::closed_cells::ClosedCells;
+use crate::run::forecast;
+use crate::run::phase::Phase;
+use crate::run::progress::Progress;
+use crate::run::surveyed::Surveyed;
+use crate::settings::Settings;
+use crate::settings::surface::{Fit, SurfaceOptions};
+use crate::solid::close::{Closed, How};
+use crate::solid::component::Components;
+use crate::solid::heightfield;
+use crate::stitch::reach::SeamReport;
+use crate::stitch::slab::{Making, SlabMesh};
+use crate::stitch::{Counts, Stitched, Stitcher};
+use crate::surface::thickness::Shell;
+use crate::surface::{extract, plane};
+
+/// The finished mesh and what is to be told of its making.
+#[derive(Debug)]
+pub struct Reconstructed {
+    /// The mesh.
+    pub mesh: MeshSpool,
+    /// Taken off its positions: added to them, it gives the input's coordinates.
+    pub origin: [f64; 3],
+    /// How the cells were closed.
+    pub how: How,
+    /// Whether a ball fell to smaller ones.
+    pub falls: bool,
+    /// Occupied cells.
+    pub occupied: u64,
+    /// Cells with points, but too few to be occupied.
+    pub sparse: u64,
+    /// What was found and left out, if small components were to be.
+    pub components: Option<Components>,
+    /// The columns of a surface that is seen from one side.
+    pub columns: Option<heightfield::ColumnCounts>,
+    /// Solid cells.
+    pub solid: u64,
+    /// What vertices were moved onto.
+    pub fit: Fit,
+    /// The shell of points, if it was to tell what they are moved onto.
+    pub shell: Option<Shell>,
+    /// What became of the vertices, of those that were left out, too.
+    pub counts: Counts,
+    /// How each seam between two slabs was closed, from the lowest on.
+    pub seams: Vec<SeamReport>,
+    /// The triangles that were left out as they are far from all points, if they were to be.
+    pub trimmed: Option<Trimmed>,
+    /// The plan as it was when the solid was known.
+    pub memory: MemoryPlan,
+}
+
+/// Makes the mesh of closed cells and the points in them.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Budget`] if a slab turns out to be more than the budget can hold; [`Error::Interrupted`].
+pub(super) fn surface_of<T: Coordinate>(
+    cloud: &Cloud,
+    surveyed: &Surveyed,
+    settings: &Settings,
+    (buckets, cells): (&Buckets<T>, ClosedCells),
+    context: &Context,
+    progress: &mut Progress,
+) -> Result<Reconstructed> {
+    let Surveyed { survey, grid, workload, .. } = surveyed;
+    let ClosedCells { closed, counted, shell, occupied, sparse } = cells;
+    let Closed { solid, occupancy, .. } = &closed;
+    let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted };
+    let surface = SurfaceOptions {
+        fit: settings.surface.fit.chosen(shell.is_some_and(|shell| shell.is_noisy())),
+        ..settings.surface
+    };
+
+    let smooth = surface.smooth;
+    let faces_of_slab = |number: u32| {
+        let slab = slices_of(number, smooth, solid.cells[1]);
+        solid.faces[slab.start as usize..slab.end as usize].iter().map(|f| u64::from(*f)).sum::<u64>()
+    };
+    let slabs = slab_count(smooth, solid.cells[1]);
+    let means = match surface.fit {
+        Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
+        _ => 0,
+    };
+    let workload =
+        workload.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls).with_fit(surface.fit);
+    let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
+    let workload = workload.with_buckets(&points);
+    let points_of_slab = |number: u32| {
+        let buckets = buckets_of(slices_of(number, smooth, solid.cells[1]));
+        points[buckets.start as usize..(buckets.end as usize).min(points.len())].iter().sum::<u64>()
+    };
+    let work = |faces: u64, points: u64| forecast::surface(2.0 * faces as f64, points as f64);
+    let faces: u64 = (0..slabs).map(faces_of_slab).sum();
+    let (all, mut done) = (work(faces, survey.points).max(1.0), 0.0);
+    progress.learn(|known| known.triangles = 2 * faces);
+    context.memory.between_phases(&context.workers);
+    progress.begin(Phase::Surface, Some(faces));
+    let memory = context.memory.with_surface(&workload, means)?;
+    let jobs = memory.slab_jobs(&workload, means)?;
+    let origin = origin(T::PRECISION, &survey.bounds);
+    let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, cloud.schema().clone(), memory.mesh_quota);
+    let frame = Frame { origin, precision: T::PRECISION };
+    let mut stitcher = Stitcher::new(
+        grid,
+        halo(smooth),
+        frame,
+        mesh,
+        closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
+    );
+    let making = Making { solid, sampled: &sampled, options: surface, frame, jobs };
+    let written: Spares<SlabMesh<T>> = Spares::default();
+    let mut number = 0;
+    context.workers.in_order_range(
+        jobs.in_flight(),
+        slabs as usize,
+        |number| {
+            // Slabs differ: a narrow one that kept a wide one's room would hold it while the next wide one is made.
+            let size = workload.slabs()[number];
+            let room = written.take().filter(|room| room.suits(size));
+            let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
+            SlabMesh::make(number as u32, &making, room)
+        },
+        |slab| {
+            let (faces, points) = (faces_of_slab(number), points_of_slab(number));
+            number += 1;
+            done += work(faces, points);
+            progress.add_weighed(faces, done / all);
+            stitcher.add(slab)?.into_iter().for_each(|slab| written.give(slab));
+            Ok(())
+        },
+    )?;
+    let Stitched { mesh, mut counts, seams } = stitcher.finish()?;
+    drop(written);
+    memory.between_phases(&context.workers);
+    progress.end();
+    let (mesh, trimmed) = match settings.bridged || settings.trim.is_some() {
+        true => {
+            let trim = settings.trim.map(|d| d.length(Some(grid.cell_size()), survey.bounds.longest_side()));
+            let asked = Bridging {
+                carried: settings.bridged,
+                trim: trim.transpose()?,
+                reach: f64::from(REACH) * grid.cell_size(),
+            };
+            measured(mesh, asked, &mut counts, (&sampled, origin), (&memory, context), progress)?
+        }
+        false => (mesh, None),
+    };
+    Ok(Reconstructed {
+        mesh,
+        origin,
+        how: closed.how,
+        falls: closed.falls,
+        occupied,
+        sparse,
+        components: closed.components,
+        columns: closed.solid.ground.as_ref().map(|ground| ground.found),
+        solid: closed.solid.volume,
+        fit: surface.fit,
+        shell: shell.filter(|_| settings.surface.fit == Fit::Auto),
+        counts,
+        seams,
+        trimmed,
+        memory,
+    })
+}
+
+/// What is taken off positions so that formats and programs with `f32` coordinates keep their resolution: nothing for
+/// `f32` input, whose coordinates are written as they are, and nothing for boxes near zero.
+///
+/// Else a round number below the box: no more than a factor of two from any coordinate, so that the
+/// difference of a coordinate and the origin is exact in `f64`, and adding the origin gives the coordinate back, bit for bit.
+fn origin(precision: Precision, bounds: &Bounds) -> [f64; 3] {
+    let extent = bounds.extent().into_iter().fold(0.0, f64::max);
+    if precision == Precision::Single || extent <= 0.0 {
+        return [0.0; 3];
+    }
+    let step = 10f64.powi(libm::log10(extent).floor() as i32);
+    std::array::from_fn(|a| {
+        let near = bounds.min[a].abs().min(bounds.max[a].abs());
+        let same_sign = (bounds.min[a] > 0.0) == (bounds.max[a] > 0.0);
+        // Sixteen extents away from zero, all coordinates and a multiple of the step below them are within a factor of two.
+        if same_sign && near > 16.0 * extent { (bounds.min[a] / step).floor() * step } else { 0.0 }
+    })
+}
