@@ -169,6 +169,25 @@ pub enum Error {
     /// Ctrl-C or a termination signal.
     #[error("interrupted; temporary files are removed, no output was written")]
     Interrupted,
+    /// The same, of a run with a work folder.
+    #[error("interrupted; what is done lies in {}: the same command goes on from there", .0.display())]
+    Suspended(PathBuf),
+    /// Another run is at work in the work folder.
+    #[error("{}: another run is at work there ({holder}); wait until it ends, or choose another `work`", path.display())]
+    WorkTaken {
+        /// The work folder.
+        path: PathBuf,
+        /// Who holds it, as it says itself.
+        holder: String,
+    },
+    /// A file of the work folder is not what was written there.
+    #[error("{}: is damaged: {found}; what depends on it is set aside: the same command makes it again", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        found: String,
+    },
 }
 
 /// The layouts that fit an ambiguous binary file.
@@ -224,6 +243,8 @@ pub enum Kind {
     Io,
     /// What was in the way may be gone next time.
     Temporary,
+    /// A file of the work folder is damaged, and is going to be made again.
+    Intermediate,
     /// A signal.
     Signal,
 }
@@ -243,7 +264,7 @@ pub struct Row {
 
 impl Kind {
     /// All, by their codes.
-    pub const ALL: [Kind; 11] = [
+    pub const ALL: [Kind; 12] = [
         Kind::Done,
         Kind::Usage,
         Kind::Found,
@@ -254,6 +275,7 @@ impl Kind {
         Kind::NoOutput,
         Kind::Io,
         Kind::Temporary,
+        Kind::Intermediate,
         Kind::Signal,
     ];
 
@@ -284,10 +306,16 @@ impl Kind {
             Kind::Temporary => (
                 &[75],
                 "temporary",
-                "the disk is full, there are too many files or processes, or an input changed while it was read",
+                "the disk is full, there are too many files or processes, an input changed while it was read, or another run holds the work folder; with `--work` the run goes on where it was",
                 "yes",
             ),
-            Kind::Signal => (&[129, 130, 143], "signal", "HUP, INT, TERM", "yes"),
+            Kind::Intermediate => (
+                &[76],
+                "intermediate",
+                "a file in the work folder is damaged; its record is set aside, so that it is made again",
+                "yes, three times",
+            ),
+            Kind::Signal => (&[129, 130, 143], "signal", "HUP, INT, TERM, with `--work` too", "yes"),
         };
         Row { codes, name, meaning, again }
     }
@@ -379,7 +407,8 @@ impl Error {
             }
             Error::NoInput { .. } => Kind::NoInput,
             Error::Source(_) => Kind::Data,
-            Error::Changed { .. } => Kind::Temporary,
+            Error::Changed { .. } | Error::WorkTaken { .. } => Kind::Temporary,
+            Error::Damaged { .. } => Kind::Intermediate,
             Error::AmbiguousLayout { .. } | Error::InvalidSetting { .. } | Error::Usage(_) | Error::OutputExists(_) => {
                 Kind::Usage
             }
@@ -388,7 +417,7 @@ impl Error {
             Error::Disk { needed, capacity, .. } if needed <= capacity => Kind::Temporary,
             Error::Disk { .. } => Kind::CannotFit,
             Error::CheckFailed(_) | Error::Internal(_) => Kind::Internal,
-            Error::Interrupted => Kind::Signal,
+            Error::Interrupted | Error::Suspended(_) => Kind::Signal,
         }
     }
 
@@ -402,6 +431,9 @@ impl Error {
             | Error::NoInput { path, .. }
             | Error::Changed { path, .. }
             | Error::Disk { path, .. }
+            | Error::Damaged { path, .. }
+            | Error::WorkTaken { path, .. }
+            | Error::Suspended(path)
             | Error::OutputExists(path) => Some(path.clone()),
             _ => None,
         };

@@ -55,7 +55,7 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 43] = [
+pub const SETTINGS: [&str; 44] = [
     "attributes",
     "axis",
     "base",
@@ -98,6 +98,7 @@ pub const SETTINGS: [&str; 43] = [
     "trim",
     "unsound",
     "window",
+    "work",
     "write_classes",
 ];
 

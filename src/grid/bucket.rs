@@ -15,6 +15,8 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard};
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::grid::context::Context;
@@ -23,6 +25,8 @@ use crate::input::{Carried, Cloud};
 use crate::points::{Batch, Coordinate};
 use crate::resources::workers::Spares;
 use crate::storage::spool::PageFile;
+use crate::storage::work::WorkFolder;
+use crate::storage::work::sections::{Section, SectionReader, SectionWriter};
 
 /// Chunks on disk that are announced before they are read: a bucket's lie all over the file, and disks are fast only if they are asked for several at a time.
 const AHEAD: usize = 32;
@@ -38,6 +42,18 @@ pub struct Buckets<T> {
     /// Bytes of a point's attributes.
     stride: usize,
 }
+
+/// What is kept of saved buckets beside their points.
+#[derive(Debug, Serialize, Deserialize)]
+struct SavedBuckets {
+    page: usize,
+    chunk: usize,
+    stride: usize,
+    sections: Vec<Section>,
+}
+
+/// The phase of a run, as the work folder names it.
+const PHASE: &str = "buckets";
 
 /// The points of one bucket.
 #[derive(Debug)]
@@ -87,9 +103,11 @@ impl<T: Coordinate> Buckets<T> {
         let memory = &context.memory;
         let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
         let stride = cloud.schema().stride();
-        let page_file = match memory.buckets_quota {
-            0 => Some(context.workspace.page_file(memory.bucket_buffer as usize)?),
-            _ => None,
+        let page = memory.bucket_buffer as usize;
+        let page_file = match (&context.work, memory.buckets_quota) {
+            (Some(work), _) => Some(context.workspace.page_file_in(work.create(PHASE)?, page, (0, 0))),
+            (None, 0) => Some(context.workspace.page_file(page)?),
+            (None, _) => None,
         };
         let empty = || {
             let (open, held, stored) = (Chunk::default(), Vec::new(), Vec::new());
@@ -114,6 +132,86 @@ impl<T: Coordinate> Buckets<T> {
         )?;
         context.workers.in_order_range(memory.blocks_in_flight, count, |bucket| filling.close(bucket), |()| Ok(()))?;
         Ok(filling.filled())
+    }
+
+    /// Saves where the points lie, which is in a file of the work folder, and commits both.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn commit(&self, work: &WorkFolder) -> Result<()> {
+        let Some(pages) = self.page_file.as_ref().and_then(PageFile::named) else { return Ok(()) };
+        let mut out = SectionWriter::new(work, "places")?;
+        out.values(&self.buckets.iter().map(|bucket| bucket.points).collect::<Vec<u64>>())?;
+        out.values(&self.buckets.iter().flat_map(|bucket| bucket.stored.iter().copied()).collect::<Vec<u32>>())?;
+        out.values(&self.page_file.as_ref().map(PageFile::checksums).unwrap_or_default())?;
+        let (places, sections) = out.finish();
+        let page = self.page_file.as_ref().map_or(0, PageFile::page);
+        let saved = SavedBuckets { page, chunk: self.chunk, stride: self.stride, sections };
+        let rest = serde_json::to_value(saved).expect("a record can be written");
+        work.commit(PHASE, vec![pages.clone(), places], rest)
+    }
+
+    /// The buckets that were committed, if they were; all points are read, and compared with their checksums.
+    ///
+    /// # Errors
+    /// [`crate::Error::Damaged`], [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn committed(work: &WorkFolder, grid: &Grid, context: &Context) -> Result<Option<Buckets<T>>> {
+        work.load(PHASE, |record| {
+            let [pages, places] = record.files.as_slice() else { return Err(work.damaged(PHASE, "a file is missing")) };
+            let of = |rest: &serde_json::Value| SavedBuckets::deserialize(rest).ok();
+            let saved = of(&record.rest).ok_or_else(|| work.damaged(PHASE, "the record cannot be read"))?;
+            let SavedBuckets { page, chunk, stride, sections } = saved;
+            let mut sections = SectionReader::new(work, places, sections)?;
+            let counts: Vec<u64> = sections.values()?;
+            let stored: Vec<u32> = sections.values()?;
+            let checksums: Vec<u32> = sections.values()?;
+            let point = size_of::<[T; 3]>() + stride;
+            let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
+            let pages_of = |points: u64| points.div_ceil(chunk.max(1) as u64);
+            let fits = counts.len() == count
+                && chunk > 0
+                && chunk.checked_mul(point).is_some_and(|bytes| bytes <= page)
+                && counts.iter().fold(0, |pages: u64, points| pages.saturating_add(pages_of(*points)))
+                    == stored.len() as u64
+                && stored.iter().all(|page| (*page as usize) < checksums.len());
+            if !fits {
+                return Err(work.damaged(places, "what it tells does not fit together"));
+            }
+            let mut rest = stored.as_slice();
+            let mut buckets = Vec::with_capacity(count);
+            for points in counts {
+                let (here, beyond) = rest.split_at(pages_of(points) as usize);
+                rest = beyond;
+                buckets.push(Bucket { points, open: Chunk::default(), held: Vec::new(), stored: here.to_vec() });
+            }
+            let bytes = buckets.iter().map(|bucket| bucket.points).sum::<u64>() * point as u64;
+            let file = work.open_file(pages)?;
+            let taken = (checksums.len() as u32, bytes);
+            let file = context.workspace.page_file_in(file, page, taken);
+            let buckets = Buckets { buckets, page_file: Some(file), chunk, stride };
+            let check = |bucket: usize| match buckets.is_as_written(bucket, &checksums)? {
+                true => Ok(()),
+                false => Err(work.damaged(pages, format!("points of bucket {bucket} are not what was written"))),
+            };
+            context.workers.in_order_range(context.memory.jobs_of(page as u64), count, check, |()| Ok(()))?;
+            Ok(buckets)
+        })
+    }
+
+    /// Whether a bucket's pages have their checksums.
+    fn is_as_written(&self, bucket: usize, checksums: &[u32]) -> Result<bool> {
+        let (bucket, Some(pages)) = (&self.buckets[bucket], &self.page_file) else { return Ok(true) };
+        let (mut left, mut bytes) = (bucket.points, Vec::new());
+        for page in &bucket.stored {
+            let count = left.min(self.chunk as u64);
+            left -= count;
+            bytes.resize(count as usize * (size_of::<[T; 3]>() + self.stride), 0);
+            pages.read(*page, 0, &mut bytes)?;
+            if crc32fast::hash(&bytes) != checksums[*page as usize] {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// Number of buckets.

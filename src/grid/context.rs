@@ -1,11 +1,14 @@
 //! What every pass over the slices is given, and how a pass is cut into jobs.
 
+use std::sync::Arc;
+
 use super::Cell;
 use super::dilate::Dilation;
 use super::slice::Bits;
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
+use crate::storage::work::WorkFolder;
 
 /// What every pass over the slices is given: who works, where temporary data goes, how much memory there is.
 #[derive(Debug, Clone)]
@@ -16,6 +19,8 @@ pub struct Context {
     pub workspace: Workspace,
     /// The shares of the memory budget.
     pub memory: MemoryPlan,
+    /// Where finished phases stay, if they are to.
+    pub work: Option<Arc<WorkFolder>>,
 }
 
 impl Context {

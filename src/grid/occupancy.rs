@@ -4,6 +4,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::Result;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::{Context, chunks};
@@ -12,6 +14,7 @@ use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, set_range};
 use crate::grid::{Cell, Grid};
 use crate::points::Coordinate;
+use crate::storage::work::sections::{SectionReader, SectionWriter};
 
 /// The occupied cells of a cloud at one resolution.
 #[derive(Debug)]
@@ -36,6 +39,14 @@ pub struct Raster {
     sparse: u64,
 }
 
+/// What is kept of saved cells beside their slices.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct SavedOccupancy {
+    cells: Cell,
+    occupied: u64,
+    sparse: u64,
+}
+
 impl Raster {
     /// Adds a slice.
     pub fn push(&mut self, slice: &Bits) {
@@ -51,6 +62,26 @@ impl Raster {
 }
 
 impl Occupancy {
+    /// Saves the cells.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut SectionWriter<'_>) -> Result<SavedOccupancy> {
+        self.store.save(out)?;
+        out.values(&self.in_slice)?;
+        Ok(SavedOccupancy { cells: self.cells, occupied: self.occupied, sparse: self.sparse })
+    }
+
+    /// Reads what [`Occupancy::save`] saved.
+    ///
+    /// # Errors
+    /// [`crate::Error::Damaged`], [`crate::Error::Io`].
+    pub fn load(saved: &SavedOccupancy, sections: &mut SectionReader<'_>, context: &Context) -> Result<Occupancy> {
+        let store = SliceStore::load(sections, &context.workspace, context.memory.store_quota)?;
+        let &SavedOccupancy { cells, occupied, sparse } = saved;
+        Ok(Occupancy { cells, store, occupied, in_slice: sections.values()?, sparse })
+    }
+
     /// No slices yet.
     pub fn new(cells: Cell, context: &Context) -> Occupancy {
         let store = SliceStore::new(&context.workspace, context.memory.store_quota);
@@ -264,7 +295,7 @@ pub struct Sampled<'a, T> {
 }
 
 /// Which points count.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Counted {
     /// All: every point's cell is occupied.
     All,

@@ -1,10 +1,12 @@
 //! From sorted points to closed cells: which cells are occupied, which are solid, and what is opened again.
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
-use crate::grid::occupancy::{Counted, Occupancy, Sampled};
+use crate::grid::occupancy::{Counted, Occupancy, Sampled, SavedOccupancy};
 use crate::input::Cloud;
 use crate::points::Coordinate;
 use crate::run::phase::Phase;
@@ -13,7 +15,11 @@ use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
 use crate::settings::surface::Fit;
 use crate::solid::close::{self, Closed, ClosingOptions, How};
+use crate::solid::component::Components;
 use crate::solid::sign::Sights;
+use crate::solid::{SavedSolid, Solid};
+use crate::storage::work::WorkFolder;
+use crate::storage::work::sections::{Section, SectionReader, SectionWriter};
 use crate::surface::thickness::{self, Shell};
 
 /// The closed cells of a cloud, and what is to be told of the cells that points lie in.
@@ -29,6 +35,59 @@ pub struct ClosedCells {
     pub occupied: u64,
     /// Cells with points, but too few to be occupied.
     pub sparse: u64,
+}
+
+/// What is kept of saved cells beside their slices.
+#[derive(Debug, Serialize, Deserialize)]
+struct Saved {
+    sections: Vec<Section>,
+    occupancy: SavedOccupancy,
+    solid: SavedSolid,
+    how: How,
+    falls: bool,
+    components: Option<Components>,
+    counted: Counted,
+    shell: Option<Shell>,
+    occupied: u64,
+    sparse: u64,
+}
+
+/// The phase, as the work folder names it.
+pub(super) const PHASE: &str = "cells";
+
+impl ClosedCells {
+    /// Saves and commits them.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn commit(&self, work: &WorkFolder) -> Result<()> {
+        let mut out = SectionWriter::new(work, PHASE)?;
+        let Closed { solid, occupancy, how, falls, components } = &self.closed;
+        let (occupancy, solid) = (occupancy.save(&mut out)?, solid.save(&mut out)?);
+        let (file, sections) = out.finish();
+        let &ClosedCells { counted, shell, occupied, sparse, .. } = self;
+        let (how, falls, components) = (how.clone(), *falls, *components);
+        let saved = Saved { sections, occupancy, solid, how, falls, components, counted, shell, occupied, sparse };
+        work.commit(PHASE, vec![file], serde_json::to_value(saved).expect("a record can be written"))
+    }
+
+    /// What was committed, if it was.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`], [`Error::Io`].
+    pub(super) fn committed(work: &WorkFolder, context: &Context) -> Result<Option<ClosedCells>> {
+        work.load(PHASE, |record| {
+            let saved =
+                Saved::deserialize(&record.rest).map_err(|_| work.damaged(PHASE, "the record cannot be read"))?;
+            let [file] = record.files.as_slice() else { return Err(work.damaged(PHASE, "a file is missing")) };
+            let mut sections = SectionReader::new(work, file, saved.sections)?;
+            let occupancy = Occupancy::load(&saved.occupancy, &mut sections, context)?;
+            let solid = Solid::load(&saved.solid, &mut sections, context)?;
+            let Saved { how, falls, components, counted, shell, occupied, sparse, .. } = saved;
+            let closed = Closed { solid, occupancy, how, falls, components };
+            Ok(ClosedCells { closed, counted, shell, occupied, sparse })
+        })
+    }
 }
 
 /// Closes the cells of the sorted points.

@@ -80,7 +80,7 @@ pub fn estimate_faces(
     let small = Workload::in_cells(1, Precision::Single, cells, 1);
     let own = budget.max(MemoryPlan::least(&small, workers.threads()));
     let memory = MemoryPlan::for_budget(own, &small, workers.threads())?;
-    let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory };
+    let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None };
     let mut coarse = Occupancy::of_cells(coarse_grid.cells().map(|cell| axes.map(|a| cell[a])), cells, &context)?;
     let (mut side, w) = (coarse_grid.side(), grid.cell_size());
     // Cells of a grid that is as coarse as the coarse grid may be finer than the sampling already.
@@ -198,7 +198,7 @@ fn faces_of_columns(
     let small = Workload::in_cells(1, Precision::Single, cells, 1).with_columns(columns);
     let own = budget.max(MemoryPlan::least(&small, workers.threads()));
     let memory = MemoryPlan::for_budget(own, &small, workers.threads())?;
-    let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory };
+    let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None };
     let (low, side) = (coarse_grid.extent().0, coarse_grid.side());
     let middle = |cell: [u32; 3]| std::array::from_fn(|a| (low[a] as f64 + f64::from(cell[a]) + 0.5) * side);
     let occupied = coarse_grid.cells().map(|cell| grid.cell_of(middle(cell)).map(|c| c / factor));

@@ -1,7 +1,7 @@
 //! The whole run: files in, mesh file out. What the command does, as a call.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Instant;
 
@@ -11,7 +11,7 @@ use crate::format::write::territory::Territories;
 use crate::format::write::tiles::{Division, Tiles};
 use crate::format::write::{Filled, Positions, Target};
 use crate::grid::survey::boxes_of_sources;
-use crate::input::Cloud;
+use crate::input::{Cloud, STANDARD_INPUT};
 use crate::mesh::check::check_near;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
@@ -20,6 +20,7 @@ use crate::render;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::finished::{Finished, refuse_unsound, report};
+use crate::run::identity;
 use crate::run::job::{Check, Job, default_output_of};
 use crate::run::mesh_header::header_of;
 use crate::run::phase::Phase;
@@ -30,6 +31,10 @@ use crate::run::preview::{DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
 use crate::run::report::{OutputReport, Report};
 use crate::run::simplification::{Lengths, simplified};
+use crate::storage::work::WorkFolder;
+
+/// Seconds from which on a run is told that it need not begin anew.
+const LONG: f64 = 600.0;
 
 /// No mesh takes the place of the points it is made from.
 fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
@@ -48,8 +53,28 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
 /// # Errors
 /// All of [`Error`]. Whatever happens, no temporary file stays, and the output exists only if it is whole.
 pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Report> {
+    let Some(folder) = &job.resources.work else { return run_in(job, None, workers, progress) };
+    let work = Arc::new(WorkFolder::open(folder)?);
+    match run_in(job, Some(&work), workers, progress) {
+        Ok(report) => work.finish().map(|()| report),
+        Err(error) => {
+            // What is whole stays, whatever ended the run.
+            let settled = work.settle(matches!(error, Error::Interrupted));
+            Err(match error {
+                Error::Interrupted if settled.is_ok() => Error::Suspended(folder.clone()),
+                error => error,
+            })
+        }
+    }
+}
+
+fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress: &mut Progress) -> Result<Report> {
     let start = Instant::now();
     let files = files(job, progress)?;
+    if work.is_some() && files.iter().any(|file| file == Path::new(STANDARD_INPUT)) {
+        let message = "`work`: standard input cannot be read again by a run that goes on; write it to a file first";
+        return Err(Error::setting("work", message.into()));
+    }
     let output = match &job.output {
         Some(output) => output.clone(),
         None => default_output_of(&job.inputs, &files)?,
@@ -86,7 +111,17 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
     let left = budget_beside(&settings, budget, workers);
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
-    let (surveyed, context) = planned(surveyed, &settings, workers, &workspace, left, progress).map_err(whole)?;
+    if let Some(work) = work {
+        identity::begin(work, &files, &cloud, &job.input, &settings, &surveyed)?;
+        if work.is_done("buckets") {
+            progress.note(&format!("going on with what lies in {}", work.path().display()));
+        }
+    }
+    let planned = planned(surveyed, &settings, workers, &workspace, left, work.cloned(), progress);
+    let (surveyed, context) = planned.map_err(whole)?;
+    if work.is_none() && progress.seconds_left().is_some_and(|seconds| seconds > LONG) {
+        progress.note("this run is going to take more than ten minutes: with `work` DIR, the same command goes on from where it was ended");
+    }
     #[cfg(feature = "render")]
     let picture = picture
         .map(|file| PlannedPreview::new(file, &settings, &surveyed.survey.bounds, cloud.schema(), cloud.measure()));

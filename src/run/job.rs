@@ -151,6 +151,8 @@ pub struct Resources {
     pub threads: Option<usize>,
     /// The folder for temporary files; by default `TMPDIR`, or else the output's folder.
     pub temp_dir: Option<PathBuf>,
+    /// The folder where finished phases stay, so that a run that was ended can go on; by default none do.
+    pub work: Option<PathBuf>,
 }
 
 /// Threads that may be asked for on any machine; more than a few for each processor only cost time and memory.
@@ -216,7 +218,8 @@ impl Resources {
     }
 
     fn folder(&self, beside: &Path) -> PathBuf {
-        self.temp_dir.clone().unwrap_or_else(|| Workspace::folder_beside(beside))
+        let named = self.temp_dir.as_ref().or(self.work.as_ref());
+        named.cloned().unwrap_or_else(|| Workspace::folder_beside(beside))
     }
 }
 

@@ -18,6 +18,7 @@ mod finished;
 pub mod forecast;
 #[cfg(feature = "generate")]
 pub mod generate;
+mod identity;
 pub mod job;
 mod judgement;
 pub mod looks;

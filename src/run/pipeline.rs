@@ -12,7 +12,7 @@ use crate::nearest::bridged::with_bridged;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::closed_cells::closed_cells;
+use crate::run::closed_cells::{ClosedCells, closed_cells};
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::surface::{Reconstructed, surface_of};
@@ -63,8 +63,25 @@ fn reconstruct_as<T: Coordinate>(
         // Told before the work, not after it.
         with_bridged(cloud.schema())?;
     }
-    let buckets: Buckets<T> = bucketed(cloud, surveyed, context, progress)?;
-    let cells = closed_cells(cloud, surveyed, settings, &buckets, context, progress)?;
+    let work = context.work.as_deref();
+    let kept = work.map(|work| Buckets::committed(work, &surveyed.grid, context)).transpose()?.flatten();
+    let buckets: Buckets<T> = match kept {
+        Some(buckets) => buckets,
+        None => {
+            let buckets = bucketed(cloud, surveyed, context, progress)?;
+            work.map_or(Ok(()), |work| buckets.commit(work))?;
+            buckets
+        }
+    };
+    let kept = work.map(|work| ClosedCells::committed(work, context)).transpose()?.flatten();
+    let cells = match kept {
+        Some(cells) => cells,
+        None => {
+            let cells = closed_cells(cloud, surveyed, settings, &buckets, context, progress)?;
+            work.map_or(Ok(()), |work| cells.commit(work))?;
+            cells
+        }
+    };
     surface_of(cloud, surveyed, settings, (&buckets, cells), context, progress)
 }
 
@@ -104,5 +121,5 @@ pub fn context(surveyed: &Surveyed, workers: &Workers, workspace: &Workspace, bu
             capacity: ByteSize(workspace.capacity()?),
         });
     }
-    Ok(Context { workers: workers.clone(), workspace: workspace.clone(), memory })
+    Ok(Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None })
 }

@@ -110,12 +110,14 @@ impl MemoryPlan {
         let spare = 2 * (Self::least(workload, threads) - process);
         let (keepable, kept) = already.unwrap_or_else(|| {
             let slices = workload.slice_bytes().max(1 << 20) * 3 / 2;
-            let keepable = Keepable { buckets: workload.bucket_bytes(), slices, spare };
+            let buckets = if workload.is_outlasting() { 0 } else { workload.bucket_bytes() };
+            let keepable = Keepable { buckets, slices, spare };
             (keepable, keepable.within(left))
         });
         left = left.saturating_sub(kept.buckets + kept.slices);
         let mesh = workload.mesh_bytes();
-        let mesh_quota = if mesh <= left / 3 && mesh + spare <= left { mesh } else { 0 };
+        let fits = mesh <= left / 3 && mesh + spare <= left && !workload.is_outlasting();
+        let mesh_quota = if fits { mesh } else { 0 };
         let working = left - mesh_quota;
 
         let jobs = |per_job: u64, share: u64, most: usize| ((share / per_job.max(1)) as usize).clamp(1, most);
@@ -207,7 +209,9 @@ impl MemoryPlan {
         let surface = standing + workload.mesh_bytes() - mesh + workload.bridging().map_or(0, bridged::Extent::disk);
         let kept = if workload.bridging().is_some() { 0 } else { mesh };
         let simplifying = workload.mesh_bytes() - kept + workload.simplified().map_or(0, Extent::disk);
-        Ok((memory, bucketed + sealing.max(surface).max(simplifying)))
+        // Slices that are kept in the work folder, too.
+        let saved = if workload.is_outlasting() { workload.standing_slice_bytes() } else { 0 };
+        Ok((memory, bucketed + saved + sealing.max(surface).max(simplifying)))
     }
 
     /// The least budget for a workload on `threads` threads, in bytes.

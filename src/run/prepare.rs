@@ -1,6 +1,7 @@
 //! From files to a plan: the input is found, opened, surveyed and rehearsed, and memory is shared out.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::format::write::tiles;
@@ -10,6 +11,7 @@ use crate::input::{Cloud, InputOptions, Opening, Unpacked, find};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{BesideFiles, bare_earth, budget_beside, looked_at, of_whole_budget};
+use crate::run::closed_cells;
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job, default_output};
@@ -20,6 +22,7 @@ use crate::run::surveyed::{Sampling, Surveyed, rehearsed, survey_cloud, survey_w
 use crate::settings::Settings;
 use crate::settings::open::Kind;
 use crate::storage::spool::Workspace;
+use crate::storage::work::WorkFolder;
 
 /// What is known of a job before its first point is sorted.
 #[derive(Debug)]
@@ -284,8 +287,12 @@ pub(crate) fn planned(
     workers: &Workers,
     workspace: &Workspace,
     budget: u64,
+    work: Option<Arc<WorkFolder>>,
     progress: &mut Progress,
 ) -> Result<(Surveyed, Context)> {
+    if work.is_some() {
+        surveyed.workload = surveyed.workload.with_work_folder();
+    }
     progress.learn(|known| known.points = surveyed.survey.points);
     // What the box alone lets expect may be too much; and of an open surface, whose walls fall to few slabs, too little.
     let is_worth_it = match surveyed.open {
@@ -295,10 +302,12 @@ pub(crate) fn planned(
             budget < NEAR * MemoryPlan::least(&walled, workers.threads())
         }
     };
-    if is_worth_it || pipeline::plan(&surveyed, workers, budget).is_err() {
+    // Where cells were closed before, their faces are going to be counted.
+    let is_closed = work.as_ref().is_some_and(|work| work.is_done(closed_cells::PHASE));
+    if (is_worth_it && !is_closed) || pipeline::plan(&surveyed, workers, budget).is_err() {
         surveyed = rehearsed(surveyed, settings, workers, workspace, budget, progress)?;
     }
-    let context = context(&surveyed, workers, workspace, budget)?;
+    let context = Context { work, ..context(&surveyed, workers, workspace, budget)? };
     progress.learn(|known| {
         known.triangles = surveyed.workload.triangles();
         if context.memory.mesh_quota == 0 && known.write == forecast::Write::Meanwhile {

@@ -48,6 +48,8 @@ pub struct Workload {
     level: u32,
     /// Whether lines of sight are looked along.
     sighted: bool,
+    /// Whether points and mesh lie on disk in any case, since they are to outlast the run.
+    outlasting: bool,
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
@@ -95,7 +97,18 @@ impl Workload {
             bridging: None,
             level: 1,
             sighted: false,
+            outlasting: false,
         }
+    }
+
+    /// The same workload with points and mesh in files that outlast the run.
+    pub fn with_work_folder(self) -> Workload {
+        Workload { outlasting: true, ..self }
+    }
+
+    /// Whether points and mesh lie in files that outlast the run.
+    pub(crate) fn is_outlasting(&self) -> bool {
+        self.outlasting
     }
 
     /// The workload of a surface that is seen from one side.

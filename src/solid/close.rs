@@ -80,7 +80,7 @@ impl Closed {
 }
 
 /// How cells were closed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum How {
     /// By a ball.
     Ball(ClosingBall),
@@ -89,7 +89,7 @@ pub enum How {
 }
 
 /// What the walls part: the occupied cells that have free cells on both sides, on the level that the field was found on.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Parted {
     /// How many there are.
     pub walls: u64,
@@ -106,7 +106,7 @@ pub struct Parted {
 }
 
 /// What lines of sight said.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Sighted {
     /// Places that points were scanned from.
@@ -116,7 +116,7 @@ pub struct Sighted {
 }
 
 /// A patch of walls that part nothing.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PartingNothing {
     /// Number of its walls.
     pub walls: u64,

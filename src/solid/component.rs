@@ -34,7 +34,7 @@ const SHARE: u64 = 1000;
 pub(super) const FEW: u64 = 50;
 
 /// What was found and left out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Components {
     /// Components before.
     pub found: u64,

@@ -21,8 +21,10 @@ pub mod thicken;
 pub mod unresolved;
 pub mod watershed;
 
+use serde::{Deserialize, Serialize};
+
 use self::exterior::{Exterior, Padded, Scratch};
-use self::heightfield::columns::HeightField;
+use self::heightfield::columns::{HeightField, SavedHeightField};
 use self::watershed::Sides;
 use crate::error::Result;
 use crate::grid::Cell;
@@ -30,6 +32,7 @@ use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices, clip, words_for};
+use crate::storage::work::sections::{SectionReader, SectionWriter};
 
 /// The solid cells of a cloud, slice by slice, in the box.
 #[derive(Debug)]
@@ -44,6 +47,14 @@ pub struct Solid {
     pub faces: Vec<u32>,
     /// The columns, if it is the ground below a surface that is not closed.
     pub ground: Option<HeightField>,
+}
+
+/// What is kept of a saved solid beside its slices.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct SavedSolid {
+    cells: Cell,
+    volume: u64,
+    ground: Option<SavedHeightField>,
 }
 
 struct Chunk {
@@ -71,6 +82,28 @@ impl Grown<'_> {
 }
 
 impl Solid {
+    /// Saves the solid.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut SectionWriter<'_>) -> Result<SavedSolid> {
+        self.store.save(out)?;
+        out.values(&self.faces)?;
+        let ground = self.ground.as_ref().map(|ground| ground.save(out)).transpose()?;
+        Ok(SavedSolid { cells: self.cells, volume: self.volume, ground })
+    }
+
+    /// Reads what [`Solid::save`] saved.
+    ///
+    /// # Errors
+    /// [`crate::Error::Damaged`], [`crate::Error::Io`].
+    pub fn load(saved: &SavedSolid, sections: &mut SectionReader<'_>, context: &Context) -> Result<Solid> {
+        let store = SliceStore::load(sections, &context.workspace, context.memory.store_quota)?;
+        let faces = sections.values()?;
+        let ground = saved.ground.as_ref().map(|ground| HeightField::load(ground, sections, context)).transpose()?;
+        Ok(Solid { cells: saved.cells, store, volume: saved.volume, faces, ground })
+    }
+
     /// Closes the occupied cells with `ball`.
     ///
     /// # Errors

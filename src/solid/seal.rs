@@ -20,7 +20,7 @@ use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
 const FALLS_FROM: u32 = 5;
 
 /// The ball that tells inside and outside apart, on a level of the pyramid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ClosingBall {
     /// The level: 0 is the grid itself; each level has cells twice as large.
     pub level: u32,

@@ -7,3 +7,4 @@ pub(crate) mod queue;
 pub(crate) mod seeds;
 pub mod spool;
 pub mod steady;
+pub mod work;

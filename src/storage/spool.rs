@@ -1,19 +1,23 @@
 //! Temporary storage: append-only byte stores that begin in memory and move to disk when they outgrow it.
 //!
 //! A [`Workspace`] names the folder; a [`Spool`] is one store in it, written by one thread, [`PageFile`] is one that all
-//! threads write to, and [`Temporary`] is a file as such. Files are unlinked as soon as they are opened, so
+//! threads write to, and [`ScratchFile`] is a file as such. They stop before the disk is full. Files are unlinked as soon as they are opened, so
 //! nothing is left behind on success, on error, on Ctrl-C or when the process is killed. What a spool holds is private
 //! to the process that wrote it: native byte order, no version. Results never depend on where the bytes lay.
+//!
+//! A [`Spool`] and a [`PageFile`] can lie in a file of a work folder instead, which stays ([`crate::storage::work`]).
 
 use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 use crate::resources::workers::Workers;
+use crate::storage::work::store::NamedFile;
 use crate::system::{self, FileAt};
 
 /// The folder for temporary files and the account of what lies in it.
@@ -24,7 +28,41 @@ pub struct Workspace {
     dir: Arc<PathBuf>,
     on_disk: Arc<AtomicU64>,
     peak: Arc<AtomicU64>,
+    /// Bytes that may be written before the free space is looked at again.
+    promised: Arc<AtomicU64>,
     stopped: Arc<AtomicBool>,
+}
+
+/// Where bytes on disk lie.
+#[derive(Debug)]
+enum Backing {
+    /// In a file without a name.
+    Nameless(File),
+    /// In a file of a work folder.
+    Named(NamedFile),
+}
+
+impl Backing {
+    fn write(&self, bytes: &[u8], at: u64) -> io::Result<()> {
+        match self {
+            Backing::Nameless(file) => file.write_all_at(bytes, at),
+            Backing::Named(named) => named.file.write_at(bytes, at),
+        }
+    }
+
+    fn read(&self, out: &mut [u8], at: u64) -> io::Result<()> {
+        match self {
+            Backing::Nameless(file) => file.read_exact_at(out, at),
+            Backing::Named(named) => named.file.read_at(out, at),
+        }
+    }
+
+    fn will_need(&self, at: u64, bytes: u64) {
+        match self {
+            Backing::Nameless(file) => system::will_need(file, at, bytes),
+            Backing::Named(named) => named.file.will_need(at, bytes),
+        }
+    }
 }
 
 impl Workspace {
@@ -40,7 +78,13 @@ impl Workspace {
 
     /// Uses `dir` for temporary files, which may turn out to be impossible when the first is needed: for work that hardly ever needs one.
     pub fn unchecked(dir: impl Into<PathBuf>) -> Workspace {
-        Workspace { dir: Arc::new(dir.into()), on_disk: Arc::default(), peak: Arc::default(), stopped: Arc::default() }
+        Workspace {
+            dir: Arc::new(dir.into()),
+            on_disk: Arc::default(),
+            peak: Arc::default(),
+            promised: Arc::default(),
+            stopped: Arc::default(),
+        }
     }
 
     /// Storage stops when the workers do: loops that go on for long without a job of theirs, such as the conversion of a mesh, end at their next piece of data.
@@ -89,7 +133,14 @@ impl Workspace {
 
     /// A new store that keeps up to `in_memory` bytes in memory and goes to disk beyond.
     pub fn spool(&self, in_memory: u64) -> Spool {
-        Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0 }
+        Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0, cut: Cut::default() }
+    }
+
+    /// A store whose bytes lie in a file of a work folder, which holds `len` of them already.
+    pub fn spool_in(&self, file: NamedFile, len: u64) -> Spool {
+        self.count(len);
+        let store = Store::Disk(Backing::Named(file));
+        Spool { workspace: self.clone(), in_memory: 0, store, len, cut: Cut { from: len, ..Cut::default() } }
     }
 
     /// A new file on disk of pages of `page` bytes each.
@@ -97,13 +148,20 @@ impl Workspace {
     /// # Errors
     /// [`Error::Io`] if no file can be created.
     pub fn page_file(&self, page: usize) -> Result<PageFile> {
-        Ok(PageFile {
-            file: self.file()?,
-            workspace: self.clone(),
-            page,
-            taken: AtomicU32::new(0),
-            on_disk: AtomicU64::new(0),
-        })
+        Ok(self.pages_in(Backing::Nameless(self.file()?), page, 0))
+    }
+
+    /// The same in a file of a work folder, whose first `taken` pages hold `bytes` already.
+    pub fn page_file_in(&self, file: NamedFile, page: usize, (taken, bytes): (u32, u64)) -> PageFile {
+        self.count(bytes);
+        let pages = self.pages_in(Backing::Named(file), page, taken);
+        pages.on_disk.store(bytes, Ordering::Relaxed);
+        pages
+    }
+
+    fn pages_in(&self, file: Backing, page: usize, taken: u32) -> PageFile {
+        let (taken, on_disk) = (AtomicU32::new(taken), AtomicU64::new(0));
+        PageFile { file, workspace: self.clone(), page, taken, on_disk, checksums: Mutex::default() }
     }
 
     /// A new file without a name, on disk.
@@ -111,12 +169,7 @@ impl Workspace {
     /// # Errors
     /// [`Error::Io`] if no file can be created.
     pub fn scratch_file(&self) -> Result<ScratchFile> {
-        Ok(ScratchFile {
-            file: self.file()?,
-            workspace: self.clone(),
-            written: AtomicU64::new(0),
-            promised: AtomicU64::new(0),
-        })
+        Ok(ScratchFile { file: self.file()?, workspace: self.clone(), written: AtomicU64::new(0) })
     }
 
     /// A file without a name.
@@ -138,13 +191,32 @@ pub struct Spool {
     in_memory: u64,
     store: Store,
     len: u64,
+    cut: Cut,
 }
 
 #[derive(Debug)]
 enum Store {
     /// Pieces of [`PIECE`] bytes, the last one shorter.
     Memory(Vec<Vec<u8>>),
-    Disk(File),
+    Disk(Backing),
+}
+
+/// What was appended to a file of a work folder since it was last cut.
+#[derive(Debug, Clone, Default)]
+struct Cut {
+    from: u64,
+    hasher: crc32fast::Hasher,
+}
+
+/// A stretch of a spool's bytes, and their checksum.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Extent {
+    /// The first byte.
+    pub from: u64,
+    /// The one behind the last.
+    pub to: u64,
+    /// CRC-32.
+    pub crc: u32,
 }
 
 impl Spool {
@@ -176,17 +248,17 @@ impl Spool {
                 self.len += bytes.len() as u64;
                 return Ok(at);
             }
-            let file = self.workspace.file()?;
+            let file = Backing::Nameless(self.workspace.file()?);
             for (number, piece) in held.iter().enumerate() {
-                let at = (number * PIECE) as u64;
-                file.write_all_at(piece, at).map_err(self.workspace.failed("write temporary data"))?;
+                self.workspace.write(&file, piece, (number * PIECE) as u64)?;
             }
-            self.workspace.grow(at);
             self.store = Store::Disk(file);
         }
         if let Store::Disk(file) = &self.store {
-            file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;
-            self.workspace.grow(bytes.len() as u64);
+            self.workspace.write(file, bytes, at)?;
+            if let Backing::Named(_) = file {
+                self.cut.hasher.update(bytes);
+            }
         }
         self.len += bytes.len() as u64;
         Ok(at)
@@ -212,8 +284,15 @@ impl Spool {
                 }
                 Ok(())
             }
-            Store::Disk(file) => file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data")),
+            Store::Disk(file) => file.read(out, at).map_err(self.workspace.failed("read temporary data")),
         }
+    }
+
+    /// What was appended since the last cut, or since the spool was made, if the bytes lie in a file of a work folder.
+    pub fn cut(&mut self) -> Extent {
+        let next = Cut { from: self.len, ..Cut::default() };
+        let Cut { from, hasher } = std::mem::replace(&mut self.cut, next);
+        Extent { from, to: self.len, crc: hasher.finalize() }
     }
 }
 
@@ -235,10 +314,12 @@ fn hold(held: &mut Vec<Vec<u8>>, mut bytes: &[u8]) {
 #[derive(Debug)]
 pub struct PageFile {
     workspace: Workspace,
-    file: File,
+    file: Backing,
     page: usize,
     taken: AtomicU32,
     on_disk: AtomicU64,
+    /// The checksum of each page's bytes, where the file is one of a work folder.
+    checksums: Mutex<Vec<u32>>,
 }
 
 impl PageFile {
@@ -254,18 +335,40 @@ impl PageFile {
         assert!(bytes <= self.page, "more bytes than a page holds");
         let number = self.taken.fetch_add(1, Ordering::Relaxed);
         let mut at = u64::from(number) * self.page as u64;
+        let mut hasher = crc32fast::Hasher::new();
         for part in parts {
-            self.file.write_all_at(part, at).map_err(self.workspace.failed("write temporary data"))?;
+            self.workspace.write(&self.file, part, at)?;
+            self.on_disk.fetch_add(part.len() as u64, Ordering::Relaxed);
             at += part.len() as u64;
         }
-        self.on_disk.fetch_add(bytes as u64, Ordering::Relaxed);
-        self.workspace.grow(bytes as u64);
+        if let Backing::Named(_) = self.file {
+            parts.iter().for_each(|part| hasher.update(part));
+            let mut checksums = self.checksums.lock().unwrap_or_else(PoisonError::into_inner);
+            let most = checksums.len().max(number as usize + 1);
+            checksums.resize(most, 0);
+            checksums[number as usize] = hasher.finalize();
+        }
         Ok(number)
+    }
+
+    /// The file of a work folder that the pages lie in, if they do.
+    pub fn named(&self) -> Option<&NamedFile> {
+        if let Backing::Named(file) = &self.file { Some(file) } else { None }
+    }
+
+    /// Bytes of a page.
+    pub fn page(&self) -> usize {
+        self.page
+    }
+
+    /// The checksums of all pages, by number, of a file of a work folder.
+    pub fn checksums(&self) -> Vec<u32> {
+        self.checksums.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Says that page `number` is going to be read: the system begins to fetch it.
     pub fn announce(&self, number: u32) {
-        system::will_need(&self.file, u64::from(number) * self.page as u64, self.page as u64);
+        self.file.will_need(u64::from(number) * self.page as u64, self.page as u64);
     }
 
     /// Fills `out` from byte `from` of page `number` on.
@@ -274,7 +377,7 @@ impl PageFile {
     /// [`Error::Io`] if the work directory fails.
     pub fn read(&self, number: u32, from: usize, out: &mut [u8]) -> Result<()> {
         let at = u64::from(number) * self.page as u64 + from as u64;
-        self.file.read_exact_at(out, at).map_err(self.workspace.failed("read temporary data"))
+        self.file.read(out, at).map_err(self.workspace.failed("read temporary data"))
     }
 }
 
@@ -287,14 +390,12 @@ impl Drop for PageFile {
 /// Bytes between two looks at the free space; and as many stay free, at least.
 const LOOK: u64 = 16 << 20;
 
-/// A file without a name whose length nobody knows beforehand. It takes what is free on its disk, and stops before it is full.
+/// A file without a name whose length nobody knows beforehand.
 #[derive(Debug)]
 pub struct ScratchFile {
     workspace: Workspace,
     file: File,
     written: AtomicU64,
-    /// Bytes that may be written before the free space is looked at again.
-    promised: AtomicU64,
 }
 
 impl ScratchFile {
@@ -304,24 +405,10 @@ impl ScratchFile {
     /// [`Error::Disk`] if hardly any space is left; [`Error::Io`] if the work directory fails.
     pub fn write_at(&self, bytes: &[u8], at: u64) -> Result<()> {
         let more = bytes.len() as u64;
-        if self.promised.load(Ordering::Relaxed) < more {
-            let available = self.workspace.available()?;
-            let written = self.written.load(Ordering::Relaxed);
-            let Some(promise) = promise(available, more) else {
-                return Err(Error::Disk {
-                    path: self.workspace.dir().to_path_buf(),
-                    // Of all that was free at first, and for all that is to be written: more may come yet.
-                    available: ByteSize(written + available),
-                    needed: ByteSize(written + more + LOOK),
-                    capacity: ByteSize(self.workspace.capacity()?),
-                });
-            };
-            self.promised.store(promise, Ordering::Relaxed);
-        }
+        self.workspace.reserve(more)?;
         self.file.write_all_at(bytes, at).map_err(self.workspace.failed("write temporary data"))?;
-        self.promised.fetch_sub(more, Ordering::Relaxed);
         self.written.fetch_add(more, Ordering::Relaxed);
-        self.workspace.grow(more);
+        self.workspace.count(more);
         Ok(())
     }
 
@@ -350,7 +437,36 @@ impl Workspace {
         Error::io(self.dir.to_path_buf(), action)
     }
 
-    fn grow(&self, bytes: u64) {
+    /// Writes to a file on disk, if there is room, and counts it.
+    fn write(&self, file: &Backing, bytes: &[u8], at: u64) -> Result<()> {
+        self.reserve(bytes.len() as u64)?;
+        file.write(bytes, at).map_err(self.failed("write temporary data"))?;
+        self.count(bytes.len() as u64);
+        Ok(())
+    }
+
+    /// Sees to it that there is room for so many more bytes: what is free is looked at now and then, and a little of it is left to others.
+    fn reserve(&self, more: u64) -> Result<()> {
+        let take = |promised: u64| promised.checked_sub(more);
+        if self.promised.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take).is_ok() {
+            return Ok(());
+        }
+        let available = self.available()?;
+        let Some(promise) = promise(available, more) else {
+            let written = self.on_disk.load(Ordering::Relaxed);
+            return Err(Error::Disk {
+                path: self.dir().to_path_buf(),
+                // Of all that was free at first, and for all that is to be written: more may come yet.
+                available: ByteSize(written + available),
+                needed: ByteSize(written + more + LOOK),
+                capacity: ByteSize(self.capacity()?),
+            });
+        };
+        self.promised.store(promise - more, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn count(&self, bytes: u64) {
         let now = self.on_disk.fetch_add(bytes, Ordering::Relaxed) + bytes;
         self.peak.fetch_max(now, Ordering::Relaxed);
     }

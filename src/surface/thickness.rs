@@ -89,7 +89,7 @@ impl Moments {
 }
 
 /// The shell of points round a surface.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Shell {
     /// How thick it is, in cells: of blocks of 3³ cells all over the surface, the lower quartile of the root of the variance across them.
     pub thickness: f64,

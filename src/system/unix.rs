@@ -196,6 +196,11 @@ fn renamed(_: &Path, _: &Path, _: bool) -> io::Result<()> {
     Err(io::ErrorKind::Unsupported.into())
 }
 
+/// Brings the names in a folder to the disk.
+pub fn sync_names(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
 /// Brings all that a folder holds to the disk.
 #[cfg(any(target_os = "linux", target_os = "android"))]
 pub fn sync_all_of(folder: &File, _: &Path) -> io::Result<()> {

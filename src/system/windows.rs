@@ -212,6 +212,11 @@ pub fn rename_new(old: &Path, new: &Path) -> io::Result<()> {
     }
 }
 
+/// Brings the names in a folder to the disk: the system does so by itself.
+pub fn sync_names(_: &Path) -> io::Result<()> {
+    Ok(())
+}
+
 /// Brings all that a folder holds to the disk.
 pub fn sync_all_of(_: &File, path: &Path) -> io::Result<()> {
     for entry in std::fs::read_dir(path)? {

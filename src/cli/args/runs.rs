@@ -65,6 +65,9 @@ pub struct ReconstructArguments {
     /// Write a report of the run as JSON; an existing one is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Keep what is done in this folder: the same command given again goes on from where the run was ended. It is removed at the end
+    #[arg(long, value_name = "DIR", help_heading = "Resources")]
+    pub work: Option<PathBuf>,
     /// How much is said.
     #[command(flatten)]
     pub talk: TalkArguments,
@@ -128,7 +131,8 @@ impl ReconstructArguments {
             CoordinatesWord::Input => Positions::Absolute,
             CoordinatesWord::Local => Positions::Shifted,
         });
-        let job = tiled(self.cloud.job(self.resources.resources())?, self.tile);
+        let resources = Resources { work: self.work.clone(), ..self.resources.resources() };
+        let job = tiled(self.cloud.job(resources)?, self.tile);
         let units = Units { raster_size: self.raster_size.and_then(|side| side.unit), ..job.units };
         Ok(Job {
             output,

@@ -78,6 +78,7 @@ impl ResourceArguments {
             max_memory: self.max_memory,
             threads: self.threads.map(usize::from),
             temp_dir: self.temp_dir.clone(),
+            work: None,
         }
     }
 }

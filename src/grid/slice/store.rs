@@ -3,6 +3,7 @@
 use super::cells::{Bits, Run, Runs};
 use crate::error::Result;
 use crate::storage::spool::{Spool, Workspace};
+use crate::storage::work::sections::{SectionReader, SectionWriter};
 
 /// Marks a stored slice as bits.
 const BITS: u32 = 1 << 31;
@@ -66,6 +67,28 @@ impl SliceStore {
     /// An empty store that keeps up to `in_memory` bytes in memory.
     pub fn new(workspace: &Workspace, in_memory: u64) -> SliceStore {
         SliceStore { spool: workspace.spool(in_memory), places: Vec::new(), any: false }
+    }
+
+    /// Saves all slices.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut SectionWriter<'_>) -> Result<()> {
+        out.spool(&self.spool)?;
+        out.values(&self.places)?;
+        out.values(&[u8::from(self.any)])
+    }
+
+    /// Reads what [`SliceStore::save`] saved; up to `in_memory` bytes are kept in memory.
+    ///
+    /// # Errors
+    /// [`crate::Error::Damaged`], [`crate::Error::Io`].
+    pub fn load(saved: &mut SectionReader<'_>, workspace: &Workspace, in_memory: u64) -> Result<SliceStore> {
+        let mut spool = workspace.spool(in_memory);
+        saved.spool(&mut spool)?;
+        let places = saved.values()?;
+        let any = saved.values::<u8>()? != [0];
+        Ok(SliceStore { spool, places, any })
     }
 
     /// Appends the next slices.

@@ -416,7 +416,7 @@ fn made(
     let (surveyed, settings) = surveyed(cloud, &job.settings, workers, progress)?;
     let left = budget_beside(&settings, budget, workers);
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
-    let (surveyed, context) = planned(surveyed, &settings, workers, workspace, left, progress).map_err(whole)?;
+    let (surveyed, context) = planned(surveyed, &settings, workers, workspace, left, None, progress).map_err(whole)?;
     let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
     if settings.may_be_empty() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);

@@ -3,11 +3,13 @@
 use std::ops::Range;
 
 use bytemuck::Pod;
+use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
 use crate::grid::context::Context;
 use crate::grid::dilate::Ball;
 use crate::storage::spool::Spool;
+use crate::storage::work::sections::{SectionReader, SectionWriter};
 
 /// Columns round those that are kept whose faces are made, so that what is kept is as it would be on a closed surface: vertices with a point lie
 /// within five of a column with points, and the triangles round their neighbours within seven. For one step of smoothing.
@@ -24,7 +26,7 @@ pub fn margin(smooth: u32) -> u32 {
 }
 
 /// The direction that the surface is seen from, along a grid axis that is not the slices'.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Up {
     /// Grid axis 0 (along rows) or 2 (across rows).
     pub axis: usize,
@@ -86,8 +88,42 @@ pub struct HeightField {
     pub found: ColumnCounts,
 }
 
+/// What is kept of saved columns beside their lines.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct SavedHeightField {
+    up: Up,
+    trimmed: bool,
+    cells_up: u32,
+    width: u32,
+    found: ColumnCounts,
+}
+
+impl HeightField {
+    /// Saves the columns.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut SectionWriter<'_>) -> Result<SavedHeightField> {
+        out.spool(&self.heights.spool)?;
+        out.spool(&self.flags.spool)?;
+        let &HeightField { up, trimmed, cells_up, found, .. } = self;
+        Ok(SavedHeightField { up, trimmed, cells_up, width: self.heights.width as u32, found })
+    }
+
+    /// Reads what [`HeightField::save`] saved.
+    ///
+    /// # Errors
+    /// [`crate::Error::Damaged`], [`crate::Error::Io`].
+    pub fn load(saved: &SavedHeightField, sections: &mut SectionReader<'_>, context: &Context) -> Result<HeightField> {
+        let &SavedHeightField { up, trimmed, cells_up, width, found } = saved;
+        let heights = Lines::load(width, sections, context)?;
+        let flags = Lines::load(width, sections, context)?;
+        Ok(HeightField { up, trimmed, cells_up, heights, flags, found })
+    }
+}
+
 /// Numbers of columns.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ColumnCounts {
     /// Columns with points.
     pub data: u64,
@@ -119,6 +155,13 @@ impl<T: Pod> Lines<T> {
     pub(super) fn new(width: u32, context: &Context) -> Lines<T> {
         let spool = context.workspace.spool(context.memory.store_quota);
         Lines { spool, width: width as usize, kind: std::marker::PhantomData }
+    }
+
+    /// Reads lines that were saved.
+    fn load(width: u32, saved: &mut SectionReader<'_>, context: &Context) -> Result<Lines<T>> {
+        let mut lines = Lines::new(width, context);
+        saved.spool(&mut lines.spool)?;
+        Ok(lines)
     }
 
     pub(super) fn append(&mut self, lines: &[T]) -> Result<()> {

@@ -1,0 +1,144 @@
+//! What decides the bytes of a run's mesh, as a value: two runs are parts of one if, and only if, it is the same for both.
+//!
+//! Memory, threads and folders are not in it, nor is what is made of the finished mesh: the format, tiles, pictures.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+use serde_json::{Map, Value, json};
+
+use crate::error::{Error, Result};
+use crate::input::{Cloud, InputOptions};
+use crate::run::surveyed::Surveyed;
+use crate::settings::Settings;
+use crate::storage::work::Difference;
+use crate::storage::work::WorkFolder;
+use crate::system::FileAt;
+
+/// Places of a file whose content is looked at, and bytes at each.
+const PLACES: u64 = 64;
+const LOOKED_AT: u64 = 4 << 10;
+
+/// Says in the work folder what this run makes, or compares with what an earlier one has said.
+///
+/// # Errors
+/// [`Error::Changed`] with the input that has changed since; [`Error::Usage`] if something else differs; [`Error::Io`].
+pub(super) fn begin(
+    work: &WorkFolder,
+    files: &[PathBuf],
+    cloud: &Cloud,
+    input: &InputOptions,
+    settings: &Settings,
+    surveyed: &Surveyed,
+) -> Result<()> {
+    let mut inputs = Map::new();
+    for file in files {
+        inputs.insert(file.canonicalize().unwrap_or_else(|_| file.clone()).display().to_string(), of_file(file)?);
+    }
+    let job = json!({
+        "program": program(),
+        "settings": of_settings(settings, input),
+        "inputs": inputs,
+        "attributes": format!("{:?}", cloud.schema()),
+        "grid": of_grid(surveyed),
+    });
+    let Some(Difference { at, there, here }) = work.begin(&job)? else { return Ok(()) };
+    // Inputs first: a changed input changes the grid, too.
+    let changed = at.strip_prefix("inputs.").and_then(|at| at.rsplit_once('.'));
+    if let Some((path, what)) = changed {
+        return Err(Error::Changed {
+            path: PathBuf::from(path),
+            expected: format!("what the run in {} began with, of {what} {there}", work.path().display()),
+            found: format!("{what} {here}"),
+        });
+    }
+    Err(Error::Usage(format!(
+        "{}: holds another run: its `{at}` is {there}, and this run's is {here}; give the command that began it, or another `work`",
+        work.path().display()
+    )))
+}
+
+/// The program: a later version may place vertices otherwise.
+fn program() -> Value {
+    let build = std::env::current_exe().and_then(std::fs::read).map_or(0, |bytes| crc32fast::hash(&bytes));
+    json!({ "version": env!("CARGO_PKG_VERSION"), "build": format!("{build:08x}") })
+}
+
+/// Every setting, in words that tell any two values apart.
+fn of_settings(settings: &Settings, input: &InputOptions) -> Value {
+    let Settings {
+        fineness,
+        axis,
+        seal,
+        window,
+        keep_outliers,
+        min_points,
+        min_component,
+        surface,
+        open,
+        bridged,
+        trim,
+        simplify,
+        classes,
+    } = settings;
+    let InputOptions { layout, skip_bytes, endian, attributes, looked_at: _, filter, crs, depth: _, seen_from } = input;
+    json!({
+        "fineness": format!("{fineness:?}"),
+        "axis": format!("{axis:?}"),
+        "seal": format!("{seal:?}"),
+        "window": window,
+        "keep_outliers": keep_outliers,
+        "min_points": min_points,
+        "min_component": format!("{min_component:?}"),
+        "surface": format!("{surface:?}"),
+        "open": format!("{open:?}"),
+        "bridged": bridged,
+        "trim": format!("{trim:?}"),
+        "simplify": format!("{simplify:?}"),
+        "classes": format!("{classes:?}"),
+        "layout": format!("{layout:?}"),
+        "skip_bytes": skip_bytes,
+        "endian": format!("{endian:?}"),
+        "attributes": format!("{attributes:?}"),
+        "filter": format!("{filter:?}"),
+        "crs": format!("{crs:?}"),
+        "seen_from": format!("{seen_from:?}"),
+    })
+}
+
+/// The survey's counts and the grid; numbers as bits, since C libraries may differ in the last place.
+fn of_grid(surveyed: &Surveyed) -> Value {
+    let Surveyed { survey, grid, .. } = surveyed;
+    let bits = |number: f64| format!("{:016x}", number.to_bits());
+    let (low, cells) = grid.file_box();
+    json!({
+        "points": survey.points,
+        "records": survey.records(),
+        "cells": grid.cells(),
+        "in_file_axes": cells,
+        "axis": format!("{:?}", grid.axis()),
+        "side": bits(grid.cell_size()),
+        "low": low.map(bits),
+        "gaps": format!("{:08x}", crc32fast::hash(format!("{:?}", grid.gaps()).as_bytes())),
+    })
+}
+
+/// What tells one state of a file from another: its length, when it was changed, and a sample of its content.
+fn of_file(path: &Path) -> Result<Value> {
+    let there = path.metadata().map_err(Error::io(path, "read"))?;
+    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    let length = there.len();
+    let mut hasher = crc32fast::Hasher::new();
+    let mut piece = vec![0; LOOKED_AT.min(length) as usize];
+    // Evenly from the first to the last.
+    let most = length - piece.len() as u64;
+    for place in 0..PLACES {
+        let at = (u128::from(most) * u128::from(place) / u128::from(PLACES - 1)) as u64;
+        file.read_exact_at(&mut piece, at).map_err(Error::io(path, "read"))?;
+        hasher.update(&piece);
+    }
+    let changed = there.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+    let changed = changed.map(|since| format!("{}.{:09}", since.as_secs(), since.subsec_nanos()));
+    Ok(json!({ "bytes": length, "changed": changed, "sample": format!("{:08x}", hasher.finalize()) }))
+}

@@ -1,0 +1,179 @@
+//! Commits, made in their order beside the work: making bytes durable takes seconds, and nobody has to wait for it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+
+use crossbeam_channel::{Sender, TrySendError};
+
+use crate::error::{Error, Result};
+
+/// A commit. It is told whether it has to outlast a power cut; else only the end of the process.
+pub type Commit = Box<dyn FnOnce(bool) -> Result<()> + Send>;
+
+/// Commits that may wait for their turn.
+const WAITING: usize = 8;
+
+/// Makes commits, one after the other.
+#[derive(Debug)]
+pub struct Committer {
+    /// None if the caller waits for each.
+    beside: Mutex<Option<Beside>>,
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Beside {
+    commits: Sender<Commit>,
+    thread: JoinHandle<()>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    /// The first that failed.
+    failed: Mutex<Option<Error>>,
+    has_failed: AtomicBool,
+    quick: AtomicBool,
+}
+
+impl Shared {
+    fn make(&self, commit: Commit) {
+        // What comes after a failed commit may rest on it.
+        if self.has_failed.load(Ordering::SeqCst) {
+            return;
+        }
+        if let Err(error) = commit(!self.quick.load(Ordering::SeqCst)) {
+            self.has_failed.store(true, Ordering::SeqCst);
+            *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+        }
+    }
+
+    fn outcome(&self) -> Result<()> {
+        match self.failed.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Committer {
+    /// The caller waits for each commit.
+    pub fn waiting() -> Committer {
+        Committer { beside: Mutex::new(None), shared: Arc::default() }
+    }
+
+    /// Commits are made by a thread; by the caller where the system refuses one.
+    pub fn beside() -> Committer {
+        let shared: Arc<Shared> = Arc::default();
+        let (commits, given) = crossbeam_channel::bounded::<Commit>(WAITING);
+        let of_thread = Arc::clone(&shared);
+        let work = move || given.into_iter().for_each(|commit| of_thread.make(commit));
+        let thread = thread::Builder::new().name("asra-committer".into()).spawn(work).ok();
+        let beside = thread.map(|thread| Beside { commits, thread });
+        Committer { beside: Mutex::new(beside), shared }
+    }
+
+    /// Has a commit made.
+    ///
+    /// # Errors
+    /// That of an earlier commit.
+    pub fn give(&self, commit: Commit) -> Result<()> {
+        match &*self.beside.lock().unwrap_or_else(PoisonError::into_inner) {
+            Some(Beside { commits, .. }) => drop(commits.send(commit)),
+            None => self.shared.make(commit),
+        }
+        self.shared.outcome()
+    }
+
+    /// Has a commit made unless others wait: then it is given back.
+    ///
+    /// # Errors
+    /// That of an earlier commit.
+    pub fn offer(&self, commit: Commit) -> Result<Option<Commit>> {
+        let back = match &*self.beside.lock().unwrap_or_else(PoisonError::into_inner) {
+            Some(Beside { commits, .. }) if commits.is_empty() => match commits.try_send(commit) {
+                Err(TrySendError::Full(commit) | TrySendError::Disconnected(commit)) => Some(commit),
+                Ok(()) => None,
+            },
+            Some(_) => Some(commit),
+            None => {
+                self.shared.make(commit);
+                None
+            }
+        };
+        self.shared.outcome().map(|()| back)
+    }
+
+    /// Waits until all are made; `quick`ly without what only a power cut would take. Later ones are made by the caller.
+    ///
+    /// # Errors
+    /// That of the first that failed.
+    pub fn settle(&self, quick: bool) -> Result<()> {
+        self.shared.quick.store(quick, Ordering::SeqCst);
+        if let Some(Beside { commits, thread }) = self.beside.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            drop(commits);
+            if thread.join().is_err() {
+                return Err(Error::Internal("the thread that commits is gone".into()));
+            }
+        }
+        self.shared.outcome()
+    }
+}
+
+impl Drop for Committer {
+    fn drop(&mut self) {
+        // The folder is free for another run then.
+        let _ = self.settle(true);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commits_are_made_in_order_until_one_fails() {
+        for committer in [Committer::waiting(), Committer::beside()] {
+            let made: Arc<Mutex<Vec<(u32, bool)>>> = Arc::default();
+            let commit = |number: u32| -> Commit {
+                let made = Arc::clone(&made);
+                Box::new(move |durable| {
+                    made.lock().unwrap().push((number, durable));
+                    if number == 2 { Err(Error::Usage("no".into())) } else { Ok(()) }
+                })
+            };
+            let told: Vec<bool> = (0..5).map(|number| committer.give(commit(number)).is_err()).collect();
+            let last = committer.settle(false).is_err();
+            assert_eq!(told.iter().filter(|told| **told).count() + usize::from(last), 1, "the error is told once");
+            assert_eq!(*made.lock().unwrap(), [(0, true), (1, true), (2, true)]);
+        }
+    }
+
+    #[test]
+    fn who_is_in_a_hurry_leaves_durability_out() {
+        let committer = Committer::beside();
+        let (go, wait) = crossbeam_channel::bounded::<()>(0);
+        committer
+            .give(Box::new(move |_| {
+                let _ = wait.recv();
+                Ok(())
+            }))
+            .unwrap();
+        let told: Arc<Mutex<Vec<bool>>> = Arc::default();
+        let second = Arc::clone(&told);
+        committer
+            .give(Box::new(move |durable| {
+                second.lock().unwrap().push(durable);
+                Ok(())
+            }))
+            .unwrap();
+        assert!(committer.offer(Box::new(|_| Ok(()))).unwrap().is_some(), "another one waits");
+        let releasing = thread::spawn(move || {
+            thread::sleep(std::time::Duration::from_millis(20));
+            go.send(())
+        });
+        committer.settle(true).unwrap();
+        releasing.join().unwrap().unwrap();
+        assert_eq!(*told.lock().unwrap(), [false]);
+    }
+}

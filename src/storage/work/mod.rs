@@ -1,0 +1,382 @@
+//! The work folder: what a run has finished lies there, so that the same command given again goes on where the run was ended.
+//!
+//! ```text
+//!  city.work/
+//!    job.json               what decides the bytes of the mesh; made once, never changed
+//!    lock                   locked while a run is at work; tells which
+//!    done/buckets.json      the record of a finished phase: it names files of `data/`, with lengths and checksums
+//!    done/cells.json
+//!    done/surface.json      names the files that the surface is written to, and the journal
+//!    data/buckets.3f2a91c4  written once, under a name with the number of the attempt
+//!    data/journal.3f2a91c4  a line for each place where stitching can begin again
+//! ```
+//!
+//! A phase is done when its record has its name, and the record gets it last: bytes are made durable, then the name of the file, then the record's bytes, then its name. What no record
+//! names is nothing, and goes when the next run opens the folder. A record is never written over; one whose files are damaged is set aside under the ending `.bad`.
+
+pub mod committer;
+pub mod journal;
+pub mod sections;
+#[cfg(any(test, feature = "internals"))]
+pub mod simulated;
+pub mod store;
+
+use std::fs::File;
+use std::io::{self, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use self::committer::Committer;
+use self::store::{Folder, NamedFile, Store};
+use crate::error::{Error, Result};
+use crate::system::{self, Lock};
+
+/// The format of the folder: another number is another format.
+const FORMAT: u64 = 1;
+
+/// The folder of records, and that of what they name.
+pub(crate) const DONE: &str = "done";
+pub(crate) const DATA: &str = "data";
+
+/// The job's file.
+const JOB: &str = "job.json";
+
+/// A work folder, held by this run alone.
+#[derive(Debug)]
+pub struct WorkFolder {
+    store: Arc<dyn Store>,
+    /// For messages.
+    path: PathBuf,
+    /// Part of the names of this run's files.
+    attempt: u32,
+    committer: Committer,
+    /// Holds the lock.
+    _lock: Option<File>,
+}
+
+/// A phase that is finished: files, and what else there is to know.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Names of files in the store.
+    pub files: Vec<String>,
+    /// The rest, as the phase has it.
+    pub rest: Value,
+}
+
+/// What a file of records or of the job holds: a value, and the checksum of how it is written.
+#[derive(Debug, Serialize, Deserialize)]
+struct Sealed {
+    crc: u32,
+    value: Value,
+}
+
+impl Sealed {
+    fn bytes(value: &Value) -> Vec<u8> {
+        let crc = crc32fast::hash(value.to_string().as_bytes());
+        let sealed = Sealed { crc, value: value.clone() };
+        let mut bytes = serde_json::to_vec_pretty(&sealed).expect("a value can be written");
+        bytes.push(b'\n');
+        bytes
+    }
+
+    /// The value, if it is whole.
+    fn open(bytes: &[u8]) -> Option<Value> {
+        let Sealed { crc, value } = serde_json::from_slice(bytes).ok()?;
+        (crc32fast::hash(value.to_string().as_bytes()) == crc).then_some(value)
+    }
+}
+
+/// The most bytes of a record or of the job's file: larger ones are damaged.
+const MOST: u64 = 64 << 20;
+
+impl WorkFolder {
+    /// The folder at `path`, which is made if there is none, for this process alone.
+    ///
+    /// # Errors
+    /// [`Error::WorkTaken`] if another run is at work there; [`Error::Usage`] if something else lies there; [`Error::Io`].
+    pub fn open(path: &Path) -> Result<WorkFolder> {
+        if path.metadata().is_ok_and(|there| !there.is_dir()) {
+            return Err(Error::Usage(format!("{}: is no folder; choose another `work`", path.display())));
+        }
+        let ours = path.join(JOB).exists() || path.join("lock").exists();
+        let used = path.read_dir().is_ok_and(|mut names| names.next().is_some());
+        if used && !ours {
+            let message = "holds other files, but no run's; choose another `work`, or an empty folder";
+            return Err(Error::Usage(format!("{}: {message}", path.display())));
+        }
+        let store = Folder::open(path, &[DONE, DATA]).map_err(Error::io(path, "create the folder"))?;
+        let lock = path.join("lock");
+        let mut file = File::options().read(true).write(true).create(true).truncate(false).open(&lock);
+        let file = file.as_mut().map_err(|error| Error::io(&lock, "open")(io::Error::from(error.kind())))?;
+        let mut file = file.try_clone().map_err(Error::io(&lock, "open"))?;
+        if system::lock(&file) == Lock::Taken {
+            let mut holder = String::new();
+            let _ = (&mut file).take(200).read_to_string(&mut holder);
+            return Err(Error::WorkTaken { path: path.to_path_buf(), holder: holder.trim().to_owned() });
+        }
+        let words = format!("process {}\n", std::process::id());
+        let told = file.set_len(0).and_then(|()| file.rewind()).and_then(|()| file.write_all(words.as_bytes()));
+        told.map_err(Error::io(&lock, "write"))?;
+        WorkFolder::of_store(Arc::new(store), path, Committer::beside(), Some(file))
+    }
+
+    /// What lies in a store, for this process alone; records are committed while the caller waits.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn in_store(store: Arc<dyn Store>) -> Result<WorkFolder> {
+        WorkFolder::of_store(store, Path::new("work"), Committer::waiting(), None)
+    }
+
+    fn of_store(store: Arc<dyn Store>, path: &Path, committer: Committer, lock: Option<File>) -> Result<WorkFolder> {
+        let mut folder = WorkFolder { store, path: path.to_path_buf(), attempt: 0, committer, _lock: lock };
+        folder.sweep()?;
+        Ok(folder)
+    }
+
+    /// Removes what no record names, and finds an attempt's number that no file has.
+    fn sweep(&mut self) -> Result<()> {
+        let mut named = Vec::new();
+        for name in self.store.list(DONE).map_err(self.failed("read the folder"))? {
+            match name.strip_suffix(".json") {
+                Some(phase) => named.extend(self.record(phase)?.into_iter().flat_map(|record| record.files)),
+                None => self.store.remove(&format!("{DONE}/{name}")).map_err(self.failed("remove"))?,
+            }
+        }
+        for name in self.store.list(DATA).map_err(self.failed("read the folder"))? {
+            let number = name.rsplit_once('.').and_then(|(_, number)| u32::from_str_radix(number, 16).ok());
+            self.attempt = self.attempt.max(number.map_or(0, |number| number.saturating_add(1)));
+            let name = format!("{DATA}/{name}");
+            if !named.contains(&name) {
+                self.store.remove(&name).map_err(self.failed("remove"))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Says what is to be made here. The first run of a folder writes it down; of a later one it tells the first thing that differs.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] if it cannot be read; [`Error::Io`].
+    pub fn begin(&self, job: &Value) -> Result<Option<Difference>> {
+        let job = serde_json::json!({ "format": FORMAT, "job": job });
+        let Some(bytes) = self.contents(JOB)? else {
+            let temporary = self.create("job")?;
+            let made = name_whole(&*self.store, &temporary, JOB, &Sealed::bytes(&job), true);
+            return made.map(|()| None).map_err(self.failed("write"));
+        };
+        let Some(there) = Sealed::open(&bytes) else {
+            // What was made here may be another job's: nothing of it counts.
+            return Err(Error::Usage(format!(
+                "{}: is damaged; remove {} to begin anew",
+                self.path.join(JOB).display(),
+                self.path.display()
+            )));
+        };
+        let found = difference("", &there, &job);
+        Ok(found.map(|found| Difference { at: found.at.trim_start_matches("job.").to_owned(), ..found }))
+    }
+
+    /// A new file in `data/` for a phase of this run.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn create(&self, phase: &str) -> Result<NamedFile> {
+        let name = format!("{DATA}/{phase}.{:08x}", self.attempt);
+        let file = self.store.create(&name).map_err(self.failed("create"))?;
+        Ok(NamedFile { file, name: name.into() })
+    }
+
+    /// A file that a record names.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] if there is none.
+    pub fn open_file(&self, name: &str) -> Result<NamedFile> {
+        match self.store.open(name) {
+            Ok(file) => Ok(NamedFile { file, name: name.into() }),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Err(self.damaged(name, "it is missing")),
+            Err(error) => Err(self.failed("open")(error)),
+        }
+    }
+
+    /// A finished phase's record, if it is finished. A record that is damaged is set aside.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn record(&self, phase: &str) -> Result<Option<Record>> {
+        let Some(bytes) = self.contents(&format!("{DONE}/{phase}.json"))? else { return Ok(None) };
+        let record = Sealed::open(&bytes).and_then(|value| serde_json::from_value(value).ok());
+        if record.is_none() {
+            self.set_aside(phase)?;
+        }
+        Ok(record)
+    }
+
+    /// Whether a phase is finished, as far as its record tells.
+    pub fn is_done(&self, phase: &str) -> bool {
+        matches!(self.record(phase), Ok(Some(_)))
+    }
+
+    /// What a finished phase left, if `load` can read it. What is damaged has its record set aside, so that it is made again.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`], after the record was set aside; those of `load`.
+    pub fn load<R>(&self, phase: &str, load: impl FnOnce(&Record) -> Result<R>) -> Result<Option<R>> {
+        let Some(record) = self.record(phase)? else { return Ok(None) };
+        match load(&record) {
+            Err(error @ Error::Damaged { .. }) => {
+                self.set_aside(phase)?;
+                Err(error)
+            }
+            outcome => outcome.map(Some),
+        }
+    }
+
+    fn set_aside(&self, phase: &str) -> Result<()> {
+        let (name, aside) = (format!("{DONE}/{phase}.json"), format!("{DONE}/{phase}.bad"));
+        match self.store.remove(&aside) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(self.failed("remove")(error)),
+            _ => {}
+        }
+        let moved = self.store.link(&name, &aside).and_then(|()| match self.store.remove(&name) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            outcome => outcome,
+        });
+        moved.and_then(|()| self.store.sync_names(DONE)).map_err(self.failed("rename"))
+    }
+
+    /// Commits a phase: once its files are durable, it has a record. That is done beside the work; what fails is told by a later call.
+    ///
+    /// # Errors
+    /// [`Error::Io`], of an earlier commit, too.
+    pub fn commit(&self, phase: &'static str, files: Vec<NamedFile>, rest: Value) -> Result<()> {
+        let record = Record { files: files.iter().map(|file| file.name.to_string()).collect(), rest };
+        let bytes = Sealed::bytes(&serde_json::to_value(record).expect("a record can be written"));
+        let temporary = self.create(&format!("record-{phase}"))?;
+        let (store, failed) = (Arc::clone(&self.store), self.failed("write"));
+        self.committer.give(Box::new(move |durable| {
+            let all = || -> io::Result<()> {
+                if durable {
+                    files.iter().try_for_each(|file| file.file.sync())?;
+                    store.sync_names(DATA)?;
+                }
+                name_whole(&*store, &temporary, &format!("{DONE}/{phase}.json"), &bytes, durable)
+            };
+            all().map_err(failed)
+        }))
+    }
+
+    /// Waits until all commits are made; if it has to be quick, without asking the system for what only a power cut would take.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn settle(&self, quick: bool) -> Result<()> {
+        self.committer.settle(quick)
+    }
+
+    /// Ends the run: nothing of it is needed any more. The folder goes, too, if it can.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn finish(&self) -> Result<()> {
+        self.committer.settle(true)?;
+        // Records first: what they name must be there for as long as they are.
+        for folder in [DONE, DATA] {
+            for name in self.store.list(folder).map_err(self.failed("read the folder"))? {
+                self.store.remove(&format!("{folder}/{name}")).map_err(self.failed("remove"))?;
+            }
+        }
+        self.store.remove(JOB).map_err(self.failed("remove"))?;
+        if self._lock.is_some() {
+            let folders = [self.path.join(DONE), self.path.join(DATA)];
+            let _ = folders.iter().try_for_each(std::fs::remove_dir);
+            let _ = std::fs::remove_file(self.path.join("lock")).and_then(|()| std::fs::remove_dir(&self.path));
+        }
+        Ok(())
+    }
+
+    /// All of a small file, if there is one.
+    fn contents(&self, name: &str) -> Result<Option<Vec<u8>>> {
+        let file = match self.store.open(name) {
+            Ok(file) => file,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(self.failed("open")(error)),
+        };
+        let read = || -> io::Result<Vec<u8>> {
+            let mut bytes = vec![0; file.length()?.min(MOST) as usize];
+            file.read_at(&mut bytes, 0)?;
+            Ok(bytes)
+        };
+        read().map(Some).map_err(self.failed("read"))
+    }
+
+    /// An error of the system, of this folder.
+    pub(crate) fn failed(&self, action: &'static str) -> impl FnOnce(io::Error) -> Error + use<> {
+        Error::io(self.path.clone(), action)
+    }
+
+    /// An error about a damaged file.
+    pub(crate) fn damaged(&self, name: &str, found: impl Into<String>) -> Error {
+        Error::Damaged { path: self.path.join(name), found: found.into() }
+    }
+
+    pub(crate) fn committer(&self) -> &Committer {
+        &self.committer
+    }
+}
+
+/// Writes a file and gives it its name, which nothing has, once it is whole.
+fn name_whole(store: &dyn Store, temporary: &NamedFile, name: &str, bytes: &[u8], durable: bool) -> io::Result<()> {
+    temporary.file.write_at(bytes, 0)?;
+    if durable {
+        temporary.file.sync()?;
+    }
+    store.link(&temporary.name, name)?;
+    if durable {
+        store.sync_names(name.rsplit_once('/').map_or("", |(folder, _)| folder))?;
+    }
+    match store.remove(&temporary.name) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// A place where two values differ.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// The keys that lead there.
+    pub at: String,
+    /// What was written down there.
+    pub there: String,
+    /// What it is now.
+    pub here: String,
+}
+
+/// The first place where two values differ.
+fn difference(at: &str, there: &Value, here: &Value) -> Option<Difference> {
+    let below = |key: &str| if at.is_empty() { key.to_owned() } else { format!("{at}.{key}") };
+    match (there, here) {
+        (Value::Object(a), Value::Object(b)) => {
+            let mut keys: Vec<&String> = a.keys().chain(b.keys()).collect();
+            // Inputs before the grid that is laid on them.
+            keys.sort_unstable_by_key(|key| (*key == "grid", *key));
+            keys.dedup();
+            let value = |of: &serde_json::Map<String, Value>, key: &str| of.get(key).cloned().unwrap_or(Value::Null);
+            keys.into_iter().find_map(|key| difference(&below(key), &value(a, key), &value(b, key)))
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            let mut pairs = a.iter().zip(b).enumerate();
+            pairs.find_map(|(number, (a, b))| difference(&below(&number.to_string()), a, b))
+        }
+        (a, b) if a == b => None,
+        (a, b) => Some(Difference { at: at.to_owned(), there: a.to_string(), here: b.to_string() }),
+    }
+}
