@@ -34,8 +34,8 @@ impl Case {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("cloud.bin");
         let mut bytes = Vec::new();
-        for i in 0..6000 {
-            let z = (2.0 * i as f32 + 1.0) / 6000.0 - 1.0;
+        for i in 0..2500 {
+            let z = (2.0 * i as f32 + 1.0) / 2500.0 - 1.0;
             let (round, angle) = ((1.0 - z * z).sqrt(), 2.399_963 * i as f32);
             let r = 1.0 + 0.1 * (5.0 * angle.cos()).sin() * (4.0 * z).cos();
             let [x, y, z] = [
@@ -47,7 +47,7 @@ impl Case {
         }
         std::fs::write(&path, bytes).unwrap();
         let settings = Settings {
-            fineness: Fineness::Given(Resolution::Slices(if is_open { 70 } else { 90 })),
+            fineness: Fineness::Given(Resolution::Slices(if is_open { 62 } else { 64 })),
             open: is_open.then_some(Open::TERRAIN),
             ..Settings::default()
         };
@@ -57,7 +57,7 @@ impl Case {
     /// A run, with the phases that are finished in `work`, if any is given.
     fn run(&self, work: Option<Arc<WorkFolder>>, threads: usize, budget: u64) -> Result<Bits, Error> {
         let input = InputOptions { layout: Some("xyzi".parse().unwrap()), ..InputOptions::default() };
-        let cloud = Cloud::open(&[&self.path], &input)?;
+        let cloud = Cloud::open(std::slice::from_ref(&self.path), &input)?;
         let workers = Workers::new(threads)?;
         let mut progress = Progress::new(Show::Nothing);
         let mut surveyed = survey_cloud(&cloud, &self.settings, &workers, &mut progress)?;

@@ -312,7 +312,7 @@ impl Kind {
             Kind::Intermediate => (
                 &[76],
                 "intermediate",
-                "a file in the work folder is damaged; its record is set aside, so that it is made again",
+                "a file in the work folder is damaged; its manifest is set aside, so that it is made again",
                 "yes, three times",
             ),
             Kind::Signal => (&[129, 130, 143], "signal", "HUP, INT, TERM, with `--work` too", "yes"),

@@ -147,7 +147,7 @@ impl<T: Coordinate> Buckets<T> {
         let (places, sections) = out.finish();
         let page = self.page_file.as_ref().map_or(0, PageFile::page);
         let saved = SavedBuckets { page, chunk: self.chunk, stride: self.stride, sections };
-        let rest = serde_json::to_value(saved).expect("a record can be written");
+        let rest = serde_json::to_value(saved).expect("a manifest can be written");
         work.commit(PHASE, vec![pages.clone(), places], rest)
     }
 
@@ -156,10 +156,12 @@ impl<T: Coordinate> Buckets<T> {
     /// # Errors
     /// [`crate::Error::Damaged`], [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn committed(work: &WorkFolder, grid: &Grid, context: &Context) -> Result<Option<Buckets<T>>> {
-        work.load(PHASE, |record| {
-            let [pages, places] = record.files.as_slice() else { return Err(work.damaged(PHASE, "a file is missing")) };
+        work.load(PHASE, |manifest| {
+            let [pages, places] = manifest.files.as_slice() else {
+                return Err(work.damaged(PHASE, "a file is missing"));
+            };
             let of = |rest: &serde_json::Value| SavedBuckets::deserialize(rest).ok();
-            let saved = of(&record.rest).ok_or_else(|| work.damaged(PHASE, "the record cannot be read"))?;
+            let saved = of(&manifest.rest).ok_or_else(|| work.damaged(PHASE, "the manifest cannot be read"))?;
             let SavedBuckets { page, chunk, stride, sections } = saved;
             let mut sections = SectionReader::new(work, places, sections)?;
             let counts: Vec<u64> = sections.values()?;

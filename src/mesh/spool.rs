@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::points::Precision;
 use crate::points::attribute::Schema;
 use crate::points::scalar::{Endian, reader};
-use crate::storage::spool::{Spool, Workspace};
+use crate::storage::spool::{Extent, Spool, Workspace};
 
 /// Elements converted at once: few enough for the fast caches and for small allocations, which cost no page faults.
 const PIECE: usize = 1 << 12;
@@ -76,6 +76,24 @@ impl MeshSpool {
         let [vertices, attributes] = [share * vertex, share * record].map(|quota| workspace.spool(quota));
         let faces = workspace.spool(in_memory - share * (vertex + record));
         MeshSpool { precision, origin: [0.0; 3], schema, vertices, attributes, faces, narrowed: Vec::new() }
+    }
+
+    /// The mesh in spools of its vertices, attributes and triangles, which may hold some already.
+    pub fn in_spools(precision: Precision, schema: Schema, [vertices, attributes, faces]: [Spool; 3]) -> MeshSpool {
+        MeshSpool { precision, origin: [0.0; 3], schema, vertices, attributes, faces, narrowed: Vec::new() }
+    }
+
+    /// Whether it holds so many vertices, their attributes, and so many triangles, and nothing else.
+    pub fn holds(&self, vertices: u64, faces: u64) -> bool {
+        let place = 3 * self.precision.bytes() as u64;
+        self.vertices.len() == vertices * place
+            && self.attributes.len() == vertices * self.schema.stride() as u64
+            && self.faces.len() == faces * size_of::<FaceRecord>() as u64
+    }
+
+    /// What was appended to its vertices, attributes and triangles since the last cut ([`Spool::cut`]).
+    pub fn cut(&mut self) -> [Extent; 3] {
+        [self.vertices.cut(), self.attributes.cut(), self.faces.cut()]
     }
 
     /// The same mesh, at an origin that was read with it.

@@ -68,7 +68,7 @@ impl ClosedCells {
         let &ClosedCells { counted, shell, occupied, sparse, .. } = self;
         let (how, falls, components) = (how.clone(), *falls, *components);
         let saved = Saved { sections, occupancy, solid, how, falls, components, counted, shell, occupied, sparse };
-        work.commit(PHASE, vec![file], serde_json::to_value(saved).expect("a record can be written"))
+        work.commit(PHASE, vec![file], serde_json::to_value(saved).expect("a manifest can be written"))
     }
 
     /// What was committed, if it was.
@@ -76,10 +76,10 @@ impl ClosedCells {
     /// # Errors
     /// [`Error::Damaged`], [`Error::Io`].
     pub(super) fn committed(work: &WorkFolder, context: &Context) -> Result<Option<ClosedCells>> {
-        work.load(PHASE, |record| {
+        work.load(PHASE, |manifest| {
             let saved =
-                Saved::deserialize(&record.rest).map_err(|_| work.damaged(PHASE, "the record cannot be read"))?;
-            let [file] = record.files.as_slice() else { return Err(work.damaged(PHASE, "a file is missing")) };
+                Saved::deserialize(&manifest.rest).map_err(|_| work.damaged(PHASE, "the manifest cannot be read"))?;
+            let [file] = manifest.files.as_slice() else { return Err(work.damaged(PHASE, "a file is missing")) };
             let mut sections = SectionReader::new(work, file, saved.sections)?;
             let occupancy = Occupancy::load(&saved.occupancy, &mut sections, context)?;
             let solid = Solid::load(&saved.solid, &mut sections, context)?;

@@ -37,6 +37,7 @@ pub mod report;
 pub mod simplification;
 mod summary;
 pub mod surface;
+mod surface_log;
 pub mod surveyed;
 #[cfg(any(test, feature = "internals"))]
 #[doc(hidden)]

@@ -1,6 +1,6 @@
 //! The last phase of a run's pipeline: from closed cells and sorted points to the mesh.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Sampled;
@@ -17,12 +17,14 @@ use crate::run::closed_cells::ClosedCells;
 use crate::run::forecast;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
+use crate::run::surface_log::{MadeBefore, SurfaceLog};
 use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::close::{Closed, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
+use crate::stitch::checkpoint::Checkpoint;
 use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Counts, Stitched, Stitcher};
@@ -112,22 +114,34 @@ pub(super) fn surface_of<T: Coordinate>(
     let memory = context.memory.with_surface(&workload, means)?;
     let jobs = memory.slab_jobs(&workload, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
-    let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, cloud.schema().clone(), memory.mesh_quota);
+    let schema = cloud.schema();
+    let opened = context.work.as_deref().map(|work| SurfaceLog::open(work, (T::PRECISION, schema), context));
+    let (mut log, before) = match opened.transpose()? {
+        Some((log, before)) => (Some(log), before),
+        None => {
+            let quota = memory.mesh_quota;
+            let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, schema.clone(), quota);
+            (None, MadeBefore { mesh, checkpoint: Checkpoint::at(0), whole: false })
+        }
+    };
     let frame = Frame { origin, precision: T::PRECISION };
-    let mut stitcher = Stitcher::new(
-        grid,
-        halo(smooth),
-        frame,
-        mesh,
-        closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed),
-    );
+    let trimmed = closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
+    let MadeBefore { mesh, checkpoint, whole } = before;
+    let mut stitcher = Stitcher::resumed(grid, halo(smooth), frame, mesh, trimmed, &checkpoint);
     let making = Making { solid, sampled: &sampled, options: surface, frame, jobs };
     let written: Spares<SlabMesh<T>> = Spares::default();
-    let mut number = 0;
-    context.workers.in_order_range(
+    let first = if whole { slabs } else { stitcher.next() };
+    for number in 0..first {
+        let (faces, points) = (faces_of_slab(number), points_of_slab(number));
+        done += work(faces, points);
+        progress.add_weighed(faces, done / all);
+    }
+    let mut number = first;
+    let made = context.workers.in_order_range(
         jobs.in_flight(),
-        slabs as usize,
+        (slabs - first) as usize,
         |number| {
+            let number = first as usize + number;
             // Slabs differ: a narrow one that kept a wide one's room would hold it while the next wide one is made.
             let size = workload.slabs()[number];
             let room = written.take().filter(|room| room.suits(size));
@@ -140,10 +154,18 @@ pub(super) fn surface_of<T: Coordinate>(
             done += work(faces, points);
             progress.add_weighed(faces, done / all);
             stitcher.add(slab)?.into_iter().for_each(|slab| written.give(slab));
-            Ok(())
+            log.as_mut().map_or(Ok(()), |log| log.tell(&mut stitcher))
         },
-    )?;
-    let Stitched { mesh, mut counts, seams } = stitcher.finish()?;
+    );
+    if let (Err(Error::Interrupted), Some(log)) = (&made, &mut log) {
+        log.tell_now(&mut stitcher)?;
+    }
+    made?;
+    let mut stitched = stitcher.finish()?;
+    if let Some(log) = log.filter(|_| !whole) {
+        log.end(&mut stitched, slabs)?;
+    }
+    let Stitched { mesh, mut counts, seams } = stitched;
     drop(written);
     memory.between_phases(&context.workers);
     progress.end();

@@ -1,10 +1,10 @@
 //! Commits, made in their order beside the work: making bytes durable takes seconds, and nobody has to wait for it.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
-use crossbeam_channel::{Sender, TrySendError};
+use crossbeam_channel::Sender;
 
 use crate::error::{Error, Result};
 
@@ -34,6 +34,8 @@ struct Shared {
     failed: Mutex<Option<Error>>,
     has_failed: AtomicBool,
     quick: AtomicBool,
+    /// Commits that are not made yet.
+    given: AtomicUsize,
 }
 
 impl Shared {
@@ -42,7 +44,9 @@ impl Shared {
         if self.has_failed.load(Ordering::SeqCst) {
             return;
         }
-        if let Err(error) = commit(!self.quick.load(Ordering::SeqCst)) {
+        let made = commit(!self.quick.load(Ordering::SeqCst));
+        self.given.fetch_sub(1, Ordering::SeqCst);
+        if let Err(error) = made {
             self.has_failed.store(true, Ordering::SeqCst);
             *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
         }
@@ -57,7 +61,8 @@ impl Shared {
 }
 
 impl Committer {
-    /// The caller waits for each commit.
+    /// For tests: the caller waits for each commit.
+    #[cfg(any(test, feature = "internals"))]
     pub fn waiting() -> Committer {
         Committer { beside: Mutex::new(None), shared: Arc::default() }
     }
@@ -78,6 +83,7 @@ impl Committer {
     /// # Errors
     /// That of an earlier commit.
     pub fn give(&self, commit: Commit) -> Result<()> {
+        self.shared.given.fetch_add(1, Ordering::SeqCst);
         match &*self.beside.lock().unwrap_or_else(PoisonError::into_inner) {
             Some(Beside { commits, .. }) => drop(commits.send(commit)),
             None => self.shared.make(commit),
@@ -85,23 +91,9 @@ impl Committer {
         self.shared.outcome()
     }
 
-    /// Has a commit made unless others wait: then it is given back.
-    ///
-    /// # Errors
-    /// That of an earlier commit.
-    pub fn offer(&self, commit: Commit) -> Result<Option<Commit>> {
-        let back = match &*self.beside.lock().unwrap_or_else(PoisonError::into_inner) {
-            Some(Beside { commits, .. }) if commits.is_empty() => match commits.try_send(commit) {
-                Err(TrySendError::Full(commit) | TrySendError::Disconnected(commit)) => Some(commit),
-                Ok(()) => None,
-            },
-            Some(_) => Some(commit),
-            None => {
-                self.shared.make(commit);
-                None
-            }
-        };
-        self.shared.outcome().map(|()| back)
+    /// Whether no commit waits for its turn, or is being made.
+    pub fn is_idle(&self) -> bool {
+        self.shared.given.load(Ordering::SeqCst) == 0
     }
 
     /// Waits until all are made; `quick`ly without what only a power cut would take. Later ones are made by the caller.
@@ -167,7 +159,7 @@ mod tests {
                 Ok(())
             }))
             .unwrap();
-        assert!(committer.offer(Box::new(|_| Ok(()))).unwrap().is_some(), "another one waits");
+        assert!(!committer.is_idle());
         let releasing = thread::spawn(move || {
             thread::sleep(std::time::Duration::from_millis(20));
             go.send(())

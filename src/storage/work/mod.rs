@@ -4,15 +4,15 @@
 //!  city.work/
 //!    job.json               what decides the bytes of the mesh; made once, never changed
 //!    lock                   locked while a run is at work; tells which
-//!    done/buckets.json      the record of a finished phase: it names files of `data/`, with lengths and checksums
+//!    done/buckets.json      the manifest of a finished phase: it names files of `data/`, with lengths and checksums
 //!    done/cells.json
 //!    done/surface.json      names the files that the surface is written to, and the journal
 //!    data/buckets.3f2a91c4  written once, under a name with the number of the attempt
 //!    data/journal.3f2a91c4  a line for each place where stitching can begin again
 //! ```
 //!
-//! A phase is done when its record has its name, and the record gets it last: bytes are made durable, then the name of the file, then the record's bytes, then its name. What no record
-//! names is nothing, and goes when the next run opens the folder. A record is never written over; one whose files are damaged is set aside under the ending `.bad`.
+//! A phase is done when its manifest has its name, and the manifest gets it last: bytes are made durable, then the name of the file, then the manifest's bytes, then its name. What no manifest
+//! names is nothing, and goes when the next run opens the folder. A manifest is never written over; one whose files are damaged is set aside under the ending `.bad`.
 
 pub mod committer;
 pub mod journal;
@@ -25,6 +25,7 @@ use std::fs::File;
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -37,9 +38,12 @@ use crate::system::{self, Lock};
 /// The format of the folder: another number is another format.
 const FORMAT: u64 = 1;
 
-/// The folder of records, and that of what they name.
+/// The folder of manifests, and that of what they name.
 pub(crate) const DONE: &str = "done";
 pub(crate) const DATA: &str = "data";
+
+/// How often a phase that is under way says how far it is.
+const INTERVAL: Duration = Duration::from_secs(10);
 
 /// The job's file.
 const JOB: &str = "job.json";
@@ -53,20 +57,22 @@ pub struct WorkFolder {
     /// Part of the names of this run's files.
     attempt: u32,
     committer: Committer,
+    /// How often a phase that is under way says how far it is.
+    interval: Duration,
     /// Holds the lock.
     _lock: Option<File>,
 }
 
 /// A phase that is finished: files, and what else there is to know.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Record {
+pub struct Manifest {
     /// Names of files in the store.
     pub files: Vec<String>,
     /// The rest, as the phase has it.
     pub rest: Value,
 }
 
-/// What a file of records or of the job holds: a value, and the checksum of how it is written.
+/// What a file of manifests or of the job holds: a value, and the checksum of how it is written.
 #[derive(Debug, Serialize, Deserialize)]
 struct Sealed {
     crc: u32,
@@ -89,7 +95,7 @@ impl Sealed {
     }
 }
 
-/// The most bytes of a record or of the job's file: larger ones are damaged.
+/// The most bytes of a manifest or of the job's file: larger ones are damaged.
 const MOST: u64 = 64 << 20;
 
 impl WorkFolder {
@@ -120,29 +126,36 @@ impl WorkFolder {
         let words = format!("process {}\n", std::process::id());
         let told = file.set_len(0).and_then(|()| file.rewind()).and_then(|()| file.write_all(words.as_bytes()));
         told.map_err(Error::io(&lock, "write"))?;
-        WorkFolder::of_store(Arc::new(store), path, Committer::beside(), Some(file))
+        WorkFolder::of_store(Arc::new(store), path, (Committer::beside(), INTERVAL), Some(file))
     }
 
-    /// What lies in a store, for this process alone; records are committed while the caller waits.
+    /// For tests: what lies in a store, for this process alone; manifests are committed while the caller waits, and phases say how far they are whenever they can.
     ///
     /// # Errors
     /// [`Error::Io`].
+    #[cfg(any(test, feature = "internals"))]
     pub fn in_store(store: Arc<dyn Store>) -> Result<WorkFolder> {
-        WorkFolder::of_store(store, Path::new("work"), Committer::waiting(), None)
+        WorkFolder::of_store(store, Path::new("work"), (Committer::waiting(), Duration::ZERO), None)
     }
 
-    fn of_store(store: Arc<dyn Store>, path: &Path, committer: Committer, lock: Option<File>) -> Result<WorkFolder> {
-        let mut folder = WorkFolder { store, path: path.to_path_buf(), attempt: 0, committer, _lock: lock };
+    fn of_store(
+        store: Arc<dyn Store>,
+        path: &Path,
+        (committer, interval): (Committer, Duration),
+        lock: Option<File>,
+    ) -> Result<WorkFolder> {
+        let path = path.to_path_buf();
+        let mut folder = WorkFolder { store, path, attempt: 0, committer, interval, _lock: lock };
         folder.sweep()?;
         Ok(folder)
     }
 
-    /// Removes what no record names, and finds an attempt's number that no file has.
+    /// Removes what no manifest names, and finds an attempt's number that no file has.
     fn sweep(&mut self) -> Result<()> {
         let mut named = Vec::new();
         for name in self.store.list(DONE).map_err(self.failed("read the folder"))? {
             match name.strip_suffix(".json") {
-                Some(phase) => named.extend(self.record(phase)?.into_iter().flat_map(|record| record.files)),
+                Some(phase) => named.extend(self.manifest(phase)?.into_iter().flat_map(|manifest| manifest.files)),
                 None => self.store.remove(&format!("{DONE}/{name}")).map_err(self.failed("remove"))?,
             }
         }
@@ -195,7 +208,7 @@ impl WorkFolder {
         Ok(NamedFile { file, name: name.into() })
     }
 
-    /// A file that a record names.
+    /// A file that a manifest names.
     ///
     /// # Errors
     /// [`Error::Damaged`] if there is none.
@@ -207,31 +220,31 @@ impl WorkFolder {
         }
     }
 
-    /// A finished phase's record, if it is finished. A record that is damaged is set aside.
+    /// A finished phase's manifest, if it is finished. A manifest that is damaged is set aside.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn record(&self, phase: &str) -> Result<Option<Record>> {
+    pub fn manifest(&self, phase: &str) -> Result<Option<Manifest>> {
         let Some(bytes) = self.contents(&format!("{DONE}/{phase}.json"))? else { return Ok(None) };
-        let record = Sealed::open(&bytes).and_then(|value| serde_json::from_value(value).ok());
-        if record.is_none() {
+        let manifest = Sealed::open(&bytes).and_then(|value| serde_json::from_value(value).ok());
+        if manifest.is_none() {
             self.set_aside(phase)?;
         }
-        Ok(record)
+        Ok(manifest)
     }
 
-    /// Whether a phase is finished, as far as its record tells.
+    /// Whether a phase is finished, as far as its manifest tells.
     pub fn is_done(&self, phase: &str) -> bool {
-        matches!(self.record(phase), Ok(Some(_)))
+        matches!(self.manifest(phase), Ok(Some(_)))
     }
 
-    /// What a finished phase left, if `load` can read it. What is damaged has its record set aside, so that it is made again.
+    /// What a finished phase left, if `load` can read it. What is damaged has its manifest set aside, so that it is made again.
     ///
     /// # Errors
-    /// [`Error::Damaged`], after the record was set aside; those of `load`.
-    pub fn load<R>(&self, phase: &str, load: impl FnOnce(&Record) -> Result<R>) -> Result<Option<R>> {
-        let Some(record) = self.record(phase)? else { return Ok(None) };
-        match load(&record) {
+    /// [`Error::Damaged`], after the manifest was set aside; those of `load`.
+    pub fn load<R>(&self, phase: &str, load: impl FnOnce(&Manifest) -> Result<R>) -> Result<Option<R>> {
+        let Some(manifest) = self.manifest(phase)? else { return Ok(None) };
+        match load(&manifest) {
             Err(error @ Error::Damaged { .. }) => {
                 self.set_aside(phase)?;
                 Err(error)
@@ -253,14 +266,14 @@ impl WorkFolder {
         moved.and_then(|()| self.store.sync_names(DONE)).map_err(self.failed("rename"))
     }
 
-    /// Commits a phase: once its files are durable, it has a record. That is done beside the work; what fails is told by a later call.
+    /// Commits a phase: once its files are durable, it has a manifest. That is done beside the work; what fails is told by a later call.
     ///
     /// # Errors
     /// [`Error::Io`], of an earlier commit, too.
     pub fn commit(&self, phase: &'static str, files: Vec<NamedFile>, rest: Value) -> Result<()> {
-        let record = Record { files: files.iter().map(|file| file.name.to_string()).collect(), rest };
-        let bytes = Sealed::bytes(&serde_json::to_value(record).expect("a record can be written"));
-        let temporary = self.create(&format!("record-{phase}"))?;
+        let manifest = Manifest { files: files.iter().map(|file| file.name.to_string()).collect(), rest };
+        let bytes = Sealed::bytes(&serde_json::to_value(manifest).expect("a manifest can be written"));
+        let temporary = self.create(&format!("manifest-{phase}"))?;
         let (store, failed) = (Arc::clone(&self.store), self.failed("write"));
         self.committer.give(Box::new(move |durable| {
             let all = || -> io::Result<()> {
@@ -326,6 +339,11 @@ impl WorkFolder {
     /// An error about a damaged file.
     pub(crate) fn damaged(&self, name: &str, found: impl Into<String>) -> Error {
         Error::Damaged { path: self.path.join(name), found: found.into() }
+    }
+
+    /// How often a phase that is under way says how far it is.
+    pub(crate) fn interval(&self) -> Duration {
+        self.interval
     }
 
     pub(crate) fn committer(&self) -> &Committer {
