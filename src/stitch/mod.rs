@@ -11,7 +11,12 @@
 //! A vertex's number is the count of surviving vertices before it. What the seam above slab k takes away lies in the
 //! upper half of slab k, so the numbers in its lower half, which slab k - 1's triangles name, are final in time. A retreat mostly reaches a few cells;
 //! those vertices of slab k up to the last that is named are *frozen*, and a round that would move one of them is not done.
+//!
+//! **Beginning in the middle.** If the seam below slab a is *clean* ([`reach`]), stitching can begin there, with slab a - 1 as it is by itself. It is added first, and
+//! nothing is written of it: what the seam makes of slab a is what matters, and how slab a calls those of slab a - 1's vertices that it was closed over. All from slab a
+//! on comes out as in one run, with vertices numbered from where the [`Checkpoint`] says: those of slab a - 1 come just before, below zero if that is the first number.
 
+pub mod checkpoint;
 pub mod numbers;
 pub mod reach;
 pub mod seam;
@@ -20,6 +25,7 @@ pub mod trim;
 
 use glam::DVec3;
 
+use self::checkpoint::Checkpoint;
 use self::numbers::{InMesh, InSlab, Named};
 use self::reach::SeamReport;
 use self::seam::Seam;
@@ -49,8 +55,12 @@ pub struct Stitcher<'a, T> {
     broad_phase: BroadPhase,
     mesh: Appended,
     waiting: Option<SlabMesh<T>>,
-    /// The number of the waiting slab's first vertex.
-    base: u64,
+    /// The slab that is to be added next.
+    next: u32,
+    /// All slabs below this one are written.
+    written: u32,
+    /// Vertices that are written: the number of the next one.
+    vertices: u64,
     /// Numbers of the vertices of the slab before the waiting one.
     before: Vec<InMesh>,
     /// What is left out, if the surface is not closed.
@@ -59,8 +69,10 @@ pub struct Stitcher<'a, T> {
     frozen: u32,
     counts: Counts,
     seams: Vec<SeamReport>,
-    /// The highest of the waiting slab's vertices that the seam below it changed.
-    changed: Option<InSlab>,
+    /// How many of the waiting slab's first vertices the seam below it touched.
+    touched: u32,
+    /// Whether the seam below the waiting slab was clean.
+    clean: bool,
 }
 
 /// A mesh that is appended to, vertex by vertex and triangle by triangle; they are handed on together.
@@ -71,6 +83,8 @@ struct Appended {
     vertices: Vec<[f64; 3]>,
     attributes: Vec<u8>,
     faces: Vec<FaceRecord>,
+    /// Triangles so far.
+    face_count: u64,
 }
 
 impl Appended {
@@ -82,6 +96,7 @@ impl Appended {
     }
 
     fn face(&mut self, vertices: [InMesh; 3]) -> Result<()> {
+        self.face_count += 1;
         self.faces.push(FaceRecord::new(vertices.map(|InMesh(v)| v)));
         if self.faces.len() == PIECE { self.hand_on() } else { Ok(()) }
     }
@@ -110,7 +125,7 @@ pub struct Stitched {
 }
 
 /// What became of the vertices.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Counts {
     /// Vertices that are input points, bit for bit.
     pub fitted: u64,
@@ -154,20 +169,54 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     /// A stitcher that appends to `mesh`, whose positions are to be written in `frame`; `halo` as in [`crate::grid::partition::halo`]. If the surface is `trimmed`,
     /// only triangles that are kept are written.
     pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool, trimmed: bool) -> Stitcher<'a, T> {
+        Stitcher::resumed(grid, halo, frame, mesh, trimmed, &Checkpoint::at(0))
+    }
+
+    /// [`Stitcher::new`] that goes on from a checkpoint: the slab to add first is [`Stitcher::next`]. `mesh` is to hold the vertices and triangles that the
+    /// checkpoint counts, or none, if they are kept elsewhere.
+    pub fn resumed(
+        grid: &'a Grid,
+        halo: u32,
+        frame: Frame,
+        mesh: MeshSpool,
+        trimmed: bool,
+        checkpoint: &Checkpoint,
+    ) -> Stitcher<'a, T> {
         Stitcher {
             grid,
             halo,
             broad_phase: BroadPhase::new(grid, frame.origin),
-            mesh: Appended { mesh, frame, vertices: Vec::new(), attributes: Vec::new(), faces: Vec::new() },
+            mesh: Appended {
+                mesh,
+                frame,
+                vertices: Vec::new(),
+                attributes: Vec::new(),
+                faces: Vec::new(),
+                face_count: checkpoint.faces,
+            },
             waiting: None,
-            base: 0,
+            next: checkpoint.slab.saturating_sub(1),
+            written: checkpoint.slab,
+            vertices: checkpoint.vertices,
             before: Vec::new(),
             trim: trimmed.then(Trim::default),
             frozen: 0,
-            counts: Counts::default(),
-            seams: Vec::new(),
-            changed: None,
+            counts: checkpoint.counts(),
+            seams: checkpoint.seams.clone(),
+            touched: 0,
+            clean: false,
         }
+    }
+
+    /// The number of the slab that is to be added next.
+    pub fn next(&self) -> u32 {
+        self.next
+    }
+
+    /// What is to be known to go on from the slab that was added last, if the seam below it was clean: all below it is written, and `mesh` holds that.
+    pub fn checkpoint(&self) -> Option<Checkpoint> {
+        let (slab, vertices, faces) = (self.written, self.vertices, self.mesh.face_count);
+        self.clean.then(|| Checkpoint::new(slab, [vertices, faces], self.counts, self.seams.clone()))
     }
 
     /// Takes the next slab; gives one that is written, for its memory.
@@ -177,20 +226,27 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     pub fn add(&mut self, mut slab: SlabMesh<T>) -> Result<Option<SlabMesh<T>>> {
         let mut lower = self.waiting.take();
         if let Some(lower) = &mut lower {
+            let settled = self.touched.max(self.frozen);
             let mut seam = Seam::of(lower, &mut slab, self.frozen, self.mesh.frame, self.broad_phase.quantizer());
             let mut changed = seam.close();
             changed.extend(seam.choose_fitted(self.grid, self.halo));
             changed.extend(seam.strayed(self.grid));
             let dirty = seam.triangles_around(changed);
             let Untangled { tangled, rounds } = untangle(&mut seam, &mut self.broad_phase, Some(dirty));
-            self.counts.tangled += tangled;
-            let (report, changed) = seam.report(rounds, self.changed);
-            self.seams.push(report);
-            self.changed = changed;
+            let (report, touched) = seam.report(rounds, settled);
+            (self.touched, self.clean) = (touched, report.clean);
             seam.give_back_blocks();
-            self.write(lower, Some(&slab))?;
+            if self.next == self.written {
+                // Stitching began in the middle: the seam and the slab below it were counted, and written, where the checkpoint was made.
+                self.pass_over(lower, &slab);
+            } else {
+                self.counts.tangled += tangled;
+                self.seams.push(report);
+                self.write(lower, Some(&slab))?;
+            }
         }
         self.waiting = Some(slab);
+        self.next += 1;
         Ok(lower)
     }
 
@@ -199,7 +255,8 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     /// # Errors
     /// The same as [`Stitcher::add`].
     pub fn finish(mut self) -> Result<Stitched> {
-        if let Some(last) = self.waiting.take() {
+        // Where stitching begins in the middle, the slab before that is not written.
+        if let Some(last) = self.waiting.take().filter(|_| self.next > self.written) {
             self.write(&last, None)?;
         }
         Ok(Stitched { mesh: self.mesh.mesh, counts: self.counts, seams: self.seams })
@@ -208,8 +265,9 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     fn write(&mut self, slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> Result<()> {
         self.counts.tangled += slab.tangled;
         self.counts.bridged_area += bridged_area(slab, next);
+        let base = self.vertices as u32;
         let after = if let Some(trim) = &mut self.trim {
-            let Trimmed { written, triangles, frozen } = trim.slab(slab, next, self.base as u32);
+            let Trimmed { written, triangles, frozen } = trim.slab(slab, next, |_| base);
             let after = self.number_after(written.iter().filter(|written| **written).count())?;
             for ((v, written), state) in (0..).zip(written).zip(&slab.state) {
                 if written {
@@ -223,18 +281,17 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             self.frozen = frozen;
             after
         } else {
-            let after =
-                self.number_after(slab.state.iter().filter(|state| **state != VertexState::Contracted).count())?;
-            let numbers = number(&slab.state, self.base);
+            let after = self.number_after(left(&slab.state))?;
+            let numbers = number(&slab.state, base);
             for (v, state) in (0..).zip(&slab.state) {
                 self.counts.count(*state);
                 if *state != VertexState::Contracted {
                     self.mesh.vertex(slab, InSlab(v))?;
                 }
             }
-            let named = slab.triangles_left().flatten().filter_map(|name| slab.named(name).of_next()).max();
-            self.frozen = named.map_or(0, |v| v.0 + 1);
-            let numbers_after = next.map_or_else(Vec::new, |next| number(&next.state[..self.frozen as usize], after));
+            self.frozen = named_of_next(slab);
+            let numbers_after =
+                next.map_or_else(Vec::new, |next| number(&next.state[..self.frozen as usize], after as u32));
             for triangle in slab.triangles_left() {
                 self.mesh.face(triangle.map(|name| match slab.named(name) {
                     Named::Own(v) => numbers[v.at()],
@@ -246,13 +303,25 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             after
         };
         self.mesh.hand_on()?;
-        self.base = after;
+        self.vertices = after;
+        self.written += 1;
         Ok(())
+    }
+
+    /// What [`Stitcher::write`] leaves behind for the slab after it, and nothing else: the slab's last vertex comes just before the first one that is going to be written.
+    fn pass_over(&mut self, slab: &SlabMesh<T>, next: &SlabMesh<T>) {
+        let after = self.vertices as u32;
+        if let Some(trim) = &mut self.trim {
+            self.frozen = trim.slab(slab, Some(next), |written| after.wrapping_sub(written)).frozen;
+        } else {
+            self.before = number(&slab.state, after.wrapping_sub(left(&slab.state) as u32));
+            self.frozen = named_of_next(slab);
+        }
     }
 
     /// The number of the first vertex after `more` others.
     fn number_after(&self, more: usize) -> Result<u64> {
-        let after = self.base + more as u64;
+        let after = self.vertices + more as u64;
         if after > VERTEX_LIMIT {
             return Err(Error::TooManyElements {
                 count: after,
@@ -280,17 +349,28 @@ fn bridged_area<T: Coordinate>(slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -
     corners.map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
 }
 
-/// The numbers of vertices, given what became of them, counted from `base`; those of contracted ones mean nothing.
-fn number(states: &[VertexState], base: u64) -> Vec<InMesh> {
-    let mut next = base as u32;
+/// The numbers of vertices, given what became of them, counted from `base`; those of contracted ones mean nothing. Below zero, numbers wrap.
+fn number(states: &[VertexState], base: u32) -> Vec<InMesh> {
+    let mut next = base;
     states
         .iter()
         .map(|state| {
             let number = InMesh(next);
-            next += u32::from(*state != VertexState::Contracted);
+            next = next.wrapping_add(u32::from(*state != VertexState::Contracted));
             number
         })
         .collect()
+}
+
+/// How many vertices are left of contraction.
+fn left(states: &[VertexState]) -> usize {
+    states.iter().filter(|state| **state != VertexState::Contracted).count()
+}
+
+/// How many of the next slab's first vertices there are up to the last that a slab's triangles name.
+fn named_of_next<T: Coordinate>(slab: &SlabMesh<T>) -> u32 {
+    let named = slab.triangles_left().flatten().filter_map(|name| slab.named(name).of_next()).max();
+    named.map_or(0, |v| v.0 + 1)
 }
 
 #[cfg(test)]

@@ -8,9 +8,14 @@
 //!   slab k-2   . . . . .
 //! ```
 //!
-//! A slab's vertices are numbered plane by plane, so the least and the greatest number tell the planes. Seam k is *clean* if all that it read of slab k − 1 lies above all
-//! that seam k − 1 changed there, and if no vertex of slab k − 1 had to stay because slab k − 2 names it: then seam k comes out the same on slab k − 1 as it was before seam k − 1.
-//! What the boxes of blocks of triangles leave out unread is not looked at: they are taken to leave out the same.
+//! A slab's vertices are numbered plane by plane, so the least and the greatest number tell the planes. Seam k is *clean* if all that it read of slab k − 1 lies above
+//!
+//! * all that seam k − 1 *touched* there: vertices that it changed, and the corners of triangles that it named anew, or whose blocks' boxes it widened;
+//! * all that slab k − 2 names there, with what a trimmed surface freezes round it.
+//!
+//! Then every value that seam k met is the one that slab k − 1 has by itself, so seam k comes out the same where slab k − 1 has no slab below it. What boxes leave out
+//! unread is the same, too: boxes only grow, and a block whose box seam k − 1 widened holds something touched, which seam k reads if it looks into that block. A triangle of
+//! slab k − 1 that names a vertex of slab k − 2 was named anew: if it is read, the seam is not clean, wherever its other corners lie.
 
 use std::cell::Cell;
 use std::ops::RangeInclusive;
@@ -22,13 +27,20 @@ pub(super) struct Reach {
     read: Cell<[u32; 2]>,
     /// The same of those that are changed.
     changed: Cell<[u32; 2]>,
-    /// Whether a vertex had to stay as it is because the slab before names it.
-    stopped: Cell<bool>,
+    /// The highest vertex that is touched.
+    touched: Cell<Option<u32>>,
+    /// Whether a triangle of the lower slab was read that names a vertex of the slab before it.
+    beyond: Cell<bool>,
 }
 
 impl Default for Reach {
     fn default() -> Reach {
-        Reach { read: Cell::new(NOTHING), changed: Cell::new(NOTHING), stopped: Cell::new(false) }
+        Reach {
+            read: Cell::new(NOTHING),
+            changed: Cell::new(NOTHING),
+            touched: Cell::new(None),
+            beyond: Cell::new(false),
+        }
     }
 }
 
@@ -51,14 +63,25 @@ impl Reach {
     #[inline]
     pub fn change(&self, v: u32) {
         self.changed.set(with(self.changed.get(), v));
+        self.touch(v);
     }
 
-    pub fn stop(&self) {
-        self.stopped.set(true);
+    pub fn touch(&self, v: u32) {
+        self.touched.set(self.touched.get().max(Some(v)));
     }
 
-    pub fn is_stopped(&self) -> bool {
-        self.stopped.get()
+    pub fn read_beyond(&self) {
+        self.beyond.set(true);
+    }
+
+    /// Whether a triangle of the lower slab was read that names a vertex of the slab before it.
+    pub fn has_read_beyond(&self) -> bool {
+        self.beyond.get()
+    }
+
+    /// The highest vertex that was touched.
+    pub fn highest_touched(&self) -> Option<u32> {
+        self.touched.get()
     }
 
     /// The vertices from the lowest to the highest that was read; a vertex that is changed has been read.
@@ -72,7 +95,7 @@ impl Reach {
 }
 
 /// How a seam was closed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct SeamReport {
     /// The plane between the two slabs: the upper one's first slice.
     pub plane: u32,
@@ -82,6 +105,7 @@ pub struct SeamReport {
     pub changed: Option<[u32; 2]>,
     /// Rounds in which vertices went back.
     pub rounds: u32,
-    /// Whether nothing was read that the seam before had changed, and no vertex had to stay because the slab before names it.
+    /// Whether all that was read of the lower slab lies above all that the seam before touched there, and the slab before names: whether the seam would have come out the
+    /// same without them.
     pub clean: bool,
 }

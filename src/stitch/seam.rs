@@ -57,28 +57,25 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         self.upper.blocks = self.blocks.split_off(self.lower.triangles.len().div_ceil(BLOCK));
     }
 
-    /// How the seam was closed, in so many rounds of retreat, if the seam before changed the lower slab's vertices up to `changed_before`. And the highest of the upper
-    /// slab's vertices that was changed, by its number there.
-    pub fn report(&self, rounds: u32, changed_before: Option<InSlab>) -> (SeamReport, Option<InSlab>) {
+    /// How the seam was closed, in so many rounds of retreat, if of the lower slab's vertices the first `settled` are touched by the seam before or named by the slab before.
+    /// And how many of the upper slab's first vertices are touched now.
+    pub fn report(&self, rounds: u32, settled: u32) -> (SeamReport, u32) {
         let plane = |v: u32| {
             let (slab, v) = self.place_of(v);
             slab.plane_of(v)
         };
         let planes = |range: RangeInclusive<u32>| [plane(*range.start()), plane(*range.end())];
         let [read, changed] = [self.reach.all_read(), self.reach.all_changed()];
-        let apart = match (changed_before, &read) {
-            (Some(changed), Some(read)) => changed.0 < *read.start(),
-            _ => true,
-        };
-        let highest = changed.as_ref().and_then(|range| range.end().checked_sub(self.lower.own())).map(InSlab);
+        let apart = read.as_ref().is_none_or(|read| settled <= *read.start());
+        let touched = self.reach.highest_touched().and_then(|v| v.checked_sub(self.lower.own())).map_or(0, |v| v + 1);
         let report = SeamReport {
             plane: self.upper.slices.start,
             read: read.map(planes),
             changed: changed.map(planes),
             rounds,
-            clean: apart && !self.reach.is_stopped(),
+            clean: apart && !self.reach.has_read_beyond(),
         };
-        (report, highest)
+        (report, touched)
     }
 
     /// The number of the upper slab's first triangle.
@@ -322,7 +319,13 @@ impl<T: Coordinate> TriangleSet for Seam<'_, T> {
             self.upper.triangles[(t - first) as usize].map(|v| self.named_by_upper(v))
         };
         // What joins vertices changes with them.
-        triangle.into_iter().filter(|v| self.is_known([*v; 3])).for_each(|v| self.reach.read(v));
+        for v in triangle {
+            if self.is_known([v; 3]) {
+                self.reach.read(v);
+            } else if v >= BEFORE {
+                self.reach.read_beyond();
+            }
+        }
         triangle
     }
 
@@ -346,6 +349,10 @@ impl<T: Coordinate> TriangleSet for Seam<'_, T> {
 
     fn blocks(&mut self) -> &mut [PackedBox] {
         &mut self.blocks
+    }
+
+    fn widened(&self, triangle: [u32; 3]) {
+        triangle.into_iter().for_each(|v| self.reach.touch(v));
     }
 }
 
@@ -385,9 +392,6 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
     }
 
     fn is_frozen(&self, v: u32) -> bool {
-        if v < self.frozen {
-            self.reach.stop();
-        }
         v < self.frozen || v >= BEFORE
     }
 
@@ -404,8 +408,11 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
     fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState) {
         self.reach.change(v);
         let first = 3 * self.upper_triangles();
+        self.reach.touch(survivor);
         let corners: Vec<u32> = self.corners(v).collect();
         for corner in corners {
+            // Vertices of the slab beyond have the highest numbers: all of the upper slab counts as touched then.
+            self.triangle(corner / 3).into_iter().filter(|v| *v < BEFORE).for_each(|v| self.reach.touch(v));
             if corner < first {
                 self.lower.triangles.as_flattened_mut()[corner as usize] = survivor;
             } else {

@@ -11,16 +11,18 @@ use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{halo, slab_count};
 use crate::input::{Cloud, InputOptions};
 use crate::points::Precision;
+use crate::points::attribute::{Schema, Wanted};
 use crate::resources::memory::SlabJobs;
 use crate::resources::workers::Workers;
 use crate::run::pipeline::context;
 use crate::run::progress::{Progress, Show};
 use crate::run::surveyed::survey_cloud;
+use crate::settings::open::Open;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Resolution, Settings};
-use crate::solid::close::{ClosingOptions, close};
+use crate::solid::close::{ClosingOptions, close, close_below};
 use crate::stitch::slab::Making;
-use crate::storage::spool::Workspace;
+use crate::storage::spool::{Spool, Workspace};
 use crate::surface::untangle::step_back;
 use crate::surface::untangle::submesh::Submesh;
 
@@ -46,21 +48,44 @@ fn points(seed: u64, count: usize, in_volume: f64) -> Vec<[f32; 3]> {
     (0..count).map(|_| point()).collect()
 }
 
+/// A cloud and what is asked of its surface.
+#[derive(Debug, Clone)]
+struct Case {
+    points: Vec<[f32; 3]>,
+    /// Whether each point has an attribute, too: its number.
+    numbered: bool,
+    settings: Settings,
+}
+
+impl Case {
+    fn new(points: Vec<[f32; 3]>, slices: u32, smooth: u32) -> Case {
+        let settings = Settings { fineness: Fineness::Given(Resolution::Slices(slices)), ..Settings::default() };
+        let surface = SurfaceOptions { smooth, fit: Fit::Nearest, ..settings.surface };
+        Case { points, numbered: false, settings: Settings { surface, ..settings } }
+    }
+}
+
 /// What `work` makes of a cloud's slabs.
-fn with_slabs<R>(
-    cloud: &[[f32; 3]],
-    slices: u32,
-    smooth: u32,
-    work: impl FnOnce(&Grid, &Making<'_, f32>, &Context) -> R,
-) -> R {
+fn with_slabs<R>(case: &Case, work: impl FnOnce(&Grid, &Making<'_, f32>, &Context, &Schema) -> R) -> R {
+    let Case { points, numbered, settings } = case;
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("cloud.bin");
-    std::fs::write(&path, cloud.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
-    let input = InputOptions { layout: Some("xyz".parse().unwrap()), ..InputOptions::default() };
+    let mut bytes = Vec::new();
+    for (number, point) in (0u32..).zip(points) {
+        bytes.extend(point.iter().flat_map(|c| c.to_le_bytes()));
+        bytes.extend(number.to_le_bytes().into_iter().filter(|_| *numbered));
+    }
+    std::fs::write(&path, bytes).unwrap();
+    let layout = if *numbered { "xyz,number:u32" } else { "xyz" };
+    let input = InputOptions {
+        layout: Some(layout.parse().unwrap()),
+        attributes: if *numbered { Wanted::All } else { Wanted::default() },
+        ..InputOptions::default()
+    };
     let cloud = Cloud::open(&[path], &input).unwrap();
-    let settings = Settings { fineness: Fineness::Given(Resolution::Slices(slices)), ..Settings::default() };
+    assert_eq!(cloud.schema().stride(), if *numbered { 4 } else { 0 });
     let workers = Workers::new(1).unwrap();
-    let surveyed = survey_cloud(&cloud, &settings, &workers, &mut Progress::new(Show::Nothing)).unwrap();
+    let surveyed = survey_cloud(&cloud, settings, &workers, &mut Progress::new(Show::Nothing)).unwrap();
     let workspace = Workspace::new(dir.path()).unwrap();
     let context = context(&surveyed, &workers, &workspace, 1 << 30).unwrap();
     let grid = &surveyed.grid;
@@ -68,16 +93,27 @@ fn with_slabs<R>(
     let occupancy = Occupancy::of_buckets(&buckets, grid, 1, &context, |_| ()).unwrap();
     let options =
         ClosingOptions { seal: settings.seal, window: None, keep_outliers: true, min_component: None, rough: false };
-    let closed = close(occupancy, grid.cell_size(), options, &context, |_, _| ()).unwrap();
+    let closed = match settings.open {
+        None => close(occupancy, grid.cell_size(), options, &context, |_, _| ()).unwrap(),
+        Some(open) => {
+            let smooth = settings.surface.smooth;
+            close_below(occupancy, (&buckets, grid), &open, options, smooth, &context, |_, _| ()).unwrap()
+        }
+    };
     let sampled = Sampled { buckets: &buckets, occupied: &closed.occupancy.store, grid, counted: Counted::All };
-    let options = SurfaceOptions { smooth, fit: Fit::Nearest, ..settings.surface };
     let jobs = SlabJobs { running: 2, ahead: 0, piece_points: 1 << 20 };
-    work(grid, &Making { solid: &closed.solid, sampled: &sampled, options, frame: FRAME, jobs }, &context)
+    work(
+        grid,
+        &Making { solid: &closed.solid, sampled: &sampled, options: settings.surface, frame: FRAME, jobs },
+        &context,
+        cloud.schema(),
+    )
 }
 
 /// Stitches each range of slabs by itself; `ranges` is given the number of slabs.
-fn stitched(cloud: &[[f32; 3]], slices: u32, smooth: u32, ranges: impl Fn(u32) -> Vec<Range<u32>>) -> Vec<Closed> {
-    with_slabs(cloud, slices, smooth, |grid, making, context| {
+fn stitched(case: &Case, ranges: impl Fn(u32) -> Vec<Range<u32>>) -> Vec<Closed> {
+    with_slabs(case, |grid, making, context, _| {
+        let smooth = making.options.smooth;
         let stitch = |range: Range<u32>| {
             let mesh = MeshSpool::new(&context.workspace, Precision::Single, context.memory.mesh_quota);
             let mut stitcher = Stitcher::new(grid, halo(smooth), FRAME, mesh, false);
@@ -91,6 +127,93 @@ fn stitched(cloud: &[[f32; 3]], slices: u32, smooth: u32, ranges: impl Fn(u32) -
         };
         ranges(slab_count(smooth, grid.cells()[1])).into_iter().map(stitch).collect()
     })
+}
+
+/// What comes of stitching: vertices, attributes and triangles as they are written.
+#[derive(Debug, Clone, PartialEq)]
+struct Written {
+    vertices: Vec<u8>,
+    attributes: Vec<u8>,
+    faces: Vec<[u32; 3]>,
+    counts: Counts,
+    seams: Vec<SeamReport>,
+}
+
+fn written(stitched: &Stitched) -> Written {
+    let Stitched { mesh, counts, seams } = stitched;
+    let all = |spool: &Spool| {
+        let mut bytes = vec![0; spool.len() as usize];
+        spool.read_at(0, &mut bytes).unwrap();
+        bytes
+    };
+    let mut faces = vec![[0; 3]; mesh.face_count() as usize];
+    mesh.read_faces(0, &mut faces).unwrap();
+    let (vertices, attributes) = (all(mesh.vertex_bytes()), all(mesh.attribute_bytes()));
+    Written { vertices, attributes, faces, counts: *counts, seams: seams.clone() }
+}
+
+/// Stitches all slabs, and again from each checkpoint, and from each clean seam with numbers of its own. Gives the reports of the seams.
+fn stitch_from_every_clean_seam(case: &Case) -> Vec<SeamReport> {
+    with_slabs(case, |grid, making, context, schema| {
+        let smooth = making.options.smooth;
+        let trimmed = making.solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
+        assert_eq!(trimmed, case.settings.open.is_some_and(|open| open.base.is_none()));
+        let slabs = slab_count(smooth, grid.cells()[1]);
+        let run = |from: &Checkpoint, checkpoints: &mut Vec<Checkpoint>| {
+            let mesh = MeshSpool::with_attributes(&context.workspace, Precision::Single, schema.clone(), 1 << 30);
+            let mut stitcher = Stitcher::resumed(grid, halo(smooth), FRAME, mesh, trimmed, from);
+            for number in stitcher.next()..slabs {
+                assert_eq!(stitcher.next(), number);
+                stitcher.add(SlabMesh::make(number, making, SlabMesh::default()).unwrap()).unwrap();
+                checkpoints.extend(stitcher.checkpoint());
+            }
+            written(&stitcher.finish().unwrap())
+        };
+        let mut checkpoints = Vec::new();
+        let whole = run(&Checkpoint::at(0), &mut checkpoints);
+        assert!(checkpoints.iter().map(|c| c.slab).eq((1..slabs).filter(|k| whole.seams[*k as usize - 1].clean)));
+        for (number, checkpoint) in checkpoints.iter().enumerate() {
+            let text = serde_json::to_string(checkpoint).unwrap();
+            let checkpoint: Checkpoint = serde_json::from_str(&text).unwrap();
+            assert_eq!(checkpoint, checkpoints[number]);
+            let (vertices, faces) = (checkpoint.vertices as usize, checkpoint.faces as usize);
+            let rest = Written {
+                vertices: whole.vertices[12 * vertices..].to_vec(),
+                attributes: whole.attributes[schema.stride() * vertices..].to_vec(),
+                faces: whole.faces[faces..].to_vec(),
+                ..whole.clone()
+            };
+            let mut again = Vec::new();
+            assert!(run(&checkpoint, &mut again) == rest, "{case:?}, from {checkpoint:?}");
+            assert_eq!(again, checkpoints[number..], "{case:?}");
+
+            let alone = run(&Checkpoint::at(checkpoint.slab), &mut Vec::new());
+            assert!(alone.vertices == rest.vertices && alone.attributes == rest.attributes);
+            let based = |triangle: &[u32; 3]| triangle.map(|v| v.wrapping_add(vertices as u32));
+            assert!(alone.faces.iter().map(based).eq(rest.faces), "{case:?}, from slab {}", checkpoint.slab);
+            assert_eq!(alone.seams, whole.seams[checkpoint.slab as usize..]);
+        }
+        whole.seams
+    })
+}
+
+#[test]
+fn from_a_clean_seam_on_all_is_written_as_in_one_run() {
+    let (mut clean, mut touched, mut all) = (0, 0, 0);
+    for seed in 0..16u64 {
+        for kind in 0..4 {
+            let cloud =
+                points(0xA076_1D64_78BD_642F ^ seed << 3, 1500 + 500 * (seed % 5) as usize, 0.2 * (seed % 4) as f64);
+            let mut case = Case::new(cloud, 62 + 7 * (seed % 4) as u32, (seed % 3) as u32);
+            case.numbered = kind % 2 == 1;
+            case.settings.open = (kind >= 2).then_some(Open::TERRAIN);
+            let seams = stitch_from_every_clean_seam(&case);
+            all += seams.len();
+            clean += seams.iter().filter(|seam| seam.clean).count();
+            touched += seams.iter().filter(|seam| seam.clean && seam.changed.is_some()).count();
+        }
+    }
+    assert!(clean > 100 && touched > 50, "{clean} of {all} are clean, {touched} of them changed something");
 }
 
 /// All of a slab that going back may change.
@@ -107,7 +230,7 @@ fn a_round_that_meets_a_frozen_vertex_leaves_everything_as_it_was() {
     let (mut taken_back, mut done, mut parted) = (0, 0, 0);
     for seed in 0..12u64 {
         let cloud = points(0x9E37_79B9_7F4A_7C15 ^ seed, 2500, 0.15 * (seed % 5) as f64);
-        with_slabs(&cloud, 62, 1, |grid, making, _| {
+        with_slabs(&Case::new(cloud, 62, 1), |grid, making, _, _| {
             let [mut lower, mut upper] =
                 [0, 1].map(|number| SlabMesh::make(number, making, SlabMesh::default()).unwrap());
             let quantizer = BroadPhase::new(grid, FRAME.origin).quantizer();
@@ -166,7 +289,7 @@ proptest! {
     ) {
         let cloud = points(seed, count, in_volume);
         let ranges = |count: u32| std::iter::once(0..count).chain((1..count - 1).map(|k| k..k + 2)).collect();
-        let mut runs = stitched(&cloud, slices, smooth, ranges).into_iter();
+        let mut runs = stitched(&Case::new(cloud, slices, smooth), ranges).into_iter();
         let whole = runs.next().unwrap();
         for (k, alone) in (1..).zip(runs) {
             // The seams below and above slab k, of all and alone.

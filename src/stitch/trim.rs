@@ -46,8 +46,13 @@ fn around<T: Coordinate>(next: &SlabMesh<T>, v: u32) -> impl Iterator<Item = [u3
 }
 
 impl Trim {
-    /// What is written of `slab`, with numbers from `base` on, if `next` follows it.
-    pub fn slab<T: Coordinate>(&mut self, slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>, base: u32) -> Trimmed {
+    /// What is written of `slab` if `next` follows it. `base` tells the number of its first vertex, given how many are written; below zero, numbers wrap.
+    pub fn slab<T: Coordinate>(
+        &mut self,
+        slab: &SlabMesh<T>,
+        next: Option<&SlabMesh<T>>,
+        base: impl FnOnce(u32) -> u32,
+    ) -> Trimmed {
         let own = slab.own();
         let mut written = std::mem::take(&mut self.named);
         written.resize(own as usize, false);
@@ -59,10 +64,11 @@ impl Trim {
                 }
             }
         }
-        let mut number = base;
+        let mut next_number = base(written.iter().map(|written| u32::from(*written)).sum());
         let mut count = |written: bool| {
-            number += u32::from(written);
-            InMesh(number - u32::from(written))
+            let number = next_number;
+            next_number = number.wrapping_add(u32::from(written));
+            InMesh(number)
         };
         let numbers: Vec<InMesh> = written.iter().map(|written| count(*written)).collect();
 
@@ -146,7 +152,7 @@ mod tests {
             let (mut trim, mut base) = (Trim::default(), 0);
             for (k, (slab, _)) in slabs.iter().enumerate() {
                 let next = slabs.get(k + 1);
-                let found = trim.slab(slab, next.map(|(next, _)| next), base);
+                let found = trim.slab(slab, next.map(|(next, _)| next), |_| base);
                 let written: Vec<bool> = (0..slab.own()).map(|v| named.contains(&(k, InSlab(v)))).collect();
                 base += written.iter().filter(|written| **written).count() as u32;
                 prop_assert_eq!(found.written, written);

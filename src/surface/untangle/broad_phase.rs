@@ -41,6 +41,8 @@ pub trait TriangleSet {
     fn quantized_point(&self, v: u32) -> QuantizedPoint;
     /// The boxes of blocks of triangles, from the first stretch's first block on.
     fn blocks(&mut self) -> &mut [PackedBox];
+    /// Takes note that a block's box was widened for a dirty triangle with these corners.
+    fn widened(&self, _triangle: [u32; 3]) {}
 }
 
 /// The triangles among which pairs are looked for.
@@ -233,6 +235,7 @@ impl BroadPhase {
             };
             let whole = &mut of.blocks()[block];
             *whole = whole.union(extent);
+            of.widened(triangle);
         }
         let mut layers = Layers::default();
         let mut block = 0;
