@@ -52,6 +52,7 @@ impl Bench<'_> {
                 max_memory: Some(self.budget()),
                 threads: Some(self.threads),
                 temp_dir: Some(self.dir.to_path_buf()),
+                ..Resources::default()
             },
             ..Job::new([clouds::knot(self.dir, self.points, &workers)])
         };

@@ -32,7 +32,7 @@ fn job(inputs: &[PathBuf], output: &Path, threads: usize, budget: u64) -> Job {
         ..InputOptions::default()
     };
     let temp_dir = Some(output.parent().unwrap().to_path_buf());
-    let resources = Resources { threads: Some(threads), max_memory: Some(budget), temp_dir };
+    let resources = Resources { threads: Some(threads), max_memory: Some(budget), temp_dir, ..Resources::default() };
     Job { input, resources, output: Some(output.to_path_buf()), ..Job::new(inputs) }
 }
 

@@ -186,6 +186,7 @@ impl Case {
                 max_memory: Some(64 << 30),
                 threads: Some(self.threads),
                 temp_dir: Some(folder.into()),
+                ..Resources::default()
             },
             ..Job::new([path])
         }

@@ -134,7 +134,12 @@ fn compared(mesh: &Shape, reference: &Shape, budget: u64, threads: usize) -> Res
         kind: None,
         input: InputOptions::default(),
         heatmap: None,
-        resources: Resources { max_memory: Some(budget), threads: Some(threads), temp_dir: Some(dir.path().into()) },
+        resources: Resources {
+            max_memory: Some(budget),
+            threads: Some(threads),
+            temp_dir: Some(dir.path().into()),
+            ..Resources::default()
+        },
     };
     let found = compare(&job, &job.resources.workers().unwrap(), &mut Progress::new(Show::Nothing));
     found.map(|mut found| {

@@ -124,6 +124,14 @@ pub struct Stitched {
     pub seams: Vec<SeamReport>,
 }
 
+impl Stitched {
+    /// What is to be known of a mesh of so many slabs that is whole.
+    pub fn checkpoint(&self, slabs: u32) -> Checkpoint {
+        let counts = [self.mesh.vertex_count(), self.mesh.face_count()];
+        Checkpoint::new(slabs, counts, self.counts, self.seams.clone())
+    }
+}
+
 /// What became of the vertices.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Counts {
@@ -206,6 +214,16 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             touched: 0,
             clean: false,
         }
+    }
+
+    /// The mesh so far.
+    pub fn mesh(&self) -> &MeshSpool {
+        &self.mesh.mesh
+    }
+
+    /// The same, to be cut.
+    pub fn mesh_mut(&mut self) -> &mut MeshSpool {
+        &mut self.mesh.mesh
     }
 
     /// The number of the slab that is to be added next.

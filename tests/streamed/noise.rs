@@ -28,7 +28,12 @@ fn errors_of_a_sphere(noise_in_cells: f64, fit: Fit) -> (f64, f64) {
         surface: SurfaceOptions { fit, ..Settings::default().surface },
         ..Settings::default()
     };
-    let resources = Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+    let resources = Resources {
+        threads: Some(2),
+        max_memory: Some(1 << 30),
+        temp_dir: Some(dir.path().to_path_buf()),
+        ..Resources::default()
+    };
     let job = Job { output: Some(mesh.clone()), settings, resources, ..Job::new([&cloud]) };
     let report = run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
     assert_eq!(report.check.unwrap().components, 1);
@@ -72,7 +77,12 @@ fn chosen(shape: Shape, points: u64, noise: f64, seed: u64) -> Fit {
     let workers = Workers::new(2).unwrap();
     let options = Options { seed, noise, ..Options::new(shape, points, &cloud) };
     generate(&options, &workers, &mut |_| ()).unwrap();
-    let resources = Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+    let resources = Resources {
+        threads: Some(2),
+        max_memory: Some(1 << 30),
+        temp_dir: Some(dir.path().to_path_buf()),
+        ..Resources::default()
+    };
     let job = Job { output: Some(dir.path().join("mesh.ply")), resources, ..Job::new([&cloud]) };
     run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap().fit.onto
 }

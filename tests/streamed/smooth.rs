@@ -51,8 +51,12 @@ fn twenty_steps_smooth_a_knot_and_a_sphere_and_leave_their_volumes() {
                 surface: SurfaceOptions { smooth, fit: Fit::None, ..Settings::default().surface },
                 ..Settings::default()
             };
-            let resources =
-                Resources { threads: Some(2), max_memory: Some(1 << 30), temp_dir: Some(dir.path().to_path_buf()) };
+            let resources = Resources {
+                threads: Some(2),
+                max_memory: Some(1 << 30),
+                temp_dir: Some(dir.path().to_path_buf()),
+                ..Resources::default()
+            };
             let job = Job { output: Some(mesh.clone()), settings, resources, ..Job::new([&cloud]) };
             run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
             volume_and_roughness(&*read::open(&mesh, &Workspace::new(dir.path()).unwrap(), 1 << 28).unwrap())

@@ -33,7 +33,7 @@ use serde_json::Value;
 use self::committer::Committer;
 use self::store::{Folder, NamedFile, Store};
 use crate::error::{Error, Result};
-use crate::system::{self, Lock};
+use crate::system::{self, Lock, folder};
 
 /// The format of the folder: another number is another format.
 const FORMAT: u64 = 1;
@@ -108,7 +108,7 @@ impl WorkFolder {
             return Err(Error::Usage(format!("{}: is no folder; choose another `work`", path.display())));
         }
         let ours = path.join(JOB).exists() || path.join("lock").exists();
-        let used = path.read_dir().is_ok_and(|mut names| names.next().is_some());
+        let used = folder::entries(path).is_ok_and(|entries| !entries.is_empty());
         if used && !ours {
             let message = "holds other files, but no run's; choose another `work`, or an empty folder";
             return Err(Error::Usage(format!("{}: {message}", path.display())));

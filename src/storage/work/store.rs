@@ -9,7 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::system::{self, FileAt};
+use crate::system::{self, EntryKind, FileAt, folder};
 
 /// Files by name, in folders of one level: `job.json`, `data/buckets.3f2a91c4`.
 pub trait Store: fmt::Debug + Send + Sync {
@@ -128,13 +128,8 @@ impl Store for Folder {
     }
 
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {
-        let mut names = Vec::new();
-        for entry in fs::read_dir(self.path.join(folder))? {
-            let entry = entry?;
-            if entry.file_type()?.is_file() {
-                names.extend(entry.file_name().into_string());
-            }
-        }
+        let files = folder::entries(&self.path.join(folder))?.into_iter().filter(|entry| entry.kind == EntryKind::File);
+        let mut names: Vec<String> = files.filter_map(|entry| entry.name.into_string().ok()).collect();
         names.sort_unstable();
         Ok(names)
     }
