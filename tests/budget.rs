@@ -142,6 +142,8 @@ struct Case {
     simplified: bool,
     /// Whether distances from points are measured, and triangles left out by them.
     trimmed: bool,
+    /// Whether finished phases stay in a work folder.
+    kept: bool,
     /// The budget: so many times the least.
     factor: f64,
 }
@@ -186,7 +188,7 @@ impl Case {
                 max_memory: Some(64 << 30),
                 threads: Some(self.threads),
                 temp_dir: Some(folder.into()),
-                ..Resources::default()
+                work: self.kept.then(|| folder.join("mesh.work")),
             },
             ..Job::new([path])
         }
@@ -252,14 +254,28 @@ fn cases() -> impl Strategy<Value = Case> {
         fits,
         smooth,
         1..5usize,
-        [any::<bool>(), any::<bool>(), any::<bool>()],
+        [any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>()],
         1.0..3.0,
     )
         .prop_map(
-            |(cloud, points, noise, k, surface, fit, smooth, threads, [carried, simplified, trimmed], factor)| {
+            |(cloud, points, noise, k, surface, fit, smooth, threads, [carried, simplified, trimmed, kept], factor)| {
                 // Half of the budgets are the least.
                 let factor = if factor < 2.0 { 1.0 } else { factor };
-                Case { cloud, points, noise, k, surface, fit, smooth, threads, carried, simplified, trimmed, factor }
+                Case {
+                    cloud,
+                    points,
+                    noise,
+                    k,
+                    surface,
+                    fit,
+                    smooth,
+                    threads,
+                    carried,
+                    simplified,
+                    trimmed,
+                    kept,
+                    factor,
+                }
             },
         )
 }
@@ -290,6 +306,7 @@ fn walls_cost_no_more_than_planned() {
             carried: false,
             simplified: false,
             trimmed: false,
+            kept: false,
             factor: 1.0,
         };
         case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
@@ -315,6 +332,7 @@ fn the_ground_filter_keeps_the_budget() {
             carried: true,
             simplified: false,
             trimmed: false,
+            kept: false,
             factor: 1.0,
         };
         let folder = tempfile::tempdir().unwrap();

@@ -39,7 +39,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 PATIENCE = 120
-CODES = {0, 2, 4, 65, 66, 69, 71, 73, 74, 75}
+CODES = {0, 2, 4, 65, 66, 69, 71, 73, 74, 75, 76}
 ERRORS = {"EIO": errno.EIO, "ENOSPC": errno.ENOSPC, "EINTR": errno.EINTR, "EACCES": errno.EACCES, "EMFILE": errno.EMFILE, "EAGAIN": errno.EAGAIN, "ENOMEM": errno.ENOMEM}
 # What the calls of the program can really fail with; EINTR and EAGAIN only once, as for ever would be for ever.
 CALLS = {

@@ -31,10 +31,20 @@ use crate::run::preview::{DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
 use crate::run::report::{OutputReport, Report};
 use crate::run::simplification::{Lengths, simplified};
+use crate::storage::atomic_file::Overwrite;
 use crate::storage::work::WorkFolder;
 
 /// Seconds from which on a run is told that it need not begin anew.
 const LONG: f64 = 600.0;
+
+/// The phase in which outputs get their names, as the work folder names it.
+const OUTPUT: &str = "output";
+
+/// Whether this run may have named this output before it was ended.
+fn has_output_of(work: &WorkFolder, output: &Path) -> bool {
+    let manifest = work.manifest(OUTPUT).ok().flatten();
+    manifest.is_some_and(|manifest| manifest.rest == output.display().to_string())
+}
 
 /// No mesh takes the place of the points it is made from.
 fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
@@ -80,6 +90,12 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
         None => default_output_of(&job.inputs, &files)?,
     };
     refuse_input_as_output(&files, &output)?;
+    let mut job = job.clone();
+    if work.is_some_and(|work| has_output_of(work, &output)) {
+        // It was named, and then the run was ended.
+        job.overwrite = Overwrite::Replace;
+    }
+    let job = &job;
     Beside::of(job)?.paths().try_for_each(|path| refuse_input_as_output(&files, path))?;
     let mut beside = Beside::of(job)?.create()?;
     let positions = Positions::of(&output, job.positions)?;
@@ -179,6 +195,10 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
         Place::Filled(_) => 0,
     };
     progress.begin(Phase::Write, Some(elements));
+    if let Some(work) = work {
+        work.commit(OUTPUT, Vec::new(), output.display().to_string().into())?;
+        work.settle(true)?;
+    }
     let mut told = |done| progress.set(done);
     let mut files = None;
     let (path, written) = match target {

@@ -3,6 +3,7 @@
 //! Memory, threads and folders are not in it, nor is what is made of the finished mesh: the format, tiles, pictures.
 
 use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
@@ -19,6 +20,9 @@ use crate::system::FileAt;
 /// Places of a file whose content is looked at, and bytes at each.
 const PLACES: u64 = 64;
 const LOOKED_AT: u64 = 4 << 10;
+
+/// Bytes of the program that are read at a time.
+const PIECE: usize = 64 << 10;
 
 /// Says in the work folder what this run makes, or compares with what an earlier one has said.
 ///
@@ -61,8 +65,17 @@ pub(super) fn begin(
 
 /// The program: a later version may place vertices otherwise.
 fn program() -> Value {
-    let build = std::env::current_exe().and_then(std::fs::read).map_or(0, |bytes| crc32fast::hash(&bytes));
-    json!({ "version": env!("CARGO_PKG_VERSION"), "build": format!("{build:08x}") })
+    let checksum = || -> io::Result<u32> {
+        let mut file = File::open(std::env::current_exe()?)?;
+        let (mut hasher, mut piece) = (crc32fast::Hasher::new(), vec![0; PIECE]);
+        loop {
+            match file.read(&mut piece)? {
+                0 => return Ok(hasher.finalize()),
+                bytes => hasher.update(&piece[..bytes]),
+            }
+        }
+    };
+    json!({ "version": env!("CARGO_PKG_VERSION"), "build": format!("{:08x}", checksum().unwrap_or(0)) })
 }
 
 /// Every setting, in words that tell any two values apart.
