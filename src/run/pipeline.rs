@@ -35,6 +35,7 @@ use crate::solid::close::{Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::solid::sign::Sights;
+use crate::solid::unresolved::NarrowHandles;
 use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Counts, Stitched, Stitcher, VERTEX_LIMIT};
@@ -293,6 +294,8 @@ pub struct Reconstructed {
     pub how: How,
     /// Whether a ball fell to smaller ones.
     pub falls: bool,
+    /// Handles that are too narrow to be believed, if the mesh could be called sealed without them.
+    pub narrow: NarrowHandles,
     /// Occupied cells.
     pub occupied: u64,
     /// Cells with points, but too few to be occupied.
@@ -413,6 +416,10 @@ fn reconstruct_as<T: Coordinate>(
         None => closed,
     };
     let Closed { solid, occupancy, .. } = &closed;
+    let narrow = match &closed.how {
+        How::Sign(parted) if parted.is_sealed() => solid.narrow_handles(occupancy, context)?,
+        _ => NarrowHandles::default(),
+    };
     let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
     let surface = SurfaceOptions {
         fit: settings.surface.fit.chosen(shell.is_some_and(|shell| shell.is_noisy())),
@@ -498,6 +505,7 @@ fn reconstruct_as<T: Coordinate>(
         origin,
         how: closed.how,
         falls: closed.falls,
+        narrow,
         occupied,
         sparse,
         components: closed.components,
