@@ -1155,6 +1155,27 @@ fn a_pipe_is_closed_over_its_ends_and_not_called_sealed() {
     assert!(answer.err.contains(" % of the surface bridges holes"), "{}", answer.err);
 }
 
+/// The knot has one handle, but so few points leave another one that is a cell wide.
+#[test]
+fn a_mesh_with_a_handle_that_may_not_be_the_objects_is_not_called_sealed() {
+    let f = Folder::new();
+    f.ok("generate knot 1500 --seed 3 -o k.bin");
+    let answer = f.ok("k.bin -o k.ply --report r.json -v");
+    let report = report(&f, "r.json");
+    let closing = &report["closing"];
+    assert!(report["check"]["genus"].as_u64().unwrap() > 1, "{report:#}");
+    assert_eq!((&closing["sealed"], &closing["parted"]), (&false.into(), &true.into()), "{closing}");
+    assert!(closing["narrow_handles"].as_u64().unwrap() > 0, "{closing}");
+    let (cell, bounds) = (report["grid"]["cell_size"].as_f64().unwrap(), &closing["narrow_handle"]);
+    let side = |end: &str| bounds[end][0].as_f64().unwrap();
+    assert!(side("max") - side("min") > 0.99 * cell, "{closing}");
+    assert!(answer.err.contains("\nclosing  closed, with handles that may not be the object's: "), "{}", answer.err);
+    assert!(answer.err.contains(" two cells wide or less, "), "{}", answer.err);
+    f.ok("generate sphere 20k -o s.bin");
+    f.ok("s.bin -o s.ply --report s.json -q");
+    assert_eq!(self::report(&f, "s.json")["closing"]["narrow_handles"], 0);
+}
+
 #[test]
 fn what_may_be_wrong_with_a_mesh_is_a_warning_with_advice() {
     let f = Folder::new();
@@ -1200,6 +1221,7 @@ fn the_report_holds_what_batch_jobs_ask_for() {
         "/parameters/min_component",
         "/closing/sealed",
         "/closing/part_nothing",
+        "/closing/narrow_handles",
         "/closing/outlier_cells",
         "/closing/components/found",
         "/check/closed",

@@ -4,6 +4,7 @@
     tools/simplifiers.py MESH.ply ...                 each mesh at 50, 20, 10, 5 and 1 per cent of its triangles; tables in Markdown
     tools/simplifiers.py MESH.ply --shares 20,10      at others
     tools/simplifiers.py MESH.ply --only Open3D,asra  of some
+    tools/simplifiers.py MESH.ply --also NAME=PROGRAM  a program that you have built, too; it is called as PROGRAM MESH.ply TRIANGLES OUT.ply
 
 Distances are measured from 300,000 places sampled on one surface to the nearest place of the other, both ways, in cells, or where the mesh does not say how long a cell is, in
 thousandths of its box's diagonal. Whether the result is sound is for `asra-stream check` to say. A Python environment is made in the user's cache.
@@ -37,7 +38,7 @@ def ours(program, path, wanted, out, *options):
     subprocess.run([program, "simplify", path, "--max-triangles", str(wanted), "-o", out, "--overwrite", "-q", "--no-intersections", *options], check=True)
 
 
-def work(program, paths, shares, only):
+def work(program, paths, shares, only, also):
     import fast_simplification
     import igl
     import meshoptimizer
@@ -68,6 +69,10 @@ def work(program, paths, shares, only):
     def qslim(vertices, triangles, wanted):
         left = igl.qslim(np.asfortranarray(vertices), np.asfortranarray(triangles.astype(np.int32)), wanted)
         return left[0], left[1]
+
+    def read(path):
+        mesh = o3d.io.read_triangle_mesh(str(path))
+        return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
 
     others = {"MeshLab": meshlab, "Open3D": open3d, "fast-simplification": fast, "meshoptimizer": meshopt, "libigl, qslim": qslim}
     # Within a tolerance that binds nothing, what matters least goes; without, it is the least tolerance.
@@ -105,8 +110,7 @@ def work(program, paths, shares, only):
         return f"{'yes' if edges == 0 and found['oriented'] else f'no ({edges})'} | {pairs}"
 
     for path in paths:
-        mesh = o3d.io.read_triangle_mesh(str(path))
-        vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+        vertices, triangles = read(path)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         middle, cell = (low + high) / 2, cell_of(path)
         unit, word = (cell, "cells") if cell else (np.linalg.norm(high - low) / 1000, "thousandths of the diagonal")
@@ -118,19 +122,20 @@ def work(program, paths, shares, only):
         with tempfile.TemporaryDirectory() as folder:
             for share in shares:
                 wanted = int(len(triangles) * share / 100)
-                for name in [*own, *others]:
+                for name in [*own, *others, *also]:
                     if only and not any(word in name for word in only):
                         continue
-                    start = time.monotonic()
-                    if name in own:
-                        out = Path(folder) / "own.ply"
-                        ours(program, path, wanted, out, *own[name])
-                        took = time.monotonic() - start
-                        left = o3d.io.read_triangle_mesh(str(out))
-                        v, t = np.asarray(left.vertices), np.asarray(left.triangles)
-                    else:
+                    start, out = time.monotonic(), Path(folder) / "out.ply"
+                    if name in others:
                         v, t = others[name](vertices, triangles, wanted)
                         took = time.monotonic() - start
+                    else:
+                        if name in own:
+                            ours(program, path, wanted, out, *own[name])
+                        else:
+                            subprocess.run([also[name], path, str(wanted), out], check=True)
+                        took = time.monotonic() - start
+                        v, t = read(out)
                     v = np.asarray(v, np.float64)
                     errors = " | ".join(f"{error:.4f}" for error in figures(reference, places, (v - middle) / unit, np.asarray(t)))
                     print(f"| {share:g} | {name} | {len(t):,} | {errors} | {check(folder, v, np.asarray(t))} | {took:.1f} |", flush=True)
@@ -141,10 +146,12 @@ def main():
     parser.add_argument("meshes", nargs="+", type=Path)
     parser.add_argument("--shares", default="50,20,10,5,1", help="per cents of the triangles")
     parser.add_argument("--only", help="names, or parts of names")
+    parser.add_argument("--also", action="append", default=[], metavar="NAME=PROGRAM", help="a program that you have built")
     parser.add_argument("--program", type=Path, help="the program [default: this repository's, built]")
     arguments = parser.parse_args()
     shares = [float(share) for share in arguments.shares.split(",")]
-    work(built(arguments.program), arguments.meshes, shares, arguments.only and arguments.only.split(","))
+    also = dict(one.split("=", 1) for one in arguments.also)
+    work(built(arguments.program), arguments.meshes, shares, arguments.only and arguments.only.split(","), also)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ use crate::settings::surface::Fit;
 use crate::solid::close::{self, Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::sign::Sights;
+use crate::solid::unresolved::NarrowHandles;
 use crate::solid::{SavedSolid, Solid};
 use crate::storage::work::WorkFolder;
 use crate::storage::work::sections::{Section, SectionReader, SectionWriter};
@@ -31,6 +32,8 @@ pub struct ClosedCells {
     pub counted: Counted,
     /// The shell of points, where it was measured.
     pub shell: Option<Shell>,
+    /// Handles that are too narrow to be believed, if the mesh could be called sealed without them.
+    pub narrow: NarrowHandles,
     /// Occupied cells.
     pub occupied: u64,
     /// Cells with points, but too few to be occupied.
@@ -48,6 +51,7 @@ struct Saved {
     components: Option<Components>,
     counted: Counted,
     shell: Option<Shell>,
+    narrow: NarrowHandles,
     occupied: u64,
     sparse: u64,
 }
@@ -65,9 +69,10 @@ impl ClosedCells {
         let Closed { solid, occupancy, how, falls, components } = &self.closed;
         let (occupancy, solid) = (occupancy.save(&mut out)?, solid.save(&mut out)?);
         let (file, sections) = out.finish();
-        let &ClosedCells { counted, shell, occupied, sparse, .. } = self;
+        let &ClosedCells { counted, shell, narrow, occupied, sparse, .. } = self;
         let (how, falls, components) = (how.clone(), *falls, *components);
-        let saved = Saved { sections, occupancy, solid, how, falls, components, counted, shell, occupied, sparse };
+        let saved =
+            Saved { sections, occupancy, solid, how, falls, components, counted, shell, narrow, occupied, sparse };
         work.commit(PHASE, vec![file], serde_json::to_value(saved).expect("a manifest can be written"))
     }
 
@@ -83,9 +88,9 @@ impl ClosedCells {
             let mut sections = SectionReader::new(work, file, saved.sections)?;
             let occupancy = Occupancy::load(&saved.occupancy, &mut sections, context)?;
             let solid = Solid::load(&saved.solid, &mut sections, context)?;
-            let Saved { how, falls, components, counted, shell, occupied, sparse, .. } = saved;
+            let Saved { how, falls, components, counted, shell, narrow, occupied, sparse, .. } = saved;
             let closed = Closed { solid, occupancy, how, falls, components };
-            Ok(ClosedCells { closed, counted, shell, occupied, sparse })
+            Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse })
         })
     }
 }
@@ -154,7 +159,11 @@ pub(super) fn closed_cells<T: Coordinate>(
         Some(least) => Closed { solid: closed.solid.without_specks_of_outside(least, context)?, ..closed },
         None => closed,
     };
-    Ok(ClosedCells { closed, counted, shell, occupied, sparse })
+    let narrow = match &closed.how {
+        How::Sign(parted) if parted.is_sealed() => closed.solid.narrow_handles(&closed.occupancy, context)?,
+        _ => NarrowHandles::default(),
+    };
+    Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse })
 }
 
 /// What was closed, with what that filled opened again where the points say so.

@@ -28,8 +28,10 @@ impl Report {
         self.closing.bridged = self.bridged_share();
         // What ends somewhere encloses nothing.
         self.closing.ends = self.trimmed.is_some_and(|trimmed| trimmed.triangles > 0);
-        self.closing.sealed =
-            !self.closing.ends && self.closing.parted && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
+        self.closing.sealed = !self.closing.ends
+            && self.closing.parted
+            && self.closing.narrow_handles == 0
+            && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
         self.warnings = self.find_warnings();
     }
 
@@ -130,15 +132,32 @@ impl Closing {
 
     /// What is wrong with the inside, if the mesh does not enclose one; `cell_size` is that of the grid.
     fn warnings(&self, cell_size: f64) -> Option<Warning> {
-        if self.radius.is_some() || self.parted {
+        if self.radius.is_some() {
             return None;
         }
-        let whole = |patches: &[PatchReport]| 100.0 * patches.iter().map(|patch| patch.share).sum::<f64>();
-        let place = |patch: &PatchReport| {
-            let Bounds { min, max } = patch.bounds;
-            let side = |a: usize| format!("{} to {}", short(min[a]), short(max[a]));
+        let sides = |bounds: &Bounds| {
+            let side = |a: usize| format!("{} to {}", short(bounds.min[a]), short(bounds.max[a]));
             format!("x {}, y {}, z {}", side(0), side(1), side(2))
         };
+        if self.parted {
+            let widest = self.narrow_handle.as_ref()?;
+            let (handles, place) = match self.narrow_handles {
+                1 => ("a handle of the mesh is".to_owned(), "in"),
+                many => (format!("{} handles of the mesh are", thousands(many)), "the widest in"),
+            };
+            return Some(Warning::new(
+                format!(
+                    "not sealed: {handles} two cells wide or less, too narrow for the samples to vouch for; {place} {}",
+                    sides(widest)
+                ),
+                format!(
+                    "--cell-size {} leaves out what samples do not tell; finer cells show it, if there are samples enough",
+                    short(1.5 * cell_size)
+                ),
+            ));
+        }
+        let whole = |patches: &[PatchReport]| 100.0 * patches.iter().map(|patch| patch.share).sum::<f64>();
+        let place = |patch: &PatchReport| sides(&patch.bounds);
         let mut found = vec![format!("not sealed: {}", self.same_sides())];
         let mut advice = Vec::new();
         if let Some(largest) = self.open.first() {

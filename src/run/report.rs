@@ -173,7 +173,7 @@ pub struct GridReport {
 pub struct Closing {
     /// The ball's radius, in cells, where one was asked for.
     pub radius: Option<u32>,
-    /// Whether the mesh encloses the inside: samples part inside and outside everywhere, and little of the surface bridges holes.
+    /// Whether the mesh encloses the inside: samples part inside and outside everywhere, no handle is too narrow to be believed, and little of the surface bridges holes.
     pub sealed: bool,
     /// Whether samples part inside and outside everywhere: there are no patches, and `part_nothing` is below 2 %.
     pub parted: bool,
@@ -190,6 +190,10 @@ pub struct Closing {
     pub filled: Vec<PatchReport>,
     /// Cells left out as outliers.
     pub outlier_cells: u64,
+    /// Handles that are two cells wide or less, so that nobody can tell whether they are the object's. They are counted where samples part inside and outside everywhere.
+    pub narrow_handles: u64,
+    /// The widest of them, in the input's coordinates.
+    pub narrow_handle: Option<Bounds>,
     /// What lines of sight said, where it is known where points were scanned from.
     pub sighted: Option<Sighted>,
     /// Occupied cells.
@@ -348,7 +352,7 @@ impl Closing {
         let is_parted = parted.is_some_and(|parted| parted.is_sealed());
         Closing {
             radius,
-            sealed: is_parted,
+            sealed: is_parted && made.narrow.count == 0,
             parted: is_parted,
             ends: false,
             bridged: None,
@@ -356,6 +360,8 @@ impl Closing {
             open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),
             filled: parted.map_or_else(Vec::new, |parted| patches(&parted.filled)),
             outlier_cells: parted.map_or(0, |parted| parted.outliers),
+            narrow_handles: made.narrow.count,
+            narrow_handle: made.narrow.widest.map(|cells| bounds_of(grid, cells.map(|cell| cell.map(f64::from)))),
             sighted: parted.and_then(|parted| parted.sighted),
             occupied_cells: made.occupied,
             sparse_cells: made.sparse,

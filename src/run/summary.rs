@@ -175,6 +175,9 @@ impl Closing {
             Some(radius) => format!("radius {radius} {}, as asked", if radius == 1 { "cell" } else { "cells" }),
             None if self.ends && self.parted => "open where triangles far from points were left out".to_owned(),
             None if self.sealed => "sealed: the mesh encloses the inside".to_owned(),
+            None if self.parted && self.narrow_handles > 0 => {
+                format!("closed, with handles that may not be the object's: {}", thousands(self.narrow_handles))
+            }
             None if self.parted => {
                 format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.bridged.unwrap_or(0.0))
             }

@@ -24,6 +24,7 @@ use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::close::{Closed, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield;
+use crate::solid::unresolved::NarrowHandles;
 use crate::stitch::checkpoint::Checkpoint;
 use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::{Making, SlabMesh};
@@ -42,6 +43,8 @@ pub struct Reconstructed {
     pub how: How,
     /// Whether a ball fell to smaller ones.
     pub falls: bool,
+    /// Handles that are too narrow to be believed, if the mesh could be called sealed without them.
+    pub narrow: NarrowHandles,
     /// Occupied cells.
     pub occupied: u64,
     /// Cells with points, but too few to be occupied.
@@ -79,7 +82,7 @@ pub(super) fn surface_of<T: Coordinate>(
     progress: &mut Progress,
 ) -> Result<Reconstructed> {
     let Surveyed { survey, grid, workload, .. } = surveyed;
-    let ClosedCells { closed, counted, shell, occupied, sparse } = cells;
+    let ClosedCells { closed, counted, shell, narrow, occupied, sparse } = cells;
     let Closed { solid, occupancy, .. } = &closed;
     let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted };
     let surface = SurfaceOptions {
@@ -186,6 +189,7 @@ pub(super) fn surface_of<T: Coordinate>(
         origin,
         how: closed.how,
         falls: closed.falls,
+        narrow,
         occupied,
         sparse,
         components: closed.components,

@@ -18,6 +18,8 @@
 //! χ is a sum over the 2 x 2 x 2 cells round each corner of the grid (`characteristic`), so that what a group changes is summed up along its runs. Where a corner
 //! touches two groups, the first one in the order of cells is given its change.
 //!
+//! What is left of handles that are no wider than a tube or a strut ([`Solid::narrow_handles`]) is told: nobody can say whether they are the body's.
+//!
 //! Source: T. Y. Kong and A. Rosenfeld, *Digital topology: introduction and survey* (1989), for χ of cells joined by faces.
 
 mod tubes;
@@ -59,16 +61,20 @@ enum Kind {
     Pits,
     /// Cells that are not solid and that no empty plate covers.
     Tubes,
+    /// Solid cells that no plate of solid cells covers.
+    Struts,
 }
 
 impl Kind {
-    /// All, in the order in which they are looked for.
-    const ALL: [Kind; 3] = [Kind::Spikes, Kind::Pits, Kind::Tubes];
+    /// Those that are not believed, in the order in which they are looked for.
+    const UNBELIEVED: [Kind; 3] = [Kind::Spikes, Kind::Pits, Kind::Tubes];
+    /// Those that narrow handles are made of: a strut goes round the hole, a tube through it.
+    const NARROW: [Kind; 2] = [Kind::Tubes, Kind::Struts];
 
-    /// What is done to a group that is not believed.
+    /// What is done to a group that is not believed, or is asked about.
     fn change(self) -> Change {
         match self {
-            Kind::Spikes => Change::Removed,
+            Kind::Spikes | Kind::Struts => Change::Removed,
             Kind::Pits | Kind::Tubes => Change::Filled,
         }
     }
@@ -116,6 +122,17 @@ const CHARACTERISTIC: [i32; 256] = {
     table
 };
 
+/// The same of the surface round the cells: two cells that are not solid and share a corner only are kept apart there, which is a handle less.
+const OF_SURFACE: [i32; 256] = {
+    let mut table = CHARACTERISTIC;
+    let mut cell = 0;
+    while cell < 4 {
+        table[!(1u8 << cell | 1 << (7 - cell)) as usize] += 8;
+        cell += 1;
+    }
+    table
+};
+
 /// What a group of cells is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Zeroable, Pod)]
 #[repr(C)]
@@ -141,32 +158,125 @@ impl Group {
             Kind::Spikes => self.change < 0,
             Kind::Pits => self.change > 0 && (self.cells <= PIT || !self.lining.is_sampled()),
             Kind::Tubes => self.change > 0 && !self.lining.is_sampled(),
+            Kind::Struts => false,
         };
         if better && self.cells < BELIEVED { CHANGES } else { STAYS }
     }
 }
 
+/// What is known of a group that may be a narrow handle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Zeroable, Pod)]
+#[repr(C)]
+struct Narrow {
+    /// Eight times χ of the surface with the group less χ without it.
+    change: i64,
+    /// The cells from the one that it begins with to the end of the numbers, and to the one that it ends before: the more, the larger is its box.
+    from: [u32; 3],
+    to: [u32; 3],
+}
+
+impl Measure for Narrow {
+    fn add(&mut self, other: &Narrow) {
+        self.change += other.change;
+        for a in 0..3 {
+            self.from[a] = self.from[a].max(other.from[a]);
+            self.to[a] = self.to[a].max(other.to[a]);
+        }
+    }
+}
+
+impl Narrow {
+    fn of(kind: Kind, around: &[Window<Bits>; 2], cells: &Window<Bits>, y: i64, z: u32, run: Run) -> Narrow {
+        let [low, high] = [[run.start, y as u32, z], [run.end - 1, y as u32, z]];
+        let change = at_corners(around, cells, (y, z, run), |groups, without, cell| {
+            // Each part on its own: what else is in groups stays as it is.
+            let part = part_of(groups, cell);
+            let others = if kind.change() == Change::Removed { groups & !part } else { 0 };
+            let value = |pattern: u8| OF_SURFACE[usize::from(pattern | without | others)];
+            if part.trailing_zeros() == cell { value(part) - value(0) } else { 0 }
+        });
+        Narrow { change, from: low.map(|c| u32::MAX - c), to: high.map(|c| c + 1) }
+    }
+
+    /// By how much χ grows if the group is taken away, or filled: the handles that it makes.
+    fn handles(&self, kind: Kind) -> u64 {
+        let grows = if kind.change() == Change::Removed { -self.change } else { self.change };
+        (grows.max(0) as u64).div_ceil(8)
+    }
+
+    /// The first cell of its box, and the one behind its last.
+    fn cells(&self) -> [[u32; 3]; 2] {
+        [self.from.map(|c| u32::MAX - c), self.to]
+    }
+}
+
+/// Handles that are no wider than a tube or a strut.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct NarrowHandles {
+    /// How many there are.
+    pub count: u64,
+    /// The box of the widest: its first cell along x, slices and rows, and the cell behind its last.
+    pub widest: Option<[[u32; 3]; 2]>,
+}
+
 impl Solid {
+    /// The handles that go, one by one, when a tube is filled or a strut is taken away: as many as there are by the kind that makes more of them, since a hole that is
+    /// narrow may have a narrow rim as well.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn narrow_handles(&self, occupancy: &Occupancy, context: &Context) -> Result<NarrowHandles> {
+        let mut found = NarrowHandles::default();
+        let mut most = 0;
+        for kind in Kind::NARROW {
+            let components = self
+                .labelled(occupancy, kind, context, |around, cells, y, z, run| {
+                    Narrow::of(kind, around, cells, y, z, run)
+                })?
+                .finish()?;
+            let mut count = 0;
+            components.for_each(|group: &Narrow| {
+                let handles = group.handles(kind);
+                count += handles;
+                if handles > most {
+                    most = handles;
+                    found.widest = Some(group.cells());
+                }
+            })?;
+            found.count = found.count.max(count);
+        }
+        Ok(found)
+    }
+
+    /// The groups of a kind, with what `of` tells of each of their runs.
+    fn labelled<M: Measure>(
+        &self,
+        occupancy: &Occupancy,
+        kind: Kind,
+        context: &Context,
+        of: impl Fn(&[Window<Bits>; 2], &Window<Bits>, i64, u32, Run) -> M + Sync,
+    ) -> Result<Labeller<M>> {
+        let mut labeller = Labeller::new(context);
+        let mut jobs = chunks(self.cells[1]);
+        context.workers.in_order(
+            context.jobs(6, self.cells),
+            || Ok(jobs.next()),
+            |slices| Seen::new(self, occupancy, kind, slices.end).groups(slices, &of),
+            |parts| labeller.add(parts),
+        )?;
+        Ok(labeller)
+    }
+
     /// The same solid without small groups of cells that make handles, and with small gaps filled that do.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn without_unresolved(self, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
         let mut solid = self;
-        for kind in Kind::ALL {
-            let mut labeller = Labeller::new(context);
-            let mut jobs = chunks(solid.cells[1]);
+        for kind in Kind::UNBELIEVED {
+            let components = solid.labelled(occupancy, kind, context, Group::of)?.finish()?;
             let mut any = false;
-            context.workers.in_order(
-                context.jobs(6, solid.cells),
-                || Ok(jobs.next()),
-                |slices| Seen::new(&solid, occupancy, kind, slices.end).groups(slices),
-                |(found, parts)| {
-                    any |= found;
-                    labeller.add(parts)
-                },
-            )?;
-            let components = labeller.finish()?;
+            components.for_each(|_| any = true)?;
             if !any {
                 continue;
             }
@@ -204,7 +314,8 @@ impl<'a> Seen<'a> {
         // A slice more than asked for: corners are shared with it.
         let dilations = [dilation(3), dilation(2)];
         let scratch = Bits::new(solid.cells[0], solid.cells[2]);
-        Seen { solid, occupancy, kind, padded, dilations, tubes: Tubes::new(solid), runs: Runs::default(), scratch }
+        let tubes = Tubes::new(solid, kind == Kind::Struts);
+        Seen { solid, occupancy, kind, padded, dilations, tubes, runs: Runs::default(), scratch }
     }
 
     /// Sets the cells of slice `y` that groups are made of.
@@ -218,7 +329,7 @@ impl<'a> Seen<'a> {
         let pad = i64::from(padded.pad);
         let [first, second] = dilations;
         let covered = match kind {
-            Kind::Tubes => return tubes.paint(y, bits),
+            Kind::Tubes | Kind::Struts => return tubes.paint(y, bits),
             Kind::Spikes => first.slide_to(y + pad, |y, room| {
                 solid.store.paint_moved(y - pad, padded.pad, room, runs)?;
                 let mut occupied = padded.bits();
@@ -254,8 +365,12 @@ impl<'a> Seen<'a> {
         Ok(())
     }
 
-    /// The groups of some slices, as far as they hang together there; and whether there are any.
-    fn groups(mut self, slices: std::ops::Range<u32>) -> Result<(bool, Parts<Group>)> {
+    /// The groups of some slices, as far as they hang together there, with what `of` tells of their runs.
+    fn groups<M: Measure>(
+        mut self,
+        slices: std::ops::Range<u32>,
+        of: impl Fn(&[Window<Bits>; 2], &Window<Bits>, i64, u32, Run) -> M,
+    ) -> Result<Parts<M>> {
         let [width, _, rows] = self.solid.cells;
         let mut cells = Window::new(3, || Bits::new(width, rows));
         let mut around = [(); 2].map(|()| Window::new(3, || Bits::new(width, rows)));
@@ -269,48 +384,70 @@ impl<'a> Seen<'a> {
                 }
             }
             for z in 0..rows {
-                groups.extend(found.row(z).iter().map(|run| Group::of(&around, &cells, y, z, *run)));
+                groups.extend(found.row(z).iter().map(|run| of(&around, &cells, y, z, *run)));
             }
             held.push(found);
         }
-        let any = !groups.is_empty();
         let mut groups = groups.into_iter();
-        Ok((any, Parts::of(held, |_, _, _| groups.next().expect("every run has its group"))))
+        Ok(Parts::of(held, |_, _, _| groups.next().expect("every run has its group")))
     }
 }
 
 impl Group {
-    /// What a run of row `z` of slice `y` adds: its cells, and the change at the corners whose first cell of a group is one of them.
+    /// What a run of row `z` of slice `y` adds: its cells, what they change, and what lines them.
     fn of(around: &[Window<Bits>; 2], cells: &Window<Bits>, y: i64, z: u32, run: Run) -> Group {
-        let mut change = 0;
-        let [solid, _] = around;
-        let slices = [y - 1, y, y + 1].map(|y| [cells.get(y), solid.get(y)]);
-        for x in i64::from(run.start)..i64::from(run.end) {
-            // Of each row of the 27 cells round it, slice by slice: three of the group, and three of the solid without it.
-            let mut threes = [[[0u8; 2]; 3]; 3];
-            for (threes, [cells, solid]) in threes.iter_mut().zip(slices) {
-                for (threes, z) in threes.iter_mut().zip(i64::from(z) - 1..) {
-                    let group = cells.three(x, z);
-                    *threes = [group, solid.three(x, z) & !group];
-                }
-            }
-            for corner in 0..8usize {
-                // The corner's lowest cell lies at x + dx - 1, y + dy - 1, z + dz - 1.
-                let [dx, dz, dy] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
-                let pattern = |of: usize| {
-                    let two = |dy: usize, dz: usize| threes[dy][dz][of] >> dx & 3;
-                    two(dy, dz) | two(dy, dz + 1) << 2 | two(dy + 1, dz) << 4 | two(dy + 1, dz + 1) << 6
-                };
-                let (group, without) = (pattern(0), pattern(1));
-                // It is this cell that is the first one of a group there.
-                if group.trailing_zeros() as usize == 7 - corner {
-                    let [with, without] = [group | without, without].map(|p| i64::from(CHARACTERISTIC[p as usize]));
-                    change += with - without;
-                }
-            }
-        }
+        let change = at_corners(around, cells, (y, z, run), |group, without, cell| {
+            // Where a corner touches several cells of groups, the first one is given the change.
+            let is_first = group.trailing_zeros() == cell;
+            let value = |pattern: u8| CHARACTERISTIC[usize::from(pattern)];
+            if is_first { value(group | without) - value(without) } else { 0 }
+        });
         Group { cells: u64::from(run.end - run.start), change, lining: Lining::of(around, y, z, run) }
     }
+}
+
+/// The sum over the corners of the cells of a run of row `z` of slice `y`. `of` is told the patterns of the groups' cells round a corner and of the solid ones that
+/// are in none, and the bit of the run's cell.
+fn at_corners(
+    [solid, _]: &[Window<Bits>; 2],
+    cells: &Window<Bits>,
+    (y, z, run): (i64, u32, Run),
+    of: impl Fn(u8, u8, u32) -> i32,
+) -> i64 {
+    let mut sum = 0;
+    let slices = [y - 1, y, y + 1].map(|y| [cells.get(y), solid.get(y)]);
+    for x in i64::from(run.start)..i64::from(run.end) {
+        // Of each row of the 27 cells round it, slice by slice: three of the groups, and three of the solid without them.
+        let mut threes = [[[0u8; 2]; 3]; 3];
+        for (threes, [cells, solid]) in threes.iter_mut().zip(slices) {
+            for (threes, z) in threes.iter_mut().zip(i64::from(z) - 1..) {
+                let group = cells.three(x, z);
+                *threes = [group, solid.three(x, z) & !group];
+            }
+        }
+        for corner in 0..8usize {
+            // The corner's lowest cell lies at x + dx - 1, y + dy - 1, z + dz - 1.
+            let [dx, dz, dy] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
+            let pattern = |of: usize| {
+                let two = |dy: usize, dz: usize| threes[dy][dz][of] >> dx & 3;
+                two(dy, dz) | two(dy, dz + 1) << 2 | two(dy + 1, dz) << 4 | two(dy + 1, dz + 1) << 6
+            };
+            sum += i64::from(of(pattern(0), pattern(1), 7 - corner as u32));
+        }
+    }
+    sum
+}
+
+/// The cells of a pattern that faces join to the one of bit `cell`, within the pattern.
+fn part_of(pattern: u8, cell: u32) -> u8 {
+    let mut part = 1 << cell;
+    // Of eight cells, none is farther than three steps, but through five of a pattern.
+    for _ in 0..5 {
+        let along =
+            [(part & 0x55) << 1 | part >> 1 & 0x55, (part & 0x33) << 2 | part >> 2 & 0x33, part << 4 | part >> 4];
+        part |= (along[0] | along[1] | along[2]) & pattern;
+    }
+    part
 }
 
 #[cfg(test)]

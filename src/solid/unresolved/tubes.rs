@@ -9,6 +9,8 @@
 //! ```
 //!
 //! Where a body rests on a floor, single samples reach from one to the other, and the slot that is left between them is a net of tubes.
+//!
+//! *Struts* are the same of solid cells: those that no plate of solid cells covers. A fin of one cell's width holds plates, a rod of two holds none.
 
 use crate::error::Result;
 use crate::grid::slice::{Bits, Runs, clip};
@@ -16,11 +18,13 @@ use crate::grid::window::Window;
 use crate::solid::exterior::{Padded, invert};
 use crate::solid::{Solid, move_back};
 
-/// Finds the tubes of a solid's slices, from the lowest to the highest.
+/// Finds the tubes, or the struts, of a solid's slices, from the lowest to the highest.
 pub(super) struct Tubes<'a> {
     solid: &'a Solid,
+    /// Whether it is struts that are looked for.
+    struts: bool,
     padded: Padded,
-    /// The solid cells of a slice: as they are, and widened by one cell along x, and along the rows.
+    /// The cells of a slice that plates must not have: as they are, and widened by one cell along x, and along the rows.
     widened: Window<[Bits; 3]>,
     /// The middles of a slice's empty plates that stand up, along x and along the rows; each widened by one cell along its plate's side.
     upright: Window<[Bits; 2]>,
@@ -28,21 +32,24 @@ pub(super) struct Tubes<'a> {
 }
 
 impl<'a> Tubes<'a> {
-    pub(super) fn new(solid: &'a Solid) -> Tubes<'a> {
+    pub(super) fn new(solid: &'a Solid, struts: bool) -> Tubes<'a> {
         let padded = Padded::new(solid.cells, 1);
         let widened = Window::new(5, || [(); 3].map(|()| padded.bits()));
         let upright = Window::new(3, || [(); 2].map(|()| padded.bits()));
-        Tubes { solid, padded, widened, upright, runs: Runs::default() }
+        Tubes { solid, struts, padded, widened, upright, runs: Runs::default() }
     }
 
-    /// Sets the cells of slice `y` that lie in tubes in `bits`, which hold none. `y` must grow.
+    /// Sets the cells of slice `y` that lie in tubes, or in struts, in `bits`, which hold none. `y` must grow.
     pub(super) fn paint(&mut self, y: i64, bits: &mut Bits) -> Result<()> {
-        let Tubes { solid, padded, widened, upright, runs } = self;
+        let Tubes { solid, struts, padded, widened, upright, runs } = self;
         let Padded { pad, cells } = *padded;
         let [mut sum, mut middles] = [padded.bits(), padded.bits()];
         upright.slide_to(y - 1, |y, plates| {
             widened.slide_to(y - 1, |y, [slice, along, across]| {
                 solid.store.paint_moved(y, pad, slice, runs)?;
+                if *struts {
+                    complement(slice, cells[0]);
+                }
                 widen(slice, along);
                 widen_rows(slice, across);
                 Ok(())
