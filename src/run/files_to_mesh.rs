@@ -195,7 +195,11 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
         Place::Filled(_) => 0,
     };
     progress.begin(Phase::Write, Some(elements));
-    if let Some(work) = work {
+    if let Some(work) = work.filter(|work| !has_output_of(work, &output)) {
+        if work.is_done(OUTPUT) {
+            // An earlier run named another.
+            work.set_aside(OUTPUT)?;
+        }
         work.commit(OUTPUT, Vec::new(), output.display().to_string().into())?;
         work.settle(true)?;
     }

@@ -253,7 +253,11 @@ impl WorkFolder {
         }
     }
 
-    fn set_aside(&self, phase: &str) -> Result<()> {
+    /// Takes a finished phase's manifest away, so that the phase is done again.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn set_aside(&self, phase: &str) -> Result<()> {
         let (name, aside) = (format!("{DONE}/{phase}.json"), format!("{DONE}/{phase}.bad"));
         match self.store.remove(&aside) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(self.failed("remove")(error)),
