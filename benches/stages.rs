@@ -178,8 +178,9 @@ impl Slab {
         let surface = find(number, solid);
         let q = smooth(&surface, SMOOTH, Vec::new());
         let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo: halo(SMOOTH) };
-        let fitted = fit(sampled, &task, jobs.piece_points, Fitted::default()).expect("points");
-        let options = SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None };
+        let fitted = fit(sampled, &task, jobs.points_held, Fitted::default()).expect("points");
+        let options =
+            SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None, slab_slices: None };
         let making = Making { solid, sampled, options, frame: FRAME, jobs };
         let unfitted = SlabMesh::make(number, &making, SlabMesh::default()).expect("a slab");
         let mut group = fitted.point.clone();
@@ -194,7 +195,7 @@ impl Slab {
 
 /// As many slabs at a time as there are threads, and more than one: that would give memory back between its stages.
 fn slab_jobs(context: &Context) -> SlabJobs {
-    SlabJobs { running: context.workers.threads().max(2), ahead: 0, piece_points: context.memory.piece_points }
+    SlabJobs { running: context.workers.threads().max(2), ahead: 0, points_held: context.memory.points_held, pieces: 1 }
 }
 
 fn find(number: u32, solid: &Solid) -> Surface {
@@ -227,7 +228,7 @@ fn within_slabs(
         let fit = |slab: &Slab| {
             let Slab { surface, q, planes, .. } = slab;
             let task = Task { surface, q, planes: planes.clone(), halo: halo(SMOOTH) };
-            fit(sampled, &task, jobs.piece_points, Fitted::default()).expect("points")
+            fit(sampled, &task, jobs.points_held, Fitted::default()).expect("points")
         };
         b.iter(|| slabs.iter().for_each(|slab| drop(black_box(fit(slab)))));
     });

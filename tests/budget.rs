@@ -289,6 +289,34 @@ fn no_more_is_counted_than_planned() {
     runner.run(&cases(), |case| case.keeps_its_plan()).unwrap_or_else(|error| panic!("{error}"));
 }
 
+/// Each piece has slabs of its own that wait.
+#[test]
+fn pieces_cost_no_more_than_planned() {
+    for (surface, fit, threads, factor) in [
+        (None, Fit::Nearest, 9, 1.0),
+        (None, Fit::Nearest, 9, 3.0),
+        (Some(Kind::Terrain), Fit::Auto, 17, 6.0),
+        (None, Fit::Plane, 33, 12.0),
+    ] {
+        let (cloud, points, noise, k) = (Cloud::Lumps, 300_000, 0.001, 4.0);
+        let case = Case {
+            cloud,
+            points,
+            noise,
+            k,
+            surface,
+            fit,
+            smooth: 1,
+            threads,
+            carried: true,
+            simplified: false,
+            trimmed: false,
+            factor,
+        };
+        case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
+    }
+}
+
 /// Stairs stand upright in one layer of cells: the walls round a terrain that are not made, and layers with most of a slab's triangles, once took twice the plan.
 #[test]
 fn walls_cost_no_more_than_planned() {

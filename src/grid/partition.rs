@@ -4,11 +4,13 @@
 //! ```text
 //!   slices   0 1 2 3 4 5 6 7 8 ...
 //!   buckets  |0      |1      |2        BUCKET_SLICES each: read and written together
-//!   slabs    |0                  |1    slab_slices each: one job, one piece of the mesh
+//!   slabs    |0                  |1    slab_slices each: one job, one mesh
 //!            |<- halo ->|              points of a vertex lie within so many slices of its plane
 //! ```
 
 use std::ops::Range;
+
+use crate::settings::surface::SurfaceOptions;
 
 /// Slices of one bucket: what is written to and read from temporary storage together.
 pub const BUCKET_SLICES: u32 = 4;
@@ -50,9 +52,32 @@ pub fn slab_slices(smooth: u32) -> u32 {
     (2 * (2 * halo(smooth) + 1) + 2).next_multiple_of(BUCKET_SLICES)
 }
 
+/// How slices are dealt out to slabs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Slabs {
+    /// Steps of smoothing.
+    pub smooth: u32,
+    /// Slices of a slab.
+    pub slices: u32,
+}
+
+impl Slabs {
+    /// Those of a surface.
+    pub fn of(options: &SurfaceOptions) -> Slabs {
+        Slabs { slices: options.slab_slices.unwrap_or(slab_slices(options.smooth)), ..Slabs::from(options.smooth) }
+    }
+}
+
+impl From<u32> for Slabs {
+    /// As many slices as so many steps of smoothing ask for.
+    fn from(smooth: u32) -> Slabs {
+        Slabs { smooth, slices: slab_slices(smooth) }
+    }
+}
+
 /// The slices of slab `number`.
-pub fn slices_of(number: u32, smooth: u32, slices: u32) -> Range<u32> {
-    let size = slab_slices(smooth);
+pub fn slices_of(number: u32, slabs: impl Into<Slabs>, slices: u32) -> Range<u32> {
+    let size = slabs.into().slices;
     number * size..((number + 1) * size).min(slices)
 }
 
@@ -67,8 +92,8 @@ pub fn buckets_round(halo: u32) -> u32 {
 }
 
 /// Number of slabs.
-pub fn slab_count(smooth: u32, slices: u32) -> u32 {
-    slices.div_ceil(slab_slices(smooth))
+pub fn slab_count(slabs: impl Into<Slabs>, slices: u32) -> u32 {
+    slices.div_ceil(slabs.into().slices)
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! The mesh while it is being made: vertices and triangles in two spools, in the shapes a PLY file wants.
 
+use std::ops::Range;
+
 use bytemuck::Zeroable;
 
 use super::MeshSource;
@@ -10,7 +12,7 @@ use crate::points::scalar::{Endian, reader};
 use crate::storage::spool::{Extent, Spool, Workspace};
 
 /// Elements converted at once: few enough for the fast caches and for small allocations, which cost no page faults.
-const PIECE: usize = 1 << 12;
+const BATCH: usize = 1 << 12;
 
 /// A triangle as a binary PLY file stores it: the number of corners, then the corners. 13 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Zeroable, bytemuck::Pod)]
@@ -49,16 +51,36 @@ impl Frame {
 }
 
 /// A mesh in temporary storage: appended in order, then read back as a [`MeshSource`].
+///
+/// It may be of several parts, each made by itself with numbers of its own ([`MeshSpool::cut`], [`MeshSpool::join`]); what is read is one mesh.
 #[derive(Debug)]
 pub struct MeshSpool {
     precision: Precision,
     origin: [f64; 3],
     schema: Schema,
+    /// At least one; what is appended goes to the last.
+    parts: Vec<Part>,
+    /// Vertices on their way to their spool.
+    narrowed: Vec<[f32; 3]>,
+}
+
+/// Vertices and triangles that were made together.
+#[derive(Debug)]
+struct Part {
     vertices: Spool,
     attributes: Spool,
     faces: Spool,
-    /// Vertices on their way to their spool.
-    narrowed: Vec<[f32; 3]>,
+    /// The first vertex and the first triangle that are read: those before were cut off.
+    from: [u64; 2],
+    /// The number in the mesh of the first vertex that is read, and of the first triangle.
+    first: [u64; 2],
+}
+
+impl Part {
+    /// Added to the numbers that its triangles name, gives those in the mesh. Below zero, numbers wrap.
+    fn base(&self) -> u32 {
+        (self.first[0] as u32).wrapping_sub(self.from[0] as u32)
+    }
 }
 
 impl MeshSpool {
@@ -75,25 +97,46 @@ impl MeshSpool {
         let share = in_memory / (vertex + record + faces);
         let [vertices, attributes] = [share * vertex, share * record].map(|quota| workspace.spool(quota));
         let faces = workspace.spool(in_memory - share * (vertex + record));
-        MeshSpool { precision, origin: [0.0; 3], schema, vertices, attributes, faces, narrowed: Vec::new() }
+        let part = Part { vertices, attributes, faces, from: [0; 2], first: [0; 2] };
+        MeshSpool { precision, origin: [0.0; 3], schema, parts: vec![part], narrowed: Vec::new() }
+    }
+
+    /// The mesh without its first `vertices` and `faces`. Triangles keep their numbers: those that are left may name vertices before the first one, which are another
+    /// part's last ones.
+    #[must_use]
+    pub fn cut(mut self, vertices: u64, faces: u64) -> MeshSpool {
+        let [part] = &mut self.parts[..] else { panic!("a mesh of one part is cut") };
+        part.from = [vertices, faces];
+        self
+    }
+
+    /// Another mesh's parts behind this one's, with vertices numbered through.
+    pub fn join(&mut self, mut other: MeshSpool) {
+        let ends = [self.vertex_count(), self.face_count()];
+        for part in &mut other.parts {
+            part.first = [0, 1].map(|i| part.first[i] + ends[i]);
+        }
+        self.parts.append(&mut other.parts);
     }
 
     /// The mesh in spools of its vertices, attributes and triangles, which may hold some already.
     pub fn in_spools(precision: Precision, schema: Schema, [vertices, attributes, faces]: [Spool; 3]) -> MeshSpool {
-        MeshSpool { precision, origin: [0.0; 3], schema, vertices, attributes, faces, narrowed: Vec::new() }
+        let part = Part { vertices, attributes, faces, from: [0; 2], first: [0; 2] };
+        MeshSpool { precision, origin: [0.0; 3], schema, parts: vec![part], narrowed: Vec::new() }
     }
 
     /// Whether it holds so many vertices, their attributes, and so many triangles, and nothing else.
     pub fn holds(&self, vertices: u64, faces: u64) -> bool {
-        let place = 3 * self.precision.bytes() as u64;
-        self.vertices.len() == vertices * place
-            && self.attributes.len() == vertices * self.schema.stride() as u64
-            && self.faces.len() == faces * size_of::<FaceRecord>() as u64
+        let (place, stride) = (3 * self.precision.bytes() as u64, self.schema.stride() as u64);
+        let lengths = |part: &Part| [part.vertices.len(), part.attributes.len(), part.faces.len()];
+        let all = [vertices * place, vertices * stride, faces * size_of::<FaceRecord>() as u64];
+        self.parts.iter().map(lengths).fold([0; 3], |sum, more| [0, 1, 2].map(|i| sum[i] + more[i])) == all
     }
 
-    /// What was appended to its vertices, attributes and triangles since the last cut ([`Spool::cut`]).
-    pub fn cut(&mut self) -> [Extent; 3] {
-        [self.vertices.cut(), self.attributes.cut(), self.faces.cut()]
+    /// What was appended to its vertices, attributes and triangles since the last time ([`Spool::extent`]).
+    pub fn extents(&mut self) -> [Extent; 3] {
+        let Part { vertices, attributes, faces, .. } = self.last();
+        [vertices.extent(), attributes.extent(), faces.extent()]
     }
 
     /// The same mesh, at an origin that was read with it.
@@ -106,7 +149,7 @@ impl MeshSpool {
     /// # Errors
     /// [`crate::Error::Io`] if the work directory is full.
     pub fn append_attributes(&mut self, records: &[u8]) -> Result<()> {
-        self.attributes.append(records)?;
+        self.last().attributes.append(records)?;
         Ok(())
     }
 
@@ -116,11 +159,14 @@ impl MeshSpool {
     /// [`crate::Error::Io`] if the work directory is full.
     pub fn append_vertices(&mut self, vertices: &[[f64; 3]]) -> Result<()> {
         match self.precision {
-            Precision::Double => self.vertices.append(bytemuck::cast_slice(vertices))?,
+            Precision::Double => self.last().vertices.append(bytemuck::cast_slice(vertices))?,
             Precision::Single => {
-                self.narrowed.clear();
-                self.narrowed.extend(vertices.iter().map(|v| v.map(|c| c as f32)));
-                self.vertices.append(bytemuck::cast_slice(&self.narrowed))?
+                let mut narrowed = std::mem::take(&mut self.narrowed);
+                narrowed.clear();
+                narrowed.extend(vertices.iter().map(|v| v.map(|c| c as f32)));
+                let appended = self.last().vertices.append(bytemuck::cast_slice(&narrowed));
+                self.narrowed = narrowed;
+                appended?
             }
         };
         Ok(())
@@ -131,38 +177,104 @@ impl MeshSpool {
     /// # Errors
     /// [`crate::Error::Io`] if the work directory is full.
     pub fn append_faces(&mut self, faces: &[FaceRecord]) -> Result<()> {
-        self.faces.append(bytemuck::cast_slice(faces))?;
+        self.last().faces.append(bytemuck::cast_slice(faces))?;
         Ok(())
+    }
+
+    fn last(&mut self) -> &mut Part {
+        self.parts.last_mut().expect("a mesh has a part")
     }
 
     /// Bytes of all of it.
     pub fn bytes(&self) -> u64 {
-        self.vertices.len() + self.attributes.len() + self.faces.len()
+        let of_vertex = (3 * self.precision.bytes() + self.schema.stride()) as u64;
+        self.vertex_count() * of_vertex + self.face_count() * size_of::<FaceRecord>() as u64
     }
 
-    /// The vertices' bytes: `x y z` in native order, 12 or 24 bytes each.
-    pub fn vertex_bytes(&self) -> &Spool {
-        &self.vertices
+    /// How many vertices (0) or triangles (1) a part has that are read.
+    fn of_part(&self, part: &Part, kind: usize) -> u64 {
+        let all = match kind {
+            0 => part.vertices.len() / (3 * self.precision.bytes() as u64),
+            _ => part.faces.len() / size_of::<FaceRecord>() as u64,
+        };
+        all - part.from[kind]
     }
 
-    /// The attributes' bytes: records of the schema.
-    pub fn attribute_bytes(&self) -> &Spool {
-        &self.attributes
+    fn count(&self, kind: usize) -> u64 {
+        self.parts.last().map_or(0, |last| last.first[kind] + self.of_part(last, kind))
     }
 
-    /// The triangles' bytes: [`FaceRecord`]s.
-    pub fn face_bytes(&self) -> &Spool {
-        &self.faces
+    /// Hands `read` each part's stretch of the `count` vertices (0) or triangles (1) from `first` on: the part, the number there, and where it lies among those asked for.
+    fn stretches(
+        &self,
+        kind: usize,
+        first: u64,
+        count: usize,
+        mut read: impl FnMut(&Part, u64, Range<usize>) -> Result<()>,
+    ) -> Result<()> {
+        let mut done = 0;
+        let mut number = self.parts.partition_point(|part| part.first[kind] <= first).saturating_sub(1);
+        while done < count {
+            let at = first + done as u64;
+            let part = self.parts.get(number).expect("no more is read than there is");
+            let left = (part.first[kind] + self.of_part(part, kind)).saturating_sub(at);
+            let now = done..done + left.min((count - done) as u64) as usize;
+            (number, done) = (number + 1, now.end);
+            if !now.is_empty() {
+                read(part, part.from[kind] + (at - part.first[kind]), now)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Fills `out` with the bytes of vertices `first ..`: `x y z` in native order, 12 or 24 bytes each.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::Interrupted`].
+    pub fn read_vertex_bytes(&self, first: u64, out: &mut [u8]) -> Result<()> {
+        let stride = 3 * self.precision.bytes();
+        self.stretches(0, first, out.len() / stride, |part, at, now| {
+            part.vertices.read_at(at * stride as u64, &mut out[now.start * stride..now.end * stride])
+        })
+    }
+
+    /// Fills `out` with the attributes of vertices `first ..`: records of the schema.
+    ///
+    /// # Errors
+    /// The same as [`MeshSpool::read_vertex_bytes`].
+    pub fn read_records(&self, first: u64, out: &mut [u8]) -> Result<()> {
+        let stride = self.schema.stride();
+        self.stretches(0, first, out.len().checked_div(stride).unwrap_or(0), |part, at, now| {
+            part.attributes.read_at(at * stride as u64, &mut out[now.start * stride..now.end * stride])
+        })
+    }
+
+    /// Fills `out` with the records of triangles `first ..`.
+    ///
+    /// # Errors
+    /// The same as [`MeshSpool::read_vertex_bytes`].
+    pub fn read_face_records(&self, first: u64, out: &mut [FaceRecord]) -> Result<()> {
+        self.stretches(1, first, out.len(), |part, at, now| {
+            let records = &mut out[now];
+            part.faces.read_at(at * size_of::<FaceRecord>() as u64, bytemuck::cast_slice_mut(records))?;
+            let base = part.base();
+            if base != 0 {
+                for record in records {
+                    record.vertices = { record.vertices }.map(|v| v.wrapping_add(base));
+                }
+            }
+            Ok(())
+        })
     }
 }
 
 impl MeshSource for MeshSpool {
     fn vertex_count(&self) -> u64 {
-        self.vertices.len() / (3 * self.precision.bytes() as u64)
+        self.count(0)
     }
 
     fn face_count(&self) -> u64 {
-        self.faces.len() / size_of::<FaceRecord>() as u64
+        self.count(1)
     }
 
     fn origin(&self) -> [f64; 3] {
@@ -174,15 +286,13 @@ impl MeshSource for MeshSpool {
     }
 
     fn read_vertices(&self, first: u64, out: &mut [[f64; 3]]) -> Result<()> {
-        let stride = 3 * self.precision.bytes() as u64;
         match self.precision {
-            Precision::Double => self.vertices.read_at(first * stride, bytemuck::cast_slice_mut(out)),
+            Precision::Double => self.read_vertex_bytes(first, bytemuck::cast_slice_mut(out)),
             Precision::Single => {
-                let mut narrow = vec![[0f32; 3]; out.len().min(PIECE)];
-                for (piece, out) in out.chunks_mut(PIECE).enumerate() {
+                let mut narrow = vec![[0f32; 3]; out.len().min(BATCH)];
+                for (batch, out) in out.chunks_mut(BATCH).enumerate() {
                     let narrow = &mut narrow[..out.len()];
-                    let at = (first + (piece * PIECE) as u64) * stride;
-                    self.vertices.read_at(at, bytemuck::cast_slice_mut(narrow))?;
+                    self.read_vertex_bytes(first + (batch * BATCH) as u64, bytemuck::cast_slice_mut(narrow))?;
                     for (wide, narrow) in out.iter_mut().zip(narrow) {
                         *wide = narrow.map(f64::from);
                     }
@@ -193,12 +303,10 @@ impl MeshSource for MeshSpool {
     }
 
     fn read_faces(&self, first: u64, out: &mut [[u32; 3]]) -> Result<()> {
-        let stride = size_of::<FaceRecord>() as u64;
-        let mut records = vec![FaceRecord::zeroed(); out.len().min(PIECE)];
-        for (piece, out) in out.chunks_mut(PIECE).enumerate() {
+        let mut records = vec![FaceRecord::zeroed(); out.len().min(BATCH)];
+        for (batch, out) in out.chunks_mut(BATCH).enumerate() {
             let records = &mut records[..out.len()];
-            let at = (first + (piece * PIECE) as u64) * stride;
-            self.faces.read_at(at, bytemuck::cast_slice_mut(records))?;
+            self.read_face_records(first + (batch * BATCH) as u64, records)?;
             for (face, record) in out.iter_mut().zip(records) {
                 *face = record.vertices;
             }
@@ -213,14 +321,94 @@ impl MeshSource for MeshSpool {
     fn read_attribute(&self, number: usize, first: u64, out: &mut [f64]) -> Result<()> {
         let (column, stride) = (self.schema.column_at(number), self.schema.stride());
         let read = reader(column.scalar, Endian::NATIVE);
-        let mut records = vec![0; out.len().min(PIECE) * stride];
-        for (piece, out) in out.chunks_mut(PIECE).enumerate() {
+        let mut records = vec![0; out.len().min(BATCH) * stride];
+        for (batch, out) in out.chunks_mut(BATCH).enumerate() {
             let records = &mut records[..out.len() * stride];
-            self.attributes.read_at((first + (piece * PIECE) as u64) * stride as u64, records)?;
+            self.read_records(first + (batch * BATCH) as u64, records)?;
             for (value, record) in out.iter_mut().zip(records.chunks_exact(stride)) {
                 *value = read(&record[column.offset..]);
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::points::attribute::Attribute;
+    use crate::points::scalar::Scalar;
+
+    /// Vertices whose places and attributes are their numbers in the mesh, and triangles of three that follow each other, with `base` taken off their numbers.
+    fn mesh(
+        workspace: &Workspace,
+        precision: Precision,
+        vertices: Range<u32>,
+        faces: Range<u32>,
+        base: u32,
+    ) -> MeshSpool {
+        let schema = Schema::new(vec![Attribute::new("number", Scalar::U32)]);
+        let mut mesh = MeshSpool::with_attributes(workspace, precision, schema, 100);
+        let places: Vec<[f64; 3]> = vertices.clone().map(|v| [f64::from(v); 3]).collect();
+        mesh.append_vertices(&places).unwrap();
+        vertices.for_each(|v| mesh.append_attributes(&v.to_ne_bytes()).unwrap());
+        let corners = |t: u32| [t, t + 1, t + 2].map(|v| v.wrapping_sub(base));
+        let faces: Vec<FaceRecord> = faces.map(|t| FaceRecord::new(corners(t))).collect();
+        mesh.append_faces(&faces).unwrap();
+        mesh
+    }
+
+    proptest! {
+        /// Parts that number from their own first vertex, with something cut off the start of each, are read as one mesh.
+        #[test]
+        fn parts_are_read_as_one(
+            sizes in prop::collection::vec([0u32..30, 0u32..30, 0u32..9, 0u32..9], 1..5),
+            single in any::<bool>(),
+            first in any::<prop::sample::Index>(),
+            count in any::<prop::sample::Index>(),
+        ) {
+            let dir = tempfile::tempdir().unwrap();
+            let workspace = Workspace::new(dir.path()).unwrap();
+            let precision = if single { Precision::Single } else { Precision::Double };
+            let [mut vertices, mut faces] = [0, 0];
+            let mut whole: Option<MeshSpool> = None;
+            for [more, triangles, over, cut] in sizes {
+                // What is cut off is what the parts before have already; the first part lacks nothing.
+                let [over, cut] = if whole.is_some() { [over.min(vertices), cut.min(faces)] } else { [0, 0] };
+                let base = vertices - over;
+                let part = mesh(&workspace, precision, base..vertices + more, faces - cut..faces + triangles, base);
+                let part = part.cut(u64::from(over), u64::from(cut));
+                match &mut whole {
+                    None => whole = Some(part),
+                    Some(whole) => whole.join(part),
+                }
+                (vertices, faces) = (vertices + more, faces + triangles);
+            }
+            let (whole, one) = (whole.unwrap(), mesh(&workspace, precision, 0..vertices, 0..faces, 0));
+            let sizes = |of: &MeshSpool| [of.vertex_count(), of.face_count(), of.bytes()];
+            prop_assert_eq!(sizes(&whole), sizes(&one));
+            let stretch = |all: u32| {
+                let first = first.index(all as usize + 1);
+                (first as u64, count.index(all as usize - first + 1))
+            };
+            let (from, len) = stretch(vertices);
+            let read = |of: &MeshSpool| {
+                let (mut places, mut numbers, mut records) = (vec![[0.0; 3]; len], vec![0.0; len], vec![0; 4 * len]);
+                of.read_vertices(from, &mut places).unwrap();
+                of.read_attribute(0, from, &mut numbers).unwrap();
+                of.read_records(from, &mut records).unwrap();
+                (places, numbers, records)
+            };
+            prop_assert_eq!(read(&whole), read(&one));
+            let (from, len) = stretch(faces);
+            let read = |of: &MeshSpool| {
+                let mut faces = vec![[0; 3]; len];
+                of.read_faces(from, &mut faces).unwrap();
+                faces
+            };
+            prop_assert_eq!(read(&whole), read(&one));
+        }
     }
 }

@@ -20,7 +20,9 @@ pub struct MemoryPlan {
     /// The mesh stays in memory up to this many bytes.
     pub mesh_quota: u64,
     /// Points that a slab's fitting holds at once, at most.
-    pub piece_points: usize,
+    pub points_held: usize,
+    /// Pieces that the surface is stitched in at a time, at most.
+    pub pieces: usize,
     /// What one pass may use at a time, in bytes.
     pub working: u64,
     /// The most memory that the plan expects to be used, in bytes.
@@ -90,12 +92,16 @@ pub struct SlabJobs {
     /// Finished, and waiting for their turn.
     pub ahead: usize,
     /// Points of a slab that are held at once.
-    pub piece_points: usize,
+    pub points_held: usize,
+    /// Pieces that are stitched side by side.
+    pub pieces: usize,
 }
 
 impl SlabJobs {
-    /// Between source and sink of the pass.
+    /// Of a piece, between source and sink of its pass.
     pub fn in_flight(&self) -> usize {
-        self.running + self.ahead
+        let all = self.running + self.ahead;
+        // With one, the thread that stitches would make the slabs.
+        if self.pieces > 1 { all.div_ceil(self.pieces).max(2) } else { all }
     }
 }

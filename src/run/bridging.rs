@@ -11,7 +11,7 @@ use crate::points::Coordinate;
 use crate::resources::memory::MemoryPlan;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
-use crate::stitch::Counts;
+use crate::stitch::counts::Counts;
 
 /// Triangles that were left out.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]

@@ -113,9 +113,9 @@ pub fn estimate_faces(
     // Slices of the grid begin at the box's lowest place, coarse ones at a multiple of their side.
     let along = axes[1];
     let bottom = grid.bounds().min[along] / side - low[along] as f64 * coarse_grid.side() / side;
-    let slabs = slab_count(workload.smooth, workload.cells[1]);
+    let slabs = slab_count(workload.partition(), workload.cells[1]);
     let share = |number: u32| {
-        let slices = slices_of(number, workload.smooth, workload.cells[1]);
+        let slices = slices_of(number, workload.partition(), workload.cells[1]);
         let [from, to] = [slices.start, slices.end].map(|y| bottom + f64::from(y) * w / side);
         let first = from.max(0.0) as usize;
         let shared =

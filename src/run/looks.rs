@@ -322,13 +322,13 @@ impl fmt::Display for PlanReport {
             let words = format!("nothing can be written to {}: a run needs --output and --temp-dir", folder.display());
             rows.push(("", words));
         }
-        let MemoryPlan { bucket_buffer, blocks_in_flight, chunks_in_flight, piece_points, .. } = self.shares;
+        let MemoryPlan { bucket_buffer, blocks_in_flight, chunks_in_flight, points_held, .. } = self.shares;
         rows.extend([
             ("points kept", place(self.points_in_memory)),
             ("mesh kept", place(self.mesh_in_memory)),
             ("bucket buffers", format!("{} each", ByteSize(bucket_buffer))),
             ("in flight", format!("{blocks_in_flight} blocks, {chunks_in_flight} chunks of slices")),
-            ("fitted at once", format!("{} points of a slab", thousands(piece_points as u64))),
+            ("fitted at once", format!("{} points of a slab", thousands(points_held as u64))),
         ]);
         rows.extend(warnings(&self.warnings));
         table(&rows, f)

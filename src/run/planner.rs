@@ -11,11 +11,13 @@
 //! The plan is made twice. First from the number of points, the grid, and how many faces each slab is expected to have ([`crate::run::estimate`], or the box
 //! alone). Then, when the solid is known, its faces are counted, and what is not yet given out is shared out anew.
 
+use std::ops::Range;
+
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 use crate::grid::context::{CHUNK_SLICES, job_bytes};
-use crate::grid::partition::{buckets_round, halo, slab_slices};
+use crate::grid::partition::{buckets_round, halo};
 use crate::input::BLOCK_RECORDS;
 use crate::mesh::check::job::Need;
 use crate::nearest::bridged;
@@ -37,17 +39,20 @@ const HEAP: u64 = 3 << 20;
 const PROCESS: u64 = 5 << 20;
 const THREAD: u64 = 1 << 20;
 
+/// Threads that a piece of the surface keeps busy: what stitching does for each slab is a tenth of what its making takes.
+const THREADS_OF_PIECE: usize = 8;
+
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
 const CHUNK: u64 = 12 << 10;
 
 /// Chunks are so many times as large at most, and as a power of two: sizes that the allocator has.
 const CHUNK_DOUBLINGS: u32 = 4;
 
-/// The largest and smallest piece of points that a slab's fitting holds at once, in points.
-const PIECE: (u64, u64) = (4 << 20, 16 << 10);
+/// The most points that a slab's fitting holds at once, and the fewest.
+const HELD: (u64, u64) = (4 << 20, 16 << 10);
 
-/// Points in a piece from which smaller ones would cost more than a second slab at a time gains.
-const GOOD_PIECE: u64 = 128 << 10;
+/// So many held at once that fewer would cost more than a second slab at a time gains.
+const ENOUGH_HELD: u64 = 128 << 10;
 
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds, so that two slabs seldom have
 /// given back at the same time; one slab at a time asks it not to wait (`stitch/slab.rs`).
@@ -78,7 +83,8 @@ impl MemoryPlan {
                 what: "the smallest plan for this cloud",
             });
         }
-        Self::share_out(budget, workload, threads.max(1), 0, None)
+        let threads = threads.max(1);
+        Self::share_out(budget, workload, (threads, threads.div_ceil(THREADS_OF_PIECE)), 0, None)
     }
 
     /// The same plan, when the faces of all slabs have been counted, and each needs `means` bytes for means of cells: what is not yet given
@@ -88,7 +94,7 @@ impl MemoryPlan {
     /// [`Error::Budget`] if a slab is too much, with the least budget that would do.
     pub fn with_surface(&self, workload: &Workload, means: u64) -> Result<MemoryPlan> {
         let kept = Kept { buckets: self.buckets_quota, slices: self.slices_quota() };
-        Self::share_out(self.budget, workload, self.threads, means, Some((self.keepable, kept)))
+        Self::share_out(self.budget, workload, (self.threads, self.pieces), means, Some((self.keepable, kept)))
     }
 
     /// Bytes that all stores of slices together may take.
@@ -99,7 +105,7 @@ impl MemoryPlan {
     fn share_out(
         budget: u64,
         workload: &Workload,
-        threads: usize,
+        (threads, pieces): (usize, usize),
         means: u64,
         already: Option<(Keepable, Kept)>,
     ) -> Result<MemoryPlan> {
@@ -137,7 +143,8 @@ impl MemoryPlan {
             buckets_quota: kept.buckets,
             store_quota: kept.slices / STORES,
             mesh_quota,
-            piece_points: piece_in(workload, for_points).clamp(PIECE.1, PIECE.0) as usize,
+            points_held: held_in(workload, for_points).clamp(HELD.1, HELD.0) as usize,
+            pieces,
             working,
             predicted: 0,
             predicted_disk: 0,
@@ -219,7 +226,7 @@ impl MemoryPlan {
         let chunks = workload.buckets() + 1;
         let bucketing = workload.block_job() + chunks * CHUNK / 15 * 16;
         let slices = Self::chunk_job(workload);
-        let slab = SlabJobs::one(PIECE.1).bytes(workload, workload.means_to_expect());
+        let slab = SlabJobs::one(HELD.1).bytes(workload, workload.means_to_expect());
         process(threads)
             + (2 << 20)
             + bucketing
@@ -251,22 +258,28 @@ impl MemoryPlan {
         let beside = [self.threads.div_ceil(2), 0].map(|ahead| (self.threads, ahead));
         let fewer = (1..self.threads).rev().map(|running| (running, 0));
         for (running, ahead) in beside.into_iter().chain(fewer) {
-            let jobs = SlabJobs { running, ahead, piece_points: 0 };
+            let jobs = SlabJobs { running, ahead, points_held: 0, pieces: 1 };
             let room = self.working.saturating_sub(jobs.bytes(workload, means)) / running as u64;
             // What other stages need more than fitting is room for points, too.
             let fits =
-                |piece: &u64| SlabJobs { piece_points: *piece as usize, ..jobs }.bytes(workload, means) <= self.working;
-            let doubled = std::iter::successors(Some(PIECE.1), |piece| Some(2 * piece));
-            let beside = doubled.take_while(|piece| *piece <= PIECE.0 && fits(piece)).last().unwrap_or(0);
-            let piece_points = piece_in(workload, room).max(beside).min(self.piece_points as u64);
-            // Two slabs at a time are worth smaller pieces of points, but not ever smaller ones: each is searched anew.
-            let enough = if running > 1 { GOOD_PIECE } else { PIECE.1 };
-            if piece_points >= enough.min(self.piece_points as u64).min(workload.whole_piece()) {
-                return Ok(SlabJobs { piece_points: piece_points as usize, ..jobs });
+                |held: &u64| SlabJobs { points_held: *held as usize, ..jobs }.bytes(workload, means) <= self.working;
+            let doubled = std::iter::successors(Some(HELD.1), |held| Some(2 * held));
+            let beside = doubled.take_while(|held| *held <= HELD.0 && fits(held)).last().unwrap_or(0);
+            let points_held = held_in(workload, room).max(beside).min(self.points_held as u64);
+            // Two slabs at a time are worth holding fewer points, but not ever fewer: what is held is searched anew each time.
+            let enough = if running > 1 { ENOUGH_HELD } else { HELD.1 };
+            if points_held >= enough.min(self.points_held as u64).min(workload.all_held()) {
+                let jobs = SlabJobs { points_held: points_held as usize, ..jobs };
+                let pieces = if running == self.threads { self.pieces.min(workload.slabs().len()) } else { 1 };
+                let several = (2..=pieces).rev().map(|pieces| SlabJobs { pieces, ..jobs });
+                return Ok(several
+                    .into_iter()
+                    .find(|jobs| jobs.bytes(workload, means) <= self.working)
+                    .unwrap_or(jobs));
             }
         }
         // With a larger budget more would be kept.
-        let least = self.keepable.least_budget(SlabJobs::one(PIECE.1).bytes(workload, means), process(self.threads));
+        let least = self.keepable.least_budget(SlabJobs::one(HELD.1).bytes(workload, means), process(self.threads));
         Err(Error::Budget {
             given: ByteSize(self.budget),
             needed: ByteSize(least),
@@ -304,7 +317,7 @@ fn reopening(workload: &Workload) -> u64 {
     if workload.columns.is_some() {
         return 0;
     }
-    let slices = u64::from(slab_slices(workload.smooth));
+    let slices = u64::from(workload.partition().slices);
     reopen::bytes_to_expect(workload.faces_of_widest() / slices + 1, workload.cells)
 }
 
@@ -333,12 +346,12 @@ fn checking(workload: &Workload, threads: usize) -> Need {
     Need::of(workload.vertices(), workload.triangles(), threads)
 }
 
-/// Bytes of the points that are held at once when a slab is fitted in pieces of `piece`: those round a plane, sorted, with as many cells at most; and a bucket's share
+/// Bytes of the points that are held at once when a slab is fitted with `held` of them: those round a plane, sorted, with as many cells at most; and a bucket's share
 /// of them while it is sorted.
-fn piece_bytes(workload: &Workload, piece: u64) -> u64 {
+fn held_bytes(workload: &Workload, held: u64) -> u64 {
     let PointWorkload { bucket, window } = workload.points_near();
-    let share = piece / u64::from(buckets_round(halo(workload.smooth)));
-    (window.min(piece) + bucket.min(share)) * sorted_bytes(workload)
+    let share = held / u64::from(buckets_round(halo(workload.smooth)));
+    (window.min(held) + bucket.min(share)) * sorted_bytes(workload)
 }
 
 /// Bytes of a point among others that are sorted, with the number of its cell or of those before it.
@@ -346,10 +359,10 @@ fn sorted_bytes(workload: &Workload) -> u64 {
     workload.coordinates() + 4
 }
 
-/// The most points that can be held at once in `room` bytes: all of them, or a piece.
-fn piece_in(workload: &Workload, room: u64) -> u64 {
-    let whole = workload.whole_piece();
-    if piece_bytes(workload, whole) <= room {
+/// The most points that can be held at once in `room` bytes: all of them, or some.
+fn held_in(workload: &Workload, room: u64) -> u64 {
+    let whole = workload.all_held();
+    if held_bytes(workload, whole) <= room {
         return whole;
     }
     let buckets = u64::from(buckets_round(halo(workload.smooth)));
@@ -358,14 +371,14 @@ fn piece_in(workload: &Workload, room: u64) -> u64 {
 
 impl SlabJobs {
     /// One slab at a time.
-    fn one(piece_points: u64) -> SlabJobs {
-        SlabJobs { running: 1, ahead: 0, piece_points: piece_points as usize }
+    fn one(points_held: u64) -> SlabJobs {
+        SlabJobs { running: 1, ahead: 0, points_held: points_held as usize, pieces: 1 }
     }
 
     /// The most bytes of all slabs of a workload at a time, with the points round a plane, as far as they are held at once, and `means`.
     fn bytes(&self, workload: &Workload, means: u64) -> u64 {
         let of = workload.made();
-        let points = workload.fitting_raster() + piece_bytes(workload, self.piece_points as u64);
+        let points = workload.fitting_raster() + held_bytes(workload, self.points_held as u64);
         let size = |slab: &Size| {
             let mesh = slab.bytes(&of);
             (mesh, slab.bytes_making(&of, points, means) - mesh)
@@ -382,9 +395,16 @@ impl SlabJobs {
         let mesh = |number: usize| sizes.get(number).map_or(0, |(mesh, _)| *mesh);
         let seams = slabs.windows(2).map(|pair| pair[0].bytes_at_seam(pair[1], &of));
         let seams: Vec<u64> = seams.collect();
+        let given_back = |slabs: &[Size]| {
+            let widest = slabs.iter().map(|slab| slab.faces).max().unwrap_or(0);
+            if self.running > 1 { (widest * GIVEN_BACK.0).min(GIVEN_BACK.1) } else { 0 }
+        };
+        if self.pieces > 1 {
+            return self.bytes_of_pieces(workload, &sizes, &seams) + given_back(slabs);
+        }
         // Of slabs side by side, those that take the most are in the making.
         let mut making = Vec::new();
-        let mut beside = |numbers: std::ops::Range<usize>| {
+        let mut beside = |numbers: Range<usize>| {
             let some = &sizes[numbers.start.min(sizes.len())..numbers.end.min(sizes.len())];
             making.clear();
             making.extend(some.iter().map(|(_, making)| *making));
@@ -401,9 +421,61 @@ impl SlabJobs {
             let busy = before + mesh(first) + at_seam + beside(first + 1..first + in_flight);
             most = most.max(idle).max(busy);
         }
-        let widest = slabs.iter().map(|slab| slab.faces).max().unwrap_or(0);
-        let given_back = if self.running > 1 { (widest * GIVEN_BACK.0).min(GIVEN_BACK.1) } else { 0 };
-        most + given_back + STITCHING
+        most + given_back(slabs) + STITCHING
+    }
+
+    /// The same but for what was given back, where several pieces are stitched side by side, of slabs of such sizes (of the mesh, and of its making beside that) and such bytes at their seams.
+    fn bytes_of_pieces(&self, workload: &Workload, sizes: &[(u64, u64)], seams: &[u64]) -> u64 {
+        let mesh = |number: usize| sizes.get(number).map_or(0, |(mesh, _)| *mesh);
+        let meshes = |numbers: Range<usize>| numbers.map(mesh).sum::<u64>();
+        let ranges = self.ranges(workload);
+        // Where slabs stand for the widest, any of them may be any.
+        let stand_in = sizes.len() < workload.slabs().len();
+        let of_piece = |range: &Range<u32>| {
+            let start = if stand_in { 0 } else { (range.start as usize).saturating_sub(1) };
+            // It may go on past its end.
+            let at = (start..sizes.len()).map(|first| {
+                let before = if first > start { mesh(first - 1) } else { 0 };
+                let at_seam = if first > start { seams[first - 1] } else { 0 };
+                before + at_seam + meshes(first..first + self.in_flight())
+            });
+            at.max().unwrap_or(0)
+        };
+        let copies = |range: &Range<u32>| {
+            let boundary = if stand_in { 1 } else { range.start as usize };
+            meshes(boundary - 1..boundary + 1)
+        };
+        let mut making: Vec<u64> = sizes.iter().map(|(_, making)| *making).collect();
+        making.sort_unstable_by(|a, b| b.cmp(a));
+        let making = match stand_in {
+            true => making.first().map_or(0, |making| making * self.running as u64),
+            false => making.iter().take(self.running).sum(),
+        };
+        let pieces = ranges.len() as u64;
+        let stitching = pieces * STITCHING + (pieces - 1) * THREAD;
+        ranges.iter().map(of_piece).sum::<u64>() + ranges[1..].iter().map(copies).sum::<u64>() + making + stitching
+    }
+
+    /// The slabs of each piece: about as many faces in each.
+    pub(crate) fn ranges(&self, workload: &Workload) -> Vec<Range<u32>> {
+        let slabs = workload.slabs();
+        let count = slabs.len() as u32;
+        let pieces = (self.pieces.max(1) as u32).min(count.max(1));
+        let all: u64 = slabs.iter().map(|slab| slab.faces + 1).sum();
+        let (mut ranges, mut start, mut sum) = (Vec::new(), 0, 0);
+        for (number, slab) in (0..count).zip(slabs) {
+            sum += slab.faces + 1;
+            let (made, after) = (ranges.len() as u32, number + 1);
+            let left = pieces - made - 1;
+            let is_share = u128::from(sum) * u128::from(pieces) >= u128::from(all) * u128::from(made + 1);
+            // Each of those to come has a slab.
+            if left > 0 && (is_share || count - after == left) {
+                ranges.push(start..after);
+                start = after;
+            }
+        }
+        ranges.push(start..count);
+        ranges
     }
 }
 
@@ -491,8 +563,46 @@ mod tests {
         let (least, large) = (jobs(MemoryPlan::least(&workload, 2)), jobs(4 << 30));
         assert_eq!((least.running, least.in_flight()), (1, 1));
         assert_eq!((large.running, large.in_flight()), (2, 3));
-        assert!(least.piece_points < large.piece_points);
-        assert_eq!(large.piece_points as u64, workload.whole_piece());
+        assert!(least.points_held < large.points_held);
+        assert_eq!(large.points_held as u64, workload.all_held());
+    }
+
+    #[test]
+    fn pieces_are_for_many_threads_and_room() {
+        let workload = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
+        let jobs = |budget: u64, threads: usize| {
+            MemoryPlan::for_budget(budget, &workload, threads).unwrap().slab_jobs(&workload, 0).unwrap()
+        };
+        for threads in [1, 2, 8] {
+            assert_eq!(jobs(64 << 30, threads).pieces, 1);
+        }
+        assert_eq!((jobs(64 << 30, 16).pieces, jobs(64 << 30, 64).pieces), (2, 8));
+        assert_eq!(jobs(MemoryPlan::least(&workload, 64), 64).pieces, 1);
+        let (mut pieces, mut before) = (0, jobs(1 << 30, 64));
+        for budget in 2..64u64 {
+            let now = jobs(budget << 30, 64);
+            assert!(now.pieces >= before.pieces);
+            pieces += usize::from(now.pieces > before.pieces);
+            before = now;
+        }
+        assert!(pieces > 1, "as many as fit");
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_are_all_slabs_in_order(faces in prop::collection::vec(0u64..1 << 20, 1..60), pieces in 1usize..70) {
+            let slices = faces.len() as u32 * 20;
+            let workload = load(1_000_000, slices).with_faces(faces.clone(), false);
+            let ranges = SlabJobs { pieces, ..SlabJobs::one(1) }.ranges(&workload);
+            prop_assert_eq!(ranges.len(), pieces.min(faces.len()));
+            prop_assert!(ranges.iter().all(|range| !range.is_empty()));
+            prop_assert!(ranges.iter().cloned().flatten().eq(0..faces.len() as u32));
+            let of = |range: &Range<u32>| range.clone().map(|k| faces[k as usize] + 1).sum::<u64>();
+            let (all, widest) = (of(&(0..faces.len() as u32)), faces.iter().max().unwrap() + 1);
+            let share = all / ranges.len() as u64 + 1;
+            // What is left over is a slab at each end, but where the last pieces are given a slab each.
+            prop_assert!(ranges[0].len() == 1 || of(&ranges[0]) <= share + widest);
+        }
     }
 
     #[test]
@@ -502,6 +612,6 @@ mod tests {
         let large = MemoryPlan::for_budget(8 << 30, &workload, 2).unwrap();
         assert_eq!(small.buckets_quota, 0, "240 MB of points do not fit into 128 MiB");
         assert!(large.buckets_quota >= workload.bucket_bytes());
-        assert!(large.piece_points >= small.piece_points);
+        assert!(large.points_held >= small.points_held);
     }
 }

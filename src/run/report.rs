@@ -26,7 +26,7 @@ use crate::simplify::Figures;
 use crate::solid::close::{How, PartingNothing, Sighted};
 use crate::solid::component::Components;
 use crate::solid::heightfield::ColumnCounts as Columns;
-use crate::stitch::Counts;
+use crate::stitch::counts::Counts;
 use crate::stitch::reach::SeamReport;
 use crate::surface::thickness::Shell;
 

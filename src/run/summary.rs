@@ -15,7 +15,7 @@ use crate::settings::surface::Fit;
 use crate::simplify::Figures;
 use crate::solid::close::Sighted;
 use crate::solid::component::Components;
-use crate::stitch::Counts;
+use crate::stitch::counts::Counts;
 
 impl Report {
     /// The summary for people: the output, the mesh, what may be wrong; and in `detail`, all that came before.

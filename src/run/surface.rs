@@ -1,10 +1,12 @@
 //! The last phase of a run's pipeline: from closed cells and sorted points to the mesh.
 
+use std::sync::{Mutex, PoisonError};
+
 use crate::error::{Error, Result};
 use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Sampled;
-use crate::grid::partition::{REACH, buckets_of, halo, slab_count, slices_of};
+use crate::grid::partition::{REACH, Slabs, buckets_of, halo, slab_count, slices_of};
 use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::nearest::bridged::Bridging;
@@ -26,9 +28,11 @@ use crate::solid::component::Components;
 use crate::solid::heightfield;
 use crate::solid::unresolved::NarrowHandles;
 use crate::stitch::checkpoint::Checkpoint;
+use crate::stitch::counts::Counts;
+use crate::stitch::pieces::{self, Means};
 use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::{Making, SlabMesh};
-use crate::stitch::{Counts, Stitched, Stitcher};
+use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
 use crate::surface::{extract, plane};
 
@@ -91,11 +95,12 @@ pub(super) fn surface_of<T: Coordinate>(
     };
 
     let smooth = surface.smooth;
+    let partition = Slabs::of(&surface);
     let faces_of_slab = |number: u32| {
-        let slab = slices_of(number, smooth, solid.cells[1]);
+        let slab = slices_of(number, partition, solid.cells[1]);
         solid.faces[slab.start as usize..slab.end as usize].iter().map(|f| u64::from(*f)).sum::<u64>()
     };
-    let slabs = slab_count(smooth, solid.cells[1]);
+    let slabs = slab_count(partition, solid.cells[1]);
     let means = match surface.fit {
         Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
         _ => 0,
@@ -105,12 +110,12 @@ pub(super) fn surface_of<T: Coordinate>(
     let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
     let workload = workload.with_buckets(&points);
     let points_of_slab = |number: u32| {
-        let buckets = buckets_of(slices_of(number, smooth, solid.cells[1]));
+        let buckets = buckets_of(slices_of(number, partition, solid.cells[1]));
         points[buckets.start as usize..(buckets.end as usize).min(points.len())].iter().sum::<u64>()
     };
     let work = |faces: u64, points: u64| forecast::surface(2.0 * faces as f64, points as f64);
     let faces: u64 = (0..slabs).map(faces_of_slab).sum();
-    let (all, mut done) = (work(faces, survey.points).max(1.0), 0.0);
+    let all = work(faces, survey.points).max(1.0);
     progress.learn(|known| known.triangles = 2 * faces);
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Surface, Some(faces));
@@ -118,56 +123,73 @@ pub(super) fn surface_of<T: Coordinate>(
     let jobs = memory.slab_jobs(&workload, means)?;
     let origin = origin(T::PRECISION, &survey.bounds);
     let schema = cloud.schema();
-    let opened = context.work.as_deref().map(|work| SurfaceLog::open(work, (T::PRECISION, schema), context));
-    let (mut log, before) = match opened.transpose()? {
-        Some((log, before)) => (Some(log), before),
-        None => {
-            let quota = memory.mesh_quota;
-            let mesh = MeshSpool::with_attributes(&context.workspace, T::PRECISION, schema.clone(), quota);
-            (None, MadeBefore { mesh, checkpoint: Checkpoint::at(0), whole: false })
-        }
-    };
     let frame = Frame { origin, precision: T::PRECISION };
     let trimmed = closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
-    let MadeBefore { mesh, checkpoint, whole } = before;
-    let mut stitcher = Stitcher::resumed(grid, halo(smooth), frame, mesh, trimmed, &checkpoint);
+    let begun = |mesh: MeshSpool, from: &Checkpoint| Stitcher::resumed(grid, halo(smooth), frame, mesh, trimmed, from);
     let making = Making { solid, sampled: &sampled, options: surface, frame, jobs };
     let written: Spares<SlabMesh<T>> = Spares::default();
-    let first = if whole { slabs } else { stitcher.next() };
-    for number in 0..first {
+    let make = |number: u32| {
+        // Slabs differ: a narrow one that kept a wide one's room would hold it while the next wide one is made.
+        let size = workload.slabs()[number as usize];
+        let room = written.take().filter(|room| room.suits(size));
+        let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
+        SlabMesh::make(number, &making, room)
+    };
+    let told = Mutex::new((&mut *progress, 0.0));
+    let taken = |number: u32| {
         let (faces, points) = (faces_of_slab(number), points_of_slab(number));
-        done += work(faces, points);
-        progress.add_weighed(faces, done / all);
-    }
-    let mut number = first;
-    let made = context.workers.in_order_range(
-        jobs.in_flight(),
-        (slabs - first) as usize,
-        |number| {
-            let number = first as usize + number;
-            // Slabs differ: a narrow one that kept a wide one's room would hold it while the next wide one is made.
-            let size = workload.slabs()[number];
-            let room = written.take().filter(|room| room.suits(size));
-            let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
-            SlabMesh::make(number as u32, &making, room)
-        },
-        |slab| {
-            let (faces, points) = (faces_of_slab(number), points_of_slab(number));
-            number += 1;
-            done += work(faces, points);
-            progress.add_weighed(faces, done / all);
-            stitcher.add(slab)?.into_iter().for_each(|slab| written.give(slab));
-            log.as_mut().map_or(Ok(()), |log| log.tell(&mut stitcher))
-        },
-    );
-    if let (Err(Error::Interrupted), Some(log)) = (&made, &mut log) {
-        log.tell_now(&mut stitcher)?;
-    }
-    made?;
-    let mut stitched = stitcher.finish()?;
-    if let Some(log) = log.filter(|_| !whole) {
-        log.end(&mut stitched, slabs)?;
-    }
+        let (progress, done) = &mut *told.lock().unwrap_or_else(PoisonError::into_inner);
+        *done += work(faces, points);
+        progress.add_weighed(faces, *done / all);
+    };
+    let stitched = if let Some(work) = &context.work {
+        let (mut log, MadeBefore { mesh, checkpoint, whole }) =
+            SurfaceLog::open(work, (T::PRECISION, schema), context)?;
+        let mut stitcher = begun(mesh, &checkpoint);
+        let first = if whole { slabs } else { stitcher.next() };
+        (0..first).for_each(taken);
+        let mut number = first;
+        let made = context.workers.in_order_range(
+            jobs.in_flight(),
+            (slabs - first) as usize,
+            |job| make(first + job as u32),
+            |slab| {
+                taken(number);
+                number += 1;
+                stitcher.add(slab)?.into_iter().for_each(|slab| written.give(slab));
+                log.tell(&mut stitcher)
+            },
+        );
+        if let Err(Error::Interrupted) = made {
+            log.tell_now(&mut stitcher)?;
+        }
+        made?;
+        let mut stitched = stitcher.finish()?;
+        if !whole {
+            log.end(&mut stitched, slabs)?;
+        }
+        stitched
+    } else {
+        let ranges = jobs.ranges(&workload);
+        let stitcher = |piece: usize, from: &Checkpoint| {
+            let of_piece: u64 = ranges[piece].clone().map(faces_of_slab).sum();
+            // Each has its share of what the mesh may take of memory.
+            let quota = match ranges.len() {
+                1 => memory.mesh_quota,
+                _ => (u128::from(memory.mesh_quota) * u128::from(of_piece) / u128::from(faces.max(1))) as u64,
+            };
+            begun(MeshSpool::with_attributes(&context.workspace, T::PRECISION, schema.clone(), quota), from)
+        };
+        let means = Means {
+            workers: &context.workers,
+            in_flight: jobs.in_flight(),
+            stitcher: &stitcher,
+            make: &make,
+            taken: &taken,
+            spares: &written,
+        };
+        pieces::stitch(&ranges, &means)?
+    };
     let Stitched { mesh, mut counts, seams } = stitched;
     drop(written);
     memory.between_phases(&context.workers);

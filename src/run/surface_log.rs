@@ -137,7 +137,7 @@ impl<'a> SurfaceLog<'a> {
             return Ok(());
         }
         self.told = Instant::now();
-        let extents = stitcher.mesh_mut().cut();
+        let extents = stitcher.mesh_mut().extents();
         self.append(&Line { extents, checkpoint, whole: false })
     }
 
@@ -146,7 +146,7 @@ impl<'a> SurfaceLog<'a> {
     /// # Errors
     /// [`crate::Error::Io`], of an earlier line, too.
     pub fn end(mut self, stitched: &mut Stitched, slabs: u32) -> Result<()> {
-        let extents = stitched.mesh.cut();
+        let extents = stitched.mesh.extents();
         self.append(&Line { extents, checkpoint: stitched.checkpoint(slabs), whole: true })
     }
 

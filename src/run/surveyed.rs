@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::coarse::CoarseGrid;
+use crate::grid::partition::Slabs;
 use crate::grid::survey::{Density, Survey, Wanted, planes_with_points, seen_from, survey, turned_bounds};
 use crate::input::Cloud;
 use crate::points::Precision;
@@ -133,7 +134,7 @@ pub fn survey_with(
         false => grid,
     };
     progress.end();
-    let workload = Workload::new(survey.points, cloud.precision(), &grid, settings.surface.smooth);
+    let workload = Workload::new(survey.points, cloud.precision(), &grid, Slabs::of(&settings.surface));
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
     let workload = workload.with_level(level_to_expect(survey.points, &coarse_grid, &grid));

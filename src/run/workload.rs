@@ -1,7 +1,7 @@
 //! The workload: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
 
 use crate::grid::partition::plane_halo;
-use crate::grid::partition::{BUCKET_SLICES, buckets_round, halo, slab_count, slab_slices};
+use crate::grid::partition::{BUCKET_SLICES, Slabs, buckets_round, halo, slab_count};
 use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::{Cell, Grid};
 use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
@@ -29,6 +29,8 @@ pub struct Workload {
     pub cells: Cell,
     /// Steps of smoothing.
     pub smooth: u32,
+    /// Slices of a slab.
+    slab_slices: u32,
     /// What vertices are moved onto.
     pub fit: Fit,
     /// The size of each slab, as far as is known.
@@ -72,24 +74,26 @@ pub struct ColumnWorkload {
 
 impl Workload {
     /// The workload of `points` points on `grid`, with the faces of a surface round the whole box, and a third more for its slopes.
-    pub fn new(points: u64, precision: Precision, grid: &Grid, smooth: u32) -> Workload {
-        Workload::in_cells(points, precision, grid.cells(), smooth)
+    pub fn new(points: u64, precision: Precision, grid: &Grid, slabs: impl Into<Slabs>) -> Workload {
+        Workload::in_cells(points, precision, grid.cells(), slabs)
     }
 
     /// [`Workload::new`] for a grid of so many cells along x, slices and rows.
-    pub fn in_cells(points: u64, precision: Precision, cells: Cell, smooth: u32) -> Workload {
+    pub fn in_cells(points: u64, precision: Precision, cells: Cell, slabs: impl Into<Slabs>) -> Workload {
+        let partition: Slabs = slabs.into();
         let [x, y, z] = cells.map(u64::from);
         let faces = (2 * (x * y + y * z + z * x) * 4 / 3).min(x.saturating_mul(y).saturating_mul(z).saturating_mul(6));
-        let slabs = slab_count(smooth, cells[1]);
+        let slabs = slab_count(partition, cells[1]);
         let share = faces.div_ceil(u64::from(slabs));
         Workload {
             points,
             precision,
             attributes: 0,
             cells,
-            smooth,
+            smooth: partition.smooth,
+            slab_slices: partition.slices,
             fit: Fit::Nearest,
-            slabs: vec![Size::even(share, smooth); slabs as usize],
+            slabs: vec![Size::even(share, partition); slabs as usize],
             falls: false,
             counted: None,
             columns: None,
@@ -122,7 +126,7 @@ impl Workload {
     /// If there are not as many numbers as slabs.
     pub fn with_faces(&self, slabs: Vec<u64>, falls: bool) -> Workload {
         assert_eq!(slabs.len(), self.slabs.len(), "a number of faces for each slab");
-        let slabs = slabs.into_iter().map(|faces| Size::even(faces, self.smooth)).collect();
+        let slabs = slabs.into_iter().map(|faces| Size::even(faces, self.partition())).collect();
         Workload { slabs, falls, ..self.clone() }
     }
 
@@ -144,7 +148,8 @@ impl Workload {
     /// If there are not as many numbers as slices.
     pub fn with_faces_of_slices(&self, faces: &[u32], falls: bool) -> Workload {
         assert_eq!(faces.len(), self.cells[1] as usize, "a number of faces for each slice");
-        let slabs = (0..slab_count(self.smooth, self.cells[1])).map(|number| Size::counted(faces, number, self.smooth));
+        let partition = self.partition();
+        let slabs = (0..slab_count(partition, self.cells[1])).map(|number| Size::counted(faces, number, partition));
         Workload { slabs: slabs.collect(), falls, ..self.clone() }
     }
 
@@ -270,6 +275,11 @@ impl Workload {
         self.columns.map_or(0, |columns| u64::from(columns.of_slice))
     }
 
+    /// How slices are dealt out to slabs.
+    pub(crate) fn partition(&self) -> Slabs {
+        Slabs { smooth: self.smooth, slices: self.slab_slices }
+    }
+
     /// The sizes of slabs, in order.
     pub(crate) fn slabs(&self) -> &[Size] {
         &self.slabs
@@ -279,6 +289,7 @@ impl Workload {
     pub(crate) fn made(&self) -> Made {
         Made {
             smooth: self.smooth,
+            slab_slices: self.slab_slices,
             fit: self.fit,
             coordinates: self.coordinates(),
             attributes: self.attributes,
@@ -315,7 +326,7 @@ impl Workload {
     pub(crate) fn points_near(&self) -> PointWorkload {
         self.counted.unwrap_or_else(|| {
             let share = self.faces_of_widest() as f64 / self.faces().max(1) as f64;
-            let slices = |buckets: u32| f64::from(buckets * BUCKET_SLICES) / f64::from(slab_slices(self.smooth));
+            let slices = |buckets: u32| f64::from(buckets * BUCKET_SLICES) / f64::from(self.slab_slices);
             let points = |buckets: u32| ((self.points as f64 * share * slices(buckets)) as u64 + 1).min(self.points);
             PointWorkload { bucket: points(1), window: points(buckets_round(halo(self.smooth))) }
         })
@@ -327,13 +338,13 @@ impl Workload {
             return 0;
         }
         let window = 2 * u64::from(plane_halo(self.smooth));
-        let in_slice = (self.faces_of_widest() / u64::from(slab_slices(self.smooth))).min(self.points / window) + 1;
+        let in_slice = (self.faces_of_widest() / u64::from(self.slab_slices)).min(self.points / window) + 1;
         let in_slice = vec![u32::try_from(in_slice).unwrap_or(u32::MAX); window as usize];
         plane::bytes(&in_slice, self.cells, self.smooth)
     }
 
     /// The points that must be held at once for all of a plane's to be there: as many for each bucket as the fullest has.
-    pub(crate) fn whole_piece(&self) -> u64 {
+    pub(crate) fn all_held(&self) -> u64 {
         self.points_near().bucket * u64::from(buckets_round(halo(self.smooth)))
     }
 }

@@ -96,7 +96,12 @@ impl Default for Settings {
             keep_outliers: false,
             min_points: 1,
             min_component: Some(Least::Auto),
-            surface: SurfaceOptions { smooth: 1, diagonals: Default::default(), fit: Default::default() },
+            surface: SurfaceOptions {
+                smooth: 1,
+                diagonals: Default::default(),
+                fit: Default::default(),
+                slab_slices: None,
+            },
             open: None,
             bridged: false,
             trim: None,

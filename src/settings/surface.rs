@@ -9,6 +9,10 @@ pub struct SurfaceOptions {
     pub diagonals: Diagonals,
     /// What vertices are moved onto.
     pub fit: Fit,
+    /// Slices of a slab, if they are not as many as smoothing asks for: with fewer, seams may reach each other, as tests want them to.
+    #[doc(hidden)]
+    #[serde(skip)]
+    pub slab_slices: Option<u32>,
 }
 
 /// What vertices are moved onto.

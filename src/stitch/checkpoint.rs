@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Counts;
-use super::reach::SeamReport;
+use crate::stitch::counts::Counts;
+use crate::stitch::reach::SeamReport;
 
 /// All slabs below one are written, and the seam below that one is clean. With these figures, that slab and the one below it, each made anew, all others are written as in one
 /// run ([`Stitcher::resumed`](super::Stitcher::resumed)).
@@ -38,4 +38,13 @@ impl Checkpoint {
     pub fn counts(&self) -> Counts {
         Counts { bridged_area: f64::from_bits(self.area), ..self.counts }
     }
+}
+
+/// [`Checkpoint`] in short: what a piece writes below a clean seam.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Mark {
+    pub slab: u32,
+    pub vertices: u64,
+    pub faces: u64,
+    pub counts: Counts,
 }

@@ -17,7 +17,9 @@
 //! on comes out as in one run, with vertices numbered from where the [`Checkpoint`] says: those of slab a - 1 come just before, below zero if that is the first number.
 
 pub mod checkpoint;
+pub mod counts;
 pub mod numbers;
+pub mod pieces;
 pub mod reach;
 pub mod seam;
 pub mod slab;
@@ -25,9 +27,10 @@ pub mod trim;
 
 use glam::DVec3;
 
-use self::checkpoint::Checkpoint;
+use self::checkpoint::{Checkpoint, Mark};
+use self::counts::Counts;
 use self::numbers::{InMesh, InSlab, Named};
-use self::reach::SeamReport;
+use self::reach::{Part, SeamReport};
 use self::seam::Seam;
 use self::slab::SlabMesh;
 use self::trim::{Trim, Trimmed};
@@ -44,7 +47,7 @@ use crate::surface::vertex_state::VertexState;
 pub const VERTEX_LIMIT: u64 = i32::MAX as u64;
 
 /// Vertices or triangles that are written at a time.
-const PIECE: usize = 1 << 15;
+const BATCH: usize = 1 << 15;
 
 /// Takes slabs in order and writes the mesh.
 #[derive(Debug)]
@@ -68,6 +71,8 @@ pub struct Stitcher<'a, T> {
     /// The waiting slab's vertices `0..frozen` must stay as they are: the slab before names them.
     frozen: u32,
     counts: Counts,
+    /// What each slab that was written added to [`Counts::bridged_area`].
+    areas: Vec<f64>,
     seams: Vec<SeamReport>,
     /// How many of the waiting slab's first vertices the seam below it touched.
     touched: u32,
@@ -92,13 +97,13 @@ impl Appended {
         let stride = self.mesh.schema().stride();
         self.vertices.push(self.frame.place(slab.position(v)));
         self.attributes.extend_from_slice(&slab.attributes[v.at() * stride..][..stride]);
-        if self.vertices.len() == PIECE { self.hand_on() } else { Ok(()) }
+        if self.vertices.len() == BATCH { self.hand_on() } else { Ok(()) }
     }
 
     fn face(&mut self, vertices: [InMesh; 3]) -> Result<()> {
         self.face_count += 1;
         self.faces.push(FaceRecord::new(vertices.map(|InMesh(v)| v)));
-        if self.faces.len() == PIECE { self.hand_on() } else { Ok(()) }
+        if self.faces.len() == BATCH { self.hand_on() } else { Ok(()) }
     }
 
     /// Hands what is gathered to the mesh.
@@ -132,50 +137,10 @@ impl Stitched {
     }
 }
 
-/// What became of the vertices.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Counts {
-    /// Vertices that are input points, bit for bit.
-    pub fitted: u64,
-    /// Vertices moved into the plane of the points round them.
-    pub projected: u64,
-    /// Vertices pulled towards a point that another vertex took.
-    pub pulled: u64,
-    /// Vertices that stay where smoothing put them: no point within reach, or not to be fitted.
-    pub unfitted: u64,
-    /// Vertices where a hole is bridged, at the height interpolated there.
-    pub bridged: u64,
-    /// Vertices contracted into others.
-    pub contracted: u64,
-    /// Vertices that went back towards rest because triangles there would intersect.
-    pub retreated: u64,
-    /// Pairs of triangles that intersect still: none, unless cells are too small for the precision of coordinates, or a chain of
-    /// retreats would have to reach through a whole slab.
-    pub tangled: u64,
-    /// Area of the triangles that bridge a hole: all three vertices stay where smoothing put them, for want of a point within reach, or lie at an
-    /// interpolated height.
-    pub bridged_area: f64,
-}
-
-impl Counts {
-    /// Counts a vertex that is written, or that was contracted.
-    fn count(&mut self, state: VertexState) {
-        let count = match state {
-            VertexState::Contracted => &mut self.contracted,
-            VertexState::Fitted => &mut self.fitted,
-            VertexState::Projected => &mut self.projected,
-            VertexState::Bridged => &mut self.bridged,
-            VertexState::Attracted => &mut self.pulled,
-            VertexState::Unfitted => &mut self.unfitted,
-            VertexState::Backtracked(_) | VertexState::AtRest => &mut self.retreated,
-        };
-        *count += 1;
-    }
-}
-
 impl<'a, T: Coordinate> Stitcher<'a, T> {
     /// A stitcher that appends to `mesh`, whose positions are to be written in `frame`; `halo` as in [`crate::grid::partition::halo`]. If the surface is `trimmed`,
     /// only triangles that are kept are written.
+    #[cfg(test)]
     pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool, trimmed: bool) -> Stitcher<'a, T> {
         Stitcher::resumed(grid, halo, frame, mesh, trimmed, &Checkpoint::at(0))
     }
@@ -210,6 +175,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
             trim: trimmed.then(Trim::default),
             frozen: 0,
             counts: checkpoint.counts(),
+            areas: Vec::new(),
             seams: checkpoint.seams.clone(),
             touched: 0,
             clean: false,
@@ -221,7 +187,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
         &self.mesh.mesh
     }
 
-    /// The same, to be cut.
+    /// The same, to ask for what was appended to it.
     pub fn mesh_mut(&mut self) -> &mut MeshSpool {
         &mut self.mesh.mesh
     }
@@ -233,8 +199,14 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
 
     /// What is to be known to go on from the slab that was added last, if the seam below it was clean: all below it is written, and `mesh` holds that.
     pub fn checkpoint(&self) -> Option<Checkpoint> {
-        let (slab, vertices, faces) = (self.written, self.vertices, self.mesh.face_count);
-        self.clean.then(|| Checkpoint::new(slab, [vertices, faces], self.counts, self.seams.clone()))
+        let Mark { slab, vertices, faces, counts } = self.mark()?;
+        Some(Checkpoint::new(slab, [vertices, faces], counts, self.seams.clone()))
+    }
+
+    /// The same in short.
+    fn mark(&self) -> Option<Mark> {
+        let (slab, vertices, faces, counts) = (self.written, self.vertices, self.mesh.face_count, self.counts);
+        self.clean.then_some(Mark { slab, vertices, faces, counts })
     }
 
     /// Takes the next slab; gives one that is written, for its memory.
@@ -244,7 +216,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     pub fn add(&mut self, mut slab: SlabMesh<T>) -> Result<Option<SlabMesh<T>>> {
         let mut lower = self.waiting.take();
         if let Some(lower) = &mut lower {
-            let settled = self.touched.max(self.frozen);
+            let settled = if Part::Settled.is_on() { self.touched.max(self.frozen) } else { self.touched };
             let mut seam = Seam::of(lower, &mut slab, self.frozen, self.mesh.frame, self.broad_phase.quantizer());
             let mut changed = seam.close();
             changed.extend(seam.choose_fitted(self.grid, self.halo));
@@ -272,17 +244,29 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     ///
     /// # Errors
     /// The same as [`Stitcher::add`].
-    pub fn finish(mut self) -> Result<Stitched> {
+    pub fn finish(self) -> Result<Stitched> {
+        Ok(self.finish_piece()?.0)
+    }
+
+    /// [`Stitcher::finish`] with what each slab added to the area of bridged triangles.
+    fn finish_piece(mut self) -> Result<(Stitched, Vec<f64>)> {
         // Where stitching begins in the middle, the slab before that is not written.
         if let Some(last) = self.waiting.take().filter(|_| self.next > self.written) {
             self.write(&last, None)?;
         }
-        Ok(Stitched { mesh: self.mesh.mesh, counts: self.counts, seams: self.seams })
+        Ok(self.end_here())
+    }
+
+    /// What is written, without the slab that was added last.
+    fn end_here(self) -> (Stitched, Vec<f64>) {
+        (Stitched { mesh: self.mesh.mesh, counts: self.counts, seams: self.seams }, self.areas)
     }
 
     fn write(&mut self, slab: &SlabMesh<T>, next: Option<&SlabMesh<T>>) -> Result<()> {
         self.counts.tangled += slab.tangled;
-        self.counts.bridged_area += bridged_area(slab, next);
+        let area = bridged_area(slab, next);
+        self.counts.bridged_area += area;
+        self.areas.push(area);
         let base = self.vertices as u32;
         let after = if let Some(trim) = &mut self.trim {
             let Trimmed { written, triangles, frozen } = trim.slab(slab, next, |_| base);
@@ -339,17 +323,14 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
 
     /// The number of the first vertex after `more` others.
     fn number_after(&self, more: usize) -> Result<u64> {
-        let after = self.vertices + more as u64;
-        if after > VERTEX_LIMIT {
-            return Err(Error::TooManyElements {
-                count: after,
-                what: "vertices",
-                limit: VERTEX_LIMIT,
-                carrier: "a mesh file's int",
-            });
-        }
-        Ok(after)
+        within_limit(self.vertices + more as u64)
     }
+}
+
+/// So many vertices, if a mesh file can number them.
+fn within_limit(count: u64) -> Result<u64> {
+    let (limit, carrier) = (VERTEX_LIMIT, "a mesh file's int");
+    if count > limit { Err(Error::TooManyElements { count, what: "vertices", limit, carrier }) } else { Ok(count) }
 }
 
 /// The area of a slab's triangles that are written and whose vertices all stay, or lie at an interpolated height. Vertices of the slab before are named only by triangles that were contracted onto a point.

@@ -63,15 +63,18 @@ impl Reach {
     #[inline]
     pub fn change(&self, v: u32) {
         self.changed.set(with(self.changed.get(), v));
-        self.touch(v);
+        self.touch(v, Part::Changed);
     }
 
-    pub fn touch(&self, v: u32) {
-        self.touched.set(self.touched.get().max(Some(v)));
+    /// For one of these reasons.
+    pub fn touch(&self, v: u32, why: Part) {
+        if why.is_on() {
+            self.touched.set(self.touched.get().max(Some(v)));
+        }
     }
 
     pub fn read_beyond(&self) {
-        self.beyond.set(true);
+        self.beyond.set(Part::Beyond.is_on());
     }
 
     /// Whether a triangle of the lower slab was read that names a vertex of the slab before it.
@@ -91,6 +94,44 @@ impl Reach {
 
     pub fn all_changed(&self) -> Option<RangeInclusive<u32>> {
         range(self.changed.get())
+    }
+}
+
+/// The parts of what makes a seam clean. Tests switch each off and see that it is missed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// Nothing is read that the seam before changed,
+    Changed,
+    /// or a corner of a triangle that it named anew,
+    Named,
+    /// or of one for which it widened a block's box;
+    Widened,
+    /// no triangle is read that names a vertex of the slab before;
+    Beyond,
+    /// nothing is read that the slab before names.
+    Settled,
+}
+
+impl Part {
+    #[cfg(not(test))]
+    #[inline]
+    pub fn is_on(self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+thread_local! {
+    /// The part that is switched off on this thread.
+    pub(super) static OFF: Cell<Option<Part>> = const { Cell::new(None) };
+}
+
+#[cfg(test)]
+impl Part {
+    pub const ALL: [Part; 5] = [Part::Changed, Part::Named, Part::Widened, Part::Beyond, Part::Settled];
+
+    pub fn is_on(self) -> bool {
+        OFF.get() != Some(self)
     }
 }
 

@@ -11,7 +11,7 @@ use crate::grid::partition::TRAVEL;
 use crate::mesh::spool::Frame;
 use crate::points::{Coordinate, bits};
 use crate::stitch::numbers::{BEFORE, InSlab, Named};
-use crate::stitch::reach::{Reach, SeamReport};
+use crate::stitch::reach::{Part, Reach, SeamReport};
 use crate::stitch::slab::SlabMesh;
 use crate::storage::seeds::SeededMap;
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_gone};
@@ -352,7 +352,7 @@ impl<T: Coordinate> TriangleSet for Seam<'_, T> {
     }
 
     fn widened(&self, triangle: [u32; 3]) {
-        triangle.into_iter().for_each(|v| self.reach.touch(v));
+        triangle.into_iter().for_each(|v| self.reach.touch(v, Part::Widened));
     }
 }
 
@@ -408,11 +408,14 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
     fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState) {
         self.reach.change(v);
         let first = 3 * self.upper_triangles();
-        self.reach.touch(survivor);
+        self.reach.touch(survivor, Part::Named);
         let corners: Vec<u32> = self.corners(v).collect();
         for corner in corners {
             // Vertices of the slab beyond have the highest numbers: all of the upper slab counts as touched then.
-            self.triangle(corner / 3).into_iter().filter(|v| *v < BEFORE).for_each(|v| self.reach.touch(v));
+            self.triangle(corner / 3)
+                .into_iter()
+                .filter(|v| *v < BEFORE)
+                .for_each(|v| self.reach.touch(v, Part::Named));
             if corner < first {
                 self.lower.triangles.as_flattened_mut()[corner as usize] = survivor;
             } else {

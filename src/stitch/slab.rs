@@ -5,8 +5,7 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::occupancy::Sampled;
-use crate::grid::partition::slab_slices;
-use crate::grid::partition::{halo, plane_halo, slices_of, smooth_halo};
+use crate::grid::partition::{Slabs, halo, plane_halo, slices_of, smooth_halo};
 use crate::grid::slice::Bits;
 use crate::mesh::spool::Frame;
 use crate::points::Coordinate;
@@ -31,7 +30,7 @@ use crate::surface::vertex_state::{SHARES, VertexState};
 /// The mesh of one slab, of points of precision `T`.
 ///
 /// Triangles name vertices by number, as [`Named`] says: the slab's, and those of the slabs on either side.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct SlabMesh<T> {
     /// The slab's slices.
     pub slices: Range<u32>,
@@ -94,6 +93,8 @@ pub struct Size {
 pub struct Made {
     /// Steps of smoothing.
     pub smooth: u32,
+    /// Slices of a slab.
+    pub slab_slices: u32,
     /// What vertices are moved onto.
     pub fit: Fit,
     /// Bytes of a point's coordinates.
@@ -116,19 +117,21 @@ const LAYER: usize = 3;
 
 impl Size {
     /// The size of a slab of so many faces, if they lie evenly in its slices.
-    pub fn even(faces: u64, smooth: u32) -> Size {
-        let slices = u64::from(slab_slices(smooth));
+    pub fn even(faces: u64, slabs: impl Into<Slabs>) -> Size {
+        let Slabs { smooth, slices } = slabs.into();
+        let slices = u64::from(slices);
         let layer = (faces * LAYER as u64).div_ceil(slices);
         let beside = 2 * u64::from(smooth_halo(smooth)) + 1;
         Size { faces, round: faces + (faces * beside).div_ceil(slices), layer, ends: [layer; 2] }
     }
 
     /// The size of slab `number`, where the faces of all slices are known.
-    pub fn counted(faces: &[u32], number: u32, smooth: u32) -> Size {
+    pub fn counted(faces: &[u32], number: u32, slabs: impl Into<Slabs>) -> Size {
+        let slabs: Slabs = slabs.into();
         let sum = |slices: &[u32]| slices.iter().map(|faces| u64::from(*faces)).sum::<u64>();
-        let slices = slices_of(number, smooth, faces.len() as u32);
+        let slices = slices_of(number, slabs, faces.len() as u32);
         let [start, end] = [slices.start, slices.end].map(|slice| slice as usize);
-        let beside = smooth_halo(smooth) as usize;
+        let beside = smooth_halo(slabs.smooth) as usize;
         let own = &faces[start..end];
         // A fitted vertex may have come from a slice beyond.
         let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
@@ -175,7 +178,7 @@ impl Size {
         let mesh = self.bytes(of);
         let (own, round) = (Size::vertices(self.faces), Size::vertices(self.round));
         let places = own * size_of::<[f64; 3]>() as u64;
-        let planes = u64::from(slab_slices(of.smooth) + 2 * smooth_halo(of.smooth) + 1);
+        let planes = u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1);
         let [width, _, rows] = of.cells;
         let slices = 3 * Bits::bytes(width + 2, rows + 2) + (planes + 2) * of.columns;
         // TriangleSet of planes beside the slab, which are dropped with the surface.
@@ -274,7 +277,7 @@ impl<T: Coordinate> SlabMesh<T> {
     /// [`crate::Error::Io`].
     pub fn make(number: u32, making: &Making<'_, T>, room: SlabMesh<T>) -> Result<SlabMesh<T>> {
         let Making { solid, sampled, options, frame, jobs } = *making;
-        let slices = slices_of(number, options.smooth, solid.cells[1]);
+        let slices = slices_of(number, Slabs::of(&options), solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
         // Where memory is for one slab at a time, the plan does not count what a stage has given back.
@@ -330,7 +333,7 @@ impl<T: Coordinate> SlabMesh<T> {
             fit(
                 sampled,
                 &Task { surface: &surface, q: &q, planes: planes.clone(), halo: reach },
-                jobs.piece_points,
+                jobs.points_held,
                 room,
             )
         };

@@ -1,6 +1,8 @@
 //! Seams that are said to be clean come out the same where stitching begins at them; and what must not move does not, with all that would have moved with it.
 
 use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::atomic::Ordering;
 
 use proptest::prelude::*;
 
@@ -8,12 +10,12 @@ use super::*;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
-use crate::grid::partition::{halo, slab_count};
+use crate::grid::partition::{Slabs, halo, slab_count};
 use crate::input::{Cloud, InputOptions};
 use crate::points::Precision;
 use crate::points::attribute::{Schema, Wanted};
 use crate::resources::memory::SlabJobs;
-use crate::resources::workers::Workers;
+use crate::resources::workers::{Spares, Workers};
 use crate::run::pipeline::context;
 use crate::run::progress::{Progress, Show};
 use crate::run::surveyed::survey_cloud;
@@ -21,8 +23,11 @@ use crate::settings::open::Open;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::close::{ClosingOptions, close, close_below};
+use crate::stitch::checkpoint::Checkpoint;
+use crate::stitch::pieces::{self, Means};
+use crate::stitch::reach::{OFF, Part};
 use crate::stitch::slab::Making;
-use crate::storage::spool::{Spool, Workspace};
+use crate::storage::spool::Workspace;
 use crate::surface::untangle::step_back;
 use crate::surface::untangle::submesh::Submesh;
 
@@ -101,7 +106,7 @@ fn with_slabs<R>(case: &Case, work: impl FnOnce(&Grid, &Making<'_, f32>, &Contex
         }
     };
     let sampled = Sampled { buckets: &buckets, occupied: &closed.occupancy.store, grid, counted: Counted::All };
-    let jobs = SlabJobs { running: 2, ahead: 0, piece_points: 1 << 20 };
+    let jobs = SlabJobs { running: 2, ahead: 0, points_held: 1 << 20, pieces: 1 };
     work(
         grid,
         &Making { solid: &closed.solid, sampled: &sampled, options: settings.surface, frame: FRAME, jobs },
@@ -125,7 +130,7 @@ fn stitched(case: &Case, ranges: impl Fn(u32) -> Vec<Range<u32>>) -> Vec<Closed>
             slabs.extend(stitcher.waiting.take());
             Closed { slabs, seams: stitcher.seams }
         };
-        ranges(slab_count(smooth, grid.cells()[1])).into_iter().map(stitch).collect()
+        ranges(slab_count(Slabs::of(&making.options), grid.cells()[1])).into_iter().map(stitch).collect()
     })
 }
 
@@ -141,79 +146,239 @@ struct Written {
 
 fn written(stitched: &Stitched) -> Written {
     let Stitched { mesh, counts, seams } = stitched;
-    let all = |spool: &Spool| {
-        let mut bytes = vec![0; spool.len() as usize];
-        spool.read_at(0, &mut bytes).unwrap();
-        bytes
-    };
+    let (count, stride) = (mesh.vertex_count() as usize, mesh.schema().stride());
+    let (mut vertices, mut attributes) = (vec![0; 12 * count], vec![0; stride * count]);
+    mesh.read_vertex_bytes(0, &mut vertices).unwrap();
+    mesh.read_records(0, &mut attributes).unwrap();
     let mut faces = vec![[0; 3]; mesh.face_count() as usize];
     mesh.read_faces(0, &mut faces).unwrap();
-    let (vertices, attributes) = (all(mesh.vertex_bytes()), all(mesh.attribute_bytes()));
     Written { vertices, attributes, faces, counts: *counts, seams: seams.clone() }
 }
 
-/// Stitches all slabs, and again from each checkpoint, and from each clean seam with numbers of its own. Gives the reports of the seams.
-fn stitch_from_every_clean_seam(case: &Case) -> Vec<SeamReport> {
-    with_slabs(case, |grid, making, context, schema| {
-        let smooth = making.options.smooth;
-        let trimmed = making.solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
-        assert_eq!(trimmed, case.settings.open.is_some_and(|open| open.base.is_none()));
-        let slabs = slab_count(smooth, grid.cells()[1]);
-        let run = |from: &Checkpoint, checkpoints: &mut Vec<Checkpoint>| {
-            let mesh = MeshSpool::with_attributes(&context.workspace, Precision::Single, schema.clone(), 1 << 30);
-            let mut stitcher = Stitcher::resumed(grid, halo(smooth), FRAME, mesh, trimmed, from);
-            for number in stitcher.next()..slabs {
-                assert_eq!(stitcher.next(), number);
-                stitcher.add(SlabMesh::make(number, making, SlabMesh::default()).unwrap()).unwrap();
-                checkpoints.extend(stitcher.checkpoint());
-            }
-            written(&stitcher.finish().unwrap())
-        };
-        let mut checkpoints = Vec::new();
-        let whole = run(&Checkpoint::at(0), &mut checkpoints);
-        assert!(checkpoints.iter().map(|c| c.slab).eq((1..slabs).filter(|k| whole.seams[*k as usize - 1].clean)));
-        for (number, checkpoint) in checkpoints.iter().enumerate() {
-            let text = serde_json::to_string(checkpoint).unwrap();
-            let checkpoint: Checkpoint = serde_json::from_str(&text).unwrap();
-            assert_eq!(checkpoint, checkpoints[number]);
-            let (vertices, faces) = (checkpoint.vertices as usize, checkpoint.faces as usize);
-            let rest = Written {
-                vertices: whole.vertices[12 * vertices..].to_vec(),
-                attributes: whole.attributes[schema.stride() * vertices..].to_vec(),
-                faces: whole.faces[faces..].to_vec(),
-                ..whole.clone()
-            };
-            let mut again = Vec::new();
-            assert!(run(&checkpoint, &mut again) == rest, "{case:?}, from {checkpoint:?}");
-            assert_eq!(again, checkpoints[number..], "{case:?}");
+/// The slabs of a case, each made once, and what stitches them.
+struct Stitching<'a> {
+    grid: &'a Grid,
+    context: &'a Context,
+    schema: &'a Schema,
+    smooth: u32,
+    trimmed: bool,
+    slabs: Vec<SlabMesh<f32>>,
+}
 
-            let alone = run(&Checkpoint::at(checkpoint.slab), &mut Vec::new());
-            assert!(alone.vertices == rest.vertices && alone.attributes == rest.attributes);
-            let based = |triangle: &[u32; 3]| triangle.map(|v| v.wrapping_add(vertices as u32));
-            assert!(alone.faces.iter().map(based).eq(rest.faces), "{case:?}, from slab {}", checkpoint.slab);
-            assert_eq!(alone.seams, whole.seams[checkpoint.slab as usize..]);
+impl Stitching<'_> {
+    fn of<R>(case: &Case, work: impl FnOnce(&Stitching<'_>) -> R) -> R {
+        with_slabs(case, |grid, making, context, schema| {
+            let trimmed = making.solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
+            assert_eq!(trimmed, case.settings.open.is_some_and(|open| open.base.is_none()));
+            let count = slab_count(Slabs::of(&making.options), grid.cells()[1]);
+            let slabs = (0..count).map(|number| SlabMesh::make(number, making, SlabMesh::default()).unwrap());
+            work(&Stitching { grid, context, schema, smooth: making.options.smooth, trimmed, slabs: slabs.collect() })
+        })
+    }
+
+    fn stitcher(&self, from: &Checkpoint) -> Stitcher<'_, f32> {
+        let mesh = MeshSpool::with_attributes(&self.context.workspace, Precision::Single, self.schema.clone(), 1 << 30);
+        Stitcher::resumed(self.grid, halo(self.smooth), FRAME, mesh, self.trimmed, from)
+    }
+
+    /// Stitches from a checkpoint on, and gives those that come.
+    fn run(&self, from: &Checkpoint) -> (Written, Vec<Checkpoint>) {
+        let mut checkpoints = Vec::new();
+        let mut stitcher = self.stitcher(from);
+        for number in stitcher.next()..self.slabs.len() as u32 {
+            assert_eq!(stitcher.next(), number);
+            stitcher.add(self.slabs[number as usize].clone()).unwrap();
+            checkpoints.extend(stitcher.checkpoint());
         }
-        whole.seams
+        (written(&stitcher.finish().unwrap()), checkpoints)
+    }
+
+    /// What is written of the whole after a checkpoint.
+    fn rest(&self, whole: &Written, checkpoint: &Checkpoint) -> Written {
+        let (vertices, faces) = (checkpoint.vertices as usize, checkpoint.faces as usize);
+        Written {
+            vertices: whole.vertices[12 * vertices..].to_vec(),
+            attributes: whole.attributes[self.schema.stride() * vertices..].to_vec(),
+            faces: whole.faces[faces..].to_vec(),
+            ..whole.clone()
+        }
+    }
+
+    /// Whether from a checkpoint on all comes out as it did, and with numbers of its own, too.
+    fn is_same_from(&self, checkpoint: &Checkpoint, whole: &Written, later: &[Checkpoint]) -> bool {
+        let rest = self.rest(whole, checkpoint);
+        let (again, checkpoints) = self.run(checkpoint);
+        let (alone, _) = self.run(&Checkpoint::at(checkpoint.slab));
+        let based = |triangle: &[u32; 3]| triangle.map(|v| v.wrapping_add(checkpoint.vertices as u32));
+        again == rest
+            && checkpoints == later
+            && alone.vertices == rest.vertices
+            && alone.attributes == rest.attributes
+            && alone.faces.iter().map(based).eq(rest.faces)
+            && alone.seams == whole.seams[checkpoint.slab as usize..]
+    }
+
+    /// Stitches pieces of the ranges, with slabs that `make` makes.
+    fn in_pieces(
+        &self,
+        ranges: &[Range<u32>],
+        workers: &Workers,
+        make: &(dyn Fn(u32) -> Result<SlabMesh<f32>> + Sync),
+    ) -> Result<Written> {
+        let taken = Mutex::new(Vec::new());
+        let means = Means {
+            workers,
+            in_flight: 2,
+            stitcher: &|_, from| self.stitcher(from),
+            make,
+            taken: &|number| taken.lock().unwrap().push(number),
+            spares: &Spares::default(),
+        };
+        let stitched = pieces::stitch(ranges, &means)?;
+        let mut taken = taken.into_inner().unwrap();
+        taken.sort_unstable();
+        assert!(taken.into_iter().eq(0..self.slabs.len() as u32), "each slab is told of once");
+        Ok(written(&stitched))
+    }
+
+    fn slab(&self, number: u32) -> Result<SlabMesh<f32>> {
+        Ok(self.slabs[number as usize].clone())
+    }
+}
+
+/// Clouds of all kinds, some of them noisy, with slabs of so many slices, or the usual ones.
+fn cases(seeds: Range<u64>, slab_slices: Option<u32>) -> impl Iterator<Item = Case> {
+    let kinds = seeds.flat_map(|seed| (0..4).map(move |kind| (seed, kind)));
+    kinds.map(move |(seed, kind)| {
+        let count = 1200 + 500 * (seed % 5) as usize;
+        let cloud = points(0xA076_1D64_78BD_642F ^ seed << 3, count, 0.2 * (seed % 4) as f64);
+        let slices = if slab_slices.is_some() { 24 + 5 * (seed % 4) as u32 } else { 62 + 7 * (seed % 4) as u32 };
+        let mut case = Case::new(cloud, slices, (seed % 3) as u32);
+        case.numbered = kind % 2 == 1;
+        case.settings.open = (kind >= 2).then_some(Open::TERRAIN);
+        case.settings.surface.slab_slices = slab_slices;
+        case
     })
 }
 
 #[test]
 fn from_a_clean_seam_on_all_is_written_as_in_one_run() {
-    let (mut clean, mut touched, mut all) = (0, 0, 0);
-    for seed in 0..16u64 {
-        for kind in 0..4 {
-            let cloud =
-                points(0xA076_1D64_78BD_642F ^ seed << 3, 1500 + 500 * (seed % 5) as usize, 0.2 * (seed % 4) as f64);
-            let mut case = Case::new(cloud, 62 + 7 * (seed % 4) as u32, (seed % 3) as u32);
-            case.numbered = kind % 2 == 1;
-            case.settings.open = (kind >= 2).then_some(Open::TERRAIN);
-            let seams = stitch_from_every_clean_seam(&case);
-            all += seams.len();
-            clean += seams.iter().filter(|seam| seam.clean).count();
-            touched += seams.iter().filter(|seam| seam.clean && seam.changed.is_some()).count();
+    let (mut clean, mut changed, mut all) = (0, 0, 0);
+    for slab_slices in [None, Some(8), Some(12), Some(16)] {
+        for case in cases(0..5, slab_slices) {
+            Stitching::of(&case, |stitching| {
+                let (whole, checkpoints) = stitching.run(&Checkpoint::at(0));
+                let is_clean = |k: &u32| whole.seams[*k as usize - 1].clean;
+                assert!(checkpoints.iter().map(|c| c.slab).eq((1..stitching.slabs.len() as u32).filter(is_clean)));
+                for (number, checkpoint) in checkpoints.iter().enumerate() {
+                    let text = serde_json::to_string(checkpoint).unwrap();
+                    assert_eq!(serde_json::from_str::<Checkpoint>(&text).unwrap(), *checkpoint);
+                    let later = &checkpoints[number..];
+                    assert!(stitching.is_same_from(checkpoint, &whole, later), "{case:?}, from {checkpoint:?}");
+                }
+                all += whole.seams.len();
+                clean += checkpoints.len();
+                changed += whole.seams.iter().filter(|seam| seam.clean && seam.changed.is_some()).count();
+            });
         }
     }
-    assert!(clean > 100 && touched > 50, "{clean} of {all} are clean, {touched} of them changed something");
+    assert!(clean > 100 && changed > 50, "{clean} of {all} are clean, {changed} of them changed something");
+    assert!(clean < all - 50, "{clean} of {all} are clean");
+}
+
+/// Whatever slabs pieces begin with, all is written as by one.
+#[test]
+fn all_sets_of_boundaries_give_one_mesh() {
+    let workers = Workers::new(2).unwrap();
+    let (mut sets, mut dirty) = (0, 0);
+    for slab_slices in [None, Some(4), Some(8), Some(12)] {
+        for case in cases(5..8, slab_slices) {
+            Stitching::of(&case, |stitching| {
+                let (whole, _) = stitching.run(&Checkpoint::at(0));
+                let count = stitching.slabs.len() as u32;
+                // All of them where they are few, else each by itself, and some.
+                let masks: Vec<u32> = match count - 1 {
+                    few @ 0..=5 => (0..1 << few).collect(),
+                    many => (0..many)
+                        .map(|bit| 1 << bit)
+                        .chain((0..20).map(|i| 0x9E37_79B9u32.wrapping_mul(i) >> (33 - many)))
+                        .collect(),
+                };
+                for mask in masks {
+                    let starts = (1..count).filter(|k| mask >> (k - 1) & 1 == 1);
+                    let starts: Vec<u32> = std::iter::once(0).chain(starts).chain([count]).collect();
+                    let ranges: Vec<Range<u32>> = starts.windows(2).map(|pair| pair[0]..pair[1]).collect();
+                    dirty += ranges[1..].iter().filter(|range| !whole.seams[range.start as usize - 1].clean).count();
+                    sets += 1;
+                    let found = stitching.in_pieces(&ranges, &workers, &|number| stitching.slab(number)).unwrap();
+                    assert!(found == whole, "{case:?}, {ranges:?}");
+                }
+            });
+        }
+    }
+    assert!(sets > 100 && dirty > 50, "{sets} sets, {dirty} dirty boundaries in them");
+}
+
+/// Of errors, that of the lowest slab is told; panics are errors, and a wish to stop is heard.
+#[test]
+fn pieces_fail_as_one_does() {
+    let case = cases(5..6, Some(8)).next().unwrap();
+    Stitching::of(&case, |stitching| {
+        let count = stitching.slabs.len() as u32;
+        assert!(count >= 5);
+        let ranges = [0..1, 1..3, 3..4, 4..count];
+        let workers = Workers::new(3).unwrap();
+        for first in 0..count {
+            for second in first..count {
+                let make = |number: u32| match number {
+                    bad if bad == first || bad == second => Err(Error::Usage(format!("slab {bad}"))),
+                    number => stitching.slab(number),
+                };
+                let Err(Error::Usage(told)) = stitching.in_pieces(&ranges, &workers, &make) else { panic!("no error") };
+                assert_eq!(told, format!("slab {first}"), "and {second}");
+            }
+            let make = |number: u32| {
+                if number == first {
+                    std::panic::resume_unwind(Box::new("planted"));
+                }
+                stitching.slab(number)
+            };
+            let failed = stitching.in_pieces(&ranges, &workers, &make);
+            assert!(matches!(failed, Err(Error::Internal(_))), "{failed:?}");
+            let make = |number: u32| {
+                if number == first {
+                    workers.cancel_flag().store(true, Ordering::Relaxed);
+                }
+                stitching.slab(number)
+            };
+            let stopped = stitching.in_pieces(&ranges, &workers, &make);
+            workers.cancel_flag().store(false, Ordering::Relaxed);
+            // With nothing left to do, the wish comes too late.
+            assert!(matches!(stopped, Err(Error::Interrupted)) || first + 2 >= count, "{stopped:?}");
+        }
+    });
+}
+
+/// With a part of the certificate switched off, some seam is said to be clean, and is not.
+#[test]
+fn each_part_of_the_certificate_is_needed() {
+    let mut missed = [0; Part::ALL.len()];
+    for slab_slices in [4, 8, 12] {
+        for case in cases(8..24, Some(slab_slices)) {
+            Stitching::of(&case, |stitching| {
+                for (part, missed) in Part::ALL.into_iter().zip(&mut missed) {
+                    OFF.set(Some(part));
+                    let (whole, checkpoints) = stitching.run(&Checkpoint::at(0));
+                    let same = |(number, checkpoint): (usize, &Checkpoint)| {
+                        stitching.is_same_from(checkpoint, &whole, &checkpoints[number..])
+                    };
+                    *missed += checkpoints.iter().enumerate().filter(|found| !same(*found)).count();
+                    OFF.set(None);
+                }
+            });
+        }
+    }
+    assert!(missed.iter().all(|missed| *missed > 0), "{:?}: {missed:?}", Part::ALL);
 }
 
 /// All of a slab that going back may change.

@@ -133,14 +133,14 @@ impl Workspace {
 
     /// A new store that keeps up to `in_memory` bytes in memory and goes to disk beyond.
     pub fn spool(&self, in_memory: u64) -> Spool {
-        Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0, cut: Cut::default() }
+        Spool { workspace: self.clone(), in_memory, store: Store::Memory(Vec::new()), len: 0, since: Since::default() }
     }
 
     /// A store whose bytes lie in a file of a work folder, which holds `len` of them already.
     pub fn spool_in(&self, file: NamedFile, len: u64) -> Spool {
         self.count(len);
         let store = Store::Disk(Backing::Named(file));
-        Spool { workspace: self.clone(), in_memory: 0, store, len, cut: Cut { from: len, ..Cut::default() } }
+        Spool { workspace: self.clone(), in_memory: 0, store, len, since: Since { from: len, ..Since::default() } }
     }
 
     /// A new file on disk of pages of `page` bytes each.
@@ -191,7 +191,7 @@ pub struct Spool {
     in_memory: u64,
     store: Store,
     len: u64,
-    cut: Cut,
+    since: Since,
 }
 
 #[derive(Debug)]
@@ -201,9 +201,9 @@ enum Store {
     Disk(Backing),
 }
 
-/// What was appended to a file of a work folder since it was last cut.
+/// What was appended to a file of a work folder since its extent was last asked for.
 #[derive(Debug, Clone, Default)]
-struct Cut {
+struct Since {
     from: u64,
     hasher: crc32fast::Hasher,
 }
@@ -257,7 +257,7 @@ impl Spool {
         if let Store::Disk(file) = &self.store {
             self.workspace.write(file, bytes, at)?;
             if let Backing::Named(_) = file {
-                self.cut.hasher.update(bytes);
+                self.since.hasher.update(bytes);
             }
         }
         self.len += bytes.len() as u64;
@@ -288,10 +288,10 @@ impl Spool {
         }
     }
 
-    /// What was appended since the last cut, or since the spool was made, if the bytes lie in a file of a work folder.
-    pub fn cut(&mut self) -> Extent {
-        let next = Cut { from: self.len, ..Cut::default() };
-        let Cut { from, hasher } = std::mem::replace(&mut self.cut, next);
+    /// What was appended since the last time this was asked for, or since the spool was made, if the bytes lie in a file of a work folder.
+    pub fn extent(&mut self) -> Extent {
+        let next = Since { from: self.len, ..Since::default() };
+        let Since { from, hasher } = std::mem::replace(&mut self.since, next);
         Extent { from, to: self.len, crc: hasher.finalize() }
     }
 }

@@ -24,7 +24,7 @@ pub fn is_gone([a, b, c]: [u32; 3]) -> bool {
 ///
 /// A contraction writes the survivor into the dead vertex's corners and joins the two lists of vertices, so that the survivor's star is those of all
 /// vertices of its list, and the contraction can be taken back.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Stars {
     head: Vec<u32>,
     next: Vec<u32>,

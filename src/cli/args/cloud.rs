@@ -270,7 +270,8 @@ impl CloudArguments {
             AxisWord::Y => AxisChoice::Fixed(Axis::Y),
             AxisWord::Z => AxisChoice::Fixed(Axis::Z),
         };
-        let surface = SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit };
+        let surface =
+            SurfaceOptions { smooth: self.smooth, diagonals: self.diagonals, fit: self.fit, slab_slices: None };
         let (min_points, min_component) = (self.min_points, Some(self.min_component));
         let (seal, window, open) = (self.seal.value, self.window, self.open()?);
         let (keep_outliers, simplify) = (self.keep_outliers, self.simplification.asked());

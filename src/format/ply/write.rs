@@ -8,7 +8,6 @@ use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;
 use crate::points::scalar::{Endian, Scalar};
-use crate::storage::spool::Spool;
 
 /// Bytes copied at once.
 const PIECE: usize = 1 << 20;
@@ -35,11 +34,11 @@ pub(crate) fn write(job: &mut Job) -> Result<()> {
     job.put(header.to_string().as_bytes())?;
     let mesh = job.mesh;
     if properties.is_empty() && absolute.is_none() {
-        copy(job, mesh.vertex_bytes(), 3 * mesh.precision().bytes())?;
+        copy(job, vertices, 3 * mesh.precision().bytes(), |first, out| mesh.read_vertex_bytes(first, out))?;
     } else {
         job.put_blocks(vertices, BLOCK, |first, len| made(mesh, &properties, absolute, first, len))?;
     }
-    copy(job, mesh.face_bytes(), size_of::<FaceRecord>())
+    copy(job, faces, size_of::<FaceRecord>(), |first, out| mesh.read_face_records(first, bytemuck::cast_slice_mut(out)))
 }
 
 /// The bytes of vertices with their attributes; in double precision, with the origin added, if that is given.
@@ -54,7 +53,7 @@ fn made(
         None => {
             let stride = 3 * mesh.precision().bytes();
             let mut positions = vec![0; len * stride];
-            mesh.vertex_bytes().read_at(first * stride as u64, &mut positions)?;
+            mesh.read_vertex_bytes(first, &mut positions)?;
             (positions, stride)
         }
         Some(origin) => {
@@ -78,17 +77,19 @@ fn made(
     Ok(out)
 }
 
-/// Copies a spool of records of `stride` bytes.
-fn copy(job: &mut Job, spool: &Spool, stride: usize) -> Result<()> {
-    let mut piece = vec![0; PIECE / stride * stride];
-    let mut at = 0;
-    while at < spool.len() {
+/// Copies so many records of `stride` bytes, which `read` reads from a number on.
+fn copy(job: &mut Job, count: u64, stride: usize, read: impl Fn(u64, &mut [u8]) -> Result<()>) -> Result<()> {
+    let most = PIECE / stride;
+    let mut piece = vec![0; most * stride];
+    let mut first = 0;
+    while first < count {
         job.workers.check_cancelled()?;
-        let len = (spool.len() - at).min(piece.len() as u64) as usize;
-        spool.read_at(at, &mut piece[..len])?;
-        job.put(&piece[..len])?;
-        job.advance((len / stride) as u64);
-        at += len as u64;
+        let now = (count - first).min(most as u64) as usize;
+        let piece = &mut piece[..now * stride];
+        read(first, piece)?;
+        job.put(piece)?;
+        job.advance(now as u64);
+        first += now as u64;
     }
     Ok(())
 }

@@ -160,6 +160,6 @@ pub fn records(mesh: &MeshSpool, first: u64, count: usize) -> Result<Vec<u8>> {
     let stride = mesh.schema().stride();
     let count = (mesh.vertex_count() - first).min(count as u64) as usize;
     let mut records = vec![0; count * stride];
-    mesh.attribute_bytes().read_at(first * stride as u64, &mut records)?;
+    mesh.read_records(first, &mut records)?;
     Ok(records)
 }

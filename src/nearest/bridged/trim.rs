@@ -262,7 +262,7 @@ impl Vertices {
         fresh(&mut self.distances, len);
         flags.read_at(first, &mut self.flags)?;
         of.mesh.read_vertices(first, &mut self.places)?;
-        of.mesh.attribute_bytes().read_at(first * stride as u64, &mut self.records)?;
+        of.mesh.read_records(first, &mut self.records)?;
         of.distances.read(first, &mut self.distances)
     }
 }

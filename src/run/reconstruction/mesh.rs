@@ -158,7 +158,7 @@ impl Mesh {
         let mut records = vec![0; PIECE * stride];
         for first in (0..self.vertex_count()).step_by(PIECE) {
             let records = &mut records[..PIECE.min(self.vertex_count() - first) * stride];
-            self.spool.attribute_bytes().read_at((first * stride) as u64, records)?;
+            self.spool.read_records(first as u64, records)?;
             let values = records.chunks_exact(stride).map(|record| &record[column.offset..column.offset + bytes]);
             values.for_each(|value| out.extend_from_slice(value));
         }
