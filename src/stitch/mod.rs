@@ -140,7 +140,7 @@ impl Stitched {
 impl<'a, T: Coordinate> Stitcher<'a, T> {
     /// A stitcher that appends to `mesh`, whose positions are to be written in `frame`; `halo` as in [`crate::grid::partition::halo`]. If the surface is `trimmed`,
     /// only triangles that are kept are written.
-    #[cfg(test)]
+    #[cfg(any(test, feature = "internals"))]
     pub fn new(grid: &'a Grid, halo: u32, frame: Frame, mesh: MeshSpool, trimmed: bool) -> Stitcher<'a, T> {
         Stitcher::resumed(grid, halo, frame, mesh, trimmed, &Checkpoint::at(0))
     }
