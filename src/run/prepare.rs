@@ -54,10 +54,10 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     describe(&cloud, &job.settings, progress);
     let budget = job.resources.budget();
     bare_earth(&mut cloud, &job.settings, &mut BesideFiles::default(), budget, workers, &workspace, progress)?;
-    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, progress)?;
+    let left = budget_beside(&job.settings, budget, workers);
+    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, left, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
-    let left = budget_beside(&job.settings, budget, workers);
     let whole = |error| of_whole_budget(error, &job.settings, budget, workers);
     let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, left, progress)?;
     let memory = pipeline::plan(&surveyed, workers, left).map_err(whole)?;
@@ -95,7 +95,8 @@ pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Loo
     let job = &job.measured_as(&cloud)?;
     let counted = Tally::is_of_use(&cloud);
     progress.learn(|known| known.counted = counted);
-    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, progress)?;
+    let budget = job.resources.budget();
+    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, budget, progress)?;
     let tally = if counted {
         progress.begin(Phase::Count, Some(surveyed.survey.records()));
         let tally = Tally::of(&cloud, workers, |records| progress.add(records))?;
@@ -253,7 +254,7 @@ pub fn contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Option<String> {
     ))
 }
 
-/// Surveys a cloud; with the settings as its points settle them.
+/// Surveys a cloud, in `budget` bytes; with the settings as its points settle them.
 ///
 /// # Errors
 /// Errors of reading the input and of laying the grid; [`Error::InvalidSetting`] if its reference system contradicts its coordinates.
@@ -261,9 +262,10 @@ pub(crate) fn surveyed(
     cloud: &Cloud,
     settings: &Settings,
     workers: &Workers,
+    budget: u64,
     progress: &mut Progress,
 ) -> Result<(Surveyed, Settings)> {
-    let surveyed = survey_cloud(cloud, settings, workers, progress)?;
+    let surveyed = survey_cloud(cloud, settings, workers, budget, progress)?;
     refuse_contradiction(cloud, &surveyed)?;
     if settings.open.is_none() && is_tile(cloud, &surveyed) {
         progress.note(
