@@ -19,6 +19,7 @@ use crate::run::phase::Phase;
 use crate::run::pipeline::{self, context};
 use crate::run::progress::Progress;
 use crate::run::surveyed::{Sampling, Surveyed, rehearsed, survey_cloud, survey_with};
+use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::open::Kind;
 use crate::storage::spool::Workspace;
@@ -276,7 +277,8 @@ pub(crate) fn surveyed(
     Ok((surveyed, settings))
 }
 
-/// With a budget of so many times the least of a surface with upright walls in its first and last slab, there is room for the walls of an open one.
+/// With a budget of so many times the least of a surface as it is expected from the box alone, with upright walls in its first and last slab if it is open, there is room
+/// for what noise, folds and walls add to its faces.
 const NEAR: u64 = 4;
 
 /// The plan of a surveyed cloud, and all that the passes over it are given.
@@ -296,13 +298,12 @@ pub(crate) fn planned(
         surveyed.workload = surveyed.workload.with_work_folder();
     }
     progress.learn(|known| known.points = surveyed.survey.points);
-    // What the box alone lets expect may be too much; and of an open surface, whose walls fall to few slabs, too little.
+    // What the box alone lets expect may be too much, and it may be too little: noise makes more faces, and the walls of an open surface fall to few slabs. What is kept
+    // in memory on its account would be missing when the faces have been counted.
+    let is_near = |workload: &Workload| budget < NEAR * MemoryPlan::least(workload, workers.threads());
     let is_worth_it = match surveyed.open {
-        None => surveyed.survey.points >= WORTH_IT,
-        Some(_) => {
-            let walled = surveyed.workload.clone().with_walls_at_ends();
-            budget < NEAR * MemoryPlan::least(&walled, workers.threads())
-        }
+        None => surveyed.survey.points >= WORTH_IT || is_near(&surveyed.workload),
+        Some(_) => is_near(&surveyed.workload.clone().with_walls_at_ends()),
     };
     // Where cells were closed before, their faces are going to be counted.
     let is_closed = work.as_ref().is_some_and(|work| work.is_done(closed_cells::PHASE));
