@@ -60,7 +60,7 @@ impl Case {
         let cloud = Cloud::open(std::slice::from_ref(&self.path), &input)?;
         let workers = Workers::new(threads)?;
         let mut progress = Progress::new(Show::Nothing);
-        let mut surveyed = survey_cloud(&cloud, &self.settings, &workers, &mut progress)?;
+        let mut surveyed = survey_cloud(&cloud, &self.settings, &workers, 1 << 30, &mut progress)?;
         if work.is_some() {
             surveyed.workload = surveyed.workload.with_work_folder();
         }

@@ -88,7 +88,7 @@ fn stream(points: &[[f64; 3]], single: bool, settings: &Settings, means: Means) 
     };
     let workers = Workers::new(threads)?;
     let mut progress = Progress::new(Show::Nothing);
-    let surveyed = survey_cloud(&cloud, settings, &workers, &mut progress)?;
+    let surveyed = survey_cloud(&cloud, settings, &workers, 1 << 30, &mut progress)?;
     let workspace = Workspace::new(dir.path())?;
     let budget = match means {
         Means::Ample => 4 << 30,

@@ -16,7 +16,7 @@
 
 use std::marker::PhantomData;
 
-use bytemuck::Pod;
+use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
 use crate::grid::context::Context;
@@ -27,6 +27,17 @@ use crate::storage::spool::{Spool, Workspace};
 pub trait Measure: Pod + Default + Send {
     /// Adds what was measured of another part of the same component. Order must not matter.
     fn add(&mut self, other: &Self);
+}
+
+/// The number of a run's or a component's cells.
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(transparent)]
+pub struct Cells(pub u64);
+
+impl Measure for Cells {
+    fn add(&mut self, other: &Cells) {
+        self.0 += other.0;
+    }
 }
 
 /// What a class became in the chunk above, if nothing: it ended.
@@ -384,22 +395,10 @@ fn unite(parents: &mut [u32], a: u32, b: u32) {
 
 #[cfg(test)]
 mod tests {
-    use bytemuck::Zeroable;
     use proptest::prelude::*;
 
     use super::*;
     use crate::run::testing::context;
-
-    /// The number of a component's cells.
-    #[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
-    #[repr(transparent)]
-    struct Cells(u64);
-
-    impl Measure for Cells {
-        fn add(&mut self, other: &Cells) {
-            self.0 += other.0;
-        }
-    }
 
     const SIZE: [usize; 3] = [70, 12, 5];
 

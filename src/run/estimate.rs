@@ -37,7 +37,7 @@ use crate::settings::open::{Kind, Open};
 use crate::solid::close::{COARSE, ClosingOptions, close, side_in_samples};
 use crate::solid::heightfield::{self, HeightFieldOptions};
 use crate::storage::spool::Workspace;
-use crate::surface::extract::{self, Weight};
+use crate::surface::vertices::{self, Weight};
 
 /// Points from which a run is worth a rehearsal, which takes about as long as a cloud of 100,000.
 pub const WORTH_IT: u64 = 3_000_000;
@@ -213,7 +213,7 @@ fn faces_of_columns(
         smooth: settings.surface.smooth,
     };
     let solid = heightfield::solid::<f32>(&occupancy, None, asked, &context)?;
-    let (weights, last_plane) = extract::weights_below(&solid, &context)?;
+    let (weights, last_plane) = vertices::weights_below(&solid, &context)?;
     Ok((weights.into_iter().map(Weight::rectangles).collect(), last_plane))
 }
 

@@ -118,14 +118,14 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     let budget = job.resources.budget();
     beside.measure_as(&Beside::of(job)?);
     let ground = bare_earth(&mut cloud, &job.settings, &mut beside, budget, workers, &workspace, progress)?;
-    let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, progress)?;
+    let left = budget_beside(&job.settings, budget, workers);
+    let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, left, progress)?;
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
     }
     if let (Place::Tiles(tiles), true) = (&mut target, job.batch) {
         tiles.divide_by(Division::Inputs(territories(&cloud, workers, progress)?));
     }
-    let left = budget_beside(&settings, budget, workers);
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     if let Some(work) = work {
         identity::begin(work, &files, &cloud, &job.input, &settings, &surveyed)?;

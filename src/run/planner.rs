@@ -23,7 +23,7 @@ use crate::mesh::check::job::Need;
 use crate::nearest::bridged;
 use crate::resources::memory::{Keepable, Kept, MemoryPlan, SlabJobs};
 use crate::resources::workers::Workers;
-use crate::run::workload::{PointWorkload, Workload};
+use crate::run::workload::{PointWorkload, SurveyWorkload, Workload};
 use crate::settings::surface::Fit;
 use crate::simplify::Extent;
 use crate::solid::heightfield;
@@ -196,7 +196,10 @@ impl MemoryPlan {
         // A mesh that lies in memory is written meanwhile.
         let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
         let check = mesh + checking(workload, self.threads).within(self.working).bytes() + filling;
+        let surveying = workload.surveying();
+        let surveyed = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, self.threads as u64);
         let passes = [
+            surveyed,
             buckets + bucketing,
             held + sealing + slices.max(deciding(workload)).max(looking(workload, blocks)).max(measuring),
             held + standing + mesh + slabs,
@@ -230,6 +233,7 @@ impl MemoryPlan {
         process(threads)
             + (2 << 20)
             + bucketing
+                .max(workload.surveying().bytes(1, threads as u64))
                 .max(slices)
                 .max(deciding(workload))
                 .max(looking(workload, 1))
@@ -304,6 +308,11 @@ pub fn beside_the_heap(threads: usize) -> u64 {
 /// Jobs at a time of a pass that asks for little memory: one more than threads.
 fn jobs_of_all(threads: usize) -> u64 {
     threads as u64 + 1
+}
+
+/// Blocks of the input that are in flight in the survey, which comes before the plan.
+pub(crate) fn survey_jobs(surveying: SurveyWorkload, budget: u64, threads: usize) -> usize {
+    surveying.blocks_in(budget.saturating_sub(process(threads)), threads.max(1) as u64) as usize
 }
 
 /// Bytes of the one job at least that measures how noisy points are.

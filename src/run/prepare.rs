@@ -19,6 +19,7 @@ use crate::run::phase::Phase;
 use crate::run::pipeline::{self, context};
 use crate::run::progress::Progress;
 use crate::run::surveyed::{Sampling, Surveyed, rehearsed, survey_cloud, survey_with};
+use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::open::Kind;
 use crate::storage::spool::Workspace;
@@ -54,10 +55,10 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     describe(&cloud, &job.settings, progress);
     let budget = job.resources.budget();
     bare_earth(&mut cloud, &job.settings, &mut BesideFiles::default(), budget, workers, &workspace, progress)?;
-    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, progress)?;
+    let left = budget_beside(&job.settings, budget, workers);
+    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, left, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
-    let left = budget_beside(&job.settings, budget, workers);
     let whole = |error| of_whole_budget(error, &job.settings, budget, workers);
     let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, left, progress)?;
     let memory = pipeline::plan(&surveyed, workers, left).map_err(whole)?;
@@ -95,7 +96,8 @@ pub fn look(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Loo
     let job = &job.measured_as(&cloud)?;
     let counted = Tally::is_of_use(&cloud);
     progress.learn(|known| known.counted = counted);
-    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, progress)?;
+    let budget = job.resources.budget();
+    let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, budget, progress)?;
     let tally = if counted {
         progress.begin(Phase::Count, Some(surveyed.survey.records()));
         let tally = Tally::of(&cloud, workers, |records| progress.add(records))?;
@@ -253,7 +255,7 @@ pub fn contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Option<String> {
     ))
 }
 
-/// Surveys a cloud; with the settings as its points settle them.
+/// Surveys a cloud, in `budget` bytes; with the settings as its points settle them.
 ///
 /// # Errors
 /// Errors of reading the input and of laying the grid; [`Error::InvalidSetting`] if its reference system contradicts its coordinates.
@@ -261,9 +263,10 @@ pub(crate) fn surveyed(
     cloud: &Cloud,
     settings: &Settings,
     workers: &Workers,
+    budget: u64,
     progress: &mut Progress,
 ) -> Result<(Surveyed, Settings)> {
-    let surveyed = survey_cloud(cloud, settings, workers, progress)?;
+    let surveyed = survey_cloud(cloud, settings, workers, budget, progress)?;
     refuse_contradiction(cloud, &surveyed)?;
     if settings.open.is_none() && is_tile(cloud, &surveyed) {
         progress.note(
@@ -274,7 +277,8 @@ pub(crate) fn surveyed(
     Ok((surveyed, settings))
 }
 
-/// With a budget of so many times the least of a surface with upright walls in its first and last slab, there is room for the walls of an open one.
+/// With a budget of so many times the least of a surface as it is expected from the box alone, with upright walls in its first and last slab if it is open, there is room
+/// for what noise, folds and walls add to its faces.
 const NEAR: u64 = 4;
 
 /// The plan of a surveyed cloud, and all that the passes over it are given.
@@ -294,13 +298,12 @@ pub(crate) fn planned(
         surveyed.workload = surveyed.workload.with_work_folder();
     }
     progress.learn(|known| known.points = surveyed.survey.points);
-    // What the box alone lets expect may be too much; and of an open surface, whose walls fall to few slabs, too little.
+    // What the box alone lets expect may be too much, and it may be too little: noise makes more faces, and the walls of an open surface fall to few slabs. What is kept
+    // in memory on its account would be missing when the faces have been counted.
+    let is_near = |workload: &Workload| budget < NEAR * MemoryPlan::least(workload, workers.threads());
     let is_worth_it = match surveyed.open {
-        None => surveyed.survey.points >= WORTH_IT,
-        Some(_) => {
-            let walled = surveyed.workload.clone().with_walls_at_ends();
-            budget < NEAR * MemoryPlan::least(&walled, workers.threads())
-        }
+        None => surveyed.survey.points >= WORTH_IT || is_near(&surveyed.workload),
+        Some(_) => is_near(&surveyed.workload.clone().with_walls_at_ends()),
     };
     // Where cells were closed before, their faces are going to be counted.
     let is_closed = work.as_ref().is_some_and(|work| work.is_done(closed_cells::PHASE));

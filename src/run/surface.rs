@@ -34,7 +34,7 @@ use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
-use crate::surface::{extract, plane};
+use crate::surface::{plane, vertices};
 
 /// The finished mesh and what is to be told of its making.
 #[derive(Debug)]
@@ -106,7 +106,7 @@ pub(super) fn surface_of<T: Coordinate>(
         _ => 0,
     };
     let workload =
-        workload.with_faces_of_slices(&extract::weights(solid, context)?, closed.falls).with_fit(surface.fit);
+        workload.with_faces_of_slices(&vertices::weights(solid, context)?, closed.falls).with_fit(surface.fit);
     let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
     let workload = workload.with_buckets(&points);
     let points_of_slab = |number: u32| {

@@ -12,8 +12,9 @@ use crate::run::estimate::{EstimateInput, estimate_faces, estimate_open_faces, l
 use crate::run::fineness::{auto_side, default_side};
 use crate::run::forecast;
 use crate::run::phase::Phase;
+use crate::run::planner::survey_jobs;
 use crate::run::progress::Progress;
-use crate::run::workload::{ColumnWorkload, Workload};
+use crate::run::workload::{ColumnWorkload, SurveyWorkload, Workload};
 use crate::settings::open::{Facing, Open};
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::heightfield;
@@ -36,7 +37,7 @@ pub struct Surveyed {
     pub workload: Workload,
 }
 
-/// Surveys the cloud and lays the grid.
+/// Surveys the cloud and lays the grid, with as many blocks in flight as `budget` bytes have room for.
 ///
 /// # Errors
 /// Errors of reading the input and of [`Grid::new`].
@@ -44,9 +45,10 @@ pub fn survey_cloud(
     cloud: &Cloud,
     settings: &Settings,
     workers: &Workers,
+    budget: u64,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
-    survey_with(cloud, settings, Sampling::IfNeeded, workers, progress)
+    survey_with(cloud, settings, Sampling::IfNeeded, workers, budget, progress)
 }
 
 /// Whether the sampling distance is measured.
@@ -67,17 +69,18 @@ pub fn survey_with(
     settings: &Settings,
     sampling: Sampling,
     workers: &Workers,
+    budget: u64,
     progress: &mut Progress,
 ) -> Result<Surveyed> {
     settings.validate()?;
-    let in_flight = 2 * workers.threads();
     let known: Option<u64> = cloud.sources().iter().map(|s| s.records).sum();
     progress.begin(Phase::Survey, known);
     let mut passes = Passes { progress, expected: forecast::records(cloud), records: 0, planned: 1, done: 0 };
-    let wanted = match settings.fineness() {
-        Fineness::Given(_) if sampling == Sampling::IfNeeded => Wanted::Extent,
-        _ => Wanted::Density,
-    };
+    // What a run looks for, which the plan is about.
+    let needed = if matches!(settings.fineness(), Fineness::Given(_)) { Wanted::Extent } else { Wanted::Density };
+    let wanted = if sampling == Sampling::Always { Wanted::Density } else { needed };
+    let surveying = SurveyWorkload::of(cloud, wanted);
+    let in_flight = survey_jobs(surveying, budget, workers.threads());
     let (survey, coarse_grid, density) = survey(cloud, wanted, workers, in_flight, |records| passes.read(records))?;
     let farthest = survey.bounds.min.into_iter().chain(survey.bounds.max).fold(0.0, |most: f64, c| most.max(c.abs()));
     if cloud.precision() == Precision::Single && farthest > FARTHEST_SINGLE {
@@ -138,7 +141,8 @@ pub fn survey_with(
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
     let workload = workload.with_level(level_to_expect(survey.points, &coarse_grid, &grid));
-    let workload = workload.with_simplification(settings.simplify);
+    let workload =
+        workload.with_simplification(settings.simplify).with_survey(SurveyWorkload { wanted: needed, ..surveying });
     let mut workload = workload.with_sights(open.is_none() && !cloud.places().places.is_empty());
     if let Some(open) = &open {
         let of_slice = grid.cells()[open.up(&grid).across()];

@@ -3,8 +3,9 @@
 use crate::grid::partition::plane_halo;
 use crate::grid::partition::{BUCKET_SLICES, Slabs, buckets_round, halo, slab_count};
 use crate::grid::rank_bitmap::RankBitmap;
+use crate::grid::survey::Wanted;
 use crate::grid::{Cell, Grid};
-use crate::input::{BLOCK_BYTES, BLOCK_RECORDS};
+use crate::input::{BLOCK_BYTES, BLOCK_RECORDS, Cloud};
 use crate::nearest::bridged;
 use crate::points::Precision;
 use crate::settings::simplification::Simplification;
@@ -41,7 +42,6 @@ pub struct Workload {
     counted: Option<PointWorkload>,
     /// The columns of a surface that is seen from one side.
     pub(crate) columns: Option<ColumnWorkload>,
-    /// Whether triangles are left out in the end.
     /// Whether vertices may move, or colours count, as triangles are left out; none if all stay.
     simplified: Option<bool>,
     /// Whether distances from points are measured, and triangles left out by them.
@@ -52,6 +52,52 @@ pub struct Workload {
     sighted: bool,
     /// Whether points and mesh lie on disk in any case, since they are to outlast the run.
     outlasting: bool,
+    /// The survey's passes.
+    surveying: SurveyWorkload,
+}
+
+/// What the plan must know of the survey.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SurveyWorkload {
+    /// Blocks that the input comes in, as far as is known.
+    pub blocks: u64,
+    /// Points of a block at the most.
+    pub points: u64,
+    /// Bytes of a point's coordinates.
+    pub coordinates: u64,
+    /// What is looked for.
+    pub wanted: Wanted,
+}
+
+impl SurveyWorkload {
+    /// That of a cloud whose points are not counted yet.
+    pub fn of(cloud: &Cloud, wanted: Wanted) -> SurveyWorkload {
+        let most = BLOCK_RECORDS as u64;
+        let records = || cloud.sources().iter().map(|source| source.records);
+        SurveyWorkload {
+            blocks: records()
+                .map(|records| records.map_or(u64::MAX, |n| n.div_ceil(most).max(1)))
+                .fold(0, u64::saturating_add),
+            points: records().map(|records| records.map_or(most, |n| n.min(most))).max().unwrap_or(0),
+            coordinates: 3 * cloud.precision().bytes() as u64,
+            wanted,
+        }
+    }
+
+    /// Bytes with so many blocks in flight, of which as many as there are threads are looked at.
+    pub(crate) fn bytes(&self, in_flight: u64, threads: u64) -> u64 {
+        let in_flight = in_flight.min(self.blocks);
+        let looking = self.points * self.coordinates + self.wanted.bytes_looking(self.points);
+        let found = self.wanted.bytes_found(self.points);
+        // All that was found has no more than one block's, as far as that is full.
+        let all = self.wanted.bytes_found(self.points.saturating_mul(self.blocks));
+        in_flight * (BLOCK_BYTES as u64 + found) + in_flight.min(threads) * looking + all
+    }
+
+    /// The most blocks that may be in flight in `room` bytes: one at least, and two for each thread at the most.
+    pub(crate) fn blocks_in(&self, room: u64, threads: u64) -> u64 {
+        (1..=2 * threads).rev().find(|blocks| self.bytes(*blocks, threads) <= room).unwrap_or(1)
+    }
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
@@ -102,7 +148,18 @@ impl Workload {
             level: 1,
             sighted: false,
             outlasting: false,
+            surveying: SurveyWorkload { blocks: 0, points: 0, coordinates: 0, wanted: Wanted::Extent },
         }
+    }
+
+    /// The same workload with a survey.
+    pub fn with_survey(self, surveying: SurveyWorkload) -> Workload {
+        Workload { surveying, ..self }
+    }
+
+    /// The survey.
+    pub(crate) fn surveying(&self) -> SurveyWorkload {
+        self.surveying
     }
 
     /// The same workload with points and mesh in files that outlast the run.

@@ -1,4 +1,4 @@
-//! Change: groups of cells that have a verdict are filled, or taken away.
+//! Change: cells are filled, or taken away, slice by slice.
 
 use crate::error::Result;
 use crate::grid::context::{Context, chunks};
@@ -18,6 +18,33 @@ pub(super) enum Change {
 impl Solid {
     /// The solid with the groups changed that have a verdict.
     pub(super) fn changed(&self, labels: &Labels, verdict: u8, change: Change, context: &Context) -> Result<Solid> {
+        self.with_slices(context, |y, slice, group, scratch: &mut Scratch| match change {
+            Change::Filled => labels.paint(y, verdict, slice, scratch),
+            Change::Removed => {
+                group.clear();
+                labels.paint(y, verdict, group, scratch)?;
+                slice.and_not(group);
+                Ok(())
+            }
+        })
+    }
+
+    /// The solid without some cells.
+    pub(super) fn without(&self, cells: &SliceStore, context: &Context) -> Result<Solid> {
+        self.with_slices(context, |y, slice, gone, runs: &mut Runs| {
+            cells.paint(y.into(), gone, runs)?;
+            slice.and_not(gone);
+            Ok(())
+        })
+    }
+
+    /// The solid with every slice as `change` leaves it, which is given the slice's number, its cells, and room for as many and for its own scratch, both as they were left.
+    /// A slice at the end of a chunk is changed twice.
+    fn with_slices<S: Default>(
+        &self,
+        context: &Context,
+        change: impl Fn(u32, &mut Bits, &mut Bits, &mut S) -> Result<()> + Sync,
+    ) -> Result<Solid> {
         let [width, slices, rows] = self.cells;
         let store = SliceStore::new(&context.workspace, context.memory.store_quota);
         let mut out =
@@ -27,20 +54,13 @@ impl Solid {
             context.jobs(1, self.cells),
             || Ok(jobs.next()),
             |chunk| {
-                let (mut runs, mut scratch) = (Runs::default(), Scratch::default());
+                let (mut runs, mut scratch) = (Runs::default(), S::default());
                 let mut bits = [(); 3].map(|()| Bits::new(width, rows));
-                let [slice, below, group] = &mut bits;
+                let [slice, below, room] = &mut bits;
                 let (mut volume, mut faces_of, mut out) = (0, Vec::with_capacity(chunk.len()), Slices::default());
                 for y in chunk.start.saturating_sub(1)..chunk.end {
                     self.store.paint(y.into(), slice, &mut runs)?;
-                    match change {
-                        Change::Filled => labels.paint(y, verdict, slice, &mut scratch)?,
-                        Change::Removed => {
-                            group.clear();
-                            labels.paint(y, verdict, group, &mut scratch)?;
-                            slice.and_not(group);
-                        }
-                    }
+                    change(y, slice, room, &mut scratch)?;
                     if y >= chunk.start {
                         volume += slice.cell_count();
                         faces_of.push(faces(slice, below));

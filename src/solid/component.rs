@@ -2,11 +2,9 @@
 //!
 //! The solid's runs are labelled slice by slice ([`crate::grid::label`]), with their cells counted along the way.
 
-use bytemuck::{Pod, Zeroable};
-
 use crate::error::Result;
 use crate::grid::context::{Context, chunks};
-use crate::grid::label::{Labeller, Measure, Parts, Scratch, overlaps};
+use crate::grid::label::{Cells, Labeller, Parts, Scratch, overlaps};
 use crate::grid::occupancy::{Occupancy, Raster};
 use crate::grid::slice::{Run, Runs, SliceStore, Slices};
 use crate::settings::closing::Least;
@@ -44,17 +42,6 @@ pub struct Components {
     pub dropped_cells: u64,
     /// Cells of the largest.
     pub largest: u64,
-}
-
-/// Cells of a run, or of a component.
-#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
-#[repr(transparent)]
-struct Cells(u64);
-
-impl Measure for Cells {
-    fn add(&mut self, other: &Cells) {
-        self.0 += other.0;
-    }
 }
 
 /// The verdicts.

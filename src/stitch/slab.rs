@@ -17,7 +17,7 @@ use crate::solid::Solid;
 use crate::stitch::numbers::{InSlab, Named};
 use crate::surface::attributes::{self, attributes};
 use crate::surface::contract::{self, Groups, NONE, Stars, contract, is_gone};
-use crate::surface::extract::{Kind, Surface, Triangles};
+use crate::surface::extract::{Surface, Triangles};
 use crate::surface::fit::{Fitted, Task, fit};
 use crate::surface::plane::project;
 use crate::surface::smooth::{self, smooth};
@@ -26,6 +26,7 @@ use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint, Quantizer};
 use crate::surface::untangle::submesh::Submesh;
 use crate::surface::untangle::{self, untangle};
 use crate::surface::vertex_state::{SHARES, VertexState};
+use crate::surface::vertices::Kind;
 
 /// The mesh of one slab, of points of precision `T`.
 ///
@@ -75,7 +76,7 @@ pub struct Making<'a, T> {
     pub jobs: SlabJobs,
 }
 
-/// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::extract::weights`].
+/// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::vertices::weights`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Size {
     /// Its own.

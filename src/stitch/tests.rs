@@ -90,7 +90,7 @@ fn with_slabs<R>(case: &Case, work: impl FnOnce(&Grid, &Making<'_, f32>, &Contex
     let cloud = Cloud::open(&[path], &input).unwrap();
     assert_eq!(cloud.schema().stride(), if *numbered { 4 } else { 0 });
     let workers = Workers::new(1).unwrap();
-    let surveyed = survey_cloud(&cloud, settings, &workers, &mut Progress::new(Show::Nothing)).unwrap();
+    let surveyed = survey_cloud(&cloud, settings, &workers, 1 << 30, &mut Progress::new(Show::Nothing)).unwrap();
     let workspace = Workspace::new(dir.path()).unwrap();
     let context = context(&surveyed, &workers, &workspace, 1 << 30).unwrap();
     let grid = &surveyed.grid;

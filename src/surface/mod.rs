@@ -13,3 +13,4 @@ pub mod smooth;
 pub mod thickness;
 pub mod untangle;
 pub mod vertex_state;
+pub mod vertices;

@@ -33,9 +33,9 @@ use crate::grid::slice::Runs;
 use crate::grid::window::Window;
 use crate::points::Coordinate;
 use crate::solid::Solid;
-use crate::surface::extract::Kind;
 use crate::surface::fit::Task;
 use crate::surface::outward::{self, Outward};
+use crate::surface::vertices::Kind;
 
 /// How far the first steps look, in cells. With noise of a cell, a surface starts three to four cells outside.
 const FIRST: [f64; 2] = [5.0, PLANE_SIGHT];

@@ -16,7 +16,8 @@
 //! Each of the two needs one more plane either side.
 
 use crate::surface::corner::{CORNERS, neighbours};
-use crate::surface::extract::{Kind, Surface, Vertex};
+use crate::surface::extract::Surface;
+use crate::surface::vertices::{Kind, Vertex};
 
 /// The part of the way to its neighbours' mean that a vertex goes first in a pair.
 const INWARDS: f64 = 5.0 / 8.0;

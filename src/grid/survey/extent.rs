@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::density::Density;
-use super::levels::{Known, Sketching as LevelSketching};
+use super::levels::{Known, Levels, Sketching as LevelSketching};
 use crate::error::{Error, Result};
 use crate::grid::coarse::{CoarseGrid, Sketching};
 use crate::grid::{Cell, Grid, Rotation};
@@ -39,6 +39,18 @@ pub enum Wanted {
     Extent,
     /// How densely they lie.
     Density,
+}
+
+impl Wanted {
+    /// The most bytes of a block of so many points that is being looked at, beside the block itself.
+    pub fn bytes_looking(self, points: u64) -> u64 {
+        if self == Wanted::Density { Levels::bytes_finding(points) } else { 0 }
+    }
+
+    /// The most bytes of what is found of so many points, which is kept for a block until its turn, and for all blocks to the end.
+    pub fn bytes_found(self, points: u64) -> u64 {
+        if self == Wanted::Density { Levels::bytes(points) } else { 0 }
+    }
 }
 
 /// Counts the points, finds their box, sketches their cells and, if that is wanted, finds how densely they lie. `progress` is told the records of each block.

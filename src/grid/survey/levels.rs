@@ -35,6 +35,9 @@ const SMALLEST: i32 = -1000;
 
 type Hash = u64;
 
+/// A node of the library's ordered maps has room for so many things, and is at least as full as this unless it is the root; inner nodes have a pointer to one node more.
+const NODE: (u64, u64) = (11, 5);
+
 /// What was found out about so many of the things with the lowest hashes.
 #[derive(Debug, Clone)]
 struct Lowest<V, const MOST: usize> {
@@ -47,6 +50,15 @@ impl<V, const MOST: usize> Lowest<V, MOST> {
     /// Keeps none with higher hashes than `highest`.
     fn up_to(highest: Hash) -> Lowest<V, MOST> {
         Lowest { lowest: BTreeMap::new(), highest }
+    }
+
+    /// The most bytes of so many things at most, without what they own; one more is there while another is left out.
+    fn bytes(things: u64) -> u64 {
+        let pointer = size_of::<usize>() as u64;
+        // Its parent and its place there, and lengths, which are aligned.
+        let node = NODE.0 * size_of::<(Hash, V)>() as u64 + 2 * pointer;
+        let nodes = (things.min(MOST as u64) + 1).div_ceil(NODE.1);
+        nodes * node + nodes.div_ceil(NODE.1) * (NODE.0 + 1) * pointer
     }
 
     /// Adds to what is known of a thing, if that is kept.
@@ -96,6 +108,12 @@ impl Places {
         }
     }
 
+    /// The most bytes of so many points in so many cells: a vector has room for twice as many as it holds, and for no fewer than four.
+    fn bytes(points: u64, cells: u64) -> u64 {
+        let room = (2 * points + 4 * cells).min(PLACES as u64 * cells);
+        room * size_of::<Place>() as u64
+    }
+
     /// The points.
     pub fn points(&self) -> impl ExactSizeIterator<Item = [f64; 3]> + '_ {
         self.0.iter().map(|(_, bits)| bits.map(f64::from_bits))
@@ -111,6 +129,14 @@ pub struct Level {
 }
 
 impl Level {
+    /// The most bytes of a level of so many points and cells.
+    fn bytes(points: u64, cells: u64) -> u64 {
+        let telling = cells.min(TELLING as u64 + 1);
+        Lowest::<([i64; 3], u64), KEPT>::bytes(cells)
+            + Lowest::<Places, TELLING>::bytes(cells)
+            + Places::bytes(points, telling)
+    }
+
     fn up_to(highest: [Hash; 2]) -> Level {
         Level { counts: Lowest::up_to(highest[0]), places: Lowest::up_to(highest[1]) }
     }
@@ -177,6 +203,19 @@ pub struct Levels {
 }
 
 impl Levels {
+    /// The most bytes of the levels of so many points.
+    pub fn bytes(points: u64) -> u64 {
+        // A box as wide as a cell of level 0 passes eight of them, and each has eight on the next.
+        let cells = |level: u32| points.min(8u64.saturating_pow(level + 1));
+        (0..LEVELS).map(|level| size_of::<Level>() as u64 + Level::bytes(points, cells(level))).sum()
+    }
+
+    /// The most bytes beside them while they are found, of so many points: places, codes, hashes, where cells begin.
+    pub fn bytes_finding(points: u64) -> u64 {
+        let (place, code) = (size_of::<[i64; 3]>(), size_of::<(u64, u32)>());
+        points * (place + code).max(code + size_of::<Hash>() + size_of::<u32>()) as u64
+    }
+
     /// Those of no points.
     fn new() -> Levels {
         Levels { bounds: Bounds::EMPTY, widest: SMALLEST, levels: Vec::new() }

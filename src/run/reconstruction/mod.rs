@@ -413,8 +413,8 @@ fn made(
     let budget = job.resources.budget();
     let mut beside = Beside::of(job)?.create()?;
     let ground = bare_earth(cloud, &job.settings, &mut beside, budget, workers, workspace, progress)?;
-    let (surveyed, settings) = surveyed(cloud, &job.settings, workers, progress)?;
-    let left = budget_beside(&settings, budget, workers);
+    let left = budget_beside(&job.settings, budget, workers);
+    let (surveyed, settings) = surveyed(cloud, &job.settings, workers, left, progress)?;
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     let (surveyed, context) = planned(surveyed, &settings, workers, workspace, left, None, progress).map_err(whole)?;
     let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress).map_err(whole)?;

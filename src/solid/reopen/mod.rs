@@ -57,7 +57,7 @@ use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
 use crate::grid::{Cell, Grid};
 use crate::points::Coordinate;
 use crate::solid::exterior::{Padded, invert};
-use crate::solid::{Solid, faces, move_back};
+use crate::solid::{Solid, move_back};
 
 /// So many deep occupied cells in a block are evidence that something was filled; and then, so many hidden walls.
 const EVIDENCE: u32 = 3;
@@ -282,43 +282,6 @@ impl Solid {
             }
         }
         self.without(&opened, context)?.without_isolated_cells(context)
-    }
-
-    /// The solid without some cells.
-    fn without(&self, opened: &SliceStore, context: &Context) -> Result<Solid> {
-        let [width, slices, rows] = self.cells;
-        let store = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut out =
-            Solid { cells: self.cells, store, volume: 0, faces: Vec::with_capacity(slices as usize), ground: None };
-        let mut jobs = chunks(slices);
-        context.workers.in_order(
-            context.jobs(1, self.cells),
-            || Ok(jobs.next()),
-            |chunk| {
-                let mut runs = Runs::default();
-                let mut bits = [(); 3].map(|()| Bits::new(width, rows));
-                let [slice, below, gone] = &mut bits;
-                let (mut volume, mut faces_of, mut out) = (0, Vec::with_capacity(chunk.len()), Slices::default());
-                for y in chunk.start.saturating_sub(1)..chunk.end {
-                    self.store.paint(y.into(), slice, &mut runs)?;
-                    opened.paint(y.into(), gone, &mut runs)?;
-                    slice.and_not(gone);
-                    if y >= chunk.start {
-                        volume += slice.cell_count();
-                        faces_of.push(faces(slice, below));
-                        out.push(slice);
-                    }
-                    std::mem::swap(slice, below);
-                }
-                Ok((volume, faces_of, out))
-            },
-            |(volume, faces_of, slices)| {
-                out.volume += volume;
-                out.faces.extend(faces_of);
-                out.store.extend(&slices)
-            },
-        )?;
-        Ok(out)
     }
 
     /// The deep occupied cells: those that no cell outside the solid touches.

@@ -26,7 +26,8 @@ use crate::grid::partition::{REACH, buckets_round};
 use crate::points::Coordinate;
 use crate::resources::workers::refill;
 use crate::surface::contract::NONE;
-use crate::surface::extract::{Kind, Surface};
+use crate::surface::extract::Surface;
+use crate::surface::vertices::Kind;
 
 /// The nearest points of a slab's vertices.
 #[derive(Debug, Clone, Default)]
