@@ -221,7 +221,7 @@ fn a_folder_is_one_runs_and_of_one_job() {
     let differs = second.begin(&job("none", 5)).unwrap().unwrap();
     assert_eq!((differs.at.as_str(), differs.there.as_str(), differs.here.as_str()), ("fit", "\"plane\"", "\"none\""));
     assert_eq!(second.begin(&job("plane", 6)).unwrap().unwrap().at, "inputs.a.laz.bytes");
-    second.finish().unwrap();
+    second.finish("output").unwrap();
     assert!(!path.exists(), "nothing stays of a run that is finished");
 
     // What is not a run's is left alone.

@@ -66,7 +66,9 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let Some(folder) = &job.resources.work else { return run_in(job, None, workers, progress) };
     let work = Arc::new(WorkFolder::open(folder)?);
     match run_in(job, Some(&work), workers, progress) {
-        Ok(report) => work.finish().map(|()| report),
+        Ok(report) => work.finish(OUTPUT).map(|()| report),
+        // Nothing is there that a run could go on from.
+        Err(error) if !work.has_begun() => Err(work.finish(OUTPUT).err().unwrap_or(error)),
         Err(error) => {
             // What is whole stays, whatever ended the run.
             let settled = work.settle(matches!(error, Error::Interrupted));

@@ -82,7 +82,10 @@ struct Made {
 }
 
 /// The copies of slabs that several pieces begin or end with: each is made once.
-struct Copies<T>(Mutex<BTreeMap<u32, (usize, Option<SlabMesh<T>>)>>);
+struct Copies<T>(Mutex<BTreeMap<u32, Copied<T>>>);
+
+/// How many are going to take it still, and the copy, if it was made.
+type Copied<T> = (usize, Option<SlabMesh<T>>);
 
 /// All pieces of a mesh.
 struct Pieces<'m, 'a, T> {
@@ -194,31 +197,33 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
             },
         )?;
         let mut above = number + 1;
-        while !is_last {
-            if let Some(own) = mark {
-                match self.mark_above(&mut above, own.slab)? {
-                    Above::Clean(mark) => {
-                        let joined = Some((above, mark));
-                        return Ok(Some(self.ended(start, stitcher.end_here(), joined)));
+        if !is_last {
+            loop {
+                if let Some(own) = mark {
+                    match self.mark_above(&mut above, own.slab)? {
+                        Above::Clean(mark) => {
+                            let joined = Some((above, mark));
+                            return Ok(Some(self.ended(start, stitcher.end_here(), joined)));
+                        }
+                        Above::Dirty => {}
+                        Above::Failed => return Ok(None),
                     }
-                    Above::Dirty => {}
-                    Above::Failed => return Ok(None),
                 }
+                let next = stitcher.next();
+                if next == slabs {
+                    break;
+                }
+                // One at a time: it may well be the last.
+                workers.in_order_range(
+                    in_flight.min(2),
+                    1,
+                    |_| (self.means.make)(next),
+                    |slab| {
+                        mark = take(slab, &mut stitcher)?;
+                        Ok(())
+                    },
+                )?;
             }
-            let next = stitcher.next();
-            if next == slabs {
-                break;
-            }
-            // One at a time: it may well be the last.
-            workers.in_order_range(
-                in_flight.min(2),
-                1,
-                |_| (self.means.make)(next),
-                |slab| {
-                    mark = take(slab, &mut stitcher)?;
-                    Ok(())
-                },
-            )?;
         }
         Ok(Some(self.ended(start, stitcher.finish_piece()?, None)))
     }
@@ -282,7 +287,7 @@ impl<T: Coordinate> Copies<T> {
     /// Of the slabs that each piece passes over: its own, the one before and the one after.
     fn of(ranges: &[Range<u32>]) -> Copies<T> {
         let slabs = ranges.last().map_or(0, |range| range.end);
-        let mut users: BTreeMap<u32, (usize, Option<SlabMesh<T>>)> = BTreeMap::new();
+        let mut users: BTreeMap<u32, Copied<T>> = BTreeMap::new();
         for boundary in ranges[1..].iter().map(|range| range.start) {
             for number in [boundary - 1, boundary] {
                 let uses =

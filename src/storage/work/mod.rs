@@ -225,7 +225,7 @@ impl WorkFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn manifest(&self, phase: &str) -> Result<Option<Manifest>> {
-        let Some(bytes) = self.contents(&format!("{DONE}/{phase}.json"))? else { return Ok(None) };
+        let Some(bytes) = self.contents(&manifest_of(phase))? else { return Ok(None) };
         let manifest = Sealed::open(&bytes).and_then(|value| serde_json::from_value(value).ok());
         if manifest.is_none() {
             self.set_aside(phase)?;
@@ -258,7 +258,7 @@ impl WorkFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn set_aside(&self, phase: &str) -> Result<()> {
-        let (name, aside) = (format!("{DONE}/{phase}.json"), format!("{DONE}/{phase}.bad"));
+        let (name, aside) = (manifest_of(phase), format!("{DONE}/{phase}.bad"));
         match self.store.remove(&aside) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(self.failed("remove")(error)),
             _ => {}
@@ -285,7 +285,7 @@ impl WorkFolder {
                     files.iter().try_for_each(|file| file.file.sync())?;
                     store.sync_names(DATA)?;
                 }
-                name_whole(&*store, &temporary, &format!("{DONE}/{phase}.json"), &bytes, durable)
+                name_whole(&*store, &temporary, &manifest_of(phase), &bytes, durable)
             };
             all().map_err(failed)
         }))
@@ -299,19 +299,32 @@ impl WorkFolder {
         self.committer.settle(quick)
     }
 
-    /// Ends the run: nothing of it is needed any more. The folder goes, too, if it can.
+    /// Whether it is known what is made here.
+    pub fn has_begun(&self) -> bool {
+        !matches!(self.contents(JOB), Ok(None))
+    }
+
+    /// Ends the run: nothing of it is needed any more. The folder goes, too, if it can; the manifest of phase `last` goes when all others are gone.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn finish(&self) -> Result<()> {
+    pub fn finish(&self, last: &str) -> Result<()> {
         self.committer.settle(true)?;
         // Records first: what they name must be there for as long as they are.
         for folder in [DONE, DATA] {
             for name in self.store.list(folder).map_err(self.failed("read the folder"))? {
-                self.store.remove(&format!("{folder}/{name}")).map_err(self.failed("remove"))?;
+                let name = format!("{folder}/{name}");
+                if name != manifest_of(last) {
+                    self.store.remove(&name).map_err(self.failed("remove"))?;
+                }
             }
         }
-        self.store.remove(JOB).map_err(self.failed("remove"))?;
+        for name in [JOB, &manifest_of(last)] {
+            match self.store.remove(name) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(self.failed("remove")(error)),
+                _ => {}
+            }
+        }
         if self._lock.is_some() {
             let folders = [self.path.join(DONE), self.path.join(DATA)];
             let _ = folders.iter().try_for_each(std::fs::remove_dir);
@@ -353,6 +366,11 @@ impl WorkFolder {
     pub(crate) fn committer(&self) -> &Committer {
         &self.committer
     }
+}
+
+/// The name of a phase's manifest.
+fn manifest_of(phase: &str) -> String {
+    format!("{DONE}/{phase}.json")
 }
 
 /// Writes a file and gives it its name, which nothing has, once it is whole.
