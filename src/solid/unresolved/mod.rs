@@ -440,7 +440,7 @@ fn at_corners(
 
 /// The cells of a pattern that faces join to the one of bit `cell`, within the pattern.
 fn part_of(pattern: u8, cell: u32) -> u8 {
-    let mut part = 1 << cell;
+    let mut part = 1u8 << cell;
     // Through the cells of a pattern, none is farther than five steps.
     for _ in 0..5 {
         let along = [(part & 0x55) << 1 | part >> 1 & 0x55, (part & 0x33) << 2 | part >> 2 & 0x33, part.rotate_left(4)];
