@@ -15,6 +15,7 @@ use crate::run::bridging::Trimmed;
 use crate::run::phase::Phase;
 use crate::run::pipeline::{Reconstructed, Surveyed};
 use crate::run::progress::Warning;
+use crate::run::pyramid::TilesetFigures;
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::open::Open;
@@ -247,6 +248,9 @@ pub struct OutputReport {
     pub bytes: u64,
     /// The number of tiles, if it is a folder of them.
     pub tiles: Option<u64>,
+    /// The levels, if it is a tileset.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tileset: Option<TilesetFigures>,
     /// Vertices.
     pub vertices: u64,
     /// Triangles.
