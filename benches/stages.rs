@@ -74,8 +74,8 @@ fn main() {
     let workers = Workers::new(machine::processors()).expect("threads");
     let path = clouds::knot(dir.path(), points, &workers);
     let cloud = Cloud::open(&[path], &InputOptions::default()).expect("the cloud");
-    let surveyed =
-        survey_cloud(&cloud, &Settings::default(), &workers, &mut Progress::new(Show::Nothing)).expect("a grid");
+    let surveyed = survey_cloud(&cloud, &Settings::default(), &workers, 1 << 30, &mut Progress::new(Show::Nothing))
+        .expect("a grid");
     let workspace = Workspace::new(dir.path()).expect("a folder for temporary files");
     // So much that the plan keeps everything in memory.
     let budget = (1 << 30) + 400 * points;

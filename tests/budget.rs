@@ -311,6 +311,7 @@ fn pieces_cost_no_more_than_planned() {
             carried: true,
             simplified: false,
             trimmed: false,
+            kept: false,
             factor,
         };
         case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));

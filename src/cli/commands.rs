@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
-    PlanArguments, ReconstructArguments, RenderArguments, SimplifyArguments, overwrite,
+    PlanArguments, ReconstructArguments, RenderArguments, SimplifyArguments, TilesetArguments, overwrite,
 };
 use super::failures::failure;
 use super::{outputs, pages, signals};
@@ -25,7 +25,7 @@ use crate::run::looks::{InfoReport, PlanReport};
 use crate::run::observer::{Observer, watched};
 use crate::run::phase::{Forecast, Phase};
 use crate::run::progress::{Progress, Show, Warning};
-use crate::run::{look, plan, run, simplify_file};
+use crate::run::{look, plan, run, simplify_file, tileset_file};
 use crate::storage::atomic_file::AtomicFile;
 use crate::storage::steady::Steady;
 use crate::system::stack::Reported;
@@ -51,6 +51,7 @@ pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
         Some(Command::Compare(arguments)) => compare_mesh(arguments, progress),
         Some(Command::Densify(arguments)) => densify_cloud(arguments, progress),
         Some(Command::Simplify(arguments)) => simplify(arguments, progress),
+        Some(Command::Tileset(arguments)) => tileset(arguments, progress),
         Some(Command::Render(arguments)) => draw(arguments, progress),
         Some(Command::Generate(arguments)) => generate_cloud(arguments, progress),
         Some(Command::Completions(arguments)) => print_text(&pages::completions(arguments.shell)).map(|()| Kind::Done),
@@ -72,6 +73,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
         Some(Command::Compare(compare)) => compare.job().resources,
         Some(Command::Densify(densify)) => densify.job().resources,
         Some(Command::Simplify(simplify)) => simplify.job().resources,
+        Some(Command::Tileset(tileset)) => tileset.job().resources,
         Some(Command::Render(render)) => render.resources.resources(),
         Some(Command::Generate(generate)) => generate.resources(),
         Some(Command::Completions(arguments)) => return value(&pages::completions(arguments.shell)),
@@ -109,6 +111,11 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
                 let simplify =
                     |progress: &mut Progress| Ok((simplify_file(&arguments.job(), &workers, progress)?, Kind::Done));
                 value(&reported(json_file(arguments.report.as_deref())?, progress, simplify)?.0)
+            }
+            Some(Command::Tileset(arguments)) => {
+                let tileset =
+                    |progress: &mut Progress| Ok((tileset_file(&arguments.job(), &workers, progress)?, Kind::Done));
+                value(&reported(json_file(arguments.report.as_deref())?, progress, tileset)?.0)
             }
             Some(Command::Render(arguments)) => {
                 let (path, triangles) = drawn(arguments, &workers, progress)?;
@@ -275,6 +282,19 @@ fn simplify(arguments: &SimplifyArguments, progress: &mut Progress) -> Result<Ki
         let workers = job.resources.workers()?;
         signals::stop(&workers)?;
         let report = simplify_file(&job, &workers, progress)?;
+        report.summary().iter().for_each(|line| progress.note(line));
+        report.warnings.iter().for_each(|warning| progress.warn(warning));
+        Ok((report, Kind::Done))
+    })
+    .map(|(_, kind)| kind)
+}
+
+fn tileset(arguments: &TilesetArguments, progress: &mut Progress) -> Result<Kind> {
+    reported(json_file(arguments.report.as_deref())?, progress, |progress| {
+        let job = arguments.job();
+        let workers = job.resources.workers()?;
+        signals::stop(&workers)?;
+        let report = tileset_file(&job, &workers, progress)?;
         report.summary().iter().for_each(|line| progress.note(line));
         report.warnings.iter().for_each(|warning| progress.warn(warning));
         Ok((report, Kind::Done))

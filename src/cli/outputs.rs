@@ -7,12 +7,14 @@ use std::path::{Path, PathBuf};
 
 use super::args::{Arguments, Command};
 use crate::error::{Error, Result};
+use crate::format::tiles3d::{TREE, is_named};
 use crate::format::write;
 use crate::format::write::Format;
 use crate::format::write::tiles::{self, Tiles};
 use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
 use crate::run;
 use crate::run::preview::Preview;
+use crate::run::pyramid::TilesetTarget;
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
 use crate::system::{file_number, folder};
 
@@ -39,6 +41,8 @@ enum Kind {
     Report,
     /// A folder of tiles.
     Tiles,
+    /// The folder of a tileset.
+    Tileset,
 }
 
 /// Refuses a command whose outputs would replace what they must not, or that cannot be written where they should be.
@@ -56,7 +60,8 @@ pub fn check(arguments: &Arguments) -> Result<()> {
                 output.what
             )));
         }
-        let within = |input: &&PathBuf| output.kind == Kind::Tiles && is_within(input, &output.path);
+        let within =
+            |input: &&PathBuf| matches!(output.kind, Kind::Tiles | Kind::Tileset) && is_within(input, &output.path);
         if let Some(input) = inputs.iter().find(within) {
             return Err(Error::Usage(format!(
                 "{}: is an input, in the folder that the tiles would replace",
@@ -104,14 +109,14 @@ impl Output {
                 }
                 AtomicFile::report(&self.path).map(drop)
             }
-            Kind::Tiles => {
+            Kind::Tiles | Kind::Tileset => {
+                let index = if self.kind == Kind::Tiles { tiles::INDEX } else { TREE };
                 let (there, path) = (self.path.symlink_metadata().is_ok(), self.path.display());
                 if there && self.overwrite == Overwrite::Refuse {
                     return Err(Error::OutputExists(self.path.clone()));
                 }
                 let empty = || folder::entries(&self.path).is_ok_and(|entries| entries.is_empty());
-                if there && !self.path.join(tiles::INDEX).is_file() && !empty() {
-                    let index = tiles::INDEX;
+                if there && !self.path.join(index).is_file() && !empty() {
                     return Err(Error::Usage(format!(
                         "{path}: is no folder of tiles (it has no {index}), which alone --overwrite replaces; choose another --output"
                     )));
@@ -146,6 +151,11 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
                         put(Tiles::path(output), "tiles", Kind::Tiles, overwrite);
                     }
                     Some(()) => {}
+                    None if is_named(output) => {
+                        if let Ok(folder) = TilesetTarget::folder(output) {
+                            put(folder.to_path_buf(), "tileset", Kind::Tileset, overwrite);
+                        }
+                    }
                     None if Format::from_path(output).is_ok() => {
                         put(output.clone(), "mesh", Kind::File, overwrite);
                         for path in write::beside(output) {
@@ -208,6 +218,15 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             put(arguments.output.clone(), "mesh", Kind::File, overwrite);
             for path in write::beside(&arguments.output) {
                 put(path, "mesh's side-car", Kind::Beside, overwrite);
+            }
+            if let Some(path) = &arguments.report {
+                put(path.clone(), "report", Kind::Report, Overwrite::Refuse);
+            }
+            vec![arguments.mesh.clone()]
+        }
+        Some(Command::Tileset(arguments)) => {
+            if let Ok(folder) = TilesetTarget::folder(&arguments.output) {
+                put(folder.to_path_buf(), "tileset", Kind::Tileset, may(arguments.overwrite));
             }
             if let Some(path) = &arguments.report {
                 put(path.clone(), "report", Kind::Report, Overwrite::Refuse);

@@ -29,5 +29,6 @@ pub(crate) mod stl;
 #[cfg(test)]
 pub(crate) mod testing;
 pub(crate) mod text;
+pub mod tiles3d;
 pub(crate) mod unpack;
 pub mod write;

@@ -7,9 +7,10 @@ use std::time::Instant;
 
 use crate::error::words::thousands;
 use crate::error::{Error, Result, defect};
+use crate::format::tiles3d::is_named;
 use crate::format::write::territory::Territories;
 use crate::format::write::tiles::{Division, Tiles};
-use crate::format::write::{Filled, Positions, Target};
+use crate::format::write::{Filled, Positions, Target, Written};
 use crate::grid::survey::boxes_of_sources;
 use crate::input::{Cloud, STANDARD_INPUT};
 use crate::mesh::check::check_near;
@@ -29,6 +30,7 @@ use crate::run::prepare::{Passes, describe, expected_tiles, files, known, open, 
 #[cfg(feature = "render")]
 use crate::run::preview::{DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
+use crate::run::pyramid::TilesetTarget;
 use crate::run::report::{OutputReport, Report};
 use crate::run::simplification::{Lengths, simplified};
 use crate::storage::atomic_file::Overwrite;
@@ -44,6 +46,24 @@ const OUTPUT: &str = "output";
 fn has_output_of(work: &WorkFolder, output: &Path) -> bool {
     let manifest = work.manifest(OUTPUT).ok().flatten();
     manifest.is_some_and(|manifest| manifest.rest == output.display().to_string())
+}
+
+/// Which coordinates an output has.
+///
+/// # Errors
+/// Those of [`Positions::of`]; [`Error::InvalidSetting`] for the input's own in a tileset, or one of tiles of another kind.
+fn positions_of(output: &Path, job: &Job) -> Result<Positions> {
+    if !is_named(output) {
+        return Positions::of(output, job.positions);
+    }
+    let setting = match job {
+        Job { positions: Some(Positions::Absolute), .. } => "coordinates",
+        Job { tile: Some(_), .. } => "tile",
+        Job { batch: true, .. } => "batch",
+        _ => return Ok(Positions::Shifted),
+    };
+    let words = format!("`{setting}`: does not go with a tileset, whose tiles and places are its own");
+    Err(Error::setting(setting, words))
 }
 
 /// No mesh takes the place of the points it is made from.
@@ -100,15 +120,17 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     let job = &job;
     Beside::of(job)?.paths().try_for_each(|path| refuse_input_as_output(&files, path))?;
     let mut beside = Beside::of(job)?.create()?;
-    let positions = Positions::of(&output, job.positions)?;
+    let positions = positions_of(&output, job)?;
     // What can fail for want of room or rights fails now, not after the work.
     let mut target = match division(job, &files)? {
+        None if is_named(&output) => Place::Tileset(TilesetTarget::prepare(&output, job.overwrite)?),
         None => Place::File(Target::prepare(&output, job.overwrite, positions)?),
         Some(division) => Place::Tiles(Tiles::prepare(&output, division, job.overwrite, positions)?),
     };
     #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
-    let workspace = job.resources.workspace(&output)?.stopped_with(workers);
+    let beside_output = if is_named(&output) { TilesetTarget::folder(&output)? } else { &*output };
+    let workspace = job.resources.workspace(beside_output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
     let mut cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
     let job = &job.measured_as(&cloud)?;
@@ -121,7 +143,10 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     beside.measure_as(&Beside::of(job)?);
     let ground = bare_earth(&mut cloud, &job.settings, &mut beside, budget, workers, &workspace, progress)?;
     let left = budget_beside(&job.settings, budget, workers);
-    let (surveyed, settings) = surveyed(&cloud, &job.settings, workers, left, progress)?;
+    let (mut surveyed, settings) = surveyed(&cloud, &job.settings, workers, left, progress)?;
+    if let Place::Tileset(_) = &target {
+        surveyed.workload = surveyed.workload.with_levels();
+    }
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
         progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
     }
@@ -193,6 +218,8 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     let elements = match &target {
         Place::Tiles(_) => 2 * made.mesh.face_count(),
         Place::File(_) => made.mesh.vertex_count() + made.mesh.face_count(),
+        // Told level by level.
+        Place::Tileset(_) => 0,
         // Written already, but for the name.
         Place::Filled(_) => 0,
     };
@@ -206,9 +233,17 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
         work.settle(true)?;
     }
     let mut told = |done| progress.set(done);
-    let mut files = None;
+    let (mut files, mut tileset) = (None, None);
     let (path, written) = match target {
         Place::File(target) => (output, target.fill(&made.mesh, &header, workers, &mut told)?.finish()?),
+        Place::Tileset(target) => {
+            let (memory, means) = (made.memory.working, (workers, &workspace));
+            let figures = target.write(&made.mesh, &header, &job.tileset, memory, means, progress)?;
+            let bytes = figures.bytes;
+            files = Some(figures.tiles());
+            tileset = Some(figures);
+            (output, Written { bytes })
+        }
         Place::Filled(filled) => (output, filled.finish()?),
         Place::Tiles(tiles) => {
             let memory = made.memory.working;
@@ -229,6 +264,7 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
         preview,
         bytes: written.bytes,
         tiles: files,
+        tileset,
         vertices: made.mesh.vertex_count(),
         triangles: made.mesh.face_count(),
         origin,
@@ -285,6 +321,7 @@ enum Place {
     File(Target),
     Filled(Filled),
     Tiles(Tiles),
+    Tileset(TilesetTarget),
 }
 
 impl Place {

@@ -13,6 +13,7 @@ use crate::run::preview::Preview;
 use crate::settings::closing::Sealing;
 use crate::settings::open::Hole;
 use crate::settings::simplification::{Simplification, Tolerance};
+use crate::settings::tileset::TilesetOptions;
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
@@ -47,6 +48,8 @@ pub struct Job {
     pub raster_size: Option<f64>,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
+    /// How a tileset is made, if the output is named `tileset.json`.
+    pub tileset: TilesetOptions,
     /// Which coordinates the mesh file has; by default what is usual for its format.
     pub positions: Option<Positions>,
     /// What the run may use.
@@ -81,6 +84,7 @@ impl Job {
             dsm: None,
             raster_size: None,
             overwrite: Overwrite::Refuse,
+            tileset: TilesetOptions::default(),
             positions: None,
             resources: Resources::default(),
             check: Check::Always,

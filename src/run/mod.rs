@@ -31,6 +31,7 @@ mod prepare;
 #[cfg(feature = "render")]
 pub mod preview;
 pub mod progress;
+pub mod pyramid;
 mod rasters;
 pub mod reconstruction;
 pub mod report;
@@ -47,4 +48,5 @@ pub mod workload;
 pub use self::files_to_mesh::run;
 pub use self::job::{Check, Job, Resources, Units, default_output_of};
 pub use self::prepare::{look, plan};
+pub use self::pyramid::tileset_file;
 pub use self::simplification::simplify_file;

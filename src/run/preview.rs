@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
+use crate::format::tiles3d::is_named;
 use crate::mesh::MeshSource;
 use crate::points::attribute::Schema;
 use crate::points::bounds::Bounds;
@@ -37,6 +38,8 @@ impl Preview {
     pub fn path(&self, output: &Path) -> Option<PathBuf> {
         match self {
             Preview::None => None,
+            // A tileset's folder is not there yet.
+            Preview::Beside if is_named(output) => output.parent().map(|folder| folder.with_extension("png")),
             Preview::Beside => Some(output.with_extension("png")),
             Preview::At(path) => Some(path.clone()),
         }

@@ -14,6 +14,7 @@ use crate::run::bare_earth::GroundReport;
 use crate::run::bridging::Trimmed;
 use crate::run::phase::Phase;
 use crate::run::progress::Warning;
+use crate::run::pyramid::TilesetFigures;
 use crate::run::surface::Reconstructed;
 use crate::run::surveyed::Surveyed;
 use crate::settings::closing::Least;
@@ -252,6 +253,9 @@ pub struct OutputReport {
     pub bytes: u64,
     /// The number of tiles, if it is a folder of them.
     pub tiles: Option<u64>,
+    /// The levels, if it is a tileset.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tileset: Option<TilesetFigures>,
     /// Vertices.
     pub vertices: u64,
     /// Triangles.

@@ -31,7 +31,8 @@ impl Report {
 
     fn output_lines(&self) -> Vec<String> {
         let OutputReport { path, bytes, tiles, origin, preview, .. } = &self.output;
-        let files = tiles.map_or_else(String::new, |tiles| format!(", {} tiles and an index", thousands(tiles)));
+        let index = if self.output.tileset.is_some() { "" } else { " and an index" };
+        let files = tiles.map_or_else(String::new, |tiles| format!(", {} tiles{index}", thousands(tiles)));
         let (size, time) = (ByteSize(*bytes), duration(self.seconds_total));
         let mut lines = vec![match path {
             Some(path) => format!("output   {}{files}, {size}, in {time}", path.display()),
@@ -40,6 +41,7 @@ impl Report {
         if *origin != [0.0; 3] {
             let [x, y, z] = origin;
             let how = match path.as_deref().map(Format::from_path) {
+                _ if self.output.tileset.is_some() => "the tileset's transform adds it",
                 Some(Ok(Format::Stl | Format::Glb)) => {
                     "32 bits would not hold them; .ply and .obj with --coordinates input do"
                 }
@@ -47,6 +49,7 @@ impl Report {
             };
             lines.push(format!("         origin {x} {y} {z} taken off the coordinates: {how}"));
         }
+        lines.extend(self.output.tileset.iter().flat_map(|tileset| tileset.lines()));
         lines.extend(preview.iter().map(|preview| format!("preview  {}", preview.display())));
         lines
     }

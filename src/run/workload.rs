@@ -216,6 +216,11 @@ impl Workload {
         Workload { simplified: asked.map(marked), ..self }
     }
 
+    /// The same workload for a mesh that levels of fewer triangles are made of in the end.
+    pub fn with_levels(self) -> Workload {
+        Workload { simplified: self.simplified.or(Some(false)), ..self }
+    }
+
     /// The same workload for a mesh whose vertices' distances from points are `measured`; triangles may be `trimmed` by them.
     pub fn with_bridging(self, measured: bool, trimmed: bool) -> Workload {
         Workload { bridging: (measured || trimmed).then_some(trimmed), ..self }

@@ -5,6 +5,7 @@ pub mod ground;
 pub mod open;
 pub mod simplification;
 pub mod surface;
+pub mod tileset;
 
 use self::closing::{Least, Sealing};
 use self::ground::Classes;

@@ -41,6 +41,10 @@ Examples:
   asra-stream simplify scan.stl 0.1mm -o light.stl
   asra-stream simplify mesh.ply --max-triangles 500k -o light.glb";
 
+pub const TILESET: &str = "\
+Examples:
+  asra-stream tileset mesh.ply -o city/tileset.json  levels of detail, for viewers of 3D Tiles";
+
 pub const RENDER: &str = "\
 Examples:
   asra-stream render mesh.ply                        six views beside each other: writes mesh.png
@@ -75,7 +79,8 @@ mod tests {
 
     #[test]
     fn examples_are_what_the_command_takes() {
-        let all = [RECONSTRUCT, PLAN, INFO, CHECK, COMPARE, DENSIFY, SIMPLIFY, RENDER, GENERATE, COMPLETIONS, MAN];
+        let all =
+            [RECONSTRUCT, PLAN, INFO, CHECK, COMPARE, DENSIFY, SIMPLIFY, TILESET, RENDER, GENERATE, COMPLETIONS, MAN];
         for text in all {
             let commands: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("  asra-stream ")).collect();
             assert!(!commands.is_empty(), "{text}");

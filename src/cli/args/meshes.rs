@@ -11,8 +11,10 @@ use crate::input::Layout;
 use crate::points::unit::Measure;
 use crate::render::{Background, ColourBy, Legend, Options, Shading, Size, Up, View};
 use crate::run::generate::densify;
+use crate::run::pyramid::TilesetJob;
 use crate::run::simplification::SimplifyJob;
 use crate::settings::simplification::{Borders, Simplification, Tolerance};
+use crate::settings::tileset::TilesetOptions;
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
@@ -136,6 +138,44 @@ pub struct SimplifyArguments {
     /// Memory, disk, threads.
     #[command(flatten)]
     pub resources: ResourceArguments,
+}
+
+/// Arguments of `tileset`.
+#[derive(Debug, Args)]
+pub struct TilesetArguments {
+    /// The mesh: .ply, .stl, .obj or .glb
+    pub mesh: PathBuf,
+    /// The tileset: tileset.json in a folder of its own, as in city/tileset.json
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Replace the folder if it is that of a tileset
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Hang no skirts from the tiles of coarser levels, which hide gaps to other levels where a surface is open
+    #[arg(long)]
+    pub no_skirts: bool,
+    /// Write the findings as JSON; an existing report is replaced
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub resources: ResourceArguments,
+}
+
+impl TilesetArguments {
+    /// The job they describe.
+    pub fn job(&self) -> TilesetJob {
+        TilesetJob {
+            mesh: self.mesh.clone(),
+            output: self.output.clone(),
+            overwrite: overwrite(self.overwrite),
+            options: TilesetOptions { skirts: !self.no_skirts },
+            resources: self.resources.resources(),
+        }
+    }
 }
 
 /// Arguments of `render`.

@@ -12,7 +12,9 @@ use clap::{Args, Parser, Subcommand};
 use clap_complete::Shell;
 
 pub use self::generate::GenerateArguments;
-pub use self::meshes::{CheckArguments, CompareArguments, DensifyArguments, RenderArguments, SimplifyArguments};
+pub use self::meshes::{
+    CheckArguments, CompareArguments, DensifyArguments, RenderArguments, SimplifyArguments, TilesetArguments,
+};
 pub use self::runs::{InfoArguments, PlanArguments, ReconstructArguments};
 pub use self::shared::overwrite;
 use crate::run::progress::Show;
@@ -45,6 +47,7 @@ impl Arguments {
             Some(Command::Compare(compare)) => compare.talk.show(),
             Some(Command::Densify(densify)) => densify.talk.show(),
             Some(Command::Simplify(simplify)) => simplify.talk.show(),
+            Some(Command::Tileset(tileset)) => tileset.talk.show(),
             Some(Command::Render(render)) => render.talk.show(),
             Some(Command::Generate(generate)) => generate.talk.show(),
             Some(Command::Completions(_) | Command::Man(_)) => Show::Nothing,
@@ -75,6 +78,9 @@ pub enum Command {
     /// Leave out triangles of a mesh as long as its surface stays within a distance from what it was, both ways; a closed mesh stays closed, and nothing
     /// intersects
     Simplify(SimplifyArguments),
+    #[command(after_help = examples::TILESET)]
+    /// Make a tileset of a mesh: 3D Tiles with levels of detail, for web viewers and globes
+    Tileset(TilesetArguments),
     #[command(after_help = examples::RENDER)]
     /// Draw a picture of a mesh
     Render(RenderArguments),

@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::format::write::Positions;
 use crate::run::preview::Preview;
 use crate::run::{Check, Job, Resources, Units};
+use crate::settings::tileset::TilesetOptions;
 
 /// Which coordinates a mesh has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -27,7 +28,8 @@ pub struct ReconstructArguments {
     /// The cloud and how it is meshed.
     #[command(flatten)]
     pub cloud: CloudArguments,
-    /// The mesh file: .ply, .stl, .obj or .glb [default: the first input's name with .mesh.ply]
+    /// The mesh file: .ply, .stl, .obj or .glb; or tileset.json in a folder of its own, as in city/tileset.json: 3D Tiles with levels of detail [default: the first
+    /// input's name with .mesh.ply]
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// Replace the output if it exists
@@ -40,6 +42,9 @@ pub struct ReconstructArguments {
     /// vertices, to the last bit; PLY and GLB
     #[arg(long, conflicts_with = "tile")]
     pub batch: bool,
+    /// Hang no skirts from the tiles of a tileset's coarser levels, which hide gaps to other levels where a surface is open
+    #[arg(long)]
+    pub no_skirts: bool,
     /// Write all points with the ground filter's verdicts as their classes (2 on the ground, 1 elsewhere; 7, 9 and 18 stay), a .laz or .las file: with --surface ground
     #[arg(long, value_name = "FILE")]
     pub write_classes: Option<PathBuf>,
@@ -148,6 +153,7 @@ impl ReconstructArguments {
             dsm: self.dsm.clone(),
             raster_size: self.raster_size.map(|side| side.value),
             overwrite: overwrite(self.overwrite),
+            tileset: TilesetOptions { skirts: !self.no_skirts },
             positions,
             check,
             ..job

@@ -29,14 +29,14 @@ use crate::points::scalar::Scalar;
 const BLOCK: usize = 1 << 16;
 /// Bytes of a vertex, and of a triangle.
 const ELEMENT: u64 = 12;
-const FLOAT: u32 = 5126;
-const UNSIGNED_INT: u32 = 5125;
-const UNSIGNED_SHORT: u32 = 5123;
+pub(crate) const FLOAT: u32 = 5126;
+pub(crate) const UNSIGNED_INT: u32 = 5125;
+pub(crate) const UNSIGNED_SHORT: u32 = 5123;
 /// The most vertices that are numbered in 16 bits: the last number has a meaning of its own.
-const MOST_SHORT: u64 = 65_535;
-const ARRAY_BUFFER: u32 = 34962;
-const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-const TRIANGLES: u32 = 4;
+pub(crate) const MOST_SHORT: u64 = 65_535;
+pub(crate) const ARRAY_BUFFER: u32 = 34962;
+pub(crate) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+pub(crate) const TRIANGLES: u32 = 4;
 /// A quarter turn about x: glTF has y up, maps have z.
 pub const Z_UP_TO_Y_UP: [f64; 4] = [-std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
 
@@ -47,7 +47,7 @@ pub(crate) fn write(job: &mut Job) -> Result<()> {
         (vertices, faces) = (0, 0);
     }
     let bounds = if faces > 0 { bounds(job)? } else { [[0.0; 3]; 2] };
-    let views = if faces > 0 { views(&properties(job)?) } else { Vec::new() };
+    let views = if faces > 0 { views(&properties(mesh, job.header, job.workers)?) } else { Vec::new() };
     let mut json = scene(job.header, vertices, faces, bounds, &views).to_string().into_bytes();
     json.resize(json.len().next_multiple_of(4), b' ');
 
@@ -81,16 +81,7 @@ pub(crate) fn write(job: &mut Job) -> Result<()> {
         job.put_blocks(vertices, BLOCK, |first, len| {
             let records = records(mesh, first, len)?;
             let mut out = Vec::with_capacity(len * view.bytes as usize);
-            for record in records.chunks_exact(mesh.schema().stride()) {
-                let start = out.len();
-                for property in &view.properties {
-                    let value = property.value(record);
-                    let value = if view.kind == "VEC4" { linear(value / property.full()) } else { value };
-                    view.scalar.put(value, &mut out);
-                }
-                // Behind a colour: that it hides all.
-                out.resize(start + view.bytes as usize, if view.kind == "VEC4" { 0xff } else { 0 });
-            }
+            records.chunks_exact(mesh.schema().stride()).for_each(|record| view.put(record, &mut out));
             Ok(out)
         })?;
     }
@@ -151,19 +142,34 @@ fn widen([low, high]: &mut [[f32; 3]; 2], position: [f32; 3]) {
 }
 
 /// One attribute of glTF.
-struct View {
-    name: String,
+#[derive(Debug)]
+pub(crate) struct View {
+    pub(crate) name: String,
     /// The numbers of it.
     properties: Vec<Property>,
-    scalar: Scalar,
+    pub(crate) scalar: Scalar,
     /// `VEC4`, a colour, or `SCALAR`.
-    kind: &'static str,
+    pub(crate) kind: &'static str,
     /// From one vertex to the next: a multiple of four.
-    bytes: u64,
+    pub(crate) bytes: u64,
+}
+
+impl View {
+    /// Appends what a vertex has, of its record.
+    pub(crate) fn put(&self, record: &[u8], out: &mut Vec<u8>) {
+        let start = out.len();
+        for property in &self.properties {
+            let value = property.value(record);
+            let value = if self.kind == "VEC4" { linear(value / property.full()) } else { value };
+            self.scalar.put(value, out);
+        }
+        // Behind a colour: that it hides all.
+        out.resize(start + self.bytes as usize, if self.kind == "VEC4" { 0xff } else { 0 });
+    }
 }
 
 /// What glTF makes of properties.
-fn views(properties: &[Property]) -> Vec<View> {
+pub(crate) fn views(properties: &[Property]) -> Vec<View> {
     let find = |name: &&str| properties.iter().find(|property| property.name == *name).cloned();
     let colours: Vec<Property> = COLOURS.iter().filter_map(find).collect();
     let light = |p: &Property| p.scalar == colours[0].scalar && matches!(p.scalar, Scalar::U8 | Scalar::U16);
@@ -188,7 +194,7 @@ fn views(properties: &[Property]) -> Vec<View> {
 }
 
 /// glTF's number for a type.
-fn component(scalar: Scalar) -> u32 {
+pub(crate) fn component(scalar: Scalar) -> u32 {
     match scalar {
         Scalar::I8 => 5120,
         Scalar::U8 => 5121,

@@ -16,7 +16,7 @@ pub(crate) fn write(job: &mut Job) -> Result<()> {
     let absolute = job.positions == Positions::Absolute;
     let comments: String = job.comments().iter().map(|line| format!("# {line}\n")).collect();
     job.put(comments.as_bytes())?;
-    let properties = properties(job)?;
+    let properties = properties(job.mesh, job.header, job.workers)?;
     let colours: Vec<&Property> =
         COLOURS.iter().filter_map(|name| properties.iter().find(|property| property.name == *name)).collect();
     // Behind the coordinates, where most programs read colours of vertices, from 0 to 1.

@@ -21,7 +21,7 @@ pub(crate) fn write(job: &mut Job) -> Result<()> {
     }
     let moved = job.positions == Positions::Absolute && job.header.origin != [0.0; 3];
     let absolute = moved.then_some(job.header.origin);
-    let properties = properties(job)?;
+    let properties = properties(job.mesh, job.header, job.workers)?;
     let header = HeaderText {
         // Spools hold native byte order.
         endian: Endian::NATIVE,

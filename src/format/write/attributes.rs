@@ -3,11 +3,9 @@
 //! Colours of 16 bits are looked at first, all of them: LAS files store colours of 8 bits in 16, as they are or times 256 or 257. Where that is so, the
 //! 8 bits are written, from which the stored values follow; where it is not, all 16.
 
-use super::job::Job;
 use crate::error::Result;
-use crate::mesh::MeshSource;
 use crate::mesh::spool::MeshSpool;
-use crate::points::attribute::Schema;
+use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::scalar::{Column, Endian, Reader, Scalar, reader};
 use crate::resources::workers::Workers;
 
@@ -50,9 +48,9 @@ impl Property {
 pub const COLOURS: [&str; 3] = ["red", "green", "blue"];
 
 /// The properties of a mesh's vertices, in the order of its schema.
-pub fn properties(job: &Job<'_>) -> Result<Vec<Property>> {
-    let schema = job.mesh.schema();
-    let depth = colour_depth(job, schema)?;
+pub fn properties(mesh: &MeshSpool, header: &MeshHeader, workers: &Workers) -> Result<Vec<Property>> {
+    let schema = mesh.schema();
+    let depth = colour_depth(mesh, workers)?;
     let property = |name: &str, scalar: Scalar| {
         let from = schema.column(name).expect("an attribute of the schema is in it");
         let colour = COLOURS.contains(&name) && scalar == Scalar::U16;
@@ -63,7 +61,7 @@ pub fn properties(job: &Job<'_>) -> Result<Vec<Property>> {
         };
         Property { name: name.to_string(), from, scalar, high, read: reader(from.scalar, Endian::NATIVE) }
     };
-    let written = schema.attributes().iter().filter(|a| !job.header.constant.contains(&a.name));
+    let written = schema.attributes().iter().filter(|a| !header.constant.contains(&a.name));
     Ok(written.map(|a| property(&a.name, a.scalar)).collect())
 }
 
@@ -119,16 +117,17 @@ enum Depth {
 }
 
 /// What all colours of 16 bits have in common.
-fn colour_depth(job: &Job<'_>, schema: &Schema) -> Result<Depth> {
+fn colour_depth(mesh: &MeshSpool, workers: &Workers) -> Result<Depth> {
+    let schema = mesh.schema();
     let columns: Vec<Column> =
         COLOURS.iter().filter_map(|name| schema.column(name)).filter(|c| c.scalar == Scalar::U16).collect();
     if columns.is_empty() {
         return Ok(Depth::All);
     }
     let (mut low, mut times_256, mut times_257) = (true, true, true);
-    let blocks = job.mesh.vertex_count().div_ceil(BLOCK as u64) as usize;
+    let blocks = mesh.vertex_count().div_ceil(BLOCK as u64) as usize;
     let look = |number: usize| {
-        let records = records(job.mesh, number as u64 * BLOCK as u64, BLOCK)?;
+        let records = records(mesh, number as u64 * BLOCK as u64, BLOCK)?;
         let (mut low, mut times_256, mut times_257) = (true, true, true);
         for record in records.chunks_exact(schema.stride()) {
             for column in &columns {
@@ -140,7 +139,7 @@ fn colour_depth(job: &Job<'_>, schema: &Schema) -> Result<Depth> {
         }
         Ok((low, times_256, times_257))
     };
-    job.workers.in_order_range(job.workers.threads() + 1, blocks, look, |part| {
+    workers.in_order_range(workers.threads() + 1, blocks, look, |part| {
         low &= part.0;
         times_256 &= part.1;
         times_257 &= part.2;

@@ -447,6 +447,7 @@ fn made(
         path: None,
         preview: None,
         bytes: made.mesh.bytes(),
+        tileset: None,
         tiles: None,
         vertices: made.mesh.vertex_count(),
         triangles: made.mesh.face_count(),

@@ -1,0 +1,445 @@
+//! A finished mesh as a tileset: levels of detail, cut into tiles.
+//!
+//! ```text
+//!  mesh ─► in its place, single precision ─► levels ─► counts of cells ─► tree ─► each level's triangles by tile ─► GLB, tileset.json
+//! ```
+//!
+//! A level is a whole mesh ([`levels`]), so the tiles of a level have the same vertices where they meet. The tree ([`tree`]) is a quadtree for surfaces
+//! that are open, as terrain is, and an octree for closed ones. Nothing depends on threads or memory but how long it takes.
+
+mod file;
+mod levels;
+mod normals;
+mod tree;
+
+pub use self::file::{TilesetJob, tileset_file};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use self::levels::{BLOCK, Extents, Level, WINDOW, coarser, copied, each_block, finite, widen};
+use self::tree::{Counts, Division, MOST, Tree};
+use crate::error::{Error, Result};
+use crate::format::glb::write::{View, views};
+use crate::format::tiles3d::tile::Tile;
+use crate::format::tiles3d::tileset::{self, Node};
+use crate::format::tiles3d::{TREE, is_named};
+use crate::format::write::attributes::properties;
+use crate::mesh::measure::Corners;
+use crate::mesh::spool::MeshSpool;
+use crate::mesh::{MeshHeader, MeshSource};
+use crate::points::Precision;
+use crate::resources::workers::Workers;
+use crate::run::phase::Phase;
+use crate::run::progress::Progress;
+use crate::settings::tileset::TilesetOptions;
+use crate::storage::atomic_file::{Overwrite, WholeFolder};
+use crate::storage::spool::{Spool, Workspace};
+
+/// Bytes that a tile in the making takes, about: its triangles, vertices and file.
+const TILE_BYTES: u64 = 16 << 20;
+/// Unwanted vertices that are read along rather than skipped by a new read.
+const GAP: u32 = 64;
+
+/// A level of a tileset.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct LevelFigures {
+    /// No place of the level's surface, or of the mesh's, is farther than this from the other.
+    pub error: f64,
+    /// Triangles.
+    pub triangles: u64,
+    /// Tiles.
+    pub tiles: u64,
+    /// Bytes of their files.
+    pub bytes: u64,
+}
+
+/// What a tileset has.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct TilesetFigures {
+    /// The levels, the finest first.
+    pub levels: Vec<LevelFigures>,
+    /// Bytes of all files.
+    pub bytes: u64,
+}
+
+impl TilesetFigures {
+    /// Tiles of all levels.
+    pub fn tiles(&self) -> u64 {
+        self.levels.iter().map(|level| level.tiles).sum()
+    }
+}
+
+/// A tileset that is going to be.
+#[derive(Debug)]
+pub struct TilesetTarget {
+    folder: WholeFolder,
+    path: PathBuf,
+}
+
+impl TilesetTarget {
+    /// The folder of a tileset.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if its name has none.
+    pub fn folder(path: &Path) -> Result<&Path> {
+        let parent = path.parent().filter(|parent| parent.file_name().is_some());
+        parent.ok_or_else(|| {
+            let path = path.display();
+            Error::Usage(format!("{path}: a tileset needs a folder of its own; pass a name such as city/{TREE}"))
+        })
+    }
+
+    /// Creates a temporary folder beside the tileset's own.
+    ///
+    /// # Errors
+    /// Those of [`TilesetTarget::folder`] and [`WholeFolder::create`].
+    pub fn prepare(path: &Path, overwrite: Overwrite) -> Result<TilesetTarget> {
+        if !is_named(path) {
+            return Err(Error::Usage(format!("{}: a tileset is named {TREE}, in a folder of its own", path.display())));
+        }
+        let folder = WholeFolder::create(TilesetTarget::folder(path)?, overwrite)?;
+        Ok(TilesetTarget { folder, path: path.to_path_buf() })
+    }
+
+    /// Makes all levels and tiles of a mesh, writes them, and gives the folder its name. Of `memory` bytes, as many as simplification needs are there at least.
+    ///
+    /// # Errors
+    /// Those of simplification; [`Error::Io`]; [`Error::Interrupted`].
+    pub fn write(
+        mut self,
+        mesh: &dyn MeshSource,
+        header: &MeshHeader,
+        options: &TilesetOptions,
+        memory: u64,
+        (workers, workspace): (&Workers, &Workspace),
+        progress: &mut Progress,
+    ) -> Result<TilesetFigures> {
+        let (finest, transform) = placed(mesh, &self.path, memory, workers, workspace)?;
+        let extents = Extents::of(&finest, workers)?;
+        let coarser = coarser(&finest, &extents, memory, (workers, workspace), progress)?;
+        let mut levels = vec![Level { mesh: finest, error: 0.0 }];
+        levels.extend(coarser);
+
+        let division = if header.sheet { Division::Quadtree } else { Division::Octree };
+        let [low, high] = extents.bounds;
+        let axes = if header.sheet { 2 } else { 3 };
+        let side = (0..axes).map(|a| high[a] - low[a]).fold(f64::MIN_POSITIVE, f64::max);
+        let code = |place| division.code(place, low, side);
+        let counts =
+            levels.iter().map(|level| counts(&level.mesh, division, code, workers)).collect::<Result<Vec<_>>>()?;
+        let tree = Tree::of(division, &counts);
+        drop(counts);
+
+        let views = views(&properties(&levels[0].mesh, header, workers)?);
+        progress.begin(Phase::Write, Some(levels.iter().map(|level| level.mesh.face_count()).sum()));
+        let mut nodes: Vec<Node> = (0..tree.tiles.len())
+            .map(|number| Node {
+                bounds: [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]],
+                error: levels[tree.tiles[number].level].error,
+                content: None,
+                children: tree.tiles[number].children.clone(),
+            })
+            .collect();
+        let mut figures = TilesetFigures { levels: Vec::new(), bytes: 0 };
+        for (number, level) in levels.iter().enumerate() {
+            let skirt = (options.skirts && header.sheet && number > 0).then_some(2.0 * level.error);
+            let cut = Cut { level, tree: &tree, number, views: &views, skirt, sheet: header.sheet };
+            let made = cut.write(code, &mut self.folder, &mut nodes, memory, (workers, workspace), progress)?;
+            figures.bytes += made.bytes;
+            figures.levels.push(made);
+        }
+        drop(levels);
+        let root = joined(&mut nodes, tree.tops);
+        let extras = json!({ "crs": header.crs, "comments": header.comments, "levels": figures.levels });
+        let tree: Value = tileset::json(&nodes, root, transform, extras);
+        let text = serde_json::to_vec(&tree).expect("numbers and text are JSON");
+        put(&mut self.folder, TREE, &text)?;
+        figures.bytes += text.len() as u64;
+        self.folder.finish()?;
+        Ok(figures)
+    }
+}
+
+/// Writes a file of the folder.
+fn put(folder: &mut WholeFolder, name: &str, bytes: &[u8]) -> Result<()> {
+    let path = folder.within(name);
+    std::fs::write(&path, bytes).map_err(Error::io(&path, "write"))
+}
+
+/// The mesh in single precision about a middle, and the transform that moves it to where it lies.
+fn placed(
+    mesh: &dyn MeshSource,
+    path: &Path,
+    memory: u64,
+    workers: &Workers,
+    workspace: &Workspace,
+) -> Result<(MeshSpool, Option<[f64; 16]>)> {
+    let middle = match mesh.precision() {
+        Precision::Single => [0.0; 3],
+        Precision::Double => {
+            let [low, high] = bounds(mesh, path, workers)?;
+            // In whole units: numbers that are written without loss.
+            std::array::from_fn(|a| low[a].midpoint(high[a]).round())
+        }
+    };
+    let place = |place: [f64; 3]| finite(std::array::from_fn(|a| place[a] - middle[a]), path);
+    let own = mesh.origin();
+    let mesh = copied(mesh, place, memory / 16, workers, workspace)?;
+    let origin: [f64; 3] = std::array::from_fn(|a| own[a] + middle[a]);
+    let [x, y, z] = origin;
+    let transform =
+        (origin != [0.0; 3]).then_some([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, y, z, 1.0]);
+    Ok((mesh, transform))
+}
+
+/// The box of all vertices.
+fn bounds(mesh: &dyn MeshSource, path: &Path, workers: &Workers) -> Result<[[f64; 3]; 2]> {
+    let blocks = mesh.vertex_count().div_ceil(BLOCK as u64) as usize;
+    let none = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    let mut bounds = none;
+    let look = |number: usize| {
+        let first = number as u64 * BLOCK as u64;
+        let mut places = vec![[0.0; 3]; (mesh.vertex_count() - first).min(BLOCK as u64) as usize];
+        mesh.read_vertices(first, &mut places)?;
+        let mut bounds = none;
+        for place in places {
+            widen(&mut bounds, [finite(place, path)?; 2]);
+        }
+        Ok(bounds)
+    };
+    workers.in_order_range(workers.threads() + 1, blocks, look, |more| {
+        widen(&mut bounds, more);
+        Ok(())
+    })?;
+    Ok(bounds)
+}
+
+/// The triangles of a mesh in each smallest cell.
+fn counts(
+    mesh: &MeshSpool,
+    division: Division,
+    code: impl Fn([f64; 3]) -> u32 + Sync,
+    workers: &Workers,
+) -> Result<Counts> {
+    let mut counts = vec![0u32; division.cells()];
+    each_block(
+        mesh,
+        workers,
+        |faces| codes(mesh, faces, &code),
+        |codes| {
+            codes.iter().for_each(|code| counts[*code as usize] += 1);
+            Ok(())
+        },
+    )?;
+    Ok(Counts::of(&counts))
+}
+
+/// The codes of the cells that triangles' middles lie in.
+fn codes(mesh: &MeshSpool, mut faces: Vec<[u32; 3]>, code: impl Fn([f64; 3]) -> u32) -> Result<Vec<u32>> {
+    let mut corners = Corners::default();
+    corners.fill(mesh, &mut faces, WINDOW)?;
+    let middle = |face: &[u32; 3]| {
+        let [a, b, c] = face.map(|v| corners.table[v as usize]);
+        std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0)
+    };
+    Ok(faces.iter().map(|face| code(middle(face))).collect())
+}
+
+/// Where some triangles of a tile lie in a spool: the first's byte, and how many.
+type Stretch = (u64, u32);
+
+/// A level that is cut into tiles.
+struct Cut<'a> {
+    level: &'a Level,
+    tree: &'a Tree,
+    number: usize,
+    views: &'a [View],
+    skirt: Option<f64>,
+    sheet: bool,
+}
+
+impl Cut<'_> {
+    /// Writes the level's tiles, and notes what they hold.
+    fn write(
+        &self,
+        code: impl Fn([f64; 3]) -> u32 + Sync,
+        folder: &mut WholeFolder,
+        nodes: &mut Vec<Node>,
+        memory: u64,
+        (workers, workspace): (&Workers, &Workspace),
+        progress: &mut Progress,
+    ) -> Result<LevelFigures> {
+        let normals = normals::normals(&self.level.mesh, memory, workers, workspace)?;
+        let (spool, tiles) = self.sorted(code, workers, workspace)?;
+        // Where no cell can be divided any more, tiles of the finest level are cut by the order of their triangles.
+        let mut all: Vec<(usize, Vec<Stretch>)> = Vec::new();
+        for (tile, stretches) in tiles {
+            let count: u64 = stretches.iter().map(|(_, count)| u64::from(*count)).sum();
+            if self.number > 0 || count <= MOST {
+                all.push((tile, stretches));
+                continue;
+            }
+            for (piece, stretches) in pieces(&stretches).into_iter().enumerate() {
+                let number = if piece == 0 { tile } else { nodes.len() };
+                if piece > 0 {
+                    let sibling = nodes[tile].clone();
+                    nodes.push(sibling);
+                    if let Some(above) = nodes.iter_mut().find(|node| node.children.contains(&tile)) {
+                        above.children.push(number);
+                    }
+                }
+                all.push((number, stretches));
+            }
+        }
+        let in_flight = (memory / 2 / TILE_BYTES).clamp(1, workers.threads() as u64 + 1) as usize;
+        let stride = self.level.mesh.schema().stride();
+        let make = |number: usize| {
+            let (node, stretches) = &all[number];
+            let mut tile = gathered(&self.level.mesh, &normals, &spool, stretches)?;
+            let triangles = tile.faces.len() as u64;
+            if let Some(depth) = self.skirt.filter(|depth| *depth > 0.0) {
+                tile.hang_skirt(depth as f32, stride);
+            }
+            Ok((*node, tile.bounds(), triangles, tile.glb(self.views, stride, self.sheet)))
+        };
+        let mut figures = LevelFigures { error: self.level.error, triangles: 0, tiles: 0, bytes: 0 };
+        workers.in_order_range(in_flight, all.len(), make, |(node, bounds, triangles, bytes)| {
+            let name = format!("{}-{}.glb", self.number, figures.tiles);
+            put(folder, &name, &bytes)?;
+            nodes[node].bounds = bounds.map(|place| place.map(f64::from));
+            nodes[node].content = Some(name);
+            figures.tiles += 1;
+            figures.triangles += triangles;
+            figures.bytes += bytes.len() as u64;
+            progress.add(triangles);
+            Ok(())
+        })?;
+        Ok(figures)
+    }
+
+    /// All triangles by tile, those of a tile in the mesh's order.
+    fn sorted(
+        &self,
+        code: impl Fn([f64; 3]) -> u32 + Sync,
+        workers: &Workers,
+        workspace: &Workspace,
+    ) -> Result<(Spool, BTreeMap<usize, Vec<Stretch>>)> {
+        let mut spool = workspace.spool(0);
+        let mut tiles: BTreeMap<usize, Vec<Stretch>> = BTreeMap::new();
+        let places = self.tree.places(self.number);
+        let mesh = &self.level.mesh;
+        let sort = |faces: Vec<[u32; 3]>| {
+            let tiles: Vec<usize> =
+                codes(mesh, faces.clone(), &code)?.into_iter().map(|code| places.tile(code)).collect();
+            let mut order: Vec<u32> = (0..faces.len() as u32).collect();
+            order.sort_by_key(|i| tiles[*i as usize]);
+            let sorted: Vec<[u32; 3]> = order.iter().map(|i| faces[*i as usize]).collect();
+            let mut counts: Vec<(usize, u32)> = Vec::new();
+            for tile in order.iter().map(|i| tiles[*i as usize]) {
+                match counts.last_mut() {
+                    Some((last, count)) if *last == tile => *count += 1,
+                    _ => counts.push((tile, 1)),
+                }
+            }
+            Ok((sorted, counts))
+        };
+        each_block(mesh, workers, sort, |(sorted, counts)| {
+            let mut at = spool.append(bytemuck::cast_slice(&sorted))?;
+            for (tile, count) in counts {
+                tiles.entry(tile).or_default().push((at, count));
+                at += u64::from(count) * size_of::<[u32; 3]>() as u64;
+            }
+            Ok(())
+        })?;
+        Ok((spool, tiles))
+    }
+}
+
+/// Stretches in pieces of as many triangles as a tile may have.
+fn pieces(stretches: &[Stretch]) -> Vec<Vec<Stretch>> {
+    let mut out = vec![Vec::new()];
+    let mut room = MOST;
+    for (at, count) in stretches {
+        let (mut at, mut left) = (*at, u64::from(*count));
+        while left > 0 {
+            if room == 0 {
+                out.push(Vec::new());
+                room = MOST;
+            }
+            let now = left.min(room);
+            out.last_mut().expect("there is one").push((at, now as u32));
+            at += now * size_of::<[u32; 3]>() as u64;
+            left -= now;
+            room -= now;
+        }
+    }
+    out
+}
+
+/// A tile's triangles with the vertices that they use, in the order of the mesh.
+fn gathered(mesh: &MeshSpool, normals: &Spool, spool: &Spool, stretches: &[Stretch]) -> Result<Tile> {
+    let mut tile = Tile::default();
+    for (at, count) in stretches {
+        let first = tile.faces.len();
+        tile.faces.resize(first + *count as usize, [0; 3]);
+        spool.read_at(*at, bytemuck::cast_slice_mut(&mut tile.faces[first..]))?;
+    }
+    let mut used: Vec<u32> = tile.faces.as_flattened().to_vec();
+    used.sort_unstable();
+    used.dedup();
+    for v in tile.faces.as_flattened_mut() {
+        *v = used.partition_point(|u| u < v) as u32;
+    }
+    let stride = mesh.schema().stride();
+    let (mut places, mut across, mut records) = (Vec::new(), Vec::new(), Vec::new());
+    let mut rest = &used[..];
+    while let Some(&first) = rest.first() {
+        let near = |pair: &[u32]| pair[1] - pair[0] <= GAP && ((pair[1] - first) as usize) < BLOCK;
+        let (run, beyond) = rest.split_at(1 + rest.windows(2).take_while(|pair| near(pair)).count());
+        rest = beyond;
+        let (first, last) = (run[0], run[run.len() - 1]);
+        let len = (last - first) as usize + 1;
+        places.resize(len, [0.0; 3]);
+        mesh.read_vertices(u64::from(first), &mut places)?;
+        across.resize(len, [0f32; 3]);
+        normals.read_at(u64::from(first) * normals::BYTES, bytemuck::cast_slice_mut(&mut across))?;
+        records.resize(len * stride, 0);
+        mesh.read_records(u64::from(first), &mut records)?;
+        for at in run.iter().map(|v| (v - first) as usize) {
+            tile.places.push(places[at].map(|c| c as f32));
+            tile.normals.push(across[at]);
+            tile.records.extend_from_slice(&records[at * stride..(at + 1) * stride]);
+        }
+    }
+    Ok(tile)
+}
+
+/// Makes boxes hold those below them, and one tree of all: the root's number.
+fn joined(nodes: &mut Vec<Node>, tops: usize) -> usize {
+    let tops: Vec<usize> = {
+        let mut below = vec![false; nodes.len()];
+        nodes.iter().flat_map(|node| &node.children).for_each(|child| below[*child] = true);
+        (0..nodes.len()).filter(|node| *node < tops || !below[*node]).collect()
+    };
+    let root = match tops[..] {
+        [only] => only,
+        _ => {
+            let error = tops.iter().map(|top| nodes[*top].error).fold(0.0, f64::max);
+            let bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+            nodes.push(Node { bounds, error: 2.0 * error, content: None, children: tops });
+            nodes.len() - 1
+        }
+    };
+    hold(nodes, root);
+    root
+}
+
+fn hold(nodes: &mut [Node], number: usize) -> [[f64; 3]; 2] {
+    for child in nodes[number].children.clone() {
+        let bounds = hold(nodes, child);
+        widen(&mut nodes[number].bounds, bounds);
+    }
+    nodes[number].bounds
+}
