@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering;
 use proptest::prelude::*;
 
 use super::*;
+use crate::error::defect;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
@@ -322,7 +323,7 @@ fn all_sets_of_boundaries_give_one_mesh() {
 /// Of errors, that of the lowest slab is told; panics are errors, and a wish to stop is heard.
 #[test]
 fn pieces_fail_as_one_does() {
-    let case = cases(5..6, Some(8)).next().unwrap();
+    let case = cases(5..6, Some(4)).next().unwrap();
     Stitching::of(&case, |stitching| {
         let count = stitching.slabs.len() as u32;
         assert!(count >= 5);
@@ -370,7 +371,9 @@ fn each_part_of_the_certificate_is_needed() {
                     OFF.set(Some(part));
                     let (whole, checkpoints) = stitching.run(&Checkpoint::at(0));
                     let same = |(number, checkpoint): (usize, &Checkpoint)| {
-                        stitching.is_same_from(checkpoint, &whole, &checkpoints[number..])
+                        // What names a slab that is not there may well panic.
+                        let same = || Ok(stitching.is_same_from(checkpoint, &whole, &checkpoints[number..]));
+                        defect::caught(same).unwrap_or(false)
                     };
                     *missed += checkpoints.iter().enumerate().filter(|found| !same(*found)).count();
                     OFF.set(None);

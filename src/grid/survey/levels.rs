@@ -110,7 +110,7 @@ impl Places {
 
     /// The most bytes of so many points in so many cells: a vector has room for twice as many as it holds, and for no fewer than four.
     fn bytes(points: u64, cells: u64) -> u64 {
-        let room = (2 * points + 4 * cells).min(PLACES as u64 * cells);
+        let room = points.saturating_mul(2).saturating_add(4 * cells).min(PLACES as u64 * cells);
         room * size_of::<Place>() as u64
     }
 
