@@ -575,7 +575,7 @@ proptest! {
     fn pieces_do_not_show_where_slabs_are_thin(
         points in prop::collection::vec([0.0f32..6.0, 0.0f32..20.0, 0.0f32..6.0], 200..1500),
         settings in settings(),
-        thin in prop::sample::select(vec![4, 8]),
+        thin in prop::sample::select(vec![12, 16]),
     ) {
         let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
         let settings = Settings {

@@ -108,6 +108,9 @@ class Trials:
             # It may have had its name when the run was killed; then it is whole.
             if output.exists() and digest(output) != self.expected:
                 return "an output that is not whole"
+            if output.exists() and not work.exists():
+                # It was killed when all was done.
+                return None
         if run.returncode == 0:
             return None if digest(output) == self.expected else "other bytes"
         return self.finished(chance, output, work, f"{number + 1} kills")
