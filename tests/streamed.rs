@@ -353,7 +353,7 @@ fn assert_means_do_not_show(
         let other = stream(points, single, settings, means).unwrap();
         prop_assert!(other.mesh == run.mesh, "{:?} changes the mesh", means);
     }
-    for (pieces, threads, times) in [(2, 2, 1), (2, 1, 4), (3, 3, 4), (4, 7, 8), (5, 2, 8)] {
+    for (pieces, threads, times) in [(2, 1, 4), (5, 3, 8)] {
         let means = Means::Pieces { threads, pieces, times };
         let other = stream(points, single, settings, means).unwrap();
         prop_assert!(other.mesh == run.mesh, "{:?} changes the mesh", means);
