@@ -148,6 +148,23 @@ struct Case {
     factor: f64,
 }
 
+/// A case of which a test says what it is about.
+const PLAIN: Case = Case {
+    cloud: Cloud::Steps,
+    points: 100_000,
+    noise: 0.001,
+    k: 7.0,
+    surface: None,
+    fit: Fit::Nearest,
+    smooth: 1,
+    threads: 1,
+    carried: false,
+    simplified: false,
+    trimmed: false,
+    kept: false,
+    factor: 1.0,
+};
+
 impl Case {
     fn job(&self, folder: &Path) -> Job {
         let path = folder.join("cloud.bin");
@@ -298,21 +315,16 @@ fn pieces_cost_no_more_than_planned() {
         (Some(Kind::Terrain), Fit::Auto, 17, 6.0),
         (None, Fit::Plane, 33, 12.0),
     ] {
-        let (cloud, points, noise, k) = (Cloud::Lumps, 300_000, 0.001, 4.0);
         let case = Case {
-            cloud,
-            points,
-            noise,
-            k,
+            cloud: Cloud::Lumps,
+            points: 300_000,
+            k: 4.0,
             surface,
             fit,
-            smooth: 1,
             threads,
             carried: true,
-            simplified: false,
-            trimmed: false,
-            kept: false,
             factor,
+            ..PLAIN
         };
         case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
     }
@@ -322,22 +334,7 @@ fn pieces_cost_no_more_than_planned() {
 #[test]
 fn walls_cost_no_more_than_planned() {
     for (surface, fit, smooth) in [(Some(Kind::Terrain), Fit::Plane, 0), (None, Fit::Nearest, 1)] {
-        let (cloud, points, noise, k) = (Cloud::Steps, 100_000, 0.001, 7.0);
-        let case = Case {
-            cloud,
-            points,
-            noise,
-            k,
-            surface,
-            fit,
-            smooth,
-            threads: 1,
-            carried: false,
-            simplified: false,
-            trimmed: false,
-            kept: false,
-            factor: 1.0,
-        };
+        let case = Case { surface, fit, smooth, ..PLAIN };
         case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
     }
 }

@@ -55,7 +55,7 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 44] = [
+pub const SETTINGS: [&str; 45] = [
     "attributes",
     "axis",
     "base",
@@ -80,6 +80,7 @@ pub const SETTINGS: [&str; 44] = [
     "max_triangles",
     "min_component",
     "min_points",
+    "no_skirts",
     "output",
     "overwrite",
     "raster_size",

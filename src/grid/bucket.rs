@@ -53,7 +53,7 @@ struct SavedBuckets {
 }
 
 /// The phase of a run, as the work folder names it.
-const PHASE: &str = "buckets";
+pub const PHASE: &str = "buckets";
 
 /// The points of one bucket.
 #[derive(Debug)]

@@ -1,5 +1,8 @@
 //! Memory: how a budget is shared out among what a run holds. [`crate::run::planner`] makes the plan.
 
+/// Bytes of a thread: its stack, and its part of what the allocator keeps to itself.
+pub(crate) const THREAD: u64 = 1 << 20;
+
 /// How a memory budget is shared out.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct MemoryPlan {

@@ -11,6 +11,7 @@ use crate::format::tiles3d::is_named;
 use crate::format::write::territory::Territories;
 use crate::format::write::tiles::{Division, Tiles};
 use crate::format::write::{Filled, Positions, Target, Written};
+use crate::grid::bucket;
 use crate::grid::survey::boxes_of_sources;
 use crate::input::{Cloud, STANDARD_INPUT};
 use crate::mesh::check::check_near;
@@ -90,6 +91,10 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
         // Nothing is there that a run could go on from.
         Err(error) if !work.has_begun() => Err(work.finish(OUTPUT).err().unwrap_or(error)),
         Err(error) => {
+            if let Error::OutputExists(_) = error {
+                // It is somebody else's: the run that goes on must not take it for its own.
+                work.set_aside(OUTPUT)?;
+            }
             // What is whole stays, whatever ended the run.
             let settled = work.settle(matches!(error, Error::Interrupted));
             Err(match error {
@@ -121,6 +126,11 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     Beside::of(job)?.paths().try_for_each(|path| refuse_input_as_output(&files, path))?;
     let mut beside = Beside::of(job)?.create()?;
     let positions = positions_of(&output, job)?;
+    if !job.tileset.skirts && !is_named(&output) {
+        let words =
+            "`no_skirts`: only a tileset has skirts; its `output` is named tileset.json, in a folder of its own";
+        return Err(Error::setting("no_skirts", words.into()));
+    }
     // What can fail for want of room or rights fails now, not after the work.
     let mut target = match division(job, &files)? {
         None if is_named(&output) => Place::Tileset(TilesetTarget::prepare(&output, job.overwrite)?),
@@ -156,7 +166,7 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     if let Some(work) = work {
         identity::begin(work, &files, &cloud, &job.input, &settings, &surveyed)?;
-        if work.is_done("buckets") {
+        if work.is_done(bucket::PHASE) {
             progress.note(&format!("going on with what lies in {}", work.path().display()));
         }
     }
@@ -225,10 +235,8 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     };
     progress.begin(Phase::Write, Some(elements));
     if let Some(work) = work.filter(|work| !has_output_of(work, &output)) {
-        if work.is_done(OUTPUT) {
-            // An earlier run named another.
-            work.set_aside(OUTPUT)?;
-        }
+        // An earlier run may have named another.
+        work.set_aside(OUTPUT)?;
         work.commit(OUTPUT, Vec::new(), output.display().to_string().into())?;
         work.settle(true)?;
     }

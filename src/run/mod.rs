@@ -36,6 +36,7 @@ mod rasters;
 pub mod reconstruction;
 pub mod report;
 pub mod simplification;
+mod slab_jobs;
 mod summary;
 pub mod surface;
 mod surface_log;

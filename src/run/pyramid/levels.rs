@@ -88,6 +88,23 @@ pub(super) fn widen(bounds: &mut [[f64; 3]; 2], [low, high]: [[f64; 3]; 2]) {
     }
 }
 
+/// The number of blocks of a mesh's triangles.
+pub(super) fn blocks(mesh: &MeshSpool) -> usize {
+    mesh.face_count().div_ceil(BLOCK as u64) as usize
+}
+
+/// The triangles of a block, without those that repeat a vertex.
+///
+/// # Errors
+/// Errors of reading the mesh.
+pub(super) fn block(mesh: &MeshSpool, number: usize) -> Result<Vec<[u32; 3]>> {
+    let first = number as u64 * BLOCK as u64;
+    let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
+    mesh.read_faces(first, &mut faces)?;
+    faces.retain(|face| !is_degenerate(*face));
+    Ok(faces)
+}
+
 /// Reads triangles block by block, works on each, and takes the results in order. Triangles that repeat a vertex are left out.
 pub(super) fn each_block<R: Send>(
     mesh: &MeshSpool,
@@ -95,15 +112,7 @@ pub(super) fn each_block<R: Send>(
     work: impl Fn(Vec<[u32; 3]>) -> Result<R> + Sync,
     sink: impl FnMut(R) -> Result<()>,
 ) -> Result<()> {
-    let blocks = mesh.face_count().div_ceil(BLOCK as u64) as usize;
-    let work = |number: usize| {
-        let first = number as u64 * BLOCK as u64;
-        let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
-        mesh.read_faces(first, &mut faces)?;
-        faces.retain(|face| !is_degenerate(*face));
-        work(faces)
-    };
-    workers.in_order_range(workers.threads() + 1, blocks, work, sink)
+    workers.in_order_range(workers.threads() + 1, blocks(mesh), |number| work(block(mesh, number)?), sink)
 }
 
 /// A mesh in single precision, of which `place` tells where vertices lie.

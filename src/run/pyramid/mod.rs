@@ -281,9 +281,9 @@ impl Cut<'_> {
                 all.push((tile, stretches));
                 continue;
             }
-            for (piece, stretches) in pieces(&stretches).into_iter().enumerate() {
-                let number = if piece == 0 { tile } else { nodes.len() };
-                if piece > 0 {
+            for (share, stretches) in shares(&stretches).into_iter().enumerate() {
+                let number = if share == 0 { tile } else { nodes.len() };
+                if share > 0 {
                     let sibling = nodes[tile].clone();
                     nodes.push(sibling);
                     if let Some(above) = nodes.iter_mut().find(|node| node.children.contains(&tile)) {
@@ -357,8 +357,8 @@ impl Cut<'_> {
     }
 }
 
-/// Stretches in pieces of as many triangles as a tile may have.
-fn pieces(stretches: &[Stretch]) -> Vec<Vec<Stretch>> {
+/// Stretches in shares of as many triangles as a tile may have.
+fn shares(stretches: &[Stretch]) -> Vec<Vec<Stretch>> {
     let mut out = vec![Vec::new()];
     let mut room = MOST;
     for (at, count) in stretches {

@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use super::levels::{BLOCK, WINDOW};
+use super::levels::{WINDOW, block, blocks, each_block};
 use crate::error::Result;
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{Corners, is_degenerate, span};
+use crate::mesh::measure::{Corners, span};
 use crate::mesh::spool::MeshSpool;
 use crate::resources::workers::Workers;
 use crate::storage::spool::{Spool, Workspace};
@@ -20,22 +20,15 @@ pub(super) const BYTES: u64 = 12;
 pub(super) fn normals(mesh: &MeshSpool, memory: u64, workers: &Workers, workspace: &Workspace) -> Result<Spool> {
     let vertices = mesh.vertex_count();
     let together = (memory / 2 / BYTES).max(1 << 16).min(vertices.max(1));
-    let blocks = mesh.face_count().div_ceil(BLOCK as u64) as usize;
-    let read = |number: usize| {
-        let first = number as u64 * BLOCK as u64;
-        let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
-        mesh.read_faces(first, &mut faces)?;
-        faces.retain(|face| !is_degenerate(*face));
-        Ok(faces)
-    };
+    let blocks = blocks(mesh);
     // The vertices of each block, from the first to the last.
     let mut spans = vec![Some((0, u32::MAX)); blocks];
     if together < vertices {
         spans.clear();
-        workers.in_order_range(
-            workers.threads() + 1,
-            blocks,
-            |number| Ok(span(&read(number)?)),
+        each_block(
+            mesh,
+            workers,
+            |faces| Ok(span(&faces)),
             |span| {
                 spans.push(span);
                 Ok(())
@@ -53,7 +46,7 @@ pub(super) fn normals(mesh: &MeshSpool, memory: u64, workers: &Workers, workspac
         let there: Vec<usize> =
             (0..blocks).filter(|block| spans[*block].is_some_and(|span| meets(&range, span))).collect();
         let work = |number: usize| {
-            let faces = read(there[number])?;
+            let faces = block(mesh, there[number])?;
             let (mut local, mut corners) = (faces.clone(), Corners::default());
             corners.fill(mesh, &mut local, WINDOW)?;
             let across = local.iter().map(|face| across(face.map(|v| corners.table[v as usize]))).collect::<Vec<_>>();

@@ -21,7 +21,7 @@ pub mod sections;
 pub mod simulated;
 pub mod store;
 
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -45,6 +45,9 @@ pub(crate) const DATA: &str = "data";
 /// How often a phase that is under way says how far it is.
 const INTERVAL: Duration = Duration::from_secs(10);
 
+/// The file that is locked.
+const LOCK: &str = "lock";
+
 /// The job's file.
 const JOB: &str = "job.json";
 
@@ -59,8 +62,8 @@ pub struct WorkFolder {
     committer: Committer,
     /// How often a phase that is under way says how far it is.
     interval: Duration,
-    /// Holds the lock.
-    _lock: Option<File>,
+    /// Holds the lock, where the store is a folder.
+    lock: Option<File>,
 }
 
 /// A phase that is finished: files, and what else there is to know.
@@ -99,7 +102,7 @@ impl Sealed {
 const MOST: u64 = 64 << 20;
 
 impl WorkFolder {
-    /// The folder at `path`, which is made if there is none, for this process alone.
+    /// The folder at `path`, which is made if there is none, for this process alone. The folder that it is to lie in must be there.
     ///
     /// # Errors
     /// [`Error::WorkTaken`] if another run is at work there; [`Error::Usage`] if something else lies there; [`Error::Io`].
@@ -107,26 +110,45 @@ impl WorkFolder {
         if path.metadata().is_ok_and(|there| !there.is_dir()) {
             return Err(Error::Usage(format!("{}: is no folder; choose another `work`", path.display())));
         }
-        let ours = path.join(JOB).exists() || path.join("lock").exists();
+        let ours = path.join(JOB).exists() || path.join(LOCK).exists();
         let used = folder::entries(path).is_ok_and(|entries| !entries.is_empty());
         if used && !ours {
             let message = "holds other files, but no run's; choose another `work`, or an empty folder";
             return Err(Error::Usage(format!("{}: {message}", path.display())));
         }
-        let store = Folder::open(path, &[DONE, DATA]).map_err(Error::io(path, "create the folder"))?;
-        let lock = path.join("lock");
-        let mut file = File::options().read(true).write(true).create(true).truncate(false).open(&lock);
-        let file = file.as_mut().map_err(|error| Error::io(&lock, "open")(io::Error::from(error.kind())))?;
-        let mut file = file.try_clone().map_err(Error::io(&lock, "open"))?;
-        if system::lock(&file) == Lock::Taken {
-            let mut holder = String::new();
-            let _ = (&mut file).take(200).read_to_string(&mut holder);
-            return Err(Error::WorkTaken { path: path.to_path_buf(), holder: holder.trim().to_owned() });
-        }
+        let mut lock = WorkFolder::locked(path)?;
         let words = format!("process {}\n", std::process::id());
-        let told = file.set_len(0).and_then(|()| file.rewind()).and_then(|()| file.write_all(words.as_bytes()));
-        told.map_err(Error::io(&lock, "write"))?;
-        WorkFolder::of_store(Arc::new(store), path, (Committer::beside(), INTERVAL), Some(file))
+        let told = lock.set_len(0).and_then(|()| lock.rewind()).and_then(|()| lock.write_all(words.as_bytes()));
+        told.map_err(Error::io(path.join(LOCK), "write"))?;
+        let store = Folder::open(path, &[DONE, DATA]).map_err(Error::io(path, "create the folder"))?;
+        WorkFolder::of_store(Arc::new(store), path, (Committer::beside(), INTERVAL), Some(lock))
+    }
+
+    /// The folder's lock, held by this process. The run that held it before may have removed it as this one opened it: then another has its name by now.
+    fn locked(path: &Path) -> Result<File> {
+        let name = path.join(LOCK);
+        loop {
+            match std::fs::create_dir(path) {
+                Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
+                    return Err(Error::io(path, "create the folder")(error));
+                }
+                _ => {}
+            }
+            let mut lock = match File::options().read(true).write(true).create(true).truncate(false).open(&name) {
+                // The folder went in between.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+                opened => opened.map_err(Error::io(&name, "open"))?,
+            };
+            if system::lock(&lock) == Lock::Taken {
+                let mut holder = String::new();
+                let _ = (&mut lock).take(200).read_to_string(&mut holder);
+                return Err(Error::WorkTaken { path: path.to_path_buf(), holder: holder.trim().to_owned() });
+            }
+            let number = |there: io::Result<Metadata>| there.ok().and_then(|there| system::file_number(&name, &there));
+            if number(lock.metadata()) == number(name.metadata()) {
+                return Ok(lock);
+            }
+        }
     }
 
     /// For tests: what lies in a store, for this process alone; manifests are committed while the caller waits, and phases say how far they are whenever they can.
@@ -145,7 +167,7 @@ impl WorkFolder {
         lock: Option<File>,
     ) -> Result<WorkFolder> {
         let path = path.to_path_buf();
-        let mut folder = WorkFolder { store, path, attempt: 0, committer, interval, _lock: lock };
+        let mut folder = WorkFolder { store, path, attempt: 0, committer, interval, lock };
         folder.sweep()?;
         Ok(folder)
     }
@@ -178,7 +200,7 @@ impl WorkFolder {
     /// Says what is to be made here. The first run of a folder writes it down; of a later one it tells the first thing that differs.
     ///
     /// # Errors
-    /// [`Error::Damaged`] if it cannot be read; [`Error::Io`].
+    /// [`Error::Usage`] if what was written down cannot be read any more; [`Error::Io`].
     pub fn begin(&self, job: &Value) -> Result<Option<Difference>> {
         let job = serde_json::json!({ "format": FORMAT, "job": job });
         let Some(bytes) = self.contents(JOB)? else {
@@ -253,21 +275,17 @@ impl WorkFolder {
         }
     }
 
-    /// Takes a finished phase's manifest away, so that the phase is done again.
+    /// Takes a phase's manifest away, if it has one, so that the phase is done again.
     ///
     /// # Errors
     /// [`Error::Io`].
     pub fn set_aside(&self, phase: &str) -> Result<()> {
         let (name, aside) = (manifest_of(phase), format!("{DONE}/{phase}.bad"));
-        match self.store.remove(&aside) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(self.failed("remove")(error)),
-            _ => {}
-        }
-        let moved = self.store.link(&name, &aside).and_then(|()| match self.store.remove(&name) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-            outcome => outcome,
-        });
-        moved.and_then(|()| self.store.sync_names(DONE)).map_err(self.failed("rename"))
+        let moved = if_there(self.store.remove(&aside))
+            .and_then(|()| if_there(self.store.link(&name, &aside)))
+            .and_then(|()| if_there(self.store.remove(&name)))
+            .and_then(|()| self.store.sync_names(DONE));
+        moved.map_err(self.failed("rename"))
     }
 
     /// Commits a phase: once its files are durable, it has a manifest. That is done beside the work; what fails is told by a later call.
@@ -310,7 +328,7 @@ impl WorkFolder {
     /// [`Error::Io`].
     pub fn finish(&self, last: &str) -> Result<()> {
         self.committer.settle(true)?;
-        // Records first: what they name must be there for as long as they are.
+        // Manifests first: what they name must be there for as long as they are.
         for folder in [DONE, DATA] {
             for name in self.store.list(folder).map_err(self.failed("read the folder"))? {
                 let name = format!("{folder}/{name}");
@@ -320,15 +338,12 @@ impl WorkFolder {
             }
         }
         for name in [JOB, &manifest_of(last)] {
-            match self.store.remove(name) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(self.failed("remove")(error)),
-                _ => {}
-            }
+            if_there(self.store.remove(name)).map_err(self.failed("remove"))?;
         }
-        if self._lock.is_some() {
+        if self.lock.is_some() {
             let folders = [self.path.join(DONE), self.path.join(DATA)];
             let _ = folders.iter().try_for_each(std::fs::remove_dir);
-            let _ = std::fs::remove_file(self.path.join("lock")).and_then(|()| std::fs::remove_dir(&self.path));
+            let _ = std::fs::remove_file(self.path.join(LOCK)).and_then(|()| std::fs::remove_dir(&self.path));
         }
         Ok(())
     }
@@ -383,9 +398,14 @@ fn name_whole(store: &dyn Store, temporary: &NamedFile, name: &str, bytes: &[u8]
     if durable {
         store.sync_names(name.rsplit_once('/').map_or("", |(folder, _)| folder))?;
     }
-    match store.remove(&temporary.name) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => Ok(()),
+    if_there(store.remove(&temporary.name))
+}
+
+/// What became of a change to a name, if there is one; nothing is to be done where there is none.
+fn if_there(outcome: io::Result<()>) -> io::Result<()> {
+    match outcome {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        outcome => outcome,
     }
 }
 

@@ -93,7 +93,7 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// The folder at `path` with its folders `names`, which are made if they are missing.
+    /// The folder at `path`, which is there, with its folders `names`, which are made if they are missing.
     ///
     /// # Errors
     /// What the system says.
