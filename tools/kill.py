@@ -108,7 +108,7 @@ class Trials:
             # It may have had its name when the run was killed; then it is whole.
             if output.exists() and digest(output) != self.expected:
                 return "an output that is not whole"
-            if output.exists() and not work.exists():
+            if output.exists() and not any((work / name).exists() for name in ["job.json", "done/output.json"]):
                 # It was killed when all was done.
                 return None
         if run.returncode == 0:
