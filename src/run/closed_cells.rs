@@ -22,6 +22,7 @@ use crate::solid::{SavedSolid, Solid};
 use crate::storage::work::WorkFolder;
 use crate::storage::work::sections::{Section, SectionReader, SectionWriter};
 use crate::surface::thickness::{self, Shell};
+use crate::surface::vertices;
 
 /// The closed cells of a cloud, and what is to be told of the cells that points lie in.
 #[derive(Debug)]
@@ -38,6 +39,8 @@ pub struct ClosedCells {
     pub occupied: u64,
     /// Cells with points, but too few to be occupied.
     pub sparse: u64,
+    /// What counts for each slice's memory ([`vertices::weights`]), if that was looked at already.
+    pub weights: Option<Vec<u32>>,
 }
 
 /// What is kept of saved cells beside their slices.
@@ -68,6 +71,7 @@ impl ClosedCells {
         let mut out = SectionWriter::new(work, PHASE)?;
         let Closed { solid, occupancy, how, falls, components } = &self.closed;
         let (occupancy, solid) = (occupancy.save(&mut out)?, solid.save(&mut out)?);
+        out.values(self.weights.as_deref().unwrap_or_default())?;
         let (file, sections) = out.finish();
         let &ClosedCells { counted, shell, narrow, occupied, sparse, .. } = self;
         let (how, falls, components) = (how.clone(), *falls, *components);
@@ -90,8 +94,24 @@ impl ClosedCells {
             let solid = Solid::load(&saved.solid, &mut sections, context)?;
             let Saved { how, falls, components, counted, shell, narrow, occupied, sparse, .. } = saved;
             let closed = Closed { solid, occupancy, how, falls, components };
-            Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse })
+            let weights: Vec<u32> = sections.values()?;
+            let weights = (!weights.is_empty()).then_some(weights);
+            if weights.as_ref().is_some_and(|weights| weights.len() != closed.solid.cells[1] as usize) {
+                return Err(work.damaged(file, "it has not a weight for each slice"));
+            }
+            Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights })
         })
+    }
+}
+
+impl ClosedCells {
+    /// With what counts for each slice's memory, for those who are going to need it more than once.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Interrupted`].
+    pub(super) fn weighed(self, context: &Context) -> Result<ClosedCells> {
+        let weights = Some(vertices::weights(&self.closed.solid, context)?);
+        Ok(ClosedCells { weights, ..self })
     }
 }
 
@@ -163,7 +183,7 @@ pub(super) fn closed_cells<T: Coordinate>(
         How::Sign(parted) if parted.is_sealed() => closed.solid.narrow_handles(&closed.occupancy, context)?,
         _ => NarrowHandles::default(),
     };
-    Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse })
+    Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights: None })
 }
 
 /// What was closed, with what that filled opened again where the points say so.
