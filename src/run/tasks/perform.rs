@@ -116,8 +116,8 @@ impl Tasks {
             return Ok(Some(report));
         }
         let workspace = job.resources.workspace(self.path())?.stopped_with(workers);
-        let passes = if let Task::Bucket(_) = task { Passes::All } else { Passes::Few };
-        let mut cloud = open(job, &files, &workspace, workers, passes, progress)?;
+        // Nothing is read more than once, so nothing is decompressed for later; and blocks are those that segments were made of.
+        let mut cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
         let job = &job.measured_as(&cloud)?;
         keep_ground(&mut cloud, &job.settings)?;
         let (surveyed, settings) = self.surveyed(&job.settings);
