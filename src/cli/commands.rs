@@ -1,6 +1,5 @@
 //! What each subcommand does. Results go to standard output or a file, words to standard error.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use bytesize::ByteSize;
@@ -11,6 +10,7 @@ use super::args::{
     PlanArguments, ReconstructArguments, RenderArguments, SimplifyArguments, TilesetArguments, overwrite,
 };
 use super::failures::failure;
+use super::results::{json_file, print_json, print_text, write_json};
 use super::{outputs, pages, signals, tasks};
 use crate::compare::{Comparison, compare};
 use crate::error::defect;
@@ -384,11 +384,6 @@ fn generated(arguments: &GenerateArguments, workers: &Workers, progress: &mut Pr
     Ok(made)
 }
 
-/// The report's file, created before the work.
-pub(super) fn json_file(path: Option<&Path>) -> Result<Option<AtomicFile>> {
-    path.map(AtomicFile::report).transpose()
-}
-
 /// Does some work and writes its report, if one was asked for: of a failure, too.
 fn reported<R: serde::Serialize>(
     file: Option<AtomicFile>,
@@ -426,29 +421,4 @@ fn is_report(path: &Path) -> bool {
     let text = is_short.then(|| std::fs::read(path).ok()).flatten();
     let value: Option<serde_json::Value> = text.and_then(|text| serde_json::from_slice(&text).ok());
     value.is_some_and(|value| KEYS.iter().any(|key| value.get(key).is_some()))
-}
-
-pub(super) fn write_json(file: AtomicFile, report: &impl serde::Serialize) -> Result<()> {
-    let path = file.path().to_path_buf();
-    let write = || -> std::io::Result<()> {
-        let mut out = file.file();
-        serde_json::to_writer_pretty(&mut out, report)?;
-        writeln!(out)
-    };
-    write().map_err(Error::io(path, "write the report"))?;
-    file.finish()
-}
-
-/// A value as JSON, to standard output.
-pub(super) fn print_json(value: &impl serde::Serialize) -> Result<()> {
-    let failed = |e: serde_json::Error| Error::io("standard output", "write")(e.into());
-    print_text(&serde_json::to_string_pretty(value).map_err(failed)?)
-}
-
-/// To standard output; a reader that has gone away is no failure.
-pub(super) fn print_text(text: &str) -> Result<()> {
-    match writeln!(std::io::stdout(), "{text}") {
-        Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        result => result.map_err(Error::io("standard output", "write")),
-    }
 }

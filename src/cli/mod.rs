@@ -5,6 +5,7 @@ mod commands;
 mod failures;
 mod outputs;
 mod pages;
+mod results;
 mod signals;
 mod sizes;
 mod tasks;

@@ -10,7 +10,7 @@ use bytesize::ByteSize;
 use serde::Serialize;
 
 use super::args::{Arguments, Command, PlanArguments, Shard, TasksArguments, WorkArguments};
-use super::commands::{json_file, print_json, print_text, write_json};
+use super::results::{json_file, print_json, print_text, write_json};
 use super::signals;
 use crate::error::{Error, Kind, Result};
 use crate::resources::machine;

@@ -14,9 +14,10 @@ use crate::format::write::territory::Territories;
 use crate::format::write::tiles::{Division, Tiles};
 use crate::format::write::{Filled, Positions, Target, Written};
 use crate::grid::bucket;
+use crate::grid::context::Context;
 use crate::grid::survey::boxes_of_sources;
 use crate::input::{Cloud, STANDARD_INPUT};
-use crate::mesh::check::check_near;
+use crate::mesh::check::{CheckReport, check_near};
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 #[cfg(feature = "render")]
@@ -36,8 +37,11 @@ use crate::run::progress::Progress;
 use crate::run::pyramid::TilesetTarget;
 use crate::run::report::{OutputReport, Report};
 use crate::run::simplification::{Lengths, simplified};
-use crate::run::tasks::Tasks;
+use crate::run::surface::Reconstructed;
+use crate::run::surveyed::Surveyed;
+use crate::settings::Settings;
 use crate::storage::atomic_file::Overwrite;
+use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
 
 /// Seconds from which on a run is told that it need not begin anew.
@@ -112,8 +116,35 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
 pub(super) enum Source<'a> {
     /// The points; phases stay in a folder, if there is one.
     Points(Option<&'a Arc<WorkFolder>>),
-    /// What tasks have made of them.
-    Tasks(&'a Tasks),
+    /// What was made of them before.
+    Made(&'a dyn MadeBefore),
+}
+
+/// A mesh that was made of a job's points before, by whomever, and is to be finished.
+pub(super) trait MadeBefore {
+    /// The folder in which it is said what gets its name.
+    fn folder(&self) -> &Arc<WorkFolder>;
+
+    /// What is known of the cloud, and settings as its points settle them.
+    fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings);
+
+    /// The mesh.
+    ///
+    /// # Errors
+    /// Whatever is in the way of reading it.
+    fn reconstructed(&self, settings: &Settings, context: &Context, progress: &mut Progress) -> Result<Reconstructed>;
+
+    /// What its check found, if that was made, too.
+    ///
+    /// # Errors
+    /// Whatever is in the way of reading that.
+    fn checked(
+        &self,
+        mesh: &MeshSpool,
+        budget: u64,
+        workers: &Workers,
+        workspace: &Workspace,
+    ) -> Result<Option<CheckReport>>;
 }
 
 /// Refuses an output that cannot be written, or that takes the place of an input.
@@ -139,7 +170,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     let (work, outputs) = match source {
         Source::Points(work) => (work, work),
         // Who finishes tasks has no folder for itself, but says there what it gives its name.
-        Source::Tasks(tasks) => (None, Some(tasks.folder())),
+        Source::Made(made) => (None, Some(made.folder())),
     };
     let files = files(job, progress)?;
     if work.is_some() && files.iter().any(|file| file == Path::new(STANDARD_INPUT)) {
@@ -176,7 +207,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     let beside_output = if is_named(&output) { TilesetTarget::folder(&output)? } else { &*output };
     let workspace = job.resources.workspace(beside_output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
-    let passes = if let Source::Tasks(_) = source { Passes::Few } else { Passes::All };
+    let passes = if let Source::Made(_) = source { Passes::Few } else { Passes::All };
     let mut cloud = open(job, &files, &workspace, workers, passes, progress)?;
     let job = &job.measured_as(&cloud)?;
     if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
@@ -191,11 +222,11 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
             bare_earth(&mut cloud, &job.settings, &mut beside, budget, workers, &workspace, progress)?,
             budget_beside(&job.settings, budget, workers),
         ),
-        Source::Tasks(_) => (None, budget),
+        Source::Made(_) => (None, budget),
     };
     let (mut surveyed, settings) = match source {
         Source::Points(_) => surveyed(&cloud, &job.settings, workers, left, progress)?,
-        Source::Tasks(tasks) => tasks.surveyed(&job.settings),
+        Source::Made(made) => made.surveyed(&job.settings),
     };
     if let Place::Tileset(_) = &target {
         surveyed.workload = surveyed.workload.with_levels();
@@ -215,7 +246,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     }
     let planned = match source {
         Source::Points(_) => planned(surveyed, &settings, workers, &workspace, left, work.cloned(), progress),
-        Source::Tasks(_) => context(&surveyed, workers, &workspace, left).map(|context| (surveyed, context)),
+        Source::Made(_) => context(&surveyed, workers, &workspace, left).map(|context| (surveyed, context)),
     };
     let (surveyed, context) = planned.map_err(whole)?;
     if outputs.is_none() && progress.seconds_left().is_some_and(|seconds| seconds > LONG) {
@@ -230,7 +261,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     }
     let mut made = match source {
         Source::Points(_) => reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?,
-        Source::Tasks(tasks) => tasks.reconstructed(&settings, &context, progress)?,
+        Source::Made(made) => made.reconstructed(&settings, &context, progress)?,
     };
 
     if job.settings.may_be_empty() && made.mesh.face_count() == 0 {
@@ -251,7 +282,14 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     if job.check == Check::Always {
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
         let budget = made.memory.working;
-        let mut work = || check_near(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
+        let mut work = || {
+            let by_tasks = match source {
+                Source::Points(_) => None,
+                Source::Made(before) => before.checked(&made.mesh, budget, workers, &workspace)?,
+            };
+            let here = || check_near(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
+            by_tasks.map_or_else(here, Ok)
+        };
         // Neither needs the other, and only what is sound gets its name. Where the mesh lies in memory, there is room for both.
         let (report, filled) = match made.memory.mesh_quota {
             0 => (work(), Ok(target)),

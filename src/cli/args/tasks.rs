@@ -18,7 +18,7 @@ pub struct TasksArguments {
     /// Only those that can be done now
     #[arg(long)]
     pub ready: bool,
-    /// Write them as JSON, see docs/tasks.md
+    /// Write them as JSON, see docs/clusters.md
     #[arg(long)]
     pub json: bool,
     /// Remove files that are not needed any more; all of them once the mesh is finished. No process may be at work in the folder

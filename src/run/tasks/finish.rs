@@ -2,87 +2,143 @@
 
 use std::sync::Arc;
 
+use serde::de::DeserializeOwned;
+
 use super::{Task, Tasks};
 use crate::error::{Error, Result};
 use crate::grid::context::Context;
+use crate::mesh::check::CheckReport;
+use crate::mesh::check::shard::{self, Measured, Shard};
 use crate::mesh::spool::MeshSpool;
 use crate::points::{Coordinate, Precision};
+use crate::resources::workers::Workers;
+use crate::run::files_to_mesh::MadeBefore;
+use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::surface::{Reconstructed, reconstructed};
 use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
 use crate::stitch::Stitched;
 use crate::stitch::apart::{Link, Of, chain};
+use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
 
-impl Tasks {
-    /// The folder.
-    pub(in crate::run) fn folder(&self) -> &Arc<WorkFolder> {
+impl MadeBefore for Tasks {
+    fn folder(&self) -> &Arc<WorkFolder> {
         &self.work
     }
 
-    /// What the plan knows of the cloud, and settings as its points settle them.
-    pub(in crate::run) fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings) {
+    fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings) {
         let surveyed = self.plan.surveyed.clone();
         let settings = Settings { open: surveyed.open, ..*settings };
         (surveyed, settings)
     }
 
-    /// The mesh that tasks have made, and what is to be told of its making.
-    ///
-    /// # Errors
-    /// [`Error::NotReady`]; [`Error::Damaged`]; [`Error::Io`]; [`Error::TooManyElements`] if a mesh file cannot number its vertices.
-    pub(in crate::run) fn reconstructed(
-        &self,
-        settings: &Settings,
-        context: &Context,
-        progress: &mut Progress,
-    ) -> Result<Reconstructed> {
+    fn reconstructed(&self, settings: &Settings, context: &Context, progress: &mut Progress) -> Result<Reconstructed> {
         match self.plan.surveyed.workload.precision {
             Precision::Single => self.reconstructed_as::<f32>(settings, context, progress),
             Precision::Double => self.reconstructed_as::<f64>(settings, context, progress),
         }
     }
 
+    fn checked(
+        &self,
+        mesh: &MeshSpool,
+        budget: u64,
+        workers: &Workers,
+        workspace: &Workspace,
+    ) -> Result<Option<CheckReport>> {
+        if self.shards().is_empty() {
+            return Ok(None);
+        }
+        let measured = self.measured(Task::Finish)?;
+        let looked = self.shards().map(|number| self.shown(Task::Finish, Task::Check(number)));
+        shard::conclude(mesh, &measured, looked, means(workers, workspace, budget)).map(Some)
+    }
+}
+
+impl Tasks {
     fn reconstructed_as<T: Coordinate>(
         &self,
         settings: &Settings,
         context: &Context,
         progress: &mut Progress,
     ) -> Result<Reconstructed> {
+        let stitched = self.stitched::<T>(Task::Finish, context)?;
+        let of = (&self.buckets::<T>(Task::Finish, context)?, self.cells(Task::Finish, context)?);
+        let memory = context.memory.clone();
+        reconstructed(stitched, &self.plan.surveyed, settings, of, memory, context, progress)
+    }
+
+    /// What all pieces and bridges come to.
+    fn stitched<T: Coordinate>(&self, task: Task, context: &Context) -> Result<Stitched> {
         let pieces = self.pieces()?;
         let Some(chain) = chain(&pieces, &self.bridges(&pieces)?)? else {
             return Err(Error::Internal("a bridge that nobody knew of".into()));
         };
         let mut mesh: Option<MeshSpool> = None;
         for Link { of, within } in chain.links {
-            let task = match of {
+            let needed = match of {
                 Of::Piece(number) => Task::Piece(number),
                 Of::Bridge(number) => Task::Bridge(number),
             };
-            let part = self.mesh_of::<T>(task, context)?.within(within);
+            let part = self.mesh_of::<T>(task, needed, context)?.within(within);
             match &mut mesh {
                 Some(mesh) => mesh.join(part),
                 None => mesh = Some(part),
             }
         }
         let mesh = mesh.ok_or_else(|| Error::Internal("a mesh of no piece".into()))?;
-        let stitched = Stitched { mesh, counts: chain.counts, seams: chain.seams };
-        let of = (&self.buckets::<T>(Task::Finish, context)?, self.cells(Task::Finish, context)?);
-        let memory = context.memory.clone();
-        reconstructed(stitched, &self.plan.surveyed, settings, of, memory, context, progress)
+        Ok(Stitched { mesh, counts: chain.counts, seams: chain.seams })
     }
 
-    /// The vertices and triangles of a piece or a bridge, as they were written.
-    fn mesh_of<T: Coordinate>(&self, task: Task, context: &Context) -> Result<MeshSpool> {
-        let (saved, files) = self.saved_apart(Task::Finish, task)?;
+    /// Does a task of the check.
+    pub(super) fn look<T: Coordinate>(&self, task: Task, context: &Context, progress: &mut Progress) -> Result<()> {
+        let mesh = self.stitched::<T>(task, context)?.mesh;
+        progress.begin(Phase::Check, None);
+        let means = means(&context.workers, &context.workspace, context.memory.working);
+        let of = self.shards().len();
+        let rest = match task {
+            Task::Measure(number) => {
+                let told = &mut |done| progress.set(done);
+                serde_json::to_value(shard::measure(&mesh, Shard { number, of }, means, told)?)
+            }
+            Task::Check(number) => {
+                let measured = self.measured(task)?;
+                serde_json::to_value(shard::look(&mesh, Shard { number, of }, &measured, means, &mut |done| {
+                    progress.set(done);
+                })?)
+            }
+            _ => return Err(Error::Internal("no task of the check".into())),
+        };
+        progress.end();
+        self.work.commit(&task.phase(), Vec::new(), rest.map_err(|words| Error::Internal(words.to_string()))?)
+    }
+
+    fn measured(&self, task: Task) -> Result<Vec<Measured>> {
+        self.shards().map(|number| self.shown(task, Task::Measure(number))).collect()
+    }
+
+    /// What a task of the check has shown.
+    fn shown<R: DeserializeOwned>(&self, task: Task, needed: Task) -> Result<R> {
+        let phase = needed.phase();
+        let shown = self.work.load(&phase, |manifest| {
+            let damaged = |_| self.work.damaged(&format!("done/{phase}.json"), "it cannot be read");
+            serde_json::from_value(manifest.rest.clone()).map_err(damaged)
+        })?;
+        shown.ok_or_else(|| self.missing(task, needed))
+    }
+
+    /// The vertices and triangles of a piece or a bridge, as they were written. Whoever finishes compares them with their checksums.
+    fn mesh_of<T: Coordinate>(&self, task: Task, needed: Task, context: &Context) -> Result<MeshSpool> {
+        let (saved, files) = self.saved_apart(task, needed)?;
         let [vertices, attributes, faces] = files.as_slice() else {
-            return Err(self.work.damaged(&format!("done/{}.json", task.phase()), "a file is missing"));
+            return Err(self.work.damaged(&format!("done/{}.json", needed.phase()), "a file is missing"));
         };
         let mut spools = Vec::with_capacity(3);
         for (name, extent) in [vertices, attributes, faces].into_iter().zip(saved.extents) {
             let file = self.work.open_file(name)?;
-            if !self.work.is_as_written(&file, extent, &context.workers)? {
+            if task == Task::Finish && !self.work.is_as_written(&file, extent, &context.workers)? {
                 return Err(self.work.damaged(name, "its bytes are not what was written"));
             }
             spools.push(context.workspace.spool_in(file, extent.to));
@@ -93,8 +149,12 @@ impl Tasks {
         match mesh.holds(vertices, faces) {
             true => Ok(mesh),
             false => {
-                Err(self.work.damaged(&format!("done/{}.json", task.phase()), "it does not tell how long files are"))
+                Err(self.work.damaged(&format!("done/{}.json", needed.phase()), "it does not tell how long files are"))
             }
         }
     }
+}
+
+fn means<'a>(workers: &'a Workers, workspace: &'a Workspace, budget: u64) -> shard::Means<'a> {
+    shard::Means { budget, workers, workspace }
 }

@@ -2,9 +2,9 @@
 //! folder. The mesh has the bytes of one run.
 //!
 //! ```text
-//!  plan ─► bucket/0 ─┬► close ─► piece/0 ─┬► bridge/2 ─┬► check/0 ─┬► finish
-//!          bucket/1 ─┤           piece/1 ─┤            └► check/1 ─┤
-//!          …        ─┘           …       ─┘               write/0 ─┘
+//!  plan ─► bucket/0 ─┬► close ─► piece/0 ─┬► bridge/2 ─┬► measure/0 ─┬► check/0 ─┬► finish
+//!          bucket/1 ─┤           piece/1 ─┤            └► measure/1 ─┤  check/1 ─┤
+//!          …        ─┘           …       ─┘               …         ─┘  …       ─┘
 //! ```
 //!
 //! A task is done once its manifest has its name in the folder ([`crate::storage::work`]), which one process gives it: what others make of the same task is as good, and is
@@ -29,7 +29,7 @@ use crate::input::Segment;
 use crate::points::attribute::Schema;
 use crate::resources::memory::MemoryPlan;
 use crate::run::closed_cells;
-use crate::run::job::Job;
+use crate::run::job::{Check, Job};
 use crate::run::surveyed::Surveyed;
 use crate::stitch::apart::{self, Apart};
 use crate::storage::work::WorkFolder;
@@ -48,7 +48,11 @@ pub enum Task {
     Piece(usize),
     /// Stitches from the end of a piece to where it can be joined to one above it.
     Bridge(usize),
-    /// Checks the mesh, and writes all that is to be written.
+    /// Looks at a share of the mesh's triangles, for the check.
+    Measure(usize),
+    /// Checks the mesh at a share of its vertices.
+    Check(usize),
+    /// Tells what the check found, and writes all that is to be written.
     Finish,
 }
 
@@ -70,6 +74,8 @@ impl fmt::Display for Task {
             Task::Close => f.write_str("close"),
             Task::Piece(number) => write!(f, "piece/{number}"),
             Task::Bridge(number) => write!(f, "bridge/{number}"),
+            Task::Measure(number) => write!(f, "measure/{number}"),
+            Task::Check(number) => write!(f, "check/{number}"),
             Task::Finish => f.write_str("finish"),
         }
     }
@@ -79,7 +85,8 @@ impl FromStr for Task {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Task, String> {
-        let wrong = || format!("expected bucket/N, close, piece/N, bridge/N or finish, found {text:?}");
+        let wrong =
+            || format!("expected bucket/N, close, piece/N, bridge/N, measure/N, check/N or finish, found {text:?}");
         let (kind, number) = text.split_once('/').map_or((text, None), |(kind, number)| (kind, Some(number)));
         let number = number.map(|number| number.parse::<usize>().map_err(|_| wrong())).transpose()?;
         match (kind, number) {
@@ -87,6 +94,8 @@ impl FromStr for Task {
             ("close", None) => Ok(Task::Close),
             ("piece", Some(number)) => Ok(Task::Piece(number)),
             ("bridge", Some(number)) => Ok(Task::Bridge(number)),
+            ("measure", Some(number)) => Ok(Task::Measure(number)),
+            ("check", Some(number)) => Ok(Task::Check(number)),
             ("finish", None) => Ok(Task::Finish),
             _ => Err(wrong()),
         }
@@ -206,8 +215,20 @@ impl Tasks {
         let stitched = stage((0..self.plan.pieces.len()).map(Task::Piece).collect(), closed);
         let bridges = if stitched { apart::bridges(&self.pieces()?) } else { Vec::new() };
         let joined = stage(bridges.into_iter().map(Task::Bridge).collect(), stitched);
-        stage(vec![Task::Finish], joined);
+        let measured = stage(self.shards().map(Task::Measure).collect(), joined);
+        let checked = stage(self.shards().map(Task::Check).collect(), measured);
+        stage(vec![Task::Finish], checked);
         Ok(tasks)
+    }
+
+    /// The shards that the check is made in: none where the mesh is not checked, or another one is made of it first.
+    fn shards(&self) -> Range<usize> {
+        let settings = &self.job.settings;
+        let is_changed = settings.simplify.is_some() || settings.bridged || settings.trim.is_some();
+        match self.job.check {
+            Check::Always if !is_changed => 0..self.plan.pieces.len(),
+            _ => 0..0,
+        }
     }
 
     /// What is known of all pieces.

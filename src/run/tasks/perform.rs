@@ -16,7 +16,7 @@ use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::keep_ground;
 use crate::run::closed_cells::{ClosedCells, closed_cells};
-use crate::run::files_to_mesh::{Source, run_in};
+use crate::run::files_to_mesh::{MadeBefore, Source, run_in};
 use crate::run::identity;
 use crate::run::job::{Job, Resources};
 use crate::run::phase::Phase;
@@ -62,6 +62,11 @@ impl Tasks {
         let done = self.perform_once(task, resources, workers, progress);
         if let Err(Error::Damaged { path, .. }) = &done {
             self.work.blame(path)?;
+            if task == Task::Finish {
+                // The check may have looked at what is damaged.
+                let looked = self.shards().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
+                looked.map(|task| self.work.set_aside(&task.phase())).collect::<Result<()>>()?;
+            }
         }
         done
     }
@@ -79,10 +84,15 @@ impl Tasks {
             Task::Close => self.wait_for(task, (0..self.plan.segments.len()).map(Task::Bucket), workers)?,
             Task::Piece(number) if number < self.plan.pieces.len() => self.wait_for(task, [Task::Close], workers)?,
             Task::Bridge(number) if number + 1 < self.plan.pieces.len() => self.wait_for(task, pieces(), workers)?,
+            Task::Measure(number) | Task::Check(number) if self.shards().contains(&number) => {
+                self.wait_for_mesh(task, workers)?;
+                if let Task::Check(_) = task {
+                    self.wait_for(task, self.shards().map(Task::Measure), workers)?;
+                }
+            }
             Task::Finish => {
-                self.wait_for(task, pieces(), workers)?;
-                let bridges = apart::bridges(&self.pieces()?);
-                self.wait_for(task, bridges.into_iter().map(Task::Bridge), workers)?;
+                self.wait_for_mesh(task, workers)?;
+                self.wait_for(task, self.shards().map(Task::Check), workers)?;
             }
             task => {
                 let folder = self.path().display();
@@ -111,7 +121,7 @@ impl Tasks {
         identity::compare(&self.work, of_task)?;
         if task == Task::Finish {
             let alone = Job { resources: Resources { work: None, ..job.resources.clone() }, ..job.clone() };
-            let report = run_in(&alone, Source::Tasks(self), workers, progress)?;
+            let report = run_in(&alone, Source::Made(self), workers, progress)?;
             self.work.commit(&task.phase(), Vec::new(), serde_json::to_value(&report).unwrap_or_default())?;
             return Ok(Some(report));
         }
@@ -127,9 +137,17 @@ impl Tasks {
             Task::Bucket(number) => self.sort::<T>(number, &cloud, context, progress)?,
             Task::Close => self.close::<T>(&cloud, &settings, context, progress)?,
             Task::Piece(_) | Task::Bridge(_) => self.stitch::<T>(task, &settings, context, progress)?,
+            Task::Measure(_) | Task::Check(_) => self.look::<T>(task, context, progress)?,
             Task::Finish => {}
         }
         Ok(None)
+    }
+
+    /// Waits a while for all pieces and bridges.
+    fn wait_for_mesh(&self, task: Task, workers: &Workers) -> Result<()> {
+        self.wait_for(task, (0..self.plan.pieces.len()).map(Task::Piece), workers)?;
+        let bridges = apart::bridges(&self.pieces()?);
+        self.wait_for(task, bridges.into_iter().map(Task::Bridge), workers)
     }
 
     /// Waits a while for tasks to be done.
@@ -245,7 +263,7 @@ impl Tasks {
         saved.ok_or_else(|| self.missing(task, needed))
     }
 
-    fn missing(&self, task: Task, needed: Task) -> Error {
+    pub(super) fn missing(&self, task: Task, needed: Task) -> Error {
         Error::NotReady { path: self.path().to_path_buf(), task: task.to_string(), needed: needed.to_string() }
     }
 }
