@@ -7,6 +7,7 @@ mod outputs;
 mod pages;
 mod signals;
 mod sizes;
+mod view;
 
 use std::ffi::OsString;
 use std::io::Write;

@@ -22,6 +22,8 @@ use crate::render;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::finished::{Finished, refuse_unsound, report};
+#[cfg(feature = "render")]
+use crate::run::html::PlannedPage;
 use crate::run::identity;
 use crate::run::job::{Check, Job, default_output_of};
 use crate::run::mesh_header::header_of;
@@ -29,11 +31,13 @@ use crate::run::phase::Phase;
 use crate::run::pipeline::reconstruct;
 use crate::run::prepare::{Passes, describe, expected_tiles, files, known, open, planned, surveyed};
 #[cfg(feature = "render")]
-use crate::run::preview::{DrawnPreview, PlannedPreview};
+use crate::run::preview::{self, DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
 use crate::run::pyramid::TilesetTarget;
 use crate::run::report::{OutputReport, Report};
 use crate::run::simplification::{Lengths, simplified};
+#[cfg(feature = "render")]
+use crate::storage::atomic_file::AtomicFile;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::work::WorkFolder;
 
@@ -139,6 +143,8 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     };
     #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
+    #[cfg(feature = "render")]
+    let page = job.html.as_deref().map(AtomicFile::report).transpose()?;
     let beside_output = if is_named(&output) { TilesetTarget::folder(&output)? } else { &*output };
     let workspace = job.resources.workspace(beside_output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
@@ -154,7 +160,13 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     let ground = bare_earth(&mut cloud, &job.settings, &mut beside, budget, workers, &workspace, progress)?;
     let left = budget_beside(&job.settings, budget, workers);
     let (mut surveyed, settings) = surveyed(&cloud, &job.settings, workers, left, progress)?;
-    if let Place::Tileset(_) = &target {
+    let mut levels = matches!(target, Place::Tileset(_));
+    #[cfg(feature = "render")]
+    {
+        // The page's mesh is one of fewer triangles.
+        levels |= page.is_some();
+    }
+    if levels {
         surveyed.workload = surveyed.workload.with_levels();
     }
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
@@ -182,6 +194,12 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
+    #[cfg(feature = "render")]
+    let page = page.map(|file| {
+        let options = preview::options(&settings, &surveyed.survey.bounds, cloud.schema());
+        let legend = render::Legend::In(cloud.measure());
+        PlannedPage::new(file, render::Options { legend, ..options }, settings.may_end())
+    });
     let mut made = reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
 
     if job.settings.may_be_empty() && made.mesh.face_count() == 0 {
@@ -223,6 +241,16 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
             progress.begin(Phase::Render, Some(made.mesh.face_count()));
             let memory = made.memory.working;
             Some(picture.draw(&made.mesh, memory, workers, &workspace, &mut |done| progress.set(done))?)
+        }
+    };
+    #[cfg(feature = "render")]
+    let page = match page {
+        None => None,
+        Some(page) => {
+            let triangles = made.mesh.face_count() as f64;
+            progress.begin(Phase::Render, Some(made.mesh.face_count()));
+            let told = &mut |part: f64| progress.set((part * triangles) as u64);
+            Some(page.show(&made.mesh, &made.memory, (workers, &workspace), told)?)
         }
     };
     let elements = match &target {
@@ -279,7 +307,7 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
         coordinates: positions,
     };
     let seconds = start.elapsed().as_secs_f64();
-    Ok(report(Finished {
+    let report = report(Finished {
         cloud: &cloud,
         surveyed: &surveyed,
         ground,
@@ -291,7 +319,12 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
         progress,
         seconds,
         workspace: &workspace,
-    }))
+    });
+    #[cfg(feature = "render")]
+    if let Some(page) = page {
+        page.write(&report)?;
+    }
+    Ok(report)
 }
 
 /// What a job wants its mesh divided by, as far as it is known before files are opened.
