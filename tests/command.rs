@@ -7,6 +7,7 @@ mod command {
     mod compare;
     pub mod folder;
     mod ground;
+    mod html;
     mod outputs;
     mod poses;
     mod simplify;

@@ -286,7 +286,7 @@ impl Shown<'_> {
         let triangles = mesh.face_count();
         progress.begin(Phase::Render, Some(triangles));
         let told = &mut |part: f64| progress.set((part * triangles as f64) as u64);
-        document.show(&*mesh, &options, budget / 4 * 3, (workers, &workspace), told)?;
+        document.show((&*mesh, mesh.origin()), &options, budget / 4 * 3, (workers, &workspace), told)?;
         progress.end();
         Ok(document)
     }

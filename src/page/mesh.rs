@@ -37,7 +37,7 @@ pub struct PageMesh {
     vertices: usize,
     triangles: usize,
     channels: Vec<Channel>,
-    /// What the middle of places stands for, in the mesh's own coordinates.
+    /// What the middle of places stands for, in the input's coordinates.
     origin: [f64; 3],
     /// Triangles of the mesh that it was made of.
     whole: u64,
@@ -65,26 +65,27 @@ pub fn least_memory(mesh: &dyn MeshSource) -> u64 {
 
 impl PageMesh {
     /// Simplifies a mesh to [`MOST`] triangles, and packs it. None if it has none, or does not become so light: where it is no manifold, it stays as it is.
-    /// `progress` is told the part that is done. Memory: `budget`, or as much as [`least_memory`] tells.
+    /// Added to places, `origin` gives the input's coordinates. `progress` is told the part that is done. Memory: `budget`, or as much as [`least_memory`] tells.
     ///
     /// # Errors
     /// Those of [`simplify`] and of reading the mesh.
     pub fn of(
         mesh: &dyn MeshSource,
+        origin: [f64; 3],
         budget: u64,
         (workers, workspace): (&Workers, &Workspace),
         progress: &mut dyn FnMut(f64),
     ) -> Result<Option<PageMesh>> {
         let whole = mesh.face_count();
         if whole <= MOST {
-            return if whole == 0 { Ok(None) } else { packed(mesh, whole, 0.0).map(Some) };
+            return if whole == 0 { Ok(None) } else { packed(mesh, origin, whole, 0.0).map(Some) };
         }
         let options = Options { tolerance: None, most: Some(MOST), borders: None, colours: None, moves: false };
         let (fewer, figures) = simplify(mesh, &options, budget, workers, workspace, progress)?;
         if figures.after > MOST + MOST / 4 {
             return Ok(None);
         }
-        packed(&fewer, whole, figures.reached).map(Some)
+        packed(&fewer, origin, whole, figures.reached).map(Some)
     }
 
     /// What the viewer is to know of it, but for the mesh itself.
@@ -112,7 +113,7 @@ impl PageMesh {
     }
 }
 
-fn packed(mesh: &dyn MeshSource, whole: u64, error: f64) -> Result<PageMesh> {
+fn packed(mesh: &dyn MeshSource, origin: [f64; 3], whole: u64, error: f64) -> Result<PageMesh> {
     let mut faces = Vec::with_capacity(mesh.face_count() as usize);
     let mut piece = Vec::new();
     for first in (0..mesh.face_count()).step_by(PIECE as usize) {
@@ -186,8 +187,7 @@ fn packed(mesh: &dyn MeshSource, whole: u64, error: f64) -> Result<PageMesh> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
     let deflated = encoder.write_all(&bytes).and_then(|()| encoder.finish());
     let packed = deflated.expect("memory takes what it is given");
-    let own = mesh.origin();
-    let origin = std::array::from_fn(|a| own[a] + middle[a]);
+    let origin = std::array::from_fn(|a| origin[a] + middle[a]);
     Ok(PageMesh { vertices, triangles, channels, origin, whole, error, packed })
 }
 
@@ -278,7 +278,7 @@ mod tests {
         spool.append_vertices(&places).unwrap();
         spool.append_faces(&faces.iter().map(|face| FaceRecord::new(*face)).collect::<Vec<_>>()).unwrap();
         let spool = spool.placed([1000.0, 0.0, -5.0]);
-        let mesh = packed(&spool, 400, 0.0).unwrap();
+        let mesh = packed(&spool, spool.origin(), 400, 0.0).unwrap();
         let (channels, found) = unpacked(&mesh);
         assert_eq!(found.len(), 400);
         for (face, found) in faces.iter().zip(&found) {

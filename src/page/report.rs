@@ -90,13 +90,13 @@ impl Document {
         least_memory(mesh).max(render::least_memory(options))
     }
 
-    /// Draws a mesh and packs it, within `memory` bytes, of which there must be [`Document::least_memory`]. `progress` is told the part that is done.
+    /// Draws a mesh to whose places `origin` is to be added, and packs it, within `memory` bytes, of which there must be [`Document::least_memory`]. `progress` is told the part that is done.
     ///
     /// # Errors
     /// Those of drawing and of simplification.
     pub fn show(
         &mut self,
-        mesh: &dyn MeshSource,
+        (mesh, origin): (&dyn MeshSource, [f64; 3]),
         options: &render::Options,
         memory: u64,
         (workers, workspace): (&Workers, &Workspace),
@@ -112,7 +112,7 @@ impl Document {
         };
         self.pictures.push((format!("Seen from {}{colours}", names.join(" and ")), picture.png()));
         drop(picture);
-        self.mesh = PageMesh::of(mesh, memory, (workers, workspace), &mut |part| progress(0.2 + 0.8 * part))?;
+        self.mesh = PageMesh::of(mesh, origin, memory, (workers, workspace), &mut |part| progress(0.2 + 0.8 * part))?;
         if self.mesh.is_none() && mesh.face_count() > 0 {
             self.remark += " The mesh is no manifold, and too large to be shown here.";
         }

@@ -250,7 +250,7 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
             let triangles = made.mesh.face_count() as f64;
             progress.begin(Phase::Render, Some(made.mesh.face_count()));
             let told = &mut |part: f64| progress.set((part * triangles) as u64);
-            Some(page.show(&made.mesh, &made.memory, (workers, &workspace), told)?)
+            Some(page.show((&made.mesh, made.origin), &made.memory, (workers, &workspace), told)?)
         }
     };
     let elements = match &target {

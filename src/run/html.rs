@@ -35,19 +35,19 @@ impl PlannedPage {
         PlannedPage { file, options, sheet }
     }
 
-    /// Draws the mesh and packs it.
+    /// Draws the mesh, to whose places an origin is to be added, and packs it.
     ///
     /// # Errors
     /// [`Error::Budget`] with the budget that leaves room for it; those of [`Document::show`].
     pub fn show(
         self,
-        mesh: &dyn MeshSource,
+        mesh: (&dyn MeshSource, [f64; 3]),
         plan: &MemoryPlan,
         means: (&Workers, &Workspace),
         progress: &mut dyn FnMut(f64),
     ) -> Result<ShownPage> {
         let PlannedPage { file, options, sheet } = self;
-        let least = Document::least_memory(mesh, &options);
+        let least = Document::least_memory(mesh.0, &options);
         if plan.working < least {
             let needed = (plan.budget - plan.working + least).next_multiple_of(1 << 20);
             return Err(Error::Budget { given: ByteSize(plan.budget), needed: ByteSize(needed), what: "the page" });

@@ -22,7 +22,7 @@ async function opened(options = {}) {
     return { page, heard, context };
 }
 
-const idle = page => page.waitForFunction(() => window.viewer && viewer.stats.idle && viewer.stats.triangles > 0 && viewer.stats.frames > 1);
+const idle = page => page.waitForFunction(() => window.viewer && viewer.stats.idle && viewer.stats.triangles > 0);
 // The canvas as it is drawn, without what lies over it: only while a frame is drawn does it hold a picture.
 const canvas = async (page, name) => {
     const url = await page.evaluate(() => new Promise(done => {
