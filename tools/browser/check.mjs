@@ -168,7 +168,7 @@ for (const [number, file] of asked.pages.entries()) {
 const TYPES = { '.js': 'text/javascript', '.json': 'application/json', '.glb': 'model/gltf-binary', '.wasm': 'application/wasm', '.css': 'text/css' };
 const server = http.createServer((request, answer) => {
     const url = decodeURIComponent(new URL(request.url, 'http://localhost').pathname);
-    const page = { '/three': '<canvas id="c"></canvas><script src="/built/three.js"></script>', '/cesium': '<div id="c" style="width:900px;height:700px"></div><script>window.CESIUM_BASE_URL="/Cesium/"</script><script src="/Cesium/Cesium.js"></script><script src="/built/cesium.js"></script>' }[url];
+    const page = { '/three': '<canvas id="c"></canvas><script src="/built/three.js"></script>', '/cesium': '<style>#c, #c div:first-child, #c canvas { width: 900px; height: 700px; }</style><div id="c"></div><script>window.CESIUM_BASE_URL="/Cesium/"</script><script src="/Cesium/Cesium.js"></script><script src="/built/cesium.js"></script>' }[url];
     if (page) { answer.setHeader('content-type', 'text/html'); answer.end(`<!doctype html><link rel="icon" href="data:,"><body style="margin:0">${page}`); return; }
     const [root, rest] = [['/tiles/', path.dirname(asked.tree)], ['/built/', asked.built], ['/Cesium/', asked.cesium]].find(([start]) => url.startsWith(start)) || [];
     const file = root && path.join(rest, url.slice(root.length));

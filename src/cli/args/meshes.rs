@@ -189,8 +189,8 @@ impl TilesetArguments {
 pub struct ViewArguments {
     /// A tileset (its folder, or the tileset.json in it), a mesh (.ply, .stl, .obj or .glb) or a cloud, of which a mesh is made first
     pub path: PathBuf,
-    /// The port of this machine, 127.0.0.1, that the browser asks [default: any that is free]
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    /// The port of this machine, 127.0.0.1, that the browser asks; 0 is any that is free
+    #[arg(long, value_name = "N", default_value_t = 0)]
     pub port: u16,
     /// Open no browser
     #[arg(long)]
