@@ -25,6 +25,8 @@ use crate::render;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::finished::{Finished, refuse_unsound, report};
+#[cfg(feature = "render")]
+use crate::run::html::PlannedPage;
 use crate::run::identity;
 use crate::run::job::{Check, Job, default_output_of};
 use crate::run::mesh_header::header_of;
@@ -32,7 +34,7 @@ use crate::run::phase::Phase;
 use crate::run::pipeline::{context, reconstruct};
 use crate::run::prepare::{Passes, describe, expected_tiles, files, known, open, planned, surveyed};
 #[cfg(feature = "render")]
-use crate::run::preview::{DrawnPreview, PlannedPreview};
+use crate::run::preview::{self, DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
 use crate::run::pyramid::TilesetTarget;
 use crate::run::report::{OutputReport, Report};
@@ -40,6 +42,8 @@ use crate::run::simplification::{Lengths, simplified};
 use crate::run::surface::Reconstructed;
 use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
+#[cfg(feature = "render")]
+use crate::storage::atomic_file::AtomicFile;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
@@ -204,6 +208,8 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     };
     #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
+    #[cfg(feature = "render")]
+    let page = job.html.as_deref().map(AtomicFile::report).transpose()?;
     let beside_output = if is_named(&output) { TilesetTarget::folder(&output)? } else { &*output };
     let workspace = job.resources.workspace(beside_output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
@@ -228,7 +234,13 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         Source::Points(_) => surveyed(&cloud, &job.settings, workers, left, progress)?,
         Source::Made(made) => made.surveyed(&job.settings),
     };
-    if let Place::Tileset(_) = &target {
+    let mut levels = matches!(target, Place::Tileset(_));
+    #[cfg(feature = "render")]
+    {
+        // The page's mesh is one of fewer triangles.
+        levels |= page.is_some();
+    }
+    if levels {
         surveyed.workload = surveyed.workload.with_levels();
     }
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
@@ -259,6 +271,12 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
+    #[cfg(feature = "render")]
+    let page = page.map(|file| {
+        let options = preview::options(&settings, &surveyed.survey.bounds, cloud.schema());
+        let legend = render::Legend::In(cloud.measure());
+        PlannedPage::new(file, render::Options { legend, ..options }, settings.may_end())
+    });
     let mut made = match source {
         Source::Points(_) => reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?,
         Source::Made(made) => made.reconstructed(&settings, &context, progress)?,
@@ -310,6 +328,16 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
             progress.begin(Phase::Render, Some(made.mesh.face_count()));
             let memory = made.memory.working;
             Some(picture.draw(&made.mesh, memory, workers, &workspace, &mut |done| progress.set(done))?)
+        }
+    };
+    #[cfg(feature = "render")]
+    let page = match page {
+        None => None,
+        Some(page) => {
+            let triangles = made.mesh.face_count() as f64;
+            progress.begin(Phase::Render, Some(made.mesh.face_count()));
+            let told = &mut |part: f64| progress.set((part * triangles) as u64);
+            Some(page.show((&made.mesh, made.origin), &made.memory, (workers, &workspace), told)?)
         }
     };
     let elements = match &target {
@@ -366,7 +394,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         coordinates: positions,
     };
     let seconds = start.elapsed().as_secs_f64();
-    Ok(report(Finished {
+    let report = report(Finished {
         cloud: &cloud,
         surveyed: &surveyed,
         ground,
@@ -378,7 +406,12 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         progress,
         seconds,
         workspace: &workspace,
-    }))
+    });
+    #[cfg(feature = "render")]
+    if let Some(page) = page {
+        page.write(&report)?;
+    }
+    Ok(report)
 }
 
 /// What a job wants its mesh divided by, as far as it is known before files are opened.

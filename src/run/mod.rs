@@ -18,6 +18,8 @@ mod finished;
 pub mod forecast;
 #[cfg(feature = "generate")]
 pub mod generate;
+#[cfg(feature = "render")]
+mod html;
 mod identity;
 pub mod job;
 mod judgement;

@@ -29,6 +29,11 @@ impl Report {
         lines.join("\n")
     }
 
+    /// What came before and what came of it, without what may be wrong.
+    pub(super) fn told(&self) -> String {
+        [self.output_lines(), self.mesh_lines(), self.detail_lines()].concat().join("\n")
+    }
+
     fn output_lines(&self) -> Vec<String> {
         let OutputReport { path, bytes, tiles, origin, preview, .. } = &self.output;
         let index = if self.output.tileset.is_some() { "" } else { " and an index" };

@@ -30,6 +30,9 @@ pub struct CheckArguments {
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Write a report as a page that any browser opens, all in one file: figures, pictures, charts and the mesh; an existing one is replaced
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// How much is said.
     #[command(flatten)]
     pub talk: TalkArguments,
@@ -64,6 +67,9 @@ pub struct CompareArguments {
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Write a report as a page that any browser opens, all in one file: figures, pictures, charts and the mesh; an existing one is replaced
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// How much is said.
     #[command(flatten)]
     pub talk: TalkArguments,
@@ -178,6 +184,25 @@ impl TilesetArguments {
     }
 }
 
+/// Arguments of `view`.
+#[derive(Debug, Args)]
+pub struct ViewArguments {
+    /// A tileset (its folder, or the tileset.json in it), a mesh (.ply, .stl, .obj or .glb) or a cloud, of which a mesh is made first
+    pub path: PathBuf,
+    /// The port of this machine, 127.0.0.1, that the browser asks; 0 is any that is free
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub port: u16,
+    /// Open no browser
+    #[arg(long)]
+    pub no_open: bool,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub resources: ResourceArguments,
+}
+
 /// Arguments of `render`.
 #[derive(Debug, Args)]
 pub struct RenderArguments {
@@ -245,7 +270,7 @@ impl CompareArguments {
             heatmap: self.heatmap.clone().map(|path| {
                 let (max, overwrite) = (self.heatmap_max, overwrite(self.overwrite));
                 let (max, unit) = (max.map(|max| max.value), max.and_then(|max| max.unit));
-                compare::HeatMap { path, max, unit, overwrite }
+                compare::HeatMap { path, max, unit, overwrite, told: true }
             }),
             resources: self.resources.resources(),
         }

@@ -70,6 +70,9 @@ pub struct ReconstructArguments {
     /// Write a report of the run as JSON; an existing one is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Write a report as a page that any browser opens, all in one file: figures, pictures, charts and the mesh; an existing one is replaced
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// Keep what is done in this folder: the same command given again goes on from where the run was ended. It is removed at the end. With plan, write the run down
     /// there as tasks, which any number of processes do with asra-stream work
     #[arg(long, value_name = "DIR", help_heading = "Resources")]
@@ -142,6 +145,7 @@ impl ReconstructArguments {
                 Some(None) => Preview::Beside,
                 Some(Some(path)) => Preview::At(path.clone()),
             },
+            html: self.html.clone(),
             batch: self.batch,
             write_classes: self.write_classes.clone(),
             dtm: self.dtm.clone(),

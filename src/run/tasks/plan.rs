@@ -103,7 +103,7 @@ impl Job {
     pub fn based_at(mut self, folder: &Path) -> Job {
         let based = |path: &mut PathBuf| *path = folder.join(&*path);
         self.inputs.iter_mut().for_each(based);
-        let optional = [&mut self.output, &mut self.write_classes, &mut self.dtm, &mut self.dsm];
+        let optional = [&mut self.output, &mut self.write_classes, &mut self.dtm, &mut self.dsm, &mut self.html];
         optional.into_iter().flatten().for_each(based);
         #[cfg(feature = "render")]
         if let crate::run::preview::Preview::At(path) = &mut self.preview {
