@@ -55,7 +55,7 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 45] = [
+pub const SETTINGS: [&str; 46] = [
     "attributes",
     "axis",
     "base",
@@ -73,6 +73,7 @@ pub const SETTINGS: [&str; 45] = [
     "endian",
     "facing",
     "heatmap_max",
+    "height_offset",
     "k",
     "layout",
     "max_hole",

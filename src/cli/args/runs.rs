@@ -45,6 +45,9 @@ pub struct ReconstructArguments {
     /// Hang no skirts from the tiles of a tileset's coarser levels, which hide gaps to other levels where a surface is open
     #[arg(long)]
     pub no_skirts: bool,
+    /// Metres that are added to the heights of a tileset on Earth, which are taken as those above the ellipsoid: the geoid's, for heights above the sea
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub height_offset: Option<f64>,
     /// Write all points with the ground filter's verdicts as their classes (2 on the ground, 1 elsewhere; 7, 9 and 18 stay), a .laz or .las file: with --surface ground
     #[arg(long, value_name = "FILE")]
     pub write_classes: Option<PathBuf>,
@@ -153,7 +156,7 @@ impl ReconstructArguments {
             dsm: self.dsm.clone(),
             raster_size: self.raster_size.map(|side| side.value),
             overwrite: overwrite(self.overwrite),
-            tileset: TilesetOptions { skirts: !self.no_skirts },
+            tileset: TilesetOptions { skirts: !self.no_skirts, height_offset: self.height_offset },
             positions,
             check,
             ..job

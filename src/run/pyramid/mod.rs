@@ -1,11 +1,14 @@
 //! A finished mesh as a tileset: levels of detail, cut into tiles.
 //!
 //! ```text
-//!  mesh ─► in its place, single precision ─► levels ─► counts of cells ─► tree ─► each level's triangles by tile ─► GLB, tileset.json
+//!  mesh ─► in its place on Earth, single precision ─► levels ─► counts of cells ─► tree ─► each level's triangles by tile ─► GLB, tileset.json
 //! ```
 //!
 //! A level is a whole mesh ([`levels`]), so the tiles of a level have the same vertices where they meet. The tree ([`tree`]) is a quadtree for surfaces
 //! that are open, as terrain is, and an octree for closed ones. Nothing depends on threads or memory but how long it takes.
+//!
+//! A mesh whose reference system is known stands on Earth: every vertex goes to the east, north and up of the middle by itself, in metres, before anything else
+//! is done, so that levels are as near in metres as they say, whatever the map's scale.
 
 mod file;
 mod levels;
@@ -30,6 +33,8 @@ use crate::mesh::measure::Corners;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::Precision;
+use crate::points::crs::Crs;
+use crate::points::earth::{Earth, Frame, Site};
 use crate::resources::workers::Workers;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
@@ -58,6 +63,8 @@ pub struct LevelFigures {
 /// What a tileset has.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct TilesetFigures {
+    /// Where on Earth it stands, if that is known: lengths are then in metres, else in the mesh's units.
+    pub site: Option<Site>,
     /// The levels, the finest first.
     pub levels: Vec<LevelFigures>,
     /// Bytes of all files.
@@ -76,6 +83,8 @@ impl TilesetFigures {
 pub struct TilesetTarget {
     folder: WholeFolder,
     path: PathBuf,
+    /// The mesh's reference system, and its way to the Earth.
+    earth: Option<(Crs, Earth)>,
 }
 
 impl TilesetTarget {
@@ -100,7 +109,23 @@ impl TilesetTarget {
             return Err(Error::Usage(format!("{}: a tileset is named {TREE}, in a folder of its own", path.display())));
         }
         let folder = WholeFolder::create(TilesetTarget::folder(path)?, overwrite)?;
-        Ok(TilesetTarget { folder, path: path.to_path_buf() })
+        Ok(TilesetTarget { folder, path: path.to_path_buf(), earth: None })
+    }
+
+    /// Sets the tileset on Earth, by the mesh's reference system. One without stays in the mesh's coordinates, as does one whose system is a site's own.
+    ///
+    /// # Errors
+    /// Those of [`Earth::of`]; [`Error::InvalidSetting`] for an offset of heights without a reference system.
+    pub fn georeference(&mut self, crs: Option<&Crs>, options: &TilesetOptions) -> Result<()> {
+        match (crs.filter(|crs| !crs.is_local()), options.height_offset) {
+            (Some(crs), offset) => self.earth = Some((crs.clone(), Earth::of(crs, offset.unwrap_or(0.0))?)),
+            (None, None) => (),
+            (None, Some(_)) => {
+                let words = "`height_offset`: the mesh has no reference system on Earth; name it with `crs`, as in `crs` EPSG:25832";
+                return Err(Error::setting("height_offset", words.into()));
+            }
+        }
+        Ok(())
     }
 
     /// Makes all levels and tiles of a mesh, writes them, and gives the folder its name. Of `memory` bytes, as many as simplification needs are there at least.
@@ -116,7 +141,10 @@ impl TilesetTarget {
         (workers, workspace): (&Workers, &Workspace),
         progress: &mut Progress,
     ) -> Result<TilesetFigures> {
-        let (finest, transform) = placed(mesh, &self.path, memory, workers, workspace)?;
+        let (finest, transform, site) = match &self.earth {
+            Some(earth) => on_earth(mesh, header.origin, earth, &self.path, (memory, workers, workspace))?,
+            None => placed(mesh, header.origin, &self.path, (memory, workers, workspace))?,
+        };
         let extents = Extents::of(&finest, workers)?;
         let coarser = coarser(&finest, &extents, memory, (workers, workspace), progress)?;
         let mut levels = vec![Level { mesh: finest, error: 0.0 }];
@@ -142,7 +170,7 @@ impl TilesetTarget {
                 children: tree.tiles[number].children.clone(),
             })
             .collect();
-        let mut figures = TilesetFigures { levels: Vec::new(), bytes: 0 };
+        let mut figures = TilesetFigures { site, levels: Vec::new(), bytes: 0 };
         for (number, level) in levels.iter().enumerate() {
             let skirt = (options.skirts && header.sheet && number > 0).then_some(2.0 * level.error);
             let cut = Cut { level, tree: &tree, number, views: &views, skirt, sheet: header.sheet };
@@ -152,7 +180,11 @@ impl TilesetTarget {
         }
         drop(levels);
         let root = joined(&mut nodes, tree.tops);
-        let extras = json!({ "crs": header.crs, "comments": header.comments, "levels": figures.levels });
+        let mut extras = json!({ "crs": header.crs, "comments": header.comments, "levels": figures.levels });
+        if let Some(site) = &figures.site {
+            extras["site"] = json!(site);
+            extras["height_offset"] = json!(options.height_offset.unwrap_or(0.0));
+        }
         let tree: Value = tileset::json(&nodes, root, transform, extras);
         let text = serde_json::to_vec(&tree).expect("numbers and text are JSON");
         put(&mut self.folder, TREE, &text)?;
@@ -168,14 +200,38 @@ fn put(folder: &mut WholeFolder, name: &str, bytes: &[u8]) -> Result<()> {
     std::fs::write(&path, bytes).map_err(Error::io(&path, "write"))
 }
 
-/// The mesh in single precision about a middle, and the transform that moves it to where it lies.
+/// A mesh in its place, the transform that moves it to where it lies, and where on Earth that is.
+type Placed = (MeshSpool, Option<[f64; 16]>, Option<Site>);
+
+/// The mesh in single precision, east, north and up of its middle. Coordinates are those of vertices with `own` added.
+fn on_earth(
+    mesh: &dyn MeshSource,
+    own: [f64; 3],
+    (crs, earth): &(Crs, Earth),
+    path: &Path,
+    (memory, workers, workspace): (u64, &Workers, &Workspace),
+) -> Result<Placed> {
+    let whole = |place: [f64; 3]| std::array::from_fn(|a| place[a] + own[a]);
+    let [low, high] = bounds(mesh, path, workers)?.map(whole);
+    if let Some(expected) = crs.contradicted_by(low, high) {
+        let words = format!(
+            "`crs` {crs}: expects {expected}, but coordinates go from {low:?} to {high:?}; name the right one with `crs`, or `crs` none"
+        );
+        return Err(Error::setting("crs", words));
+    }
+    let frame = Frame::about(earth.centred(std::array::from_fn(|a| low[a].midpoint(high[a])))?);
+    let place = |place: [f64; 3]| finite(frame.local(earth.centred(whole(place))?), path);
+    let mesh = copied(mesh, place, memory / 16, workers, workspace)?;
+    Ok((mesh, Some(frame.transform()), Some(frame.site)))
+}
+
+/// The mesh in single precision about a middle; the transform adds `own`, too.
 fn placed(
     mesh: &dyn MeshSource,
+    own: [f64; 3],
     path: &Path,
-    memory: u64,
-    workers: &Workers,
-    workspace: &Workspace,
-) -> Result<(MeshSpool, Option<[f64; 16]>)> {
+    (memory, workers, workspace): (u64, &Workers, &Workspace),
+) -> Result<Placed> {
     let middle = match mesh.precision() {
         Precision::Single => [0.0; 3],
         Precision::Double => {
@@ -185,13 +241,12 @@ fn placed(
         }
     };
     let place = |place: [f64; 3]| finite(std::array::from_fn(|a| place[a] - middle[a]), path);
-    let own = mesh.origin();
     let mesh = copied(mesh, place, memory / 16, workers, workspace)?;
     let origin: [f64; 3] = std::array::from_fn(|a| own[a] + middle[a]);
     let [x, y, z] = origin;
     let transform =
         (origin != [0.0; 3]).then_some([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, y, z, 1.0]);
-    Ok((mesh, transform))
+    Ok((mesh, transform, None))
 }
 
 /// The box of all vertices.
