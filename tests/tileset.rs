@@ -13,9 +13,11 @@ use asra_stream::internals::points::crs::Crs;
 use asra_stream::internals::resources::workers::Workers;
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::pyramid::{TilesetFigures, TilesetTarget};
-use asra_stream::internals::settings::tileset::TilesetOptions;
+use asra_stream::internals::settings::tileset::{Compression, TilesetOptions};
 use asra_stream::internals::storage::spool::Workspace;
 use asra_stream::{Attribute, Error, Overwrite, Precision, Scalar};
+use meshopt_rs::index::buffer::decode_index_buffer;
+use meshopt_rs::vertex::buffer::decode_vertex_buffer;
 use serde_json::Value;
 
 type Place = [f64; 3];
@@ -81,6 +83,29 @@ fn written_as(
     target.write(mesh, header, options, memory, (&workers, &workspace), &mut Progress::new(Show::Nothing))
 }
 
+/// A stream as a reader decodes it.
+fn decoded(stream: &[u8], told: &Value) -> Vec<u8> {
+    let count = told["count"].as_u64().unwrap() as usize;
+    match (told["mode"].as_str().unwrap(), told["byteStride"].as_u64().unwrap()) {
+        ("ATTRIBUTES", 4) => {
+            let mut out = vec![[0u8; 4]; count];
+            decode_vertex_buffer(&mut out, stream).unwrap();
+            out.into_flattened()
+        }
+        ("ATTRIBUTES", 8) => {
+            let mut out = vec![[0u8; 8]; count];
+            decode_vertex_buffer(&mut out, stream).unwrap();
+            out.into_flattened()
+        }
+        ("TRIANGLES", 2) => {
+            let mut out = vec![0u32; count];
+            decode_index_buffer(&mut out, stream).unwrap();
+            out.into_iter().flat_map(|v| u16::try_from(v).unwrap().to_le_bytes()).collect()
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
 /// A tile's file: what is its own, and its skirt.
 struct Content {
     bounds: [Place; 2],
@@ -99,29 +124,58 @@ fn content(path: &Path) -> Content {
     let accessor = |number: &Value| {
         let accessor = &json["accessors"][number.as_u64().unwrap() as usize];
         let view = &json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
-        let first = view["byteOffset"].as_u64().unwrap() as usize;
-        let length = view["byteLength"].as_u64().unwrap() as usize;
-        (accessor.clone(), &binary[first..first + length])
+        let part = |view: &Value| {
+            assert_eq!(view["buffer"], 0);
+            let first = view["byteOffset"].as_u64().unwrap() as usize;
+            &binary[first..first + view["byteLength"].as_u64().unwrap() as usize]
+        };
+        let encoded = &view["extensions"]["EXT_meshopt_compression"];
+        let bytes = if encoded.is_null() { part(view).to_vec() } else { decoded(part(encoded), encoded) };
+        assert_eq!(bytes.len() as u64, view["byteLength"].as_u64().unwrap());
+        (accessor.clone(), bytes)
     };
     let primitives = json["meshes"][0]["primitives"].as_array().unwrap();
     let attributes = &primitives[0]["attributes"];
     let (positions, bytes) = accessor(&attributes["POSITION"]);
-    let places: Vec<[f32; 3]> = bytes.chunks_exact(12).map(bytemuck::pod_read_unaligned).collect();
     // As readers take them: in single precision.
-    let bound = |key: &str| -> Place { std::array::from_fn(|a| f64::from(positions[key][a].as_f64().unwrap() as f32)) };
+    let number = |value: &Value| value.as_f64().unwrap() as f32;
+    let whole = positions["componentType"] == 5123;
+    assert_eq!(whole, json["extensionsRequired"][0] == "KHR_mesh_quantization");
+    let node = &json["nodes"][1];
+    let moved = |place: [f32; 3]| match whole {
+        true => std::array::from_fn(|a| number(&node["translation"][a]) + number(&node["scale"][a]) * place[a]),
+        false => place,
+    };
+    let places: Vec<[f32; 3]> = match whole {
+        true => bytes
+            .chunks_exact(8)
+            .map(|b| bytemuck::pod_read_unaligned::<[u16; 4]>(b))
+            .map(|[x, y, z, _]| moved([x, y, z].map(f32::from)))
+            .collect(),
+        false => bytes.chunks_exact(12).map(bytemuck::pod_read_unaligned).collect(),
+    };
+    let bound = |key: &str| -> Place { moved(std::array::from_fn(|a| number(&positions[key][a]))).map(f64::from) };
     let bounds = [bound("min"), bound("max")];
     for place in &places {
         assert!((0..3).all(|a| bounds[0][a] <= f64::from(place[a]) && f64::from(place[a]) <= bounds[1][a]));
     }
     let (_, normals) = accessor(&attributes["NORMAL"]);
-    for normal in normals.chunks_exact(12).map(bytemuck::pod_read_unaligned::<[f32; 3]>) {
-        assert!((normal.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-4);
+    let normals: Vec<[f32; 3]> = match whole {
+        true => normals.chunks_exact(4).map(|b| [b[0], b[1], b[2]].map(|c| f32::from(c as i8) / 127.0)).collect(),
+        false => normals.chunks_exact(12).map(bytemuck::pod_read_unaligned::<[f32; 3]>).collect(),
+    };
+    assert_eq!(normals.len(), places.len());
+    for normal in normals {
+        assert!((normal.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < if whole { 0.02 } else { 1e-4 });
     }
     let (classes, bytes) = accessor(&attributes["_CLASSIFICATION"]);
     assert_eq!(classes["componentType"], 5121);
     let classes = bytes.chunks_exact(4).map(|value| value[0]).collect();
-    let (colours, _) = accessor(&attributes["COLOR_0"]);
+    let (colours, bytes) = accessor(&attributes["COLOR_0"]);
     assert_eq!((&colours["type"], &colours["normalized"]), (&Value::from("VEC4"), &Value::from(true)));
+    // All red is 200 of 255, or 2: in linear light, of 65,535.
+    let reds: BTreeSet<u16> = bytes.chunks_exact(8).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+    assert!(reds.iter().all(|red| [37_852, 40].contains(red)), "{reds:?}");
     let triangles = |primitive: &Value| -> Vec<Triangle> {
         let (indices, bytes) = accessor(&primitive["indices"]);
         assert_eq!(indices["componentType"], 5123, "numbers of 16 bits");
@@ -176,6 +230,11 @@ fn transform(root: &Value) -> [f64; 16] {
 
 /// Reads a tileset, and holds it to the rules.
 fn read(folder: &Path) -> Found {
+    read_with(folder, 0.0)
+}
+
+/// Reads a tileset whose finest level has an error: that of a lattice.
+fn read_with(folder: &Path, finest: f64) -> Found {
     let tree: Value = serde_json::from_slice(&std::fs::read(folder.join("tileset.json")).unwrap()).unwrap();
     assert_eq!(tree["asset"]["version"], "1.1");
     assert_eq!(tree["root"]["refine"], "REPLACE");
@@ -183,7 +242,7 @@ fn read(folder: &Path) -> Found {
     let transform = transform(&tree["root"]);
     let mut found = Found { levels: BTreeMap::new(), skirts: 0, deepest: 0, transform };
     let mut named = BTreeSet::from(["tileset.json".to_owned()]);
-    tile(folder, &tree["root"], None, 1, &mut found, &mut named);
+    tile(folder, &tree["root"], (None, finest), 1, &mut found, &mut named);
     let there: BTreeSet<String> =
         std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     assert_eq!(there, named, "every file is a tile's, and every tile has its file");
@@ -201,7 +260,7 @@ fn volume(tile: &Value) -> [Place; 2] {
 fn tile(
     folder: &Path,
     tile_: &Value,
-    above: Option<([Place; 2], f64)>,
+    (above, finest): (Option<([Place; 2], f64)>, f64),
     depth: usize,
     found: &mut Found,
     named: &mut BTreeSet<String>,
@@ -217,7 +276,11 @@ fn tile(
         assert!(error < error_above, "{error} < {error_above}");
     }
     let children = tile_["children"].as_array().cloned().unwrap_or_default();
-    assert_eq!(children.is_empty(), error == 0.0, "the finest tiles, and no others, have no error");
+    assert_eq!(
+        children.is_empty(),
+        error == finest,
+        "the finest tiles, and no others, have no error but the lattice's"
+    );
     let uri = tile_["content"]["uri"].as_str().unwrap();
     assert!(named.insert(uri.to_owned()), "{uri} is one tile's");
     let content = content(&folder.join(uri));
@@ -228,7 +291,7 @@ fn tile(
     found.deepest = found.deepest.max(depth);
     // Errors are not negative, so their bits are in their order.
     found.levels.entry(error.to_bits()).or_default().extend(content.own);
-    children.iter().for_each(|child| tile(folder, child, Some((bounds, error)), depth + 1, found, named));
+    children.iter().for_each(|child| tile(folder, child, (Some((bounds, error)), finest), depth + 1, found, named));
 }
 
 /// The triangles of a mesh, each from its least corner on.
@@ -520,5 +583,44 @@ fn a_system_whose_place_is_not_known_is_refused_and_a_site_s_own_is_none() {
     for (crs, name) in [(None, "none"), (Some(r#"LOCAL_CS["site",UNIT["metre",1]]"#), "local")] {
         assert_eq!(write(crs, None, name).unwrap().site, None);
         read(&dir.path().join(name));
+    }
+}
+
+#[test]
+fn compressed_tiles_are_smaller_meet_to_the_last_bit_and_are_as_near_as_they_say() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    for (name, mesh, sheet) in [("hills", terrain(&workspace), true), ("torus", torus(&workspace), false)] {
+        let origin = if sheet { [691_000.0, 5_334_000.0, 500.0] } else { [0.0; 3] };
+        let crs = Crs::parse("EPSG:25832").filter(|_| sheet);
+        let header = MeshHeader { sheet, crs, origin, ..MeshHeader::default() };
+        let [plain, quantized, encoded] =
+            [Compression::None, Compression::Quantize, Compression::Meshopt].map(|compress| {
+                let options = TilesetOptions { compress, ..TilesetOptions::default() };
+                let folder = dir.path().join(format!("{name}-{compress:?}"));
+                let figures = written_as(&mesh, &header, &options, (256 << 20, 2), &folder).unwrap();
+                let found = read_with(&folder, figures.levels[0].error);
+                (figures, found)
+            });
+        assert!(plain.0.bytes > quantized.0.bytes && quantized.0.bytes > encoded.0.bytes, "{name}");
+        assert_eq!(quantized.0.levels.len(), plain.0.levels.len());
+        let whole = &plain.1.levels[&0];
+        let rim = open_edges(whole);
+        let places: Vec<[u32; 3]> = whole.iter().step_by(whole.len() / 60).map(|triangle| triangle[0]).collect();
+        for (number, (error, level)) in quantized.1.levels.iter().enumerate() {
+            let told = f64::from_bits(*error);
+            assert_eq!(told, quantized.0.levels[number].error);
+            let moved = told - plain.0.levels[number].error;
+            // A step is no more than two 65,528ths of the largest tile, or of twice the level.
+            assert!(moved > 0.0 && moved < 1000.0 / 65_528.0 * 2.0, "{name} {number}: {moved}");
+            let open = open_edges(level);
+            assert!(if sheet { (4..=rim).contains(&open) } else { open == 0 }, "{name} {number}: {open} of {rim}");
+            let farthest = farthest(&places, level);
+            assert!(farthest <= told * (1.0 + 1e-9) + 1e-6, "{name} {number}: {farthest} {told}");
+            // What is encoded comes back as it was.
+            assert_eq!(sorted(level.clone()), sorted(encoded.1.levels[error].clone()), "{name} {number}");
+        }
+        assert_eq!((plain.1.skirts, quantized.1.skirts), (encoded.1.skirts, encoded.1.skirts), "{name}");
+        assert!(encoded.1.skirts > 0 || !sheet);
     }
 }

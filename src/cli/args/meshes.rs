@@ -16,7 +16,7 @@ use crate::run::generate::densify;
 use crate::run::pyramid::TilesetJob;
 use crate::run::simplification::SimplifyJob;
 use crate::settings::simplification::{Borders, Simplification, Tolerance};
-use crate::settings::tileset::TilesetOptions;
+use crate::settings::tileset::{Compression, TilesetOptions};
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
@@ -162,6 +162,9 @@ pub struct TilesetArguments {
     /// Metres that are added to heights, which are taken as those above the ellipsoid: the geoid's, for heights above the sea
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub height_offset: Option<f64>,
+    /// Make a tileset's tiles smaller: quantize has places in 16 bits and normals in 8, meshopt encodes them, too; not all readers take them
+    #[arg(long, value_enum, default_value_t, value_name = "HOW")]
+    pub compress: Compression,
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -184,7 +187,11 @@ impl TilesetArguments {
             mesh: self.mesh.clone(),
             output: self.output.clone(),
             overwrite: overwrite(self.overwrite),
-            options: TilesetOptions { skirts: !self.no_skirts, height_offset: self.height_offset },
+            options: TilesetOptions {
+                skirts: !self.no_skirts,
+                height_offset: self.height_offset,
+                compress: self.compress,
+            },
             resources: self.resources.resources(),
         })
     }
