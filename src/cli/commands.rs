@@ -81,7 +81,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
         Some(Command::Compare(compare)) => compare.job().resources,
         Some(Command::Densify(densify)) => densify.job().resources,
         Some(Command::Simplify(simplify)) => simplify.job().resources,
-        Some(Command::Tileset(tileset)) => tileset.job().resources,
+        Some(Command::Tileset(tileset)) => tileset.resources.resources(),
         Some(Command::View(_)) => {
             return Err(Error::Usage("a viewer is the command's own: `asra-stream view`".into()));
         }
@@ -129,7 +129,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
             }
             Some(Command::Tileset(arguments)) => {
                 let tileset =
-                    |progress: &mut Progress| Ok((tileset_file(&arguments.job(), &workers, progress)?, Kind::Done));
+                    |progress: &mut Progress| Ok((tileset_file(&arguments.job()?, &workers, progress)?, Kind::Done));
                 value(&reported(json_file(arguments.report.as_deref())?, progress, tileset)?.0)
             }
             Some(Command::Render(arguments)) => {
@@ -428,7 +428,7 @@ fn simplify(arguments: &SimplifyArguments, progress: &mut Progress) -> Result<Ki
 
 fn tileset(arguments: &TilesetArguments, progress: &mut Progress) -> Result<Kind> {
     reported(json_file(arguments.report.as_deref())?, progress, |progress| {
-        let job = arguments.job();
+        let job = arguments.job()?;
         let workers = job.resources.workers()?;
         signals::stop(&workers)?;
         let report = tileset_file(&job, &workers, progress)?;

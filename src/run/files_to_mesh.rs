@@ -195,10 +195,12 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     Beside::of(job)?.paths().try_for_each(|path| refuse_input_as_output(&files, path))?;
     let mut beside = Beside::of(job)?.create()?;
     let positions = positions_of(&output, job)?;
-    if !job.tileset.skirts && !is_named(&output) {
+    if !is_named(&output)
+        && let Some(setting) = job.tileset.first_set()
+    {
         let words =
-            "`no_skirts`: only a tileset has skirts; its `output` is named tileset.json, in a folder of its own";
-        return Err(Error::setting("no_skirts", words.into()));
+            format!("`{setting}`: is for a tileset; its `output` is named tileset.json, in a folder of its own");
+        return Err(Error::setting(setting, words));
     }
     // What can fail for want of room or rights fails now, not after the work.
     let mut target = match division(job, &files)? {
@@ -215,6 +217,9 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     progress.expect_run(known(job, &files, Passes::All));
     let passes = if let Source::Made(_) = source { Passes::Few } else { Passes::All };
     let mut cloud = open(job, &files, &workspace, workers, passes, progress)?;
+    if let Place::Tileset(tileset) = &mut target {
+        tileset.georeference(cloud.crs(), &job.tileset)?;
+    }
     let job = &job.measured_as(&cloud)?;
     if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
         tiles.divide_by(Division::Squares(side));

@@ -43,7 +43,9 @@ impl Report {
             Some(path) => format!("output   {}{files}, {size}, in {time}", path.display()),
             None => format!("output   in memory, in {time}"),
         }];
-        if *origin != [0.0; 3] {
+        // On Earth, the place is told instead.
+        let on_earth = self.output.tileset.as_ref().is_some_and(|tileset| tileset.site.is_some());
+        if *origin != [0.0; 3] && !on_earth {
             let [x, y, z] = origin;
             let how = match path.as_deref().map(Format::from_path) {
                 _ if self.output.tileset.is_some() => "the tileset's transform adds it",

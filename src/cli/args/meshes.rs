@@ -7,14 +7,16 @@ use clap::Args;
 use super::shared::{InUnit, ResourceArguments, TalkArguments, coordinates_only, in_unit, overwrite};
 use crate::cli::sizes;
 use crate::compare;
+use crate::error::Result;
 use crate::input::Layout;
+use crate::points::crs::Crs;
 use crate::points::unit::Measure;
 use crate::render::{Background, ColourBy, Legend, Options, Shading, Size, Up, View};
 use crate::run::generate::densify;
 use crate::run::pyramid::TilesetJob;
 use crate::run::simplification::SimplifyJob;
 use crate::settings::simplification::{Borders, Simplification, Tolerance};
-use crate::settings::tileset::TilesetOptions;
+use crate::settings::tileset::{Compression, TilesetOptions};
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
@@ -160,6 +162,15 @@ pub struct TilesetArguments {
     /// Hang no skirts from the tiles of coarser levels, which hide gaps to other levels where a surface is open
     #[arg(long)]
     pub no_skirts: bool,
+    /// The mesh's reference system, which tells where on Earth the tileset stands, whatever the file says: EPSG:25832, WKT, a file with WKT, or none
+    #[arg(long, value_name = "CRS")]
+    pub crs: Option<String>,
+    /// Metres that are added to heights, which are taken as those above the ellipsoid: the geoid's, for heights above the sea
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub height_offset: Option<f64>,
+    /// Make a tileset's tiles smaller: quantize has places in 16 bits and normals in 8, meshopt encodes them, too; not all readers take them
+    #[arg(long, value_enum, default_value_t, value_name = "HOW")]
+    pub compress: Compression,
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -173,14 +184,22 @@ pub struct TilesetArguments {
 
 impl TilesetArguments {
     /// The job they describe.
-    pub fn job(&self) -> TilesetJob {
-        TilesetJob {
+    ///
+    /// # Errors
+    /// Those of [`Crs::given`].
+    pub fn job(&self) -> Result<TilesetJob> {
+        Ok(TilesetJob {
+            crs: self.crs.as_deref().map(Crs::given).transpose()?,
             mesh: self.mesh.clone(),
             output: self.output.clone(),
             overwrite: overwrite(self.overwrite),
-            options: TilesetOptions { skirts: !self.no_skirts },
+            options: TilesetOptions {
+                skirts: !self.no_skirts,
+                height_offset: self.height_offset,
+                compress: self.compress,
+            },
             resources: self.resources.resources(),
-        }
+        })
     }
 }
 

@@ -16,6 +16,7 @@ use crate::cli::args::ViewArguments;
 use crate::error::{Error, Result};
 use crate::format;
 use crate::format::tiles3d::TREE;
+use crate::input::InputOptions;
 use crate::page;
 use crate::resources::workers::Workers;
 use crate::run::job::Job;
@@ -81,11 +82,14 @@ impl Shown {
         let resources = arguments.resources.resources();
         if format::read::has_triangles(path)? {
             let options = TilesetOptions::default();
-            let job = TilesetJob { mesh: path.clone(), output, overwrite: Overwrite::Refuse, options, resources };
+            // In the coordinates of the mesh, which are those that people ask for.
+            let crs = Some(None);
+            let job = TilesetJob { mesh: path.clone(), crs, output, overwrite: Overwrite::Refuse, options, resources };
             let report = tileset_file(&job, workers, progress)?;
             report.warnings.iter().for_each(|warning| progress.warn(warning));
         } else {
-            let job = Job { output: Some(output), resources, ..Job::new([path]) };
+            let input = InputOptions { crs: Some(None), ..InputOptions::default() };
+            let job = Job { input, output: Some(output), resources, ..Job::new([path]) };
             let report = run(&job, workers, progress)?;
             progress.summary(&report.summary(false));
         }
