@@ -93,16 +93,22 @@ struct Scratch<T> {
 }
 
 impl<T: Coordinate> Buckets<T> {
-    /// Sorts the whole cloud into buckets. `progress` is told the records of each block.
+    /// Sorts the whole cloud into buckets, with attributes or without. `progress` is told the records of each block.
     ///
     /// Memory: a block, its sorted points and a chunk for each job in flight, and a chunk for each bucket.
     ///
     /// # Errors
     /// Errors of reading the input, [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn fill(cloud: &Cloud, grid: &Grid, context: &Context, mut progress: impl FnMut(u64)) -> Result<Buckets<T>> {
+    pub fn fill(
+        cloud: &Cloud,
+        carried: Carried,
+        grid: &Grid,
+        context: &Context,
+        mut progress: impl FnMut(u64),
+    ) -> Result<Buckets<T>> {
         let memory = &context.memory;
         let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
-        let stride = cloud.schema().stride();
+        let stride = cloud.carried(carried).stride();
         let page = memory.bucket_buffer as usize;
         let page_file = match (&context.work, memory.buckets_quota) {
             (Some(work), _) => Some(context.workspace.page_file_in(work.create(PHASE)?, page, (0, 0))),
@@ -123,7 +129,7 @@ impl<T: Coordinate> Buckets<T> {
         cloud.for_each_batch(
             &context.workers,
             memory.blocks_in_flight,
-            Carried::Attributes,
+            carried,
             |batch| spares.lend(|scratch| filling.sort(batch, grid, scratch)),
             |records| {
                 progress(records);
@@ -132,6 +138,26 @@ impl<T: Coordinate> Buckets<T> {
         )?;
         context.workers.in_order_range(memory.blocks_in_flight, count, |bucket| filling.close(bucket), |()| Ok(()))?;
         Ok(filling.filled())
+    }
+
+    /// Moves the points that lie in memory to disk.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn leave_memory(&mut self, context: &Context) -> Result<()> {
+        if self.page_file.is_some() {
+            return Ok(());
+        }
+        let page_file = context.workspace.page_file(self.chunk * (size_of::<[T; 3]>() + self.stride))?;
+        for bucket in &mut self.buckets {
+            // All of a bucket's chunks but the last are whole, as its pages are.
+            for chunk in std::mem::take(&mut bucket.held) {
+                let (points, attributes) = (bytemuck::cast_slice(&chunk.points), chunk.attributes.as_slice());
+                bucket.stored.push(page_file.put(&[points, attributes])?);
+            }
+        }
+        self.page_file = Some(page_file);
+        Ok(())
     }
 
     /// Saves where the points lie, which is in a file of the work folder, and commits both.

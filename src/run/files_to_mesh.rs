@@ -170,7 +170,7 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
             progress.note(&format!("going on with what lies in {}", work.path().display()));
         }
     }
-    let planned = planned(surveyed, &settings, workers, &workspace, left, work.cloned(), progress);
+    let planned = planned(&cloud, surveyed, &settings, (workers, &workspace), left, work.cloned(), progress);
     let (surveyed, context) = planned.map_err(whole)?;
     if work.is_none() && progress.seconds_left().is_some_and(|seconds| seconds > LONG) {
         progress.note("this run is going to take more than ten minutes: with `work` DIR, the same command goes on from where it was ended");

@@ -34,7 +34,6 @@ use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
-use crate::surface::{plane, vertices};
 
 /// The finished mesh and what is to be told of its making.
 #[derive(Debug)]
@@ -81,18 +80,26 @@ pub(super) fn surface_of<T: Coordinate>(
     cloud: &Cloud,
     surveyed: &Surveyed,
     settings: &Settings,
-    (buckets, cells): (&Buckets<T>, ClosedCells),
+    (mut buckets, mut cells): (Buckets<T>, ClosedCells),
     context: &Context,
     progress: &mut Progress,
 ) -> Result<Reconstructed> {
     let Surveyed { survey, grid, workload, .. } = surveyed;
-    let ClosedCells { closed, counted, shell, narrow, occupied, sparse } = cells;
-    let Closed { solid, occupancy, .. } = &closed;
-    let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted };
     let surface = SurfaceOptions {
-        fit: settings.surface.fit.chosen(shell.is_some_and(|shell| shell.is_noisy())),
+        fit: settings.surface.fit.chosen(cells.shell.is_some_and(|shell| shell.is_noisy())),
         ..settings.surface
     };
+    let workload = cells.counted_workload(workload, surface.fit, &buckets, context)?;
+    let memory = context.memory.with_surface(&workload)?;
+    if memory.buckets_quota < context.memory.buckets_quota {
+        buckets.leave_memory(context)?;
+    }
+    if memory.store_quota < context.memory.store_quota {
+        cells.leave_memory()?;
+    }
+    let ClosedCells { closed, counted, shell, narrow, occupied, sparse } = cells;
+    let Closed { solid, occupancy, .. } = &closed;
+    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
 
     let smooth = surface.smooth;
     let partition = Slabs::of(&surface);
@@ -101,17 +108,10 @@ pub(super) fn surface_of<T: Coordinate>(
         solid.faces[slab.start as usize..slab.end as usize].iter().map(|f| u64::from(*f)).sum::<u64>()
     };
     let slabs = slab_count(partition, solid.cells[1]);
-    let means = match surface.fit {
-        Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
-        _ => 0,
-    };
-    let workload =
-        workload.with_faces_of_slices(&vertices::weights(solid, context)?, closed.falls).with_fit(surface.fit);
-    let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
-    let workload = workload.with_buckets(&points);
     let points_of_slab = |number: u32| {
-        let buckets = buckets_of(slices_of(number, partition, solid.cells[1]));
-        points[buckets.start as usize..(buckets.end as usize).min(points.len())].iter().sum::<u64>()
+        let of_slab = buckets_of(slices_of(number, partition, solid.cells[1]));
+        let of_slab = of_slab.start as usize..(of_slab.end as usize).min(buckets.count());
+        of_slab.map(|bucket| buckets.points_in(bucket)).sum::<u64>()
     };
     let work = |faces: u64, points: u64| forecast::surface(2.0 * faces as f64, points as f64);
     let faces: u64 = (0..slabs).map(faces_of_slab).sum();
@@ -119,8 +119,7 @@ pub(super) fn surface_of<T: Coordinate>(
     progress.learn(|known| known.triangles = 2 * faces);
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Surface, Some(faces));
-    let memory = context.memory.with_surface(&workload, means)?;
-    let jobs = memory.slab_jobs(&workload, means)?;
+    let jobs = memory.slab_jobs(&workload)?;
     let origin = origin(T::PRECISION, &survey.bounds);
     let schema = cloud.schema();
     let frame = Frame { origin, precision: T::PRECISION };
