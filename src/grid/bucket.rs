@@ -525,3 +525,60 @@ impl<T: Coordinate> Scratch<T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::InputOptions;
+    use crate::points::attribute::Wanted;
+    use crate::points::bounds::{Axis, Bounds};
+    use crate::run::testing::with_context;
+    use crate::settings::{AxisChoice, Resolution};
+
+    #[test]
+    fn points_that_leave_memory_are_the_same_on_disk() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("cloud.bin");
+        // More than a chunk in one bucket, few in another, none in a third.
+        let place = |number: u32| [(number % 97) as f32, if number.is_multiple_of(100) { 11.5 } else { 1.5 }, 0.5];
+        let points = 40_000u32;
+        let bytes: Vec<u8> = (0..points)
+            .flat_map(|number| place(number).into_iter().flat_map(f32::to_le_bytes).chain(number.to_le_bytes()))
+            .collect();
+        std::fs::write(&path, bytes).unwrap();
+        let layout = Some("xyz,number:u32".parse().unwrap());
+        let input = InputOptions { layout, attributes: Wanted::All, ..InputOptions::default() };
+        let cloud = Cloud::open(&[path], &input).unwrap();
+        let bounds = Bounds { min: [0.0; 3], max: [97.0, 12.0, 1.0] };
+        let grid = Grid::new(points.into(), &bounds, Resolution::Cell(1.0), AxisChoice::Fixed(Axis::Y)).unwrap();
+        with_context(grid.cells(), |context| {
+            let mut context = context.clone();
+            context.memory.buckets_quota = 1 << 20;
+            let mut buckets = Buckets::<f32>::fill(&cloud, Carried::Attributes, &grid, &context, |_| ()).unwrap();
+            let read = |buckets: &Buckets<f32>, bucket: usize| {
+                let (mut points, mut numbers) = (Vec::new(), Vec::new());
+                let add = |some: &[[f32; 3]], records: &[u8]| {
+                    points.extend_from_slice(some);
+                    numbers.extend_from_slice(records);
+                    Ok(())
+                };
+                buckets.read_attributes(bucket, add).unwrap();
+                let mut share = Vec::new();
+                let some = |some: &[[f32; 3]]| {
+                    share.extend_from_slice(some);
+                    Ok(())
+                };
+                buckets.read_share(bucket, 5..30_000, some).unwrap();
+                (points, numbers, share)
+            };
+            let all = |buckets: &Buckets<f32>| (0..3).map(|bucket| read(buckets, bucket)).collect::<Vec<_>>();
+            let before = all(&buckets);
+            assert_eq!(before.iter().map(|(points, ..)| points.len()).collect::<Vec<_>>(), [39_600, 0, 400]);
+            assert_eq!(context.workspace.peak_on_disk(), 0);
+            buckets.leave_memory(&context).unwrap();
+            assert!(buckets.buckets.iter().all(|bucket| bucket.held.is_empty()));
+            assert_eq!(context.workspace.peak_on_disk(), u64::from(points) * 16);
+            assert!(all(&buckets) == before);
+        });
+    }
+}

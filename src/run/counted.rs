@@ -24,7 +24,7 @@ use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::storage::spool::Workspace;
 
-/// The counted workload of a surveyed cloud; none if the temporary folder has no room for the points.
+/// The counted workload of a surveyed cloud; none if its points would have to go to disk, and the temporary folder has no room for them.
 ///
 /// `budget` is in bytes, as for [`MemoryPlan::for_budget`]; what counting cannot do without is taken in any case.
 ///
@@ -44,7 +44,10 @@ pub(super) fn counted(
     let small = expected.clone().without_surface();
     let least = MemoryPlan::least_before_slabs(expected, threads).max(MemoryPlan::least(&small, threads));
     let memory = MemoryPlan::for_budget(budget.max(least), &small, threads)?;
-    if workspace.available()? < memory.predicted_disk {
+    // Nothing may be written where the input lies, and there may be no other folder.
+    let has_room =
+        || workspace.available().is_ok_and(|free| free >= memory.predicted_disk) && workspace.scratch_file().is_ok();
+    if memory.predicted_disk > 0 && !has_room() {
         return Ok(None);
     }
     let context = Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None };

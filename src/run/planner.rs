@@ -450,6 +450,22 @@ mod tests {
     }
 
     #[test]
+    fn what_was_kept_leaves_memory_where_slabs_have_no_room_beside_it() {
+        let with = |faces: u64| load(4_000_000, 300).with_faces(vec![faces; slab_count(1, 300) as usize], false);
+        let (expected, counted) = (with(10_000), with(700_000));
+        let least = MemoryPlan::least(&counted, 2);
+        let given = MemoryPlan::for_budget(least, &expected, 2).unwrap();
+        assert!(given.buckets_quota > 0 && given.store_quota > 0);
+        let slabs = given.with_surface(&counted).expect("the least does, whatever was expected");
+        assert_eq!(slabs.buckets_quota, 0);
+        // The points lay in memory until then, and do not any more.
+        assert!(slabs.predicted >= given.buckets_quota && slabs.predicted <= least);
+        assert!(slabs.predicted_disk >= counted.bucket_bytes());
+        let roomy = MemoryPlan::for_budget(8 << 30, &expected, 2).unwrap().with_surface(&counted).unwrap();
+        assert!(roomy.buckets_quota > 0);
+    }
+
+    #[test]
     fn slabs_are_made_side_by_side_while_there_is_room() {
         // More than telling inside and outside apart takes.
         let workload = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
