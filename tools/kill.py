@@ -3,6 +3,7 @@
 
     python3 tools/kill.py kills 200                # KILL at a moment that is uniform over the run; half of the runs are killed again and again
     python3 tools/kill.py signals 20               # TERM and INT: the run ends within a second, with its exit code, and says how to go on
+    python3 tools/kill.py tasks 20                 # four processes do the tasks of a run in one folder, and are killed and started again
     python3 tools/kill.py disks 20                 # a small file system in memory fills up, for the work folder or for the output; then it gets more room (needs root)
 
 Each run has its own number of threads and budget, another one each time it goes on. The trial's number alone decides them: `--first N` begins with number N.
@@ -11,6 +12,7 @@ The cloud is a knot of --points points, or that of --cloud with --options; the p
 
 import argparse
 import hashlib
+import json
 import random
 import shlex
 import shutil
@@ -52,6 +54,7 @@ class Trials:
         if whole.wait() != 0:
             sys.exit(f"a run that nobody ended failed: {whole.words()}")
         self.seconds = time.monotonic() - start
+        self.killed = 0
         self.expected = digest(folder / "whole.ply")
         print(f"a run takes {self.seconds:.1f} s", flush=True)
 
@@ -115,6 +118,49 @@ class Trials:
             return None if digest(output) == self.expected else "other bytes"
         return self.finished(chance, output, work, f"{number + 1} kills")
 
+    def tasks(self, chance, place):
+        """Processes that share a folder, each with threads and a budget of its own; one is killed now and then, and another takes its place."""
+        output, work = place / "m.ply", place / "m.work"
+        processes = str(chance.choice([2, 4, 7]))
+        plan = [self.program, "plan", self.cloud, "-o", output, *self.options, "--work", work, "--processes", processes]
+        planned = subprocess.run([str(word) for word in plan], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        if planned.returncode != 0:
+            return f"plan failed with {planned.returncode}: {planned.stderr.decode(errors='replace')[-600:]}"
+        least = json.loads(subprocess.run([self.program, "tasks", work, "--json"], stdout=subprocess.PIPE, check=True).stdout)["least_memory"]
+
+        def begun(number):
+            means = ["-j", str(chance.choice([1, 2])), "--max-memory", chance.choice([str(2 * least), "1G"])]
+            command = [self.program, "work", work, "--any", "--shard", f"{number}/4", *means, "--quiet"]
+            errors = tempfile.TemporaryFile(dir=self.folder)
+            return subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL, stderr=errors), errors
+
+        running = {number: begun(number) for number in range(4)}
+        kills, allowed, end = 0, chance.choice([2, 5, 10]), time.monotonic() + PATIENCE
+        try:
+            while running:
+                if time.monotonic() > end:
+                    return f"no end after {kills} kills"
+                time.sleep(chance.uniform(0, self.seconds / 4))
+                for number, (process, errors) in list(running.items()):
+                    if process.poll() is None:
+                        continue
+                    if process.returncode != 0:
+                        errors.seek(0)
+                        return f"failed with {process.returncode} after {kills} kills: {errors.read().decode(errors='replace')[-600:]}"
+                    del running[number]
+                if running and kills < allowed:
+                    number = chance.choice(list(running))
+                    running[number][0].kill()
+                    running[number][0].wait()
+                    kills += 1
+                    running[number] = begun(number)
+        finally:
+            for process, _ in running.values():
+                process.kill()
+                process.wait()
+        self.killed += kills
+        return None if digest(output) == self.expected else f"other bytes after {kills} kills"
+
     def signal(self, chance, place):
         output, work = place / "m.ply", place / "m.work"
         run = self.run(output, self.means(chance), work)
@@ -167,7 +213,7 @@ class Trials:
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["kills", "signals", "disks"])
+    parser.add_argument("what", choices=["kills", "tasks", "signals", "disks"])
     parser.add_argument("trials", type=int)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--points", type=int, default=10_000_000)
@@ -178,7 +224,7 @@ def main():
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         trials = Trials(options, Path(folder))
-        one = {"kills": trials.kill, "signals": trials.signal, "disks": trials.disk}[options.what]
+        one = {"kills": trials.kill, "tasks": trials.tasks, "signals": trials.signal, "disks": trials.disk}[options.what]
         failed = 0
         for number in range(options.first, options.first + options.trials):
             place = Path(folder) / f"trial{number}"
@@ -188,7 +234,7 @@ def main():
                 failed += 1
                 print(f"trial {number}: {wrong}", flush=True)
             shutil.rmtree(place)
-        print(f"{options.trials - failed} of {options.trials} {options.what} went on to the same bytes")
+        print(f"{options.trials - failed} of {options.trials} {options.what} went on to the same bytes" + (f", {trials.killed} kills" if trials.killed else ""))
     sys.exit(1 if failed else 0)
 
 

@@ -1,6 +1,5 @@
 //! What each subcommand does. Results go to standard output or a file, words to standard error.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use bytesize::ByteSize;
@@ -11,7 +10,8 @@ use super::args::{
     PlanArguments, ReconstructArguments, RenderArguments, SimplifyArguments, TilesetArguments, overwrite,
 };
 use super::failures::failure;
-use super::{outputs, pages, signals};
+use super::results::{json_file, print_json, print_text, write_json};
+use super::{outputs, pages, signals, tasks};
 use crate::compare::{Comparison, compare};
 use crate::error::defect;
 use crate::error::words::{as_options, thousands};
@@ -45,7 +45,9 @@ pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
     }
     match &arguments.command {
         None => reconstruct(&arguments.reconstruct, progress),
-        Some(Command::Plan(arguments)) => show_plan(arguments, progress),
+        Some(Command::Plan(plan)) => show_plan(&arguments, plan, progress),
+        Some(Command::Tasks(arguments)) => tasks::list(arguments),
+        Some(Command::Work(arguments)) => tasks::work(arguments, progress),
         Some(Command::Info(arguments)) => show_info(arguments, progress),
         Some(Command::Check(arguments)) => check(arguments, progress),
         Some(Command::Compare(arguments)) => compare_mesh(arguments, progress),
@@ -67,7 +69,9 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
     outputs::check(arguments)?;
     let threads = match &arguments.command {
         None => arguments.reconstruct.resources.resources(),
-        Some(Command::Plan(plan)) => plan.resources.resources(),
+        Some(Command::Plan(plan)) => plan.run.resources.resources(),
+        Some(Command::Work(work)) => work.resources.resources(),
+        Some(Command::Tasks(arguments)) => return value(&tasks::listed(arguments)?),
         Some(Command::Info(info)) => info.job()?.resources,
         Some(Command::Check(check)) => check.resources.resources(),
         Some(Command::Compare(compare)) => compare.job().resources,
@@ -88,9 +92,14 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
                 let run = |progress: &mut Progress| Ok((run(&arguments.job()?, &workers, progress)?, Kind::Done));
                 value(&reported(json_file(arguments.report.as_deref())?, progress, run)?.0)
             }
-            Some(Command::Plan(arguments)) => {
-                value(&PlanReport::of(&plan(&arguments.job()?, &workers, progress)?, workers.threads())?)
+            Some(Command::Plan(plan)) if plan.run.work.is_some() => {
+                let tasks = tasks::planned(arguments, plan, &workers, progress)?;
+                value(&tasks::Listed::of(&tasks, false, workers.threads())?)
             }
+            Some(Command::Plan(arguments)) => {
+                value(&PlanReport::of(&plan(&arguments.run.job()?, &workers, progress)?, workers.threads())?)
+            }
+            Some(Command::Work(arguments)) => tasks::done(arguments, &workers, progress).map(|_| Value::Null),
             Some(Command::Info(arguments)) => value(&InfoReport::of(&look(&arguments.job()?, &workers, progress)?)),
             Some(Command::Check(arguments)) => {
                 let steady = Steady::of([&arguments.mesh]);
@@ -125,7 +134,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
                 let made = generated(arguments, &workers, progress)?;
                 Ok(json!({ "points": made.points, "bytes": made.bytes }))
             }
-            Some(Command::Completions(_) | Command::Man(_)) => unreachable!("they take no work"),
+            Some(Command::Tasks(_) | Command::Completions(_) | Command::Man(_)) => unreachable!("they take no work"),
         }
     })
 }
@@ -150,10 +159,16 @@ fn reconstruct(arguments: &ReconstructArguments, progress: &mut Progress) -> Res
     .map(|(_, kind)| kind)
 }
 
-fn show_plan(arguments: &PlanArguments, progress: &mut Progress) -> Result<Kind> {
-    let job = arguments.job()?;
+fn show_plan(all: &Arguments, arguments: &PlanArguments, progress: &mut Progress) -> Result<Kind> {
+    let job = arguments.run.job()?;
     let workers = job.resources.workers()?;
     signals::stop(&workers)?;
+    if arguments.run.work.is_some() {
+        let tasks = tasks::planned(all, arguments, &workers, progress)?;
+        let listed = tasks::Listed::of(&tasks, false, workers.threads())?;
+        if arguments.json { print_json(&listed) } else { print_text(&listed.to_string()) }?;
+        return Ok(Kind::Done);
+    }
     let planned = plan(&job, &workers, progress)?;
     let report = PlanReport::of(&planned, workers.threads())?;
     if arguments.json { print_json(&report) } else { print_text(&report.to_string()) }?;
@@ -369,11 +384,6 @@ fn generated(arguments: &GenerateArguments, workers: &Workers, progress: &mut Pr
     Ok(made)
 }
 
-/// The report's file, created before the work.
-fn json_file(path: Option<&Path>) -> Result<Option<AtomicFile>> {
-    path.map(AtomicFile::report).transpose()
-}
-
 /// Does some work and writes its report, if one was asked for: of a failure, too.
 fn reported<R: serde::Serialize>(
     file: Option<AtomicFile>,
@@ -411,29 +421,4 @@ fn is_report(path: &Path) -> bool {
     let text = is_short.then(|| std::fs::read(path).ok()).flatten();
     let value: Option<serde_json::Value> = text.and_then(|text| serde_json::from_slice(&text).ok());
     value.is_some_and(|value| KEYS.iter().any(|key| value.get(key).is_some()))
-}
-
-fn write_json(file: AtomicFile, report: &impl serde::Serialize) -> Result<()> {
-    let path = file.path().to_path_buf();
-    let write = || -> std::io::Result<()> {
-        let mut out = file.file();
-        serde_json::to_writer_pretty(&mut out, report)?;
-        writeln!(out)
-    };
-    write().map_err(Error::io(path, "write the report"))?;
-    file.finish()
-}
-
-/// A value as JSON, to standard output.
-fn print_json(value: &impl serde::Serialize) -> Result<()> {
-    let failed = |e: serde_json::Error| Error::io("standard output", "write")(e.into());
-    print_text(&serde_json::to_string_pretty(value).map_err(failed)?)
-}
-
-/// To standard output; a reader that has gone away is no failure.
-fn print_text(text: &str) -> Result<()> {
-    match writeln!(std::io::stdout(), "{text}") {
-        Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        result => result.map_err(Error::io("standard output", "write")),
-    }
 }

@@ -5,14 +5,15 @@ mod commands;
 mod failures;
 mod outputs;
 mod pages;
+mod results;
 mod signals;
 mod sizes;
+mod tasks;
 
 use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::Parser;
 use serde_json::json;
 
 use crate::error::{Error, Result, defect, overflow};
@@ -29,7 +30,7 @@ pub fn main() -> ExitCode {
 
 /// [`main`] for arguments of which the first is the program's name.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
-    let arguments = match Arguments::try_parse_from(arguments) {
+    let arguments = match Arguments::read(arguments) {
         Ok(arguments) => arguments,
         Err(words) => {
             // Help and version come this way, too, and are no failure. A closed pipe is none either.
@@ -64,7 +65,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// # Errors
 /// [`Error::Usage`], with the command's words for what is wrong.
 pub fn parsed(arguments: impl IntoIterator<Item = OsString>) -> Result<Arguments> {
-    Arguments::try_parse_from(arguments).map_err(|words| Error::Usage(what_is_wrong(&words)))
+    Arguments::read(arguments).map_err(|words| Error::Usage(what_is_wrong(&words)))
 }
 
 /// What is wrong with the arguments, without what only those need who typed them: how the command is used, how to ask for help, how to write a name that looks

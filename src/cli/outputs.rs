@@ -244,7 +244,14 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             put(Sidecar::path_for(&arguments.output), "cloud's side-car", Kind::Beside, overwrite);
             Vec::new()
         }
-        Some(Command::Plan(_) | Command::Info(_) | Command::Completions(_) | Command::Man(_)) => Vec::new(),
+        Some(
+            Command::Plan(_)
+            | Command::Tasks(_)
+            | Command::Work(_)
+            | Command::Info(_)
+            | Command::Completions(_)
+            | Command::Man(_),
+        ) => Vec::new(),
     };
     (inputs, outputs)
 }

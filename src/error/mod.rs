@@ -180,6 +180,16 @@ pub enum Error {
         /// Who holds it, as it says itself.
         holder: String,
     },
+    /// What a task needs is not there yet.
+    #[error("{}: {task} needs {needed}, which is not done yet", path.display())]
+    NotReady {
+        /// The folder of tasks.
+        path: PathBuf,
+        /// The task.
+        task: String,
+        /// The task that comes before it.
+        needed: String,
+    },
     /// A file of the work folder is not what was written there.
     #[error("{}: is damaged: {found}; what depends on it is set aside: the same command makes it again", path.display())]
     Damaged {
@@ -233,6 +243,8 @@ pub enum Kind {
     Data,
     /// An input is missing or may not be read.
     NoInput,
+    /// Something that another process has to make is not there yet.
+    NotReady,
     /// A defect of this program.
     Internal,
     /// More memory or disk is needed than there is.
@@ -264,12 +276,13 @@ pub struct Row {
 
 impl Kind {
     /// All, by their codes.
-    pub const ALL: [Kind; 12] = [
+    pub const ALL: [Kind; 13] = [
         Kind::Done,
         Kind::Usage,
         Kind::Found,
         Kind::Data,
         Kind::NoInput,
+        Kind::NotReady,
         Kind::Internal,
         Kind::CannotFit,
         Kind::NoOutput,
@@ -292,6 +305,7 @@ impl Kind {
             ),
             Kind::Data => (&[65], "data", "an input is damaged, or not what it says it is", "no"),
             Kind::NoInput => (&[66], "no-input", "an input is missing or may not be read", "no"),
+            Kind::NotReady => (&[69], "not-ready", "something another process has to make is not there yet", "yes"),
             Kind::Internal => {
                 (&[70], "internal", "a panic, or the mesh failed its own check; nothing was written", "no; a bug")
             }
@@ -408,6 +422,7 @@ impl Error {
             Error::NoInput { .. } => Kind::NoInput,
             Error::Source(_) => Kind::Data,
             Error::Changed { .. } | Error::WorkTaken { .. } => Kind::Temporary,
+            Error::NotReady { .. } => Kind::NotReady,
             Error::Damaged { .. } => Kind::Intermediate,
             Error::AmbiguousLayout { .. } | Error::InvalidSetting { .. } | Error::Usage(_) | Error::OutputExists(_) => {
                 Kind::Usage
@@ -433,6 +448,7 @@ impl Error {
             | Error::Disk { path, .. }
             | Error::Damaged { path, .. }
             | Error::WorkTaken { path, .. }
+            | Error::NotReady { path, .. }
             | Error::Suspended(path)
             | Error::OutputExists(path) => Some(path.clone()),
             _ => None,

@@ -13,15 +13,17 @@
 
 use std::collections::VecDeque;
 use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::context::Context;
 use crate::grid::partition::BUCKET_SLICES;
-use crate::input::{Carried, Cloud};
+use crate::input::{Carried, Cloud, Segment};
 use crate::points::{Batch, Coordinate};
 use crate::resources::workers::Spares;
 use crate::storage::spool::PageFile;
@@ -34,6 +36,17 @@ const AHEAD: usize = 32;
 /// The buckets of a cloud, readable in any order, from several threads.
 #[derive(Debug)]
 pub struct Buckets<T> {
+    /// One, or one for each segment of the input that was sorted by itself; each has all buckets.
+    parts: Vec<Part<T>>,
+    /// Number of buckets.
+    count: usize,
+    /// Bytes of a point's attributes.
+    stride: usize,
+}
+
+/// The buckets of points that were sorted together.
+#[derive(Debug)]
+struct Part<T> {
     buckets: Vec<Bucket<T>>,
     /// Where chunks are kept; none if that is memory.
     page_file: Option<PageFile>,
@@ -41,6 +54,18 @@ pub struct Buckets<T> {
     chunk: usize,
     /// Bytes of a point's attributes.
     stride: usize,
+    /// What the pages are compared with as they are read, if another process wrote them.
+    written: Option<Written>,
+}
+
+/// Pages that another process wrote.
+#[derive(Debug)]
+struct Written {
+    checksums: Vec<u32>,
+    /// Of each bucket: whether its pages were compared.
+    compared: Vec<AtomicBool>,
+    /// For messages.
+    path: PathBuf,
 }
 
 /// What is kept of saved buckets beside their points.
@@ -76,7 +101,7 @@ struct Chunk<T> {
 
 /// The same, lent.
 #[derive(Clone, Copy)]
-struct Part<'a, T> {
+struct Lent<'a, T> {
     points: &'a [[T; 3]],
     attributes: &'a [u8],
 }
@@ -104,14 +129,28 @@ impl<T: Coordinate> Buckets<T> {
         carried: Carried,
         grid: &Grid,
         context: &Context,
+        progress: impl FnMut(u64),
+    ) -> Result<Buckets<T>> {
+        Buckets::fill_with((cloud, None, carried), grid, context, PHASE, progress)
+    }
+
+    /// The same with the points of a segment, if there is one, for a phase of that name.
+    ///
+    /// # Errors
+    /// The same as [`Buckets::fill`].
+    pub fn fill_with(
+        (cloud, segment, carried): (&Cloud, Option<&Segment>, Carried),
+        grid: &Grid,
+        context: &Context,
+        phase: &str,
         mut progress: impl FnMut(u64),
     ) -> Result<Buckets<T>> {
         let memory = &context.memory;
-        let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
+        let count = bucket_count(grid);
         let stride = cloud.carried(carried).stride();
         let page = memory.bucket_buffer as usize;
         let page_file = match (&context.work, memory.buckets_quota) {
-            (Some(work), _) => Some(context.workspace.page_file_in(work.create(PHASE)?, page, (0, 0))),
+            (Some(work), _) => Some(context.workspace.page_file_in(work.create(phase)?, page, (0, 0))),
             (None, 0) => Some(context.workspace.page_file(page)?),
             (None, _) => None,
         };
@@ -126,7 +165,8 @@ impl<T: Coordinate> Buckets<T> {
             stride,
         };
         let spares = Spares::default();
-        cloud.for_each_batch(
+        cloud.for_each_batch_of(
+            segment,
             &context.workers,
             memory.blocks_in_flight,
             carried,
@@ -145,6 +185,117 @@ impl<T: Coordinate> Buckets<T> {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn leave_memory(&mut self, context: &Context) -> Result<()> {
+        self.parts.iter_mut().try_for_each(|part| part.leave_memory(context))
+    }
+
+    /// Saves where the points lie, which is in a file of the work folder, and commits both as a phase.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    ///
+    /// # Panics
+    /// If they were not filled together.
+    pub fn commit(&self, work: &WorkFolder, phase: &str) -> Result<()> {
+        let [part] = &self.parts[..] else { panic!("what was filled together is committed") };
+        part.commit(work, phase)
+    }
+
+    /// The buckets that were committed as phases, each of which filled them in part; none if one of these is not done.
+    ///
+    /// # Errors
+    /// [`crate::Error::Damaged`], [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn committed(
+        work: &WorkFolder,
+        phases: impl IntoIterator<Item = String>,
+        grid: &Grid,
+        compared: Compared,
+        context: &Context,
+    ) -> Result<Option<Buckets<T>>> {
+        let parts: Option<Vec<Part<T>>> = phases
+            .into_iter()
+            .map(|phase| Part::committed(work, &phase, grid, compared, context).transpose())
+            .collect::<Option<Result<_>>>()
+            .transpose()?;
+        let Some(parts) = parts else { return Ok(None) };
+        let (count, stride) = (bucket_count(grid), parts.first().map_or(0, |part| part.stride));
+        Ok(Some(Buckets { parts, count, stride }))
+    }
+
+    /// Number of buckets.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Bytes of a point's attributes.
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// Number of points in a bucket.
+    pub fn points_in(&self, bucket: usize) -> u64 {
+        self.parts.iter().map(|part| part.buckets[bucket].points).sum()
+    }
+
+    /// Number of points in all buckets.
+    pub fn point_count(&self) -> u64 {
+        (0..self.count).map(|bucket| self.points_in(bucket)).sum()
+    }
+
+    /// Hands the points of `bucket` to `visit`, a chunk at a time, in no order.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Damaged`], and what `visit` returns.
+    pub fn read(&self, bucket: usize, visit: impl FnMut(&[[T; 3]]) -> Result<()>) -> Result<()> {
+        self.read_share(bucket, 0..u64::MAX, visit)
+    }
+
+    /// The same for a share of them: those with numbers in `share`, in an order that stays the same once the buckets are filled.
+    ///
+    /// # Errors
+    /// The same as [`Buckets::read`].
+    pub fn read_share(
+        &self,
+        bucket: usize,
+        share: Range<u64>,
+        mut visit: impl FnMut(&[[T; 3]]) -> Result<()>,
+    ) -> Result<()> {
+        let mut before = 0;
+        for part in &self.parts {
+            let points = part.buckets[bucket].points;
+            let within = |number: u64| number.saturating_sub(before).min(points);
+            let here = within(share.start)..within(share.end);
+            before += points;
+            if !here.is_empty() {
+                part.read_share(bucket, here, &mut visit)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Hands the points of `bucket` to `visit` with the records of their attributes, a chunk at a time, in no order.
+    ///
+    /// # Errors
+    /// The same as [`Buckets::read`].
+    pub fn read_attributes(&self, bucket: usize, mut visit: impl FnMut(&[[T; 3]], &[u8]) -> Result<()>) -> Result<()> {
+        self.parts.iter().try_for_each(|part| part.read_attributes(bucket, &mut visit))
+    }
+}
+
+/// When points that another process wrote are compared with their checksums.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Compared {
+    /// All of them, at once.
+    Now,
+    /// Those of a bucket when it is read for the first time.
+    AsRead,
+}
+
+fn bucket_count(grid: &Grid) -> usize {
+    grid.cells()[1].div_ceil(BUCKET_SLICES) as usize
+}
+
+impl<T: Coordinate> Part<T> {
+    fn leave_memory(&mut self, context: &Context) -> Result<()> {
         if self.page_file.is_some() {
             return Ok(());
         }
@@ -160,13 +311,9 @@ impl<T: Coordinate> Buckets<T> {
         Ok(())
     }
 
-    /// Saves where the points lie, which is in a file of the work folder, and commits both.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn commit(&self, work: &WorkFolder) -> Result<()> {
+    fn commit(&self, work: &WorkFolder, phase: &str) -> Result<()> {
         let Some(pages) = self.page_file.as_ref().and_then(PageFile::named) else { return Ok(()) };
-        let mut out = SectionWriter::new(work, "places")?;
+        let mut out = SectionWriter::new(work, &format!("places-{phase}"))?;
         out.values(&self.buckets.iter().map(|bucket| bucket.points).collect::<Vec<u64>>())?;
         out.values(&self.buckets.iter().flat_map(|bucket| bucket.stored.iter().copied()).collect::<Vec<u32>>())?;
         out.values(&self.page_file.as_ref().map(PageFile::checksums).unwrap_or_default())?;
@@ -174,27 +321,29 @@ impl<T: Coordinate> Buckets<T> {
         let page = self.page_file.as_ref().map_or(0, PageFile::page);
         let saved = SavedBuckets { page, chunk: self.chunk, stride: self.stride, sections };
         let rest = serde_json::to_value(saved).expect("a manifest can be written");
-        work.commit(PHASE, vec![pages.clone(), places], rest)
+        work.commit(phase, vec![pages.clone(), places], rest)
     }
 
-    /// The buckets that were committed, if they were; all points are read, and compared with their checksums.
-    ///
-    /// # Errors
-    /// [`crate::Error::Damaged`], [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn committed(work: &WorkFolder, grid: &Grid, context: &Context) -> Result<Option<Buckets<T>>> {
-        work.load(PHASE, |manifest| {
+    fn committed(
+        work: &WorkFolder,
+        phase: &str,
+        grid: &Grid,
+        compared: Compared,
+        context: &Context,
+    ) -> Result<Option<Part<T>>> {
+        work.load(phase, |manifest| {
             let [pages, places] = manifest.files.as_slice() else {
-                return Err(work.damaged(PHASE, "a file is missing"));
+                return Err(work.damaged(phase, "a file is missing"));
             };
             let of = |rest: &serde_json::Value| SavedBuckets::deserialize(rest).ok();
-            let saved = of(&manifest.rest).ok_or_else(|| work.damaged(PHASE, "the manifest cannot be read"))?;
+            let saved = of(&manifest.rest).ok_or_else(|| work.damaged(phase, "the manifest cannot be read"))?;
             let SavedBuckets { page, chunk, stride, sections } = saved;
             let mut sections = SectionReader::new(work, places, sections)?;
             let counts: Vec<u64> = sections.values()?;
             let stored: Vec<u32> = sections.values()?;
             let checksums: Vec<u32> = sections.values()?;
             let point = size_of::<[T; 3]>() + stride;
-            let count = grid.cells()[1].div_ceil(BUCKET_SLICES) as usize;
+            let count = bucket_count(grid);
             let pages_of = |points: u64| points.div_ceil(chunk.max(1) as u64);
             let fits = counts.len() == count
                 && chunk > 0
@@ -216,70 +365,48 @@ impl<T: Coordinate> Buckets<T> {
             let file = work.open_file(pages)?;
             let taken = (checksums.len() as u32, bytes);
             let file = context.workspace.page_file_in(file, page, taken);
-            let buckets = Buckets { buckets, page_file: Some(file), chunk, stride };
-            let check = |bucket: usize| match buckets.is_as_written(bucket, &checksums)? {
-                true => Ok(()),
-                false => Err(work.damaged(pages, format!("points of bucket {bucket} are not what was written"))),
+            let written = Written {
+                checksums,
+                compared: std::iter::repeat_with(AtomicBool::default).take(count).collect(),
+                path: work.path().join(pages),
             };
-            context.workers.in_order_range(context.memory.jobs_of(page as u64), count, check, |()| Ok(()))?;
-            Ok(buckets)
+            let part = Part { buckets, page_file: Some(file), chunk, stride, written: Some(written) };
+            if compared == Compared::Now {
+                let jobs = context.memory.jobs_of(page as u64);
+                context.workers.in_order_range(jobs, count, |bucket| part.compare(bucket), |()| Ok(()))?;
+            }
+            Ok(part)
         })
     }
 
-    /// Whether a bucket's pages have their checksums.
-    fn is_as_written(&self, bucket: usize, checksums: &[u32]) -> Result<bool> {
-        let (bucket, Some(pages)) = (&self.buckets[bucket], &self.page_file) else { return Ok(true) };
-        let (mut left, mut bytes) = (bucket.points, Vec::new());
-        for page in &bucket.stored {
+    /// Compares a bucket's pages with their checksums, unless that was done before.
+    fn compare(&self, bucket: usize) -> Result<()> {
+        let Some((written, pages)) = self.written.as_ref().zip(self.page_file.as_ref()) else { return Ok(()) };
+        if written.compared[bucket].load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        let (mut left, mut bytes) = (self.buckets[bucket].points, Vec::new());
+        for page in &self.buckets[bucket].stored {
             let count = left.min(self.chunk as u64);
             left -= count;
             bytes.resize(count as usize * (size_of::<[T; 3]>() + self.stride), 0);
             pages.read(*page, 0, &mut bytes)?;
-            if crc32fast::hash(&bytes) != checksums[*page as usize] {
-                return Ok(false);
+            if crc32fast::hash(&bytes) != written.checksums[*page as usize] {
+                let found = format!("points of bucket {bucket} are not what was written");
+                return Err(Error::Damaged { path: written.path.clone(), found });
             }
         }
-        Ok(true)
+        written.compared[bucket].store(true, Ordering::Relaxed);
+        Ok(())
     }
 
-    /// Number of buckets.
-    pub fn count(&self) -> usize {
-        self.buckets.len()
-    }
-
-    /// Bytes of a point's attributes.
-    pub fn stride(&self) -> usize {
-        self.stride
-    }
-
-    /// Number of points in a bucket.
-    pub fn points_in(&self, bucket: usize) -> u64 {
-        self.buckets[bucket].points
-    }
-
-    /// Number of points in all buckets.
-    pub fn point_count(&self) -> u64 {
-        self.buckets.iter().map(|bucket| bucket.points).sum()
-    }
-
-    /// Hands the points of `bucket` to `visit`, a chunk at a time, in no order.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`], and what `visit` returns.
-    pub fn read(&self, bucket: usize, visit: impl FnMut(&[[T; 3]]) -> Result<()>) -> Result<()> {
-        self.read_share(bucket, 0..u64::MAX, visit)
-    }
-
-    /// The same for a share of them: those with numbers in `share`, in an order that stays the same once the buckets are filled.
-    ///
-    /// # Errors
-    /// The same as [`Buckets::read`].
-    pub fn read_share(
+    fn read_share(
         &self,
         bucket: usize,
         share: Range<u64>,
         mut visit: impl FnMut(&[[T; 3]]) -> Result<()>,
     ) -> Result<()> {
+        self.compare(bucket)?;
         let bucket = &self.buckets[bucket];
         let mut before = 0;
         // Of the next so many points, those that are of the share.
@@ -316,11 +443,8 @@ impl<T: Coordinate> Buckets<T> {
         }
     }
 
-    /// Hands the points of `bucket` to `visit` with the records of their attributes, a chunk at a time, in no order.
-    ///
-    /// # Errors
-    /// The same as [`Buckets::read`].
-    pub fn read_attributes(&self, bucket: usize, mut visit: impl FnMut(&[[T; 3]], &[u8]) -> Result<()>) -> Result<()> {
+    fn read_attributes(&self, bucket: usize, mut visit: impl FnMut(&[[T; 3]], &[u8]) -> Result<()>) -> Result<()> {
+        self.compare(bucket)?;
         let bucket = &self.buckets[bucket];
         let Some(page_file) = &self.page_file else {
             return bucket.held.iter().try_for_each(|chunk| visit(&chunk.points, &chunk.attributes));
@@ -356,7 +480,7 @@ enum Kept<T> {
 impl<T: Coordinate> Filling<T> {
     /// Sorts a block's points into the buckets, and returns the number of the block's records.
     fn sort(&self, batch: &Batch, grid: &Grid, scratch: &mut Scratch<T>) -> Result<u64> {
-        let part = Part { points: T::of(&batch.points), attributes: &batch.attributes };
+        let part = Lent { points: T::of(&batch.points), attributes: &batch.attributes };
         scratch.sort(part, self.stride, grid, self.buckets.len());
         let mut rest = scratch.sorted.part();
         let mut start = 0;
@@ -373,7 +497,7 @@ impl<T: Coordinate> Filling<T> {
     }
 
     /// Adds points to a bucket. `spare` is an empty chunk, and stays one.
-    fn add(&self, bucket: usize, part: Part<'_, T>, spare: &mut Chunk<T>) -> Result<()> {
+    fn add(&self, bucket: usize, part: Lent<'_, T>, spare: &mut Chunk<T>) -> Result<()> {
         let (mut whole, rest) = part.split(part.points.len() / self.chunk * self.chunk, self.stride);
         while !whole.points.is_empty() {
             let (chunk, beyond) = whole.split(self.chunk, self.stride);
@@ -410,7 +534,7 @@ impl<T: Coordinate> Filling<T> {
     }
 
     /// Puts a chunk where it stays.
-    fn kept(&self, part: Part<'_, T>) -> Result<Kept<T>> {
+    fn kept(&self, part: Lent<'_, T>) -> Result<Kept<T>> {
         Ok(match &self.page_file {
             Some(page_file) => Kept::Stored(page_file.put(&[bytemuck::cast_slice(part.points), part.attributes])?),
             None => Kept::Held(Chunk { points: part.points.to_vec(), attributes: part.attributes.to_vec() }),
@@ -429,8 +553,10 @@ impl<T: Coordinate> Filling<T> {
     }
 
     fn filled(self) -> Buckets<T> {
-        let unlocked = self.buckets.into_iter().map(|bucket| bucket.into_inner().expect(NO_PANIC));
-        Buckets { buckets: unlocked.collect(), page_file: self.page_file, chunk: self.chunk, stride: self.stride }
+        let Filling { page_file, chunk, stride, .. } = self;
+        let buckets: Vec<_> = self.buckets.into_iter().map(|bucket| bucket.into_inner().expect(NO_PANIC)).collect();
+        let count = buckets.len();
+        Buckets { parts: vec![Part { buckets, page_file, chunk, stride, written: None }], count, stride }
     }
 
     fn lock(&self, bucket: usize) -> MutexGuard<'_, Bucket<T>> {
@@ -464,22 +590,22 @@ impl<T: Coordinate> Chunk<T> {
         }
     }
 
-    fn extend(&mut self, part: Part<'_, T>) {
+    fn extend(&mut self, part: Lent<'_, T>) {
         self.points.extend_from_slice(part.points);
         self.attributes.extend_from_slice(part.attributes);
     }
 
-    fn part(&self) -> Part<'_, T> {
-        Part { points: &self.points, attributes: &self.attributes }
+    fn part(&self) -> Lent<'_, T> {
+        Lent { points: &self.points, attributes: &self.attributes }
     }
 }
 
-impl<'a, T> Part<'a, T> {
+impl<'a, T> Lent<'a, T> {
     /// The first `points` points, and the others.
-    fn split(self, points: usize, stride: usize) -> (Part<'a, T>, Part<'a, T>) {
+    fn split(self, points: usize, stride: usize) -> (Lent<'a, T>, Lent<'a, T>) {
         let (first, others) = self.points.split_at(points);
         let (attributes, of_others) = self.attributes.split_at(points * stride);
-        (Part { points: first, attributes }, Part { points: others, attributes: of_others })
+        (Lent { points: first, attributes }, Lent { points: others, attributes: of_others })
     }
 }
 
@@ -491,7 +617,7 @@ impl<T> Default for Scratch<T> {
 
 impl<T: Coordinate> Scratch<T> {
     /// A counting sort of points by bucket. Afterwards `counts` says of each bucket where its points end.
-    fn sort(&mut self, part: Part<'_, T>, stride: usize, grid: &Grid, buckets: usize) {
+    fn sort(&mut self, part: Lent<'_, T>, stride: usize, grid: &Grid, buckets: usize) {
         let Scratch { places, counts, sorted, .. } = self;
         let points = part.points;
         counts.clear();
@@ -576,7 +702,7 @@ mod tests {
             assert_eq!(before.iter().map(|(points, ..)| points.len()).collect::<Vec<_>>(), [39_600, 0, 400]);
             assert_eq!(context.workspace.peak_on_disk(), 0);
             buckets.leave_memory(&context).unwrap();
-            assert!(buckets.buckets.iter().all(|bucket| bucket.held.is_empty()));
+            assert!(buckets.parts[0].buckets.iter().all(|bucket| bucket.held.is_empty()));
             assert_eq!(context.workspace.peak_on_disk(), u64::from(points) * 16);
             assert!(all(&buckets) == before);
         });

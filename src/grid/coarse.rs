@@ -15,6 +15,8 @@ use std::collections::BTreeSet;
 use std::sync::RwLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use serde::{Deserialize, Serialize};
+
 use crate::points::Coordinate;
 use crate::points::bounds::Bounds;
 
@@ -42,17 +44,60 @@ const SMALLEST: i32 = -1000;
 pub struct Sketching(RwLock<CoarseGrid>);
 
 /// The cells of a cloud.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(into = "Sparse", try_from = "Sparse")]
 pub struct CoarseGrid {
     exponent: i32,
     bounds: Bounds,
     words: Vec<AtomicU64>,
 }
 
+/// The same as it is saved: of the words, those that are not zero.
+#[derive(Serialize, Deserialize)]
+struct Sparse {
+    exponent: i32,
+    bounds: Bounds,
+    words: Vec<(u32, u64)>,
+}
+
+impl From<CoarseGrid> for Sparse {
+    fn from(coarse_grid: CoarseGrid) -> Sparse {
+        let CoarseGrid { exponent, bounds, words } = coarse_grid;
+        let words = (0..).zip(words.into_iter().map(AtomicU64::into_inner)).filter(|(_, word)| *word != 0);
+        Sparse { exponent, bounds, words: words.collect() }
+    }
+}
+
+impl TryFrom<Sparse> for CoarseGrid {
+    type Error = String;
+
+    fn try_from(sparse: Sparse) -> Result<CoarseGrid, String> {
+        let mut coarse_grid = CoarseGrid { exponent: sparse.exponent, bounds: sparse.bounds, ..CoarseGrid::default() };
+        for (number, word) in sparse.words {
+            let there = coarse_grid.words.get_mut(number as usize);
+            *there.ok_or_else(|| format!("there is no word {number}"))?.get_mut() = word;
+        }
+        Ok(coarse_grid)
+    }
+}
+
+impl Clone for CoarseGrid {
+    fn clone(&self) -> CoarseGrid {
+        let words = self.words.iter().map(|word| AtomicU64::new(word.load(Ordering::Relaxed)));
+        CoarseGrid { exponent: self.exponent, bounds: self.bounds, words: words.collect() }
+    }
+}
+
+impl Default for CoarseGrid {
+    fn default() -> CoarseGrid {
+        let words = (0..SIDE.pow(3) / 64).map(|_| AtomicU64::new(0)).collect();
+        CoarseGrid { exponent: SMALLEST, bounds: Bounds::EMPTY, words }
+    }
+}
+
 impl Default for Sketching {
     fn default() -> Self {
-        let words = (0..SIDE.pow(3) / 64).map(|_| AtomicU64::new(0)).collect();
-        Sketching(RwLock::new(CoarseGrid { exponent: SMALLEST, bounds: Bounds::EMPTY, words }))
+        Sketching(RwLock::new(CoarseGrid::default()))
     }
 }
 

@@ -16,7 +16,7 @@ pub const SHOWS: u32 = 32;
 ///              first ^        ^ end
 ///   grid  |##|##|  |  |  |#|
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 struct Gap {
     /// The raw planes that are left out.
     first: u32,
@@ -33,7 +33,7 @@ impl Gap {
 }
 
 /// What is left out along an axis.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Gaps {
     cuts: [Gap; MOST],
     count: usize,

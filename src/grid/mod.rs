@@ -31,7 +31,7 @@ use crate::settings::{AxisChoice, Resolution};
 pub const CELLS_LIMIT: u32 = (1 << 20) - 1;
 
 /// A rotation of the file's axes: its rows are the turned axes, of length 1 and at right angles.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Rotation([[f64; 3]; 3]);
 
 impl Rotation {
@@ -75,7 +75,7 @@ pub type Cell = [u32; 3];
 ///                  | /     corner (i, j, k) lies at min + w * (i, j, k)
 ///                  +-----> x
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Grid {
     axis: Axis,
     bounds: Bounds,

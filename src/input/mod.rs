@@ -19,8 +19,11 @@ mod places;
 mod spooled;
 pub mod tally;
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::format::e57;
@@ -270,7 +273,35 @@ impl<'a> Cloud<'a> {
         let sieve =
             Sieve::new(&self.filter, self.carried(carried), self.formats.iter().map(|format| format.attributes()));
         let (precision, verdict) = (self.precision, self.verdict.clone());
-        Blocks { waiting: self.formats.iter().enumerate(), current: None, precision, sieve: Arc::new(sieve), verdict }
+        let waiting = self.formats.iter().enumerate();
+        Blocks { waiting, current: None, within: None, precision, sieve: Arc::new(sieve), verdict }
+    }
+
+    /// The input cut into `count` segments, or fewer if there are fewer blocks, each of about as many blocks.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or is malformed.
+    pub fn segments(&self, carried: Carried, count: usize) -> Result<Vec<Segment>> {
+        let mut of_source = vec![0u64; self.sources.len()];
+        let mut blocks = self.blocks(carried);
+        while let Some(block) = blocks.next_block()? {
+            of_source[block.source] += 1;
+        }
+        let all: u64 = of_source.iter().sum();
+        let count = (count as u64).clamp(1, all.max(1));
+        let mut segments = vec![Segment::default(); count as usize];
+        let mut before = 0;
+        for (source, blocks) in of_source.into_iter().enumerate() {
+            for (segment, number) in segments.iter_mut().zip(0..) {
+                let end = |number: u64| (all * number / count).clamp(before, before + blocks) - before;
+                let within = end(number)..end(number + 1);
+                if !within.is_empty() {
+                    segment.0.push((source, within));
+                }
+            }
+            before += blocks;
+        }
+        Ok(segments)
     }
 
     /// Which points count now.
@@ -323,7 +354,23 @@ impl<'a> Cloud<'a> {
         work: impl Fn(&Batch) -> Result<R> + Sync,
         sink: impl FnMut(R) -> Result<()>,
     ) -> Result<()> {
-        let mut blocks = self.blocks(carried);
+        self.for_each_batch_of(None, workers, in_flight, carried, work, sink)
+    }
+
+    /// The same of a segment, or of everything if there is none.
+    ///
+    /// # Errors
+    /// The same as [`Cloud::for_each_batch`].
+    pub fn for_each_batch_of<R: Send>(
+        &self,
+        segment: Option<&Segment>,
+        workers: &Workers,
+        in_flight: usize,
+        carried: Carried,
+        work: impl Fn(&Batch) -> Result<R> + Sync,
+        sink: impl FnMut(R) -> Result<()>,
+    ) -> Result<()> {
+        let mut blocks = Blocks { within: segment, ..self.blocks(carried) };
         let batches = Spares::<Option<Batch>>::default();
         let outcome = workers.in_order(
             in_flight,
@@ -385,14 +432,33 @@ pub enum Carried {
     Only(&'static [&'static str]),
 }
 
-/// One pass over a cloud.
+/// A part of the input: of some files, some of the blocks, by the file's number and theirs.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Segment(pub Vec<(usize, Range<u64>)>);
+
+impl Segment {
+    /// The blocks of a file that belong to it.
+    fn of(&self, source: usize) -> Range<u64> {
+        self.0.iter().find(|(of, _)| *of == source).map_or(0..0, |(_, blocks)| blocks.clone())
+    }
+}
+
+/// One pass over a cloud, or a segment of it.
 pub struct Blocks<'a> {
     waiting: std::iter::Enumerate<std::slice::Iter<'a, Arc<dyn PointFormat + 'a>>>,
-    /// The number of the file that is read, and its blocks.
-    current: Option<(usize, Box<dyn BlockCutter<'a> + 'a>)>,
+    current: Option<Current<'a>>,
+    within: Option<&'a Segment>,
     precision: Precision,
     sieve: Arc<Sieve>,
     verdict: Option<Arc<dyn Verdict>>,
+}
+
+/// The file that is read.
+struct Current<'a> {
+    source: usize,
+    cutter: Box<dyn BlockCutter<'a> + 'a>,
+    /// Of the blocks that are left, those that are wanted.
+    left: Range<u64>,
 }
 
 impl<'a> Blocks<'a> {
@@ -402,16 +468,25 @@ impl<'a> Blocks<'a> {
     /// If a file cannot be read, changed its length since it was looked at, or is malformed.
     pub fn next_block(&mut self) -> Result<Option<Block<'a>>> {
         loop {
-            if let Some((source, cutter)) = &mut self.current {
-                if let Some(records) = cutter.next()? {
-                    let (sieve, verdict) = (Arc::clone(&self.sieve), self.verdict.clone());
-                    return Ok(Some(Block { records, source: *source, precision: self.precision, sieve, verdict }));
+            if let Some(Current { source, cutter, left }) = &mut self.current {
+                let source = *source;
+                let records = if left.end > 0 { cutter.next()? } else { None };
+                let Some(records) = records else {
+                    self.current = None;
+                    continue;
+                };
+                let before = left.start > 0;
+                *left = left.start.saturating_sub(1)..left.end - 1;
+                if before {
+                    continue;
                 }
-                self.current = None;
+                let (sieve, verdict) = (Arc::clone(&self.sieve), self.verdict.clone());
+                return Ok(Some(Block { records, source, precision: self.precision, sieve, verdict }));
             }
-            match self.waiting.next() {
-                Some((source, format)) => self.current = Some((source, format.cut(&self.sieve.decoded)?)),
-                None => return Ok(None),
+            let Some((source, format)) = self.waiting.next() else { return Ok(None) };
+            let left = self.within.map_or(0..u64::MAX, |segment| segment.of(source));
+            if !left.is_empty() {
+                self.current = Some(Current { source, cutter: format.cut(&self.sieve.decoded)?, left });
             }
         }
     }

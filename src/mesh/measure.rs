@@ -157,6 +157,17 @@ impl Sums {
         sums
     }
 
+    /// All its numbers, and from them.
+    pub(crate) fn numbers(self) -> [f64; 8] {
+        let ([a, b, c], [x, y, z]) = (self.vector_area.to_array(), self.origin.to_array());
+        [self.area, a, b, c, x, y, z, self.volume]
+    }
+
+    /// [`Sums::numbers`], taken back.
+    pub(crate) fn of_numbers([area, a, b, c, x, y, z, volume]: [f64; 8]) -> Sums {
+        Sums { area, vector_area: DVec3::new(a, b, c), origin: DVec3::new(x, y, z), volume }
+    }
+
     /// The volume relative to `origin`: of a closed mesh the same for every origin.
     pub fn volume_about(&self, origin: DVec3) -> f64 {
         self.volume + (self.origin - origin).dot(self.vector_area) / 3.0

@@ -72,6 +72,8 @@ struct Part {
     faces: Spool,
     /// The first vertex and the first triangle that are read: those before were cut off.
     from: [u64; 2],
+    /// The vertex and the triangle behind the last that are read, unless all are.
+    until: Option<[u64; 2]>,
     /// The number in the mesh of the first vertex that is read, and of the first triangle.
     first: [u64; 2],
 }
@@ -97,7 +99,7 @@ impl MeshSpool {
         let share = in_memory / (vertex + record + faces);
         let [vertices, attributes] = [share * vertex, share * record].map(|quota| workspace.spool(quota));
         let faces = workspace.spool(in_memory - share * (vertex + record));
-        let part = Part { vertices, attributes, faces, from: [0; 2], first: [0; 2] };
+        let part = Part { vertices, attributes, faces, from: [0; 2], until: None, first: [0; 2] };
         MeshSpool { precision, origin: [0.0; 3], schema, parts: vec![part], narrowed: Vec::new() }
     }
 
@@ -107,6 +109,14 @@ impl MeshSpool {
     pub fn cut(mut self, vertices: u64, faces: u64) -> MeshSpool {
         let [part] = &mut self.parts[..] else { panic!("a mesh of one part is cut") };
         part.from = [vertices, faces];
+        self
+    }
+
+    /// [`MeshSpool::cut`] at both ends: of its vertices and its triangles, those within ranges.
+    #[must_use]
+    pub fn within(mut self, [vertices, faces]: [Range<u64>; 2]) -> MeshSpool {
+        let [part] = &mut self.parts[..] else { panic!("a mesh of one part is cut") };
+        (part.from, part.until) = ([vertices.start, faces.start], Some([vertices.end, faces.end]));
         self
     }
 
@@ -121,7 +131,7 @@ impl MeshSpool {
 
     /// The mesh in spools of its vertices, attributes and triangles, which may hold some already.
     pub fn in_spools(precision: Precision, schema: Schema, [vertices, attributes, faces]: [Spool; 3]) -> MeshSpool {
-        let part = Part { vertices, attributes, faces, from: [0; 2], first: [0; 2] };
+        let part = Part { vertices, attributes, faces, from: [0; 2], until: None, first: [0; 2] };
         MeshSpool { precision, origin: [0.0; 3], schema, parts: vec![part], narrowed: Vec::new() }
     }
 
@@ -193,11 +203,12 @@ impl MeshSpool {
 
     /// How many vertices (0) or triangles (1) a part has that are read.
     fn of_part(&self, part: &Part, kind: usize) -> u64 {
-        let all = match kind {
-            0 => part.vertices.len() / (3 * self.precision.bytes() as u64),
-            _ => part.faces.len() / size_of::<FaceRecord>() as u64,
+        let end = match (part.until, kind) {
+            (Some(until), _) => until[kind],
+            (None, 0) => part.vertices.len() / (3 * self.precision.bytes() as u64),
+            (None, _) => part.faces.len() / size_of::<FaceRecord>() as u64,
         };
-        all - part.from[kind]
+        end - part.from[kind]
     }
 
     fn count(&self, kind: usize) -> u64 {

@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::points::scalar::{Column, Endian, Reader, Scalar, reader};
 
 /// One attribute.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Attribute {
     /// Its name, the same whatever a file calls it: `intensity`, `red`, `classification`.
     pub name: String,
@@ -148,7 +148,7 @@ fn absent(name: &str, all: &[Attribute]) -> Error {
 }
 
 /// The attributes of a cloud's points, in the order in which a point's record holds them.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Schema {
     attributes: Vec<Attribute>,
 }

@@ -1,7 +1,7 @@
 //! Axes and boxes of the file's coordinates.
 
 /// An axis of the file's coordinates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Axis {
     /// The first coordinate.
@@ -34,7 +34,7 @@ impl Axis {
 }
 
 /// The axis-parallel box of a cloud, in the file's coordinates.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Bounds {
     /// The least coordinates.
     pub min: [f64; 3],

@@ -13,7 +13,7 @@ pub mod vector;
 use bytemuck::Pod;
 
 /// The precision in which a file stores coordinates; the whole cloud takes the wider of its files'.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// Every coordinate is exactly an `f32`.

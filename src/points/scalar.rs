@@ -43,7 +43,7 @@ impl fmt::Display for Endian {
 }
 
 /// The type of a stored number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Scalar {
     /// 8-bit signed integer.
     I8,

@@ -222,6 +222,21 @@ pub(crate) fn bare_earth(
     Ok(Some(report))
 }
 
+/// Leaves of a cloud the points on the ground, if the settings ask for these and name the classes that tell it.
+///
+/// # Errors
+/// [`Error::InvalidSetting`] if they do not name classes; [`Error::Usage`] if there are no classes to go by.
+pub(crate) fn keep_ground(cloud: &mut Cloud, settings: &Settings) -> Result<()> {
+    match settings.classes {
+        _ if !is_asked(settings) => Ok(()),
+        Classes::Of(classes) => cloud.keep_classes(&classes.iter().collect::<Vec<_>>()),
+        _ => {
+            let words = "`classes`: tasks do not look at all points for what is ground; name its classes, as in `classes` 2,9, or reconstruct in one run";
+            Err(Error::setting("classes", words.into()))
+        }
+    }
+}
+
 /// Finds out what tells the ground.
 fn told(
     cloud: &Cloud,

@@ -41,6 +41,8 @@ pub struct ClosedCells {
     pub occupied: u64,
     /// Cells with points, but too few to be occupied.
     pub sparse: u64,
+    /// What counts for each slice's memory ([`vertices::weights`]), if that was looked at already.
+    pub weights: Option<Vec<u32>>,
 }
 
 /// What is kept of saved cells beside their slices.
@@ -77,8 +79,15 @@ impl ClosedCells {
         let Closed { solid, occupancy, falls, .. } = &self.closed;
         let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
         let means = plane::bytes(&occupancy.in_slice, solid.cells, workload.smooth);
-        let faces = vertices::weights(solid, context)?;
-        Ok(workload.with_faces_of_slices(&faces, *falls).with_fit(fit).with_buckets(&points).with_means(means))
+        let counted;
+        let faces = match &self.weights {
+            Some(weights) => weights,
+            None => {
+                counted = vertices::weights(solid, context)?;
+                &counted
+            }
+        };
+        Ok(workload.with_faces_of_slices(faces, *falls).with_fit(fit).with_buckets(&points).with_means(means))
     }
 
     /// Moves what lies in memory of the cells to disk.
@@ -100,6 +109,7 @@ impl ClosedCells {
         let mut out = SectionWriter::new(work, PHASE)?;
         let Closed { solid, occupancy, how, falls, components } = &self.closed;
         let (occupancy, solid) = (occupancy.save(&mut out)?, solid.save(&mut out)?);
+        out.values(self.weights.as_deref().unwrap_or_default())?;
         let (file, sections) = out.finish();
         let &ClosedCells { counted, shell, narrow, occupied, sparse, .. } = self;
         let (how, falls, components) = (how.clone(), *falls, *components);
@@ -122,8 +132,24 @@ impl ClosedCells {
             let solid = Solid::load(&saved.solid, &mut sections, context)?;
             let Saved { how, falls, components, counted, shell, narrow, occupied, sparse, .. } = saved;
             let closed = Closed { solid, occupancy, how, falls, components };
-            Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse })
+            let weights: Vec<u32> = sections.values()?;
+            let weights = (!weights.is_empty()).then_some(weights);
+            if weights.as_ref().is_some_and(|weights| weights.len() != closed.solid.cells[1] as usize) {
+                return Err(work.damaged(file, "it has not a weight for each slice"));
+            }
+            Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights })
         })
+    }
+}
+
+impl ClosedCells {
+    /// With what counts for each slice's memory, for those who are going to need it more than once.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Interrupted`].
+    pub(super) fn weighed(self, context: &Context) -> Result<ClosedCells> {
+        let weights = Some(vertices::weights(&self.closed.solid, context)?);
+        Ok(ClosedCells { weights, ..self })
     }
 }
 
@@ -195,7 +221,7 @@ pub(super) fn closed_cells<T: Coordinate>(
         How::Sign(parted) if parted.is_sealed() => closed.solid.narrow_handles(&closed.occupancy, context)?,
         _ => NarrowHandles::default(),
     };
-    Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse })
+    Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights: None })
 }
 
 /// What was closed, with what that filled opened again where the points say so.

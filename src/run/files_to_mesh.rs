@@ -5,6 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Instant;
 
+use serde_json::Value;
+
 use crate::error::words::thousands;
 use crate::error::{Error, Result, defect};
 use crate::format::tiles3d::is_named;
@@ -12,9 +14,10 @@ use crate::format::write::territory::Territories;
 use crate::format::write::tiles::{Division, Tiles};
 use crate::format::write::{Filled, Positions, Target, Written};
 use crate::grid::bucket;
+use crate::grid::context::Context;
 use crate::grid::survey::boxes_of_sources;
 use crate::input::{Cloud, STANDARD_INPUT};
-use crate::mesh::check::check_near;
+use crate::mesh::check::{CheckReport, check_near};
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 #[cfg(feature = "render")]
@@ -26,7 +29,7 @@ use crate::run::identity;
 use crate::run::job::{Check, Job, default_output_of};
 use crate::run::mesh_header::header_of;
 use crate::run::phase::Phase;
-use crate::run::pipeline::reconstruct;
+use crate::run::pipeline::{context, reconstruct};
 use crate::run::prepare::{Passes, describe, expected_tiles, files, known, open, planned, surveyed};
 #[cfg(feature = "render")]
 use crate::run::preview::{DrawnPreview, PlannedPreview};
@@ -34,14 +37,18 @@ use crate::run::progress::Progress;
 use crate::run::pyramid::TilesetTarget;
 use crate::run::report::{OutputReport, Report};
 use crate::run::simplification::{Lengths, simplified};
+use crate::run::surface::Reconstructed;
+use crate::run::surveyed::Surveyed;
+use crate::settings::Settings;
 use crate::storage::atomic_file::Overwrite;
+use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
 
 /// Seconds from which on a run is told that it need not begin anew.
 const LONG: f64 = 600.0;
 
 /// The phase in which outputs get their names, as the work folder names it.
-const OUTPUT: &str = "output";
+pub(super) const OUTPUT: &str = "output";
 
 /// Whether this run may have named this output before it was ended.
 fn has_output_of(work: &WorkFolder, output: &Path) -> bool {
@@ -84,9 +91,9 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
 /// # Errors
 /// All of [`Error`]. Whatever happens, no temporary file stays, and the output exists only if it is whole.
 pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Report> {
-    let Some(folder) = &job.resources.work else { return run_in(job, None, workers, progress) };
+    let Some(folder) = &job.resources.work else { return run_in(job, Source::Points(None), workers, progress) };
     let work = Arc::new(WorkFolder::open(folder)?);
-    match run_in(job, Some(&work), workers, progress) {
+    match run_in(job, Source::Points(Some(&work)), workers, progress) {
         Ok(report) => work.finish(OUTPUT).map(|()| report),
         // Nothing is there that a run could go on from.
         Err(error) if !work.has_begun() => Err(work.finish(OUTPUT).err().unwrap_or(error)),
@@ -105,8 +112,66 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     }
 }
 
-fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress: &mut Progress) -> Result<Report> {
+/// What a run makes its mesh of.
+pub(super) enum Source<'a> {
+    /// The points; phases stay in a folder, if there is one.
+    Points(Option<&'a Arc<WorkFolder>>),
+    /// What was made of them before.
+    Made(&'a dyn MadeBefore),
+}
+
+/// A mesh that was made of a job's points before, by whomever, and is to be finished.
+pub(super) trait MadeBefore {
+    /// The folder in which it is said what gets its name.
+    fn folder(&self) -> &Arc<WorkFolder>;
+
+    /// What is known of the cloud, and settings as its points settle them.
+    fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings);
+
+    /// The mesh.
+    ///
+    /// # Errors
+    /// Whatever is in the way of reading it.
+    fn reconstructed(&self, settings: &Settings, context: &Context, progress: &mut Progress) -> Result<Reconstructed>;
+
+    /// What its check found, if that was made, too.
+    ///
+    /// # Errors
+    /// Whatever is in the way of reading that.
+    fn checked(
+        &self,
+        mesh: &MeshSpool,
+        budget: u64,
+        workers: &Workers,
+        workspace: &Workspace,
+    ) -> Result<Option<CheckReport>>;
+}
+
+/// Refuses an output that cannot be written, or that takes the place of an input.
+///
+/// # Errors
+/// [`Error::Usage`], [`Error::OutputExists`], [`Error::InvalidSetting`]; those of making a file there.
+pub(super) fn refuse_output(job: &Job, files: &[PathBuf]) -> Result<()> {
+    let output = match &job.output {
+        Some(output) => output.clone(),
+        None => default_output_of(&job.inputs, files)?,
+    };
+    refuse_input_as_output(files, &output)?;
+    let positions = positions_of(&output, job)?;
+    match division(job, files)? {
+        None if is_named(&output) => TilesetTarget::prepare(&output, job.overwrite).map(drop),
+        None => Target::prepare(&output, job.overwrite, positions).map(drop),
+        Some(division) => Tiles::prepare(&output, division, job.overwrite, positions).map(drop),
+    }
+}
+
+pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress: &mut Progress) -> Result<Report> {
     let start = Instant::now();
+    let (work, outputs) = match source {
+        Source::Points(work) => (work, work),
+        // Who finishes tasks has no folder for itself, but says there what it gives its name.
+        Source::Made(made) => (None, Some(made.folder())),
+    };
     let files = files(job, progress)?;
     if work.is_some() && files.iter().any(|file| file == Path::new(STANDARD_INPUT)) {
         let message = "`work`: standard input cannot be read again by a run that goes on; write it to a file first";
@@ -118,7 +183,7 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     };
     refuse_input_as_output(&files, &output)?;
     let mut job = job.clone();
-    if work.is_some_and(|work| has_output_of(work, &output)) {
+    if outputs.is_some_and(|work| has_output_of(work, &output)) {
         // It was named, and then the run was ended.
         job.overwrite = Overwrite::Replace;
     }
@@ -142,7 +207,8 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     let beside_output = if is_named(&output) { TilesetTarget::folder(&output)? } else { &*output };
     let workspace = job.resources.workspace(beside_output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
-    let mut cloud = open(job, &files, &workspace, workers, Passes::All, progress)?;
+    let passes = if let Source::Made(_) = source { Passes::Few } else { Passes::All };
+    let mut cloud = open(job, &files, &workspace, workers, passes, progress)?;
     let job = &job.measured_as(&cloud)?;
     if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
         tiles.divide_by(Division::Squares(side));
@@ -151,9 +217,17 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     describe(&cloud, &job.settings, progress);
     let budget = job.resources.budget();
     beside.measure_as(&Beside::of(job)?);
-    let ground = bare_earth(&mut cloud, &job.settings, &mut beside, budget, workers, &workspace, progress)?;
-    let left = budget_beside(&job.settings, budget, workers);
-    let (mut surveyed, settings) = surveyed(&cloud, &job.settings, workers, left, progress)?;
+    let (ground, left) = match source {
+        Source::Points(_) => (
+            bare_earth(&mut cloud, &job.settings, &mut beside, budget, workers, &workspace, progress)?,
+            budget_beside(&job.settings, budget, workers),
+        ),
+        Source::Made(_) => (None, budget),
+    };
+    let (mut surveyed, settings) = match source {
+        Source::Points(_) => surveyed(&cloud, &job.settings, workers, left, progress)?,
+        Source::Made(made) => made.surveyed(&job.settings),
+    };
     if let Place::Tileset(_) = &target {
         surveyed.workload = surveyed.workload.with_levels();
     }
@@ -165,14 +239,17 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     }
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     if let Some(work) = work {
-        identity::begin(work, &files, &cloud, &job.input, &settings, &surveyed)?;
+        identity::begin(work, &files, &cloud, &job.input, (&settings, &surveyed), Value::Null)?;
         if work.is_done(bucket::PHASE) {
             progress.note(&format!("going on with what lies in {}", work.path().display()));
         }
     }
-    let planned = planned(&cloud, surveyed, &settings, (workers, &workspace), left, work.cloned(), progress);
+    let planned = match source {
+        Source::Points(_) => planned(&cloud, surveyed, &settings, (workers, &workspace), left, work.cloned(), progress),
+        Source::Made(_) => context(&surveyed, workers, &workspace, left).map(|context| (surveyed, context)),
+    };
     let (surveyed, context) = planned.map_err(whole)?;
-    if work.is_none() && progress.seconds_left().is_some_and(|seconds| seconds > LONG) {
+    if outputs.is_none() && progress.seconds_left().is_some_and(|seconds| seconds > LONG) {
         progress.note("this run is going to take more than ten minutes: with `work` DIR, the same command goes on from where it was ended");
     }
     #[cfg(feature = "render")]
@@ -182,7 +259,10 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
-    let mut made = reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
+    let mut made = match source {
+        Source::Points(_) => reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?,
+        Source::Made(made) => made.reconstructed(&settings, &context, progress)?,
+    };
 
     if job.settings.may_be_empty() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
@@ -202,7 +282,14 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
     if job.check == Check::Always {
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
         let budget = made.memory.working;
-        let mut work = || check_near(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
+        let mut work = || {
+            let by_tasks = match source {
+                Source::Points(_) => None,
+                Source::Made(before) => before.checked(&made.mesh, budget, workers, &workspace)?,
+            };
+            let here = || check_near(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
+            by_tasks.map_or_else(here, Ok)
+        };
         // Neither needs the other, and only what is sound gets its name. Where the mesh lies in memory, there is room for both.
         let (report, filled) = match made.memory.mesh_quota {
             0 => (work(), Ok(target)),
@@ -234,7 +321,7 @@ fn run_in(job: &Job, work: Option<&Arc<WorkFolder>>, workers: &Workers, progress
         Place::Filled(_) => 0,
     };
     progress.begin(Phase::Write, Some(elements));
-    if let Some(work) = work.filter(|work| !has_output_of(work, &output)) {
+    if let Some(work) = outputs.filter(|work| !has_output_of(work, &output)) {
         // An earlier run may have named another.
         work.set_aside(OUTPUT)?;
         work.commit(OUTPUT, Vec::new(), output.display().to_string().into())?;

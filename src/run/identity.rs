@@ -33,34 +33,83 @@ pub(super) fn begin(
     files: &[PathBuf],
     cloud: &Cloud,
     input: &InputOptions,
-    settings: &Settings,
-    surveyed: &Surveyed,
+    (settings, surveyed): (&Settings, &Surveyed),
+    tasks: Value,
 ) -> Result<()> {
-    let mut inputs = Map::new();
-    for file in files {
-        inputs.insert(file.canonicalize().unwrap_or_else(|_| file.clone()).display().to_string(), of_file(file)?);
-    }
+    let inputs = of_files(files)?;
     let job = json!({
         "program": program(),
         "settings": of_settings(settings, input),
         "inputs": inputs,
         "attributes": format!("{:?}", cloud.schema()),
         "grid": of_grid(surveyed),
+        "tasks": tasks,
     });
     let Some(Difference { at, there, here }) = work.begin(&job)? else { return Ok(()) };
     // Inputs first: a changed input changes the grid, too.
-    let changed = at.strip_prefix("inputs.").and_then(|at| at.rsplit_once('.'));
-    if let Some((path, what)) = changed {
-        return Err(Error::Changed {
-            path: PathBuf::from(path),
-            expected: format!("what the run in {} began with, of {what} {there}", work.path().display()),
-            found: format!("{what} {here}"),
-        });
+    if let Some(changed) = changed(work, &at, (&there, &here)) {
+        return Err(changed);
+    }
+    if at.starts_with("tasks") && (there == "null") != (here == "null") {
+        return Err(Error::Usage(match here.as_str() {
+            "null" => format!(
+                "{0}: holds tasks, which `asra-stream work {0}` does; choose another `work` for a run by itself",
+                work.path().display()
+            ),
+            _ => format!("{}: holds a run by itself; choose another `work` for tasks", work.path().display()),
+        }));
     }
     Err(Error::Usage(format!(
         "{}: holds another run: its `{at}` is {there}, and this run's is {here}; give the command that began it, or another `work`",
         work.path().display()
     )))
+}
+
+/// An input that has changed, if that is the difference.
+fn changed(work: &WorkFolder, at: &str, (there, here): (&str, &str)) -> Option<Error> {
+    let (path, what) = at.strip_prefix("inputs.")?.rsplit_once('.')?;
+    Some(Error::Changed {
+        path: PathBuf::from(path),
+        expected: format!("what the run in {} began with, of {what} {there}", work.path().display()),
+        found: format!("{what} {here}"),
+    })
+}
+
+/// Compares this program, and files of the input, with what is written down in the folder of tasks.
+///
+/// # Errors
+/// [`Error::Changed`] with an input that has changed; [`Error::Usage`] if another program planned the tasks; [`Error::Io`].
+pub(super) fn compare(work: &WorkFolder, files: &[PathBuf]) -> Result<()> {
+    let job = work.job()?.unwrap_or_default();
+    let Value::Object(inputs) = of_files(files)? else { unreachable!("files are told by their names") };
+    for (path, here) in inputs {
+        let there = &job["inputs"][&path];
+        for (what, here) in here.as_object().into_iter().flatten() {
+            let there = &there[what];
+            if there != here {
+                let (there, here) = (there.to_string(), here.to_string());
+                return Err(changed(work, &format!("inputs.{path}.{what}"), (&there, &here))
+                    .unwrap_or_else(|| Error::Internal("an input without a name".into())));
+            }
+        }
+    }
+    let (there, here) = (&job["program"], program());
+    if *there != here {
+        return Err(Error::Usage(format!(
+            "{}: the tasks were planned by another program: by {there}, and this is {here}; all processes need the same",
+            work.path().display()
+        )));
+    }
+    Ok(())
+}
+
+/// What tells one state of the inputs from another, by their names.
+fn of_files(files: &[PathBuf]) -> Result<Value> {
+    let mut inputs = Map::new();
+    for file in files {
+        inputs.insert(file.canonicalize().unwrap_or_else(|_| file.clone()).display().to_string(), of_file(file)?);
+    }
+    Ok(Value::Object(inputs))
 }
 
 /// The program: a later version may place vertices otherwise.

@@ -42,6 +42,7 @@ mod summary;
 pub mod surface;
 mod surface_log;
 pub mod surveyed;
+pub mod tasks;
 #[cfg(any(test, feature = "internals"))]
 #[doc(hidden)]
 pub mod testing;

@@ -5,7 +5,7 @@
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
-use crate::grid::bucket::Buckets;
+use crate::grid::bucket::{self, Buckets, Compared};
 use crate::grid::context::Context;
 use crate::input::{Carried, Cloud};
 use crate::nearest::bridged::with_bridged;
@@ -64,12 +64,13 @@ fn reconstruct_as<T: Coordinate>(
         with_bridged(cloud.schema())?;
     }
     let work = context.work.as_deref();
-    let kept = work.map(|work| Buckets::committed(work, &surveyed.grid, context)).transpose()?.flatten();
+    let kept = |work| Buckets::committed(work, [bucket::PHASE.to_owned()], &surveyed.grid, Compared::Now, context);
+    let kept = work.map(kept).transpose()?.flatten();
     let buckets: Buckets<T> = match kept {
         Some(buckets) => buckets,
         None => {
             let buckets = bucketed(cloud, surveyed, context, progress)?;
-            work.map_or(Ok(()), |work| buckets.commit(work))?;
+            work.map_or(Ok(()), |work| buckets.commit(work, bucket::PHASE))?;
             buckets
         }
     };
@@ -82,7 +83,7 @@ fn reconstruct_as<T: Coordinate>(
             cells
         }
     };
-    surface_of(cloud, surveyed, settings, (buckets, cells), context, progress)
+    surface_of(cloud.schema(), surveyed, settings, (buckets, cells), context, progress)
 }
 
 /// The points, sorted.

@@ -1,5 +1,6 @@
 //! The last phase of a run's pipeline: from closed cells and sorted points to the mesh.
 
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use crate::error::{Error, Result};
@@ -7,9 +8,9 @@ use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::{REACH, Slabs, buckets_of, halo, slab_count, slices_of};
-use crate::input::Cloud;
 use crate::mesh::spool::{Frame, MeshSpool};
 use crate::nearest::bridged::Bridging;
+use crate::points::attribute::Schema;
 use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
@@ -21,6 +22,7 @@ use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::surface_log::{MadeBefore, SurfaceLog};
 use crate::run::surveyed::Surveyed;
+use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::close::{Closed, How};
@@ -77,19 +79,15 @@ pub struct Reconstructed {
 /// # Errors
 /// [`Error::Io`]; [`Error::Budget`] if a slab turns out to be more than the budget can hold; [`Error::Interrupted`].
 pub(super) fn surface_of<T: Coordinate>(
-    cloud: &Cloud,
+    schema: &Schema,
     surveyed: &Surveyed,
     settings: &Settings,
     (mut buckets, mut cells): (Buckets<T>, ClosedCells),
     context: &Context,
     progress: &mut Progress,
 ) -> Result<Reconstructed> {
-    let Surveyed { survey, grid, workload, .. } = surveyed;
-    let surface = SurfaceOptions {
-        fit: settings.surface.fit.chosen(cells.shell.is_some_and(|shell| shell.is_noisy())),
-        ..settings.surface
-    };
-    let workload = cells.counted_workload(workload, surface.fit, &buckets, context)?;
+    let fit = surface_options(settings, &cells).fit;
+    let workload = cells.counted_workload(&surveyed.workload, fit, &buckets, context)?;
     let memory = context.memory.with_surface(&workload)?;
     if memory.buckets_quota < context.memory.buckets_quota {
         buckets.leave_memory(context)?;
@@ -97,33 +95,109 @@ pub(super) fn surface_of<T: Coordinate>(
     if memory.store_quota < context.memory.store_quota {
         cells.leave_memory()?;
     }
-    let ClosedCells { closed, counted, shell, narrow, occupied, sparse } = cells;
-    let Closed { solid, occupancy, .. } = &closed;
-    let sampled = Sampled { buckets: &buckets, occupied: &occupancy.store, grid, counted };
+    let counted = (&workload, &memory);
+    let of = (&buckets, &cells);
+    let stitched = with_slabs((None, counted), surveyed, settings, of, context, progress, |slabs| {
+        let Slabwise { slabs, ranges, faces, begun, means } = slabs;
+        if let Some(work) = &context.work {
+            let (mut log, MadeBefore { mesh, checkpoint, whole }) =
+                SurfaceLog::open(work, (T::PRECISION, schema), context)?;
+            let mut stitcher = begun(mesh, &checkpoint);
+            let first = if whole { slabs } else { stitcher.next() };
+            (0..first).for_each(means.taken);
+            let mut number = first;
+            let made = means.workers.in_order_range(
+                means.in_flight,
+                (slabs - first) as usize,
+                |job| (means.make)(first + job as u32),
+                |slab| {
+                    (means.taken)(number);
+                    number += 1;
+                    stitcher.add(slab)?.into_iter().for_each(|slab| means.spares.give(slab));
+                    log.tell(&mut stitcher)
+                },
+            );
+            if let Err(Error::Interrupted) = made {
+                log.tell_now(&mut stitcher)?;
+            }
+            made?;
+            let mut stitched = stitcher.finish()?;
+            if !whole {
+                log.end(&mut stitched, slabs)?;
+            }
+            return Ok(stitched);
+        }
+        let all = faces(0..slabs);
+        let stitcher = |piece: usize, from: &Checkpoint| {
+            // Each has its share of what the mesh may take of memory.
+            let quota = match ranges.len() {
+                1 => memory.mesh_quota,
+                _ => {
+                    let of_piece = u128::from(faces(ranges[piece].clone()));
+                    (u128::from(memory.mesh_quota) * of_piece / u128::from(all.max(1))) as u64
+                }
+            };
+            begun(MeshSpool::with_attributes(&context.workspace, T::PRECISION, schema.clone(), quota), from)
+        };
+        pieces::stitch(ranges, &Means { stitcher: &stitcher, ..means })
+    })?;
+    reconstructed(stitched, surveyed, settings, (&buckets, cells), memory, context, progress)
+}
 
+/// What slabs are made and stitched with.
+pub(super) struct Slabwise<'s, 'g, T> {
+    /// How many there are.
+    pub slabs: u32,
+    /// The pieces that are stitched side by side in a process.
+    pub ranges: &'s [Range<u32>],
+    /// The faces of slabs.
+    pub faces: &'s (dyn Fn(Range<u32>) -> u64 + Sync),
+    /// A stitcher that appends to a mesh.
+    pub begun: &'s (dyn Fn(MeshSpool, &Checkpoint) -> Stitcher<'g, T> + Sync),
+    /// All but what stitchers append to.
+    pub means: Means<'s, 'g, T>,
+}
+
+/// Has the slabs of closed cells stitched, by a workload that was counted and the plan that came of it. Progress is that of the slabs `within` a range, or of all.
+///
+/// # Errors
+/// [`Error::Budget`] if a slab turns out to be more than the budget can hold; those of `stitch`.
+pub(super) fn with_slabs<T: Coordinate, R>(
+    (within, (workload, memory)): (Option<Range<u32>>, (&Workload, &MemoryPlan)),
+    surveyed: &Surveyed,
+    settings: &Settings,
+    (buckets, cells): (&Buckets<T>, &ClosedCells),
+    context: &Context,
+    progress: &mut Progress,
+    stitch: impl FnOnce(Slabwise<'_, '_, T>) -> Result<R>,
+) -> Result<R> {
+    let Surveyed { survey, grid, .. } = surveyed;
+    let Closed { solid, occupancy, .. } = &cells.closed;
+    let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted: cells.counted };
+    let surface = surface_options(settings, cells);
     let smooth = surface.smooth;
     let partition = Slabs::of(&surface);
     let faces_of_slab = |number: u32| {
         let slab = slices_of(number, partition, solid.cells[1]);
         solid.faces[slab.start as usize..slab.end as usize].iter().map(|f| u64::from(*f)).sum::<u64>()
     };
+    let faces = |numbers: Range<u32>| numbers.map(faces_of_slab).sum::<u64>();
     let slabs = slab_count(partition, solid.cells[1]);
     let points_of_slab = |number: u32| {
         let of_slab = buckets_of(slices_of(number, partition, solid.cells[1]));
         let of_slab = of_slab.start as usize..(of_slab.end as usize).min(buckets.count());
         of_slab.map(|bucket| buckets.points_in(bucket)).sum::<u64>()
     };
-    let work = |faces: u64, points: u64| forecast::surface(2.0 * faces as f64, points as f64);
-    let faces: u64 = (0..slabs).map(faces_of_slab).sum();
-    let all = work(faces, survey.points).max(1.0);
-    progress.learn(|known| known.triangles = 2 * faces);
+    let work = |number: u32| forecast::surface(2.0 * faces_of_slab(number) as f64, points_of_slab(number) as f64);
+    let within = within.unwrap_or(0..slabs);
+    let all = within.clone().map(work).sum::<f64>().max(1.0);
+    let faces_within = faces(within);
+    progress.learn(|known| known.triangles = 2 * faces_within);
     context.memory.between_phases(&context.workers);
-    progress.begin(Phase::Surface, Some(faces));
-    let jobs = memory.slab_jobs(&workload)?;
-    let origin = origin(T::PRECISION, &survey.bounds);
-    let schema = cloud.schema();
-    let frame = Frame { origin, precision: T::PRECISION };
-    let trimmed = closed.solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
+    progress.begin(Phase::Surface, Some(faces_within));
+    let jobs = memory.slab_jobs(workload)?;
+    let frame = Frame { origin: origin(T::PRECISION, &survey.bounds), precision: T::PRECISION };
+    let trimmed = solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
     let begun = |mesh: MeshSpool, from: &Checkpoint| Stitcher::resumed(grid, halo(smooth), frame, mesh, trimmed, from);
     let making = Making { solid, sampled: &sampled, options: surface, frame, jobs };
     let written: Spares<SlabMesh<T>> = Spares::default();
@@ -136,63 +210,52 @@ pub(super) fn surface_of<T: Coordinate>(
     };
     let told = Mutex::new((&mut *progress, 0.0));
     let taken = |number: u32| {
-        let (faces, points) = (faces_of_slab(number), points_of_slab(number));
         let (progress, done) = &mut *told.lock().unwrap_or_else(PoisonError::into_inner);
-        *done += work(faces, points);
-        progress.add_weighed(faces, *done / all);
+        *done += work(number);
+        progress.add_weighed(faces_of_slab(number), *done / all);
     };
-    let stitched = if let Some(work) = &context.work {
-        let (mut log, MadeBefore { mesh, checkpoint, whole }) =
-            SurfaceLog::open(work, (T::PRECISION, schema), context)?;
-        let mut stitcher = begun(mesh, &checkpoint);
-        let first = if whole { slabs } else { stitcher.next() };
-        (0..first).for_each(taken);
-        let mut number = first;
-        let made = context.workers.in_order_range(
-            jobs.in_flight(),
-            (slabs - first) as usize,
-            |job| make(first + job as u32),
-            |slab| {
-                taken(number);
-                number += 1;
-                stitcher.add(slab)?.into_iter().for_each(|slab| written.give(slab));
-                log.tell(&mut stitcher)
-            },
-        );
-        if let Err(Error::Interrupted) = made {
-            log.tell_now(&mut stitcher)?;
-        }
-        made?;
-        let mut stitched = stitcher.finish()?;
-        if !whole {
-            log.end(&mut stitched, slabs)?;
-        }
-        stitched
-    } else {
-        let ranges = jobs.ranges(&workload);
-        let stitcher = |piece: usize, from: &Checkpoint| {
-            let of_piece: u64 = ranges[piece].clone().map(faces_of_slab).sum();
-            // Each has its share of what the mesh may take of memory.
-            let quota = match ranges.len() {
-                1 => memory.mesh_quota,
-                _ => (u128::from(memory.mesh_quota) * u128::from(of_piece) / u128::from(faces.max(1))) as u64,
-            };
-            begun(MeshSpool::with_attributes(&context.workspace, T::PRECISION, schema.clone(), quota), from)
-        };
-        let means = Means {
-            workers: &context.workers,
-            in_flight: jobs.in_flight(),
-            stitcher: &stitcher,
-            make: &make,
-            taken: &taken,
-            spares: &written,
-        };
-        pieces::stitch(&ranges, &means)?
+    let ranges = jobs.ranges(workload);
+    let unasked =
+        |_: usize, _: &Checkpoint| -> Stitcher<'_, T> { unreachable!("whoever stitches says what to append to") };
+    let means = Means {
+        workers: &context.workers,
+        in_flight: jobs.in_flight(),
+        stitcher: &unasked,
+        make: &make,
+        taken: &taken,
+        spares: &written,
     };
-    let Stitched { mesh, mut counts, seams } = stitched;
+    let stitched = stitch(Slabwise { slabs, ranges: &ranges, faces: &faces, begun: &begun, means })?;
     drop(written);
     memory.between_phases(&context.workers);
     progress.end();
+    Ok(stitched)
+}
+
+/// The options of a surface, with what its shell of points has chosen.
+pub(super) fn surface_options(settings: &Settings, cells: &ClosedCells) -> SurfaceOptions {
+    let fit = settings.surface.fit.chosen(cells.shell.is_some_and(|shell| shell.is_noisy()));
+    SurfaceOptions { fit, ..settings.surface }
+}
+
+/// The stitched mesh with all that is to be told of its making; measured and trimmed, if that is asked for.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Interrupted`].
+pub(super) fn reconstructed<T: Coordinate>(
+    stitched: Stitched,
+    surveyed: &Surveyed,
+    settings: &Settings,
+    (buckets, cells): (&Buckets<T>, ClosedCells),
+    memory: MemoryPlan,
+    context: &Context,
+    progress: &mut Progress,
+) -> Result<Reconstructed> {
+    let Surveyed { survey, grid, .. } = surveyed;
+    let fit = surface_options(settings, &cells).fit;
+    let ClosedCells { closed, counted, shell, narrow, occupied, sparse, .. } = cells;
+    let origin = origin(T::PRECISION, &survey.bounds);
+    let Stitched { mesh, mut counts, seams } = stitched;
     let (mesh, trimmed) = match settings.bridged || settings.trim.is_some() {
         true => {
             let trim = settings.trim.map(|d| d.length(Some(grid.cell_size()), survey.bounds.longest_side()));
@@ -201,6 +264,7 @@ pub(super) fn surface_of<T: Coordinate>(
                 trim: trim.transpose()?,
                 reach: f64::from(REACH) * grid.cell_size(),
             };
+            let sampled = Sampled { buckets, occupied: &closed.occupancy.store, grid, counted };
             measured(mesh, asked, &mut counts, (&sampled, origin), (&memory, context), progress)?
         }
         false => (mesh, None),
@@ -216,7 +280,7 @@ pub(super) fn surface_of<T: Coordinate>(
         components: closed.components,
         columns: closed.solid.ground.as_ref().map(|ground| ground.found),
         solid: closed.solid.volume,
-        fit: surface.fit,
+        fit,
         shell: shell.filter(|_| settings.surface.fit == Fit::Auto),
         counts,
         seams,

@@ -28,9 +28,6 @@ use crate::storage::work::store::NamedFile;
 /// The phase, as the work folder names it.
 const PHASE: &str = "surface";
 
-/// Bytes that are compared with their checksum at a time.
-const PIECE: usize = 1 << 20;
-
 /// A line of the journal.
 #[derive(Debug, Serialize, Deserialize)]
 struct Line {
@@ -174,16 +171,7 @@ fn is_as_written(
         if extent.from != from || extent.to < from || extent.to > length {
             return Ok(false);
         }
-        let mut piece = vec![0; PIECE.min((extent.to - from) as usize)];
-        let (mut hasher, mut at) = (crc32fast::Hasher::new(), from);
-        while at < extent.to {
-            context.workers.check_cancelled()?;
-            piece.truncate((extent.to - at).min(PIECE as u64) as usize);
-            file.file.read_at(&mut piece, at).map_err(work.failed("read"))?;
-            hasher.update(&piece);
-            at += piece.len() as u64;
-        }
-        if hasher.finalize() != extent.crc {
+        if !work.is_as_written(file, extent, &context.workers)? {
             return Ok(false);
         }
     }

@@ -1,5 +1,7 @@
 //! The first phase of a run: the survey, which lays the grid, and the rehearsal, which tells how many faces to expect.
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::coarse::CoarseGrid;
@@ -21,7 +23,7 @@ use crate::solid::heightfield;
 use crate::storage::spool::Workspace;
 
 /// A surveyed cloud on its grid: all that is known before the first point is sorted.
-#[derive(Debug)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Surveyed {
     /// What the survey found.
     pub survey: Survey,

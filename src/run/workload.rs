@@ -18,7 +18,7 @@ use crate::surface::plane;
 const COLUMN: (u64, u64) = (17, 5);
 
 /// What the plan is made from.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Workload {
     /// Number of points.
     pub points: u64,
@@ -59,7 +59,7 @@ pub struct Workload {
 }
 
 /// What the plan must know of the survey.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct SurveyWorkload {
     /// Blocks that the input comes in, as far as is known.
     pub blocks: u64,
@@ -103,7 +103,7 @@ impl SurveyWorkload {
 }
 
 /// The most points of a bucket, and of as many in a row as are looked at round a plane.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct PointWorkload {
     /// The most points of one bucket.
     pub bucket: u64,
@@ -112,7 +112,7 @@ pub struct PointWorkload {
 }
 
 /// What the plan must know of columns.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ColumnWorkload {
     /// Columns of a slice.
     pub of_slice: u32,

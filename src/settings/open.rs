@@ -5,7 +5,7 @@ use std::str::FromStr;
 use crate::points::bounds::{Axis, Bounds};
 
 /// The kind of an open surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Kind {
@@ -107,8 +107,14 @@ impl serde::Serialize for Facing {
     }
 }
 
+impl<'de> serde::Deserialize<'de> for Facing {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> std::result::Result<Facing, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
 /// The width of a hole.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Hole {
@@ -147,7 +153,7 @@ impl FromStr for Hole {
 }
 
 /// Options of an open surface.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Open {
     /// The kind of surface.

@@ -16,6 +16,7 @@
 //! nothing is written of it: what the seam makes of slab a is what matters, and how slab a calls those of slab a - 1's vertices that it was closed over. All from slab a
 //! on comes out as in one run, with vertices numbered from where the [`Checkpoint`] says: those of slab a - 1 come just before, below zero if that is the first number.
 
+pub mod apart;
 pub mod checkpoint;
 pub mod counts;
 pub mod numbers;

@@ -77,7 +77,7 @@ pub struct Making<'a, T> {
 }
 
 /// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::vertices::weights`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Size {
     /// Its own.
     pub faces: u64,

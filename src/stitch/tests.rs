@@ -1,5 +1,6 @@
 //! Seams that are said to be clean come out the same where stitching begins at them; and what must not move does not, with all that would have moved with it.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
@@ -24,6 +25,7 @@ use crate::settings::open::Open;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::close::{ClosingOptions, close, close_below};
+use crate::stitch::apart::{self, Apart, Chain, Link, Of};
 use crate::stitch::checkpoint::Checkpoint;
 use crate::stitch::pieces::{self, Means};
 use crate::stitch::reach::{OFF, Part};
@@ -242,6 +244,47 @@ impl Stitching<'_> {
         Ok(written(&stitched))
     }
 
+    /// The mesh of pieces that are made apart from each other, and the bridges that it needed.
+    fn apart(&self, ranges: &[Range<u32>], workers: &Workers) -> (Written, usize) {
+        let slabs = self.slabs.len() as u32;
+        let means = Means {
+            workers,
+            in_flight: 2,
+            stitcher: &|_, from| self.stitcher(from),
+            make: &|number| self.slab(number),
+            taken: &|_| (),
+            spares: &Spares::default(),
+        };
+        let (mut meshes, pieces): (Vec<MeshSpool>, Vec<Apart>) =
+            ranges.iter().map(|range| apart::piece(range.clone(), slabs, &means).unwrap()).unzip();
+        let mut records = BTreeMap::new();
+        let mut bridges = BTreeMap::new();
+        for from in apart::bridges(&pieces) {
+            assert!(apart::chain(&pieces, &records).unwrap().is_none() || !records.is_empty());
+            let (mesh, bridge) = apart::bridge(from, &pieces, slabs, &means).unwrap();
+            let text = serde_json::to_string(&bridge).unwrap();
+            assert_eq!(serde_json::from_str::<Apart>(&text).unwrap(), bridge);
+            bridges.insert(from, mesh);
+            records.insert(from, bridge);
+        }
+        let Chain { links, counts, seams } = apart::chain(&pieces, &records).unwrap().unwrap();
+        let mut whole: Option<MeshSpool> = None;
+        for Link { of, within } in links {
+            let mesh = match of {
+                Of::Piece(number) => {
+                    std::mem::replace(&mut meshes[number], self.stitcher(&Checkpoint::at(0)).mesh.mesh)
+                }
+                Of::Bridge(number) => bridges.remove(&number).unwrap(),
+            };
+            let mesh = mesh.within(within);
+            match &mut whole {
+                Some(whole) => whole.join(mesh),
+                None => whole = Some(mesh),
+            }
+        }
+        (written(&Stitched { mesh: whole.unwrap(), counts, seams }), records.len())
+    }
+
     fn slab(&self, number: u32) -> Result<SlabMesh<f32>> {
         Ok(self.slabs[number as usize].clone())
     }
@@ -285,6 +328,31 @@ fn from_a_clean_seam_on_all_is_written_as_in_one_run() {
     }
     assert!(clean > 100 && changed > 50, "{clean} of {all} are clean, {changed} of them changed something");
     assert!(clean < all - 50, "{clean} of {all} are clean");
+}
+
+/// Whatever slabs pieces begin with that know nothing of each other, all is written as by one.
+#[test]
+fn pieces_that_are_made_apart_give_one_mesh() {
+    let workers = Workers::new(2).unwrap();
+    let (mut sets, mut bridges) = (0, 0);
+    for slab_slices in [None, Some(8), Some(12)] {
+        for case in cases(24..26, slab_slices) {
+            Stitching::of(&case, |stitching| {
+                let (whole, _) = stitching.run(&Checkpoint::at(0));
+                let count = stitching.slabs.len() as u32;
+                let every = |n: u32| (1..count).filter(|k| k % n == 0).collect::<Vec<u32>>();
+                for boundaries in [every(1), every(2), every(3), every(5), vec![]] {
+                    let starts: Vec<u32> = std::iter::once(0).chain(boundaries).collect();
+                    let ends = starts[1..].iter().copied().chain([count]);
+                    let ranges: Vec<Range<u32>> = starts.iter().copied().zip(ends).map(|(from, to)| from..to).collect();
+                    let (apart, needed) = stitching.apart(&ranges, &workers);
+                    assert_eq!(apart, whole, "{case:?}, {ranges:?}");
+                    (sets, bridges) = (sets + 1, bridges + needed);
+                }
+            });
+        }
+    }
+    assert!(bridges > sets / 2, "{bridges} bridges of {sets} sets");
 }
 
 /// Whatever slabs pieces begin with, all is written as by one.

@@ -14,7 +14,19 @@ Examples:
 pub const PLAN: &str = "\
 Examples:
   asra-stream plan scans/ --max-memory 4G     does it fit, and how many triangles will it have?
-  asra-stream plan city.laz --tile 100m --json";
+  asra-stream plan city.laz --tile 100m --json
+  asra-stream plan tiles/ -o city.ply --work /shared/city --processes 16
+                                              a run for 16 processes, as tasks in a folder that all can reach";
+
+pub const TASKS: &str = "\
+Examples:
+  asra-stream tasks /shared/city              what is done, what can be done, what has to wait
+  asra-stream tasks /shared/city --ready --json";
+
+pub const WORK: &str = "\
+Examples:
+  asra-stream work /shared/city --any         in each process, on any machine: does what can be done, until all is
+  asra-stream work /shared/city bucket/0 bucket/1";
 
 pub const INFO: &str = "\
 Examples:

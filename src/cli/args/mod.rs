@@ -6,7 +6,10 @@ mod generate;
 mod meshes;
 mod runs;
 mod shared;
+mod tasks;
 mod values;
+
+use std::ffi::OsString;
 
 use clap::{Args, Parser, Subcommand};
 use clap_complete::Shell;
@@ -17,6 +20,7 @@ pub use self::meshes::{
 };
 pub use self::runs::{InfoArguments, PlanArguments, ReconstructArguments};
 pub use self::shared::overwrite;
+pub use self::tasks::{Shard, TasksArguments, WorkArguments};
 use crate::run::progress::Show;
 
 /// Turns point clouds too large for memory into watertight triangle meshes, without normals.
@@ -34,14 +38,29 @@ pub struct Arguments {
     /// What to reconstruct.
     #[command(flatten)]
     pub reconstruct: ReconstructArguments,
+    /// What was typed behind the program's name, for others to read again.
+    #[arg(skip)]
+    pub typed: Vec<OsString>,
 }
 
 impl Arguments {
+    /// What was typed, of which the first is the program's name.
+    ///
+    /// # Errors
+    /// Those of the parser, help and version among them.
+    pub fn read(typed: impl IntoIterator<Item = OsString>) -> Result<Arguments, clap::Error> {
+        let typed: Vec<OsString> = typed.into_iter().collect();
+        let arguments = Arguments::try_parse_from(&typed)?;
+        Ok(Arguments { typed: typed.into_iter().skip(1).collect(), ..arguments })
+    }
+
     /// How progress is to be shown.
     pub fn show(&self) -> Show {
         match &self.command {
             None => self.reconstruct.talk.show(),
-            Some(Command::Plan(plan)) => plan.progress.show(),
+            Some(Command::Plan(plan)) => plan.run.talk.show(),
+            Some(Command::Work(work)) => work.talk.show(),
+            Some(Command::Tasks(_)) => Show::Nothing,
             Some(Command::Info(info)) => info.progress.show(),
             Some(Command::Check(check)) => check.talk.show(),
             Some(Command::Compare(compare)) => compare.talk.show(),
@@ -60,7 +79,13 @@ impl Arguments {
 pub enum Command {
     #[command(after_help = examples::PLAN)]
     /// Show what a reconstruction would take (memory, disk, slices, triangles, tiles), without doing it
-    Plan(PlanArguments),
+    Plan(Box<PlanArguments>),
+    #[command(after_help = examples::TASKS)]
+    /// List the tasks of a run that several processes do together, and how it stands with each
+    Tasks(TasksArguments),
+    #[command(after_help = examples::WORK)]
+    /// Do tasks of a run that several processes do together
+    Work(WorkArguments),
     #[command(after_help = examples::INFO)]
     /// Show what is in the input: layout, points and how densely they lie, reference system and its unit, box, classes and returns, grid
     Info(InfoArguments),

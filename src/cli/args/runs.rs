@@ -70,7 +70,8 @@ pub struct ReconstructArguments {
     /// Write a report of the run as JSON; an existing one is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Keep what is done in this folder: the same command given again goes on from where the run was ended. It is removed at the end
+    /// Keep what is done in this folder: the same command given again goes on from where the run was ended. It is removed at the end. With plan, write the run down
+    /// there as tasks, which any number of processes do with asra-stream work
     #[arg(long, value_name = "DIR", help_heading = "Resources")]
     pub work: Option<PathBuf>,
     /// How much is said.
@@ -90,18 +91,12 @@ pub struct PlanArguments {
     /// Write what is found as JSON, see docs/info-and-plan.md
     #[arg(long)]
     pub json: bool,
-    /// Write a file for each square of this side, in the input's units or as in 100m, and an index, in the folder city.tiles for city.ply: PLY and GLB; at most 100,000
-    #[arg(long, value_name = "SIDE", value_parser = side, allow_negative_numbers = true)]
-    pub tile: Option<InUnit<f64>>,
-    /// How progress is told: auto is a bar on a terminal, else lines with the time of day; json is an object a line, see docs/progress.md
-    #[arg(long, value_name = "HOW", value_enum, default_value_t, hide_possible_values = true)]
-    pub progress: ProgressWord,
-    /// The cloud and how it would be meshed.
+    /// With --work: for so many processes side by side, so many tasks are there to do at a time
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), default_value_t = 8, requires = "work", help_heading = "Resources")]
+    pub processes: u16,
+    /// The run that the plan is of: its options stay as they are.
     #[command(flatten)]
-    pub cloud: CloudArguments,
-    /// Memory, disk, threads.
-    #[command(flatten)]
-    pub resources: ResourceArguments,
+    pub run: ReconstructArguments,
 }
 
 /// Arguments of `info`.
@@ -158,16 +153,6 @@ impl ReconstructArguments {
             check,
             ..job
         })
-    }
-}
-
-impl PlanArguments {
-    /// The job they describe.
-    ///
-    /// # Errors
-    /// The same as [`ReconstructArguments::job`].
-    pub fn job(&self) -> Result<Job> {
-        Ok(tiled(self.cloud.job(self.resources.resources())?, self.tile))
     }
 }
 

@@ -5,7 +5,7 @@ use super::noise::noise;
 use super::sampling_distance::{middle, sampling_distance};
 
 /// How densely points lie, and how far from their surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Density {
     /// The mean distance between neighbouring samples; none of a single place.
     pub distance: Option<f64>,

@@ -13,7 +13,7 @@ use crate::points::{Batch, Coordinate, Points};
 use crate::resources::workers::Workers;
 
 /// What the first pass over the points finds.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Survey {
     /// Finite points.
     pub points: u64,
@@ -33,7 +33,7 @@ impl Survey {
 }
 
 /// What the first pass is to find beside the points' number, their box and their cells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Wanted {
     /// Nothing.
     Extent,

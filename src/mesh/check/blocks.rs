@@ -37,6 +37,11 @@ impl Blocks {
         Ok(spans)
     }
 
+    /// The spans of all blocks.
+    pub fn all(&self) -> &[(u32, u32)] {
+        &self.spans
+    }
+
     /// Appends blocks.
     pub fn extend(&mut self, spans: &[(u32, u32)]) {
         self.spans.extend_from_slice(spans);

@@ -20,7 +20,7 @@ use super::components::root;
 const WALKED: usize = 32;
 
 /// What the vertices of a part of the mesh have shown. Edges are counted at their smaller vertex.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Tally {
     /// Vertices of at least one triangle.
     pub used: u64,

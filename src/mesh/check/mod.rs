@@ -19,6 +19,7 @@ mod components;
 pub(crate) mod job;
 mod link;
 mod report;
+pub(crate) mod shard;
 mod survey;
 #[cfg(test)]
 mod tests;
@@ -28,7 +29,8 @@ use glam::DVec3;
 
 use self::job::{Check, Plan};
 pub use self::report::CheckReport;
-use self::vertices::Bounds;
+use self::survey::Survey;
+use self::vertices::{Bounds, Found};
 use super::measure::Sums;
 use super::{MeshSource, check_vertex_count};
 use crate::error::Result;
@@ -76,18 +78,34 @@ impl Check<'_> {
     fn run(&self, progress: &mut dyn FnMut(u64)) -> Result<CheckReport> {
         let scratch = Spares::default();
         let triangles = self.mesh.face_count();
-        let mut survey = self.survey(&scratch, &mut |done| progress(done / 2))?;
-        self.measure_far(&mut survey.sums, &scratch)?;
-        let sums = survey.sums.iter().flatten().fold(Sums::NONE, |sum, group| sum.plus(*group));
-
-        let found = self.vertices(&survey.blocks, &scratch, &mut |done| progress(triangles / 2 + done / 2))?;
+        let mut survey = self.survey(0..self.groups(), &scratch, &mut |done| progress(done / 2))?;
+        self.measure_far(0, &mut survey.sums, &scratch)?;
+        let vertices = self.mesh.vertex_count();
+        let ranges = self.ranges(&survey.blocks, vertices);
+        let mut done = 0;
+        let mut found = |found: Found, hand: &mut dyn FnMut(Found) -> Result<()>| {
+            hand(found)?;
+            done += 1;
+            progress(triangles / 2 + (u128::from(triangles) * done / ranges as u128) as u64 / 2);
+            Ok(())
+        };
+        let found =
+            self.together(|hand| self.vertices(&survey.blocks, 0..vertices, &scratch, |one| found(one, hand)))?;
         drop(scratch);
+        let report = self.report(&survey, found)?;
+        progress(triangles);
+        Ok(report)
+    }
+
+    /// What all triangles and all vertices have shown.
+    fn report(&self, survey: &Survey, found: Found) -> Result<CheckReport> {
+        let triangles = self.mesh.face_count();
+        let sums = survey.sums.iter().flatten().fold(Sums::NONE, |sum, group| sum.plus(*group));
         let (tally, sound) = (&found.tally, triangles - survey.degenerate);
         let mut components = found.sets;
         if tally.nonmanifold_vertices > 0 {
             components = sound - self.merges_by_edges(&survey.blocks)?;
         }
-        progress(triangles);
 
         let euler = tally.used as i64 - tally.edges as i64 + sound as i64;
         let closed = tally.edges > 0 && tally.boundary == 0 && tally.nonmanifold_edges == 0;

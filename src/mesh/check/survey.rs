@@ -1,5 +1,7 @@
 //! The first look at every triangle: where its vertices lie, what it measures.
 
+use std::ops::Range;
+
 use super::blocks::Blocks;
 use super::job::{Check, Scratch};
 use crate::error::Result;
@@ -15,13 +17,24 @@ pub(super) struct Survey {
 }
 
 impl Check<'_> {
-    pub(super) fn survey(&self, scratch: &Spares<Scratch>, progress: &mut dyn FnMut(u64)) -> Result<Survey> {
-        let groups = self.mesh.face_count().div_ceil(GROUP as u64) as usize;
+    /// Number of groups.
+    pub(super) fn groups(&self) -> usize {
+        self.mesh.face_count().div_ceil(GROUP as u64) as usize
+    }
+
+    /// Looks at the triangles of groups.
+    pub(super) fn survey(
+        &self,
+        groups: Range<usize>,
+        scratch: &Spares<Scratch>,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<Survey> {
+        let first_group = groups.start;
         let blocks = Blocks::new(self.plan.block);
         let mut survey = Survey { blocks: Blocks::new(self.plan.block), degenerate: 0, sums: Vec::new() };
         let look = |group: usize| {
             scratch.lend(|scratch| {
-                let first = self.read_group(group, &mut scratch.faces)?;
+                let first = self.read_group(first_group + group, &mut scratch.faces)?;
                 let spans = blocks.spans(first, &scratch.faces, self.mesh.vertex_count())?;
                 let degenerate = scratch.faces.iter().filter(|face| is_degenerate(**face)).count() as u64;
                 let wide = |(low, high): (u32, u32)| (high - low) as usize >= self.plan.window;
@@ -32,7 +45,7 @@ impl Check<'_> {
                 Ok((spans, degenerate, Some(Sums::of(&scratch.faces, &scratch.corners.table))))
             })
         };
-        self.workers.in_order_range(self.plan.in_flight, groups, look, |(spans, degenerate, sums)| {
+        self.workers.in_order_range(self.plan.in_flight, groups.len(), look, |(spans, degenerate, sums)| {
             survey.blocks.extend(&spans);
             survey.degenerate += degenerate;
             survey.sums.push(sums);
@@ -42,15 +55,20 @@ impl Check<'_> {
         Ok(survey)
     }
 
-    /// Measures the groups that the survey left out, several at once since each batch may read all vertices.
-    pub(super) fn measure_far(&self, sums: &mut [Option<Sums>], scratch: &Spares<Scratch>) -> Result<()> {
+    /// Measures the groups that the survey left out, of those from `first_group` on, several at once since each batch may read all vertices.
+    pub(super) fn measure_far(
+        &self,
+        first_group: usize,
+        sums: &mut [Option<Sums>],
+        scratch: &Spares<Scratch>,
+    ) -> Result<()> {
         let far: Vec<usize> = (0..sums.len()).filter(|&group| sums[group].is_none()).collect();
         let batches: Vec<&[usize]> = far.chunks((self.plan.far / GROUP).max(1)).collect();
         let measure = |batch: usize| {
             scratch.lend(|scratch| {
                 let mut faces = Vec::new();
                 for &group in batches[batch] {
-                    self.read_group(group, &mut scratch.faces)?;
+                    self.read_group(first_group + group, &mut scratch.faces)?;
                     faces.extend_from_slice(&scratch.faces);
                 }
                 scratch.corners.fill(self.mesh, &mut faces, self.plan.window)?;

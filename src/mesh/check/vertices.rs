@@ -36,11 +36,33 @@ pub(super) struct Found {
     /// Sets of edges of one triangle that hang together at vertices.
     pub loops: u64,
     /// Edges of one triangle.
-    boundary: Vec<[u32; 2]>,
-    /// Edges that leave the range upwards, from the root of their lower end's set.
-    leaving: Vec<[u32; 2]>,
-    /// Vertices that edges reach from below, with their set's root, where they are not that themselves.
-    reached: Vec<[u32; 2]>,
+    pub boundary: Vec<[u32; 2]>,
+    /// Vertices of sets that hang together with those of other ranges: edges that leave the range upwards, from the root of their lower end's set; and vertices that edges
+    /// reach from below, with their set's root, where they are not that themselves.
+    pub joins: Vec<[u32; 2]>,
+}
+
+impl Found {
+    /// Nothing yet.
+    pub fn nothing() -> Found {
+        Found {
+            tally: Tally::default(),
+            nonfinite: 0,
+            bounds: Bounds::EMPTY,
+            sets: 0,
+            loops: 0,
+            boundary: Vec::new(),
+            joins: Vec::new(),
+        }
+    }
+
+    /// Adds what another range has shown, but for what hangs together.
+    pub fn add(&mut self, other: &Found) {
+        self.tally.add(&other.tally);
+        self.nonfinite += other.nonfinite;
+        self.bounds = self.bounds.with(other.bounds);
+        self.sets += other.sets;
+    }
 }
 
 impl Check<'_> {
@@ -53,46 +75,44 @@ impl Check<'_> {
         range
     }
 
+    /// Number of ranges that so many vertices are looked at in.
+    pub(super) fn ranges(&self, blocks: &Blocks, vertices: u64) -> usize {
+        vertices.div_ceil(u64::from(self.range_len(blocks))) as usize
+    }
+
+    /// Looks at some vertices, range by range, and hands on what each range has shown, in order.
     pub(super) fn vertices(
         &self,
         blocks: &Blocks,
+        within: Range<u64>,
         scratch: &Spares<Scratch>,
-        progress: &mut dyn FnMut(u64),
-    ) -> Result<Found> {
-        let vertices = self.mesh.vertex_count();
-        let range = self.range_len(blocks);
-        let ranges = vertices.div_ceil(u64::from(range)) as usize;
-        let mut components = Components::new(vertices, self.plan.components, self.workspace);
-        let mut all = Found {
-            tally: Tally::default(),
-            nonfinite: 0,
-            bounds: Bounds::EMPTY,
-            sets: 0,
-            loops: 0,
-            boundary: Vec::new(),
-            leaving: Vec::new(),
-            reached: Vec::new(),
-        };
-        let mut boundary = Queue::new(self.workspace, self.plan.components / 8);
-        let mut done = 0;
+        mut found: impl FnMut(Found) -> Result<()>,
+    ) -> Result<()> {
+        let range = u64::from(self.range_len(blocks));
         let look = |number: usize| {
-            let start = number as u64 * u64::from(range);
-            let end = (start + u64::from(range)).min(vertices);
+            let start = within.start + number as u64 * range;
+            let end = (start + range).min(within.end);
             scratch.lend(|scratch| self.range(blocks, start as u32..end as u32, scratch))
         };
-        self.workers.in_order_range(self.plan.in_flight, ranges, look, |found: Found| {
-            all.tally.add(&found.tally);
-            all.nonfinite += found.nonfinite;
-            all.bounds = all.bounds.with(found.bounds);
-            // A vertex that is reached but not a root is one more node there, and one that is merged at once.
-            all.sets += found.sets + found.reached.len() as u64;
-            for [a, b] in found.leaving.into_iter().chain(found.reached) {
+        let ranges = self.ranges(blocks, within.end - within.start);
+        self.workers.in_order_range(self.plan.in_flight, ranges, look, &mut found)
+    }
+
+    /// All that ranges have shown together; `hand` hands them on, one after the other.
+    pub(super) fn together(
+        &self,
+        hand: impl FnOnce(&mut dyn FnMut(Found) -> Result<()>) -> Result<()>,
+    ) -> Result<Found> {
+        let vertices = self.mesh.vertex_count();
+        let mut components = Components::new(vertices, self.plan.components, self.workspace);
+        let mut all = Found::nothing();
+        let mut boundary = Queue::new(self.workspace, self.plan.components / 8);
+        hand(&mut |found: Found| {
+            all.add(&found);
+            for [a, b] in found.joins {
                 components.join(u64::from(a), u64::from(b))?;
             }
-            found.boundary.into_iter().try_for_each(|edge| boundary.push(edge))?;
-            done += 1;
-            progress((u128::from(self.mesh.face_count()) * done / ranges as u128) as u64);
-            Ok(())
+            found.boundary.into_iter().try_for_each(|edge| boundary.push(edge))
         })?;
         all.sets -= components.merges()?;
         if all.tally.boundary > 0 {
@@ -147,16 +167,19 @@ impl Check<'_> {
         }
         leaving.sort_unstable();
         leaving.dedup();
-        let mut tied = Vec::new();
+        let mut joins = leaving;
+        // A vertex that is reached but not a root is one more node there, and one that is merged at once.
+        let mut sets = tally.used - unions;
         for own in (0..len as u32).filter(|&own| reached[own as usize]) {
             let to = root(parents, own);
             if to != own {
-                tied.push([own + range.start, to + range.start]);
+                joins.push([own + range.start, to + range.start]);
+                sets += 1;
             }
         }
         let (nonfinite, bounds) = self.positions(&range, used, positions)?;
-        let (sets, boundary) = (tally.used - unions, std::mem::take(&mut examiner.boundary));
-        Ok(Found { nonfinite, bounds, sets, loops: 0, boundary, tally, leaving, reached: tied })
+        let boundary = std::mem::take(&mut examiner.boundary);
+        Ok(Found { nonfinite, bounds, sets, loops: 0, boundary, tally, joins })
     }
 
     /// Counts the range's vertices that are not finite; the box holds the others that are used.

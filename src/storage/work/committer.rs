@@ -61,8 +61,7 @@ impl Shared {
 }
 
 impl Committer {
-    /// For tests: the caller waits for each commit.
-    #[cfg(any(test, feature = "internals"))]
+    /// The caller waits for each commit.
     pub fn waiting() -> Committer {
         Committer { beside: Mutex::new(None), shared: Arc::default() }
     }

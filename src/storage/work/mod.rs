@@ -21,7 +21,9 @@ pub mod sections;
 pub mod simulated;
 pub mod store;
 
+use std::collections::BTreeSet;
 use std::fs::{File, Metadata};
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -33,6 +35,8 @@ use serde_json::Value;
 use self::committer::Committer;
 use self::store::{Folder, NamedFile, Store};
 use crate::error::{Error, Result};
+use crate::resources::workers::Workers;
+use crate::storage::spool::Extent;
 use crate::system::{self, Lock, folder};
 
 /// The format of the folder: another number is another format.
@@ -41,6 +45,12 @@ const FORMAT: u64 = 1;
 /// The folder of manifests, and that of what they name.
 pub(crate) const DONE: &str = "done";
 pub(crate) const DATA: &str = "data";
+
+/// Bytes that are compared with their checksum at a time.
+const PIECE: u64 = 1 << 20;
+
+/// The folder of claims of tasks.
+const CLAIMS: &str = "claims";
 
 /// How often a phase that is under way says how far it is.
 const INTERVAL: Duration = Duration::from_secs(10);
@@ -57,13 +67,19 @@ pub struct WorkFolder {
     store: Arc<dyn Store>,
     /// For messages.
     path: PathBuf,
-    /// Part of the names of this run's files.
-    attempt: u32,
+    /// Part of the names of this run's files; of a folder that several processes share, each file has a number of its own.
+    attempt: Option<u32>,
     committer: Committer,
     /// How often a phase that is under way says how far it is.
     interval: Duration,
     /// Holds the lock, where the store is a folder.
     lock: Option<File>,
+}
+
+/// A task that is claimed, until this is dropped or the process ends.
+#[derive(Debug)]
+pub struct Claim {
+    _file: File,
 }
 
 /// A phase that is finished: files, and what else there is to know.
@@ -167,13 +183,105 @@ impl WorkFolder {
         lock: Option<File>,
     ) -> Result<WorkFolder> {
         let path = path.to_path_buf();
-        let mut folder = WorkFolder { store, path, attempt: 0, committer, interval, lock };
-        folder.sweep()?;
+        let mut folder = WorkFolder { store, path, attempt: None, committer, interval, lock };
+        folder.attempt = Some(folder.sweep()?);
         Ok(folder)
     }
 
+    /// A folder of tasks, which lies at `path`, and which any number of processes share.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there is none; [`Error::Io`].
+    pub fn shared(path: &Path) -> Result<WorkFolder> {
+        if !path.join(JOB).is_file() {
+            return Err(Error::Usage(format!(
+                "{}: is no folder of tasks; `plan` INPUT `work` DIR makes one",
+                path.display()
+            )));
+        }
+        let store = Folder::open(path, &[DONE, DATA, CLAIMS]).map_err(Error::io(path, "create the folder"))?;
+        Ok(WorkFolder::shared_store(Arc::new(store), path))
+    }
+
+    /// The same of any store; in which commits are made while the caller waits.
+    pub fn shared_store(store: Arc<dyn Store>, path: &Path) -> WorkFolder {
+        let (path, committer, interval) = (path.to_path_buf(), Committer::waiting(), INTERVAL);
+        WorkFolder { store, path, attempt: None, committer, interval, lock: None }
+    }
+
+    /// Whether the folder is one of tasks.
+    pub fn has_tasks(&self) -> Result<bool> {
+        Ok(self.job()?.is_some_and(|job| !job["tasks"].is_null()))
+    }
+
+    /// What is made here, if it is known.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if what was written down cannot be read any more; [`Error::Io`].
+    pub fn job(&self) -> Result<Option<Value>> {
+        let Some(bytes) = self.contents(JOB)? else { return Ok(None) };
+        Sealed::open(&bytes).map(|sealed| Some(sealed["job"].clone())).ok_or_else(|| self.job_damaged())
+    }
+
+    fn job_damaged(&self) -> Error {
+        let (job, folder) = (self.path.join(JOB), &self.path);
+        Error::Usage(format!("{}: is damaged; remove {} to begin anew", job.display(), folder.display()))
+    }
+
+    /// Claims a task for as long as the claim is held, so that others choose another; None if another process has. It is a courtesy: a task that two processes do is
+    /// done once by whoever is first, and where files cannot be locked, anybody may have any claim.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn claim(&self, phase: &str) -> Result<Option<Claim>> {
+        let name = self.path.join(CLAIMS).join(phase);
+        let file = File::options().write(true).create(true).truncate(false).open(&name);
+        let file = file.map_err(Error::io(&name, "open"))?;
+        match system::lock(&file) {
+            Lock::Taken => Ok(None),
+            Lock::Held | Lock::Unknown => Ok(Some(Claim { _file: file })),
+        }
+    }
+
+    /// Takes away the manifest that names a damaged file, so that it is made again; if it was another process's, it may have done so.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn blame(&self, damaged: &Path) -> Result<()> {
+        let Ok(name) = damaged.strip_prefix(&self.path) else { return Ok(()) };
+        for phase in self.store.list(DONE).map_err(self.failed("read the folder"))? {
+            let Some(phase) = phase.strip_suffix(".json") else { continue };
+            let manifest = self.manifest(phase)?;
+            if manifest.is_some_and(|manifest| manifest.files.iter().any(|file| Path::new(file) == name)) {
+                self.set_aside(phase)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes all files that no manifest names, or that are those of phases which `is_needed` does not know. No other process may be at work here.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn clean(&self, is_needed: impl Fn(&str) -> bool) -> Result<()> {
+        let mut named = Vec::new();
+        for name in self.store.list(DONE).map_err(self.failed("read the folder"))? {
+            if let Some(phase) = name.strip_suffix(".json").filter(|phase| is_needed(phase)) {
+                named.extend(self.manifest(phase)?.into_iter().flat_map(|manifest| manifest.files));
+            }
+        }
+        for name in self.store.list(DATA).map_err(self.failed("read the folder"))? {
+            let name = format!("{DATA}/{name}");
+            if !named.contains(&name) {
+                if_there(self.store.remove(&name)).map_err(self.failed("remove"))?;
+            }
+        }
+        Ok(())
+    }
+
     /// Removes what no manifest names, and finds an attempt's number that no file has.
-    fn sweep(&mut self) -> Result<()> {
+    fn sweep(&self) -> Result<u32> {
+        let mut attempt = 0u32;
         let mut named = Vec::new();
         for name in self.store.list(DONE).map_err(self.failed("read the folder"))? {
             match name.strip_suffix(".json") {
@@ -183,13 +291,13 @@ impl WorkFolder {
         }
         for name in self.store.list(DATA).map_err(self.failed("read the folder"))? {
             let number = name.rsplit_once('.').and_then(|(_, number)| u32::from_str_radix(number, 16).ok());
-            self.attempt = self.attempt.max(number.map_or(0, |number| number.saturating_add(1)));
+            attempt = attempt.max(number.map_or(0, |number| number.saturating_add(1)));
             let name = format!("{DATA}/{name}");
             if !named.contains(&name) {
                 self.store.remove(&name).map_err(self.failed("remove"))?;
             }
         }
-        Ok(())
+        Ok(attempt)
     }
 
     /// The folder.
@@ -208,14 +316,8 @@ impl WorkFolder {
             let made = name_whole(&*self.store, &temporary, JOB, &Sealed::bytes(&job), true);
             return made.map(|()| None).map_err(self.failed("write"));
         };
-        let Some(there) = Sealed::open(&bytes) else {
-            // What was made here may be another job's: nothing of it counts.
-            return Err(Error::Usage(format!(
-                "{}: is damaged; remove {} to begin anew",
-                self.path.join(JOB).display(),
-                self.path.display()
-            )));
-        };
+        // What was made here may be another job's: nothing of it counts.
+        let there = Sealed::open(&bytes).ok_or_else(|| self.job_damaged())?;
         let found = difference("", &there, &job);
         Ok(found.map(|found| Difference { at: found.at.trim_start_matches("job.").to_owned(), ..found }))
     }
@@ -225,9 +327,16 @@ impl WorkFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn create(&self, phase: &str) -> Result<NamedFile> {
-        let name = format!("{DATA}/{phase}.{:08x}", self.attempt);
-        let file = self.store.create(&name).map_err(self.failed("create"))?;
-        Ok(NamedFile { file, name: name.into() })
+        loop {
+            // Random numbers from what the standard library has: no two of a few files have the same.
+            let attempt = self.attempt.unwrap_or_else(|| RandomState::new().build_hasher().finish() as u32);
+            let name = format!("{DATA}/{phase}.{attempt:08x}");
+            match self.store.create(&name) {
+                Ok(file) => return Ok(NamedFile { file, name: name.into() }),
+                Err(error) if self.attempt.is_none() && error.kind() == io::ErrorKind::AlreadyExists => continue,
+                Err(error) => return Err(self.failed("create")(error)),
+            }
+        }
     }
 
     /// A file that a manifest names.
@@ -242,6 +351,27 @@ impl WorkFolder {
         }
     }
 
+    /// Whether a stretch of a file, which is as long as that at least, is what was written.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Interrupted`].
+    pub(crate) fn is_as_written(&self, file: &NamedFile, extent: Extent, workers: &Workers) -> Result<bool> {
+        let Extent { from, to, crc } = extent;
+        if file.file.length().map_err(self.failed("read"))? < to || to < from {
+            return Ok(false);
+        }
+        let mut piece = vec![0; PIECE.min(to - from) as usize];
+        let (mut hasher, mut at) = (crc32fast::Hasher::new(), from);
+        while at < to {
+            workers.check_cancelled()?;
+            piece.truncate((to - at).min(PIECE) as usize);
+            file.file.read_at(&mut piece, at).map_err(self.failed("read"))?;
+            hasher.update(&piece);
+            at += piece.len() as u64;
+        }
+        Ok(hasher.finalize() == crc)
+    }
+
     /// A finished phase's manifest, if it is finished. A manifest that is damaged is set aside.
     ///
     /// # Errors
@@ -253,6 +383,15 @@ impl WorkFolder {
             self.set_aside(phase)?;
         }
         Ok(manifest)
+    }
+
+    /// The phases that are finished, as far as their manifests' names tell: a hint, since a folder that others write to may be listed as it was a while ago.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn done(&self) -> Result<BTreeSet<String>> {
+        let names = self.store.list(DONE).map_err(self.failed("read the folder"))?;
+        Ok(names.iter().filter_map(|name| name.strip_suffix(".json")).map(str::to_owned).collect())
     }
 
     /// Whether a phase is finished, as far as its manifest tells.
@@ -292,18 +431,26 @@ impl WorkFolder {
     ///
     /// # Errors
     /// [`Error::Io`], of an earlier commit, too.
-    pub fn commit(&self, phase: &'static str, files: Vec<NamedFile>, rest: Value) -> Result<()> {
+    pub fn commit(&self, phase: &str, files: Vec<NamedFile>, rest: Value) -> Result<()> {
         let manifest = Manifest { files: files.iter().map(|file| file.name.to_string()).collect(), rest };
         let bytes = Sealed::bytes(&serde_json::to_value(manifest).expect("a manifest can be written"));
         let temporary = self.create(&format!("manifest-{phase}"))?;
         let (store, failed) = (Arc::clone(&self.store), self.failed("write"));
+        let (manifest, is_shared) = (manifest_of(phase), self.attempt.is_none());
         self.committer.give(Box::new(move |durable| {
             let all = || -> io::Result<()> {
                 if durable {
                     files.iter().try_for_each(|file| file.file.sync())?;
                     store.sync_names(DATA)?;
                 }
-                name_whole(&*store, &temporary, &manifest_of(phase), &bytes, durable)
+                match name_whole(&*store, &temporary, &manifest, &bytes, durable) {
+                    // Another process was first: what this one made is as good, and not needed.
+                    Err(error) if is_shared && error.kind() == io::ErrorKind::AlreadyExists => {
+                        let mine = files.iter().chain([&temporary]);
+                        mine.map(|file| if_there(store.remove(&file.name))).collect()
+                    }
+                    named => named,
+                }
             };
             all().map_err(failed)
         }))

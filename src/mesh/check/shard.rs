@@ -1,0 +1,158 @@
+//! The check in shards, each of which another process may look at: first at its triangles, then, when all of these are known, at its vertices.
+//!
+//! ```text
+//!  measure   a shard's triangles: which vertices each block names, area and volume       needs nothing
+//!  look      a shard's vertices: edges, fans, sets that hang together, positions         needs what all triangles were found to name
+//!  conclude  what no shard knows alone: components, boundary loops, the sums             needs all of both
+//! ```
+
+use std::ops::Range;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::blocks::Blocks;
+use super::job::{Check, Plan};
+use super::link::Tally;
+use super::report::CheckReport;
+use super::survey::Survey;
+use super::vertices::{Bounds, Found};
+use crate::error::Result;
+use crate::mesh::measure::Sums;
+use crate::mesh::{MeshSource, check_vertex_count};
+use crate::resources::workers::{Spares, Workers};
+use crate::storage::spool::Workspace;
+
+/// One of so many shards of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Shard {
+    pub number: usize,
+    pub of: usize,
+}
+
+impl Shard {
+    /// Its share of `count` things that lie in a row.
+    fn share(self, count: usize) -> Range<usize> {
+        let end = |number: usize| (count as u128 * number as u128 / self.of as u128) as usize;
+        end(self.number)..end(self.number + 1)
+    }
+}
+
+/// What a shard's triangles have shown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Measured {
+    /// The least and the greatest number of a vertex that a block names.
+    spans: Vec<(u32, u32)>,
+    degenerate: u64,
+    /// The bits of the sums of each group.
+    sums: Vec<[u64; 8]>,
+}
+
+/// What a shard's vertices have shown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Looked {
+    tally: Tally,
+    nonfinite: u64,
+    /// Bits, as a box of nothing is infinite.
+    bounds: [[u64; 3]; 2],
+    sets: u64,
+    boundary: Vec<[u32; 2]>,
+    joins: Vec<[u32; 2]>,
+}
+
+/// What a check takes: memory, workers, a folder.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Means<'a> {
+    pub budget: u64,
+    pub workers: &'a Workers,
+    pub workspace: &'a Workspace,
+}
+
+impl Means<'_> {
+    fn check<'c>(&'c self, mesh: &'c dyn MeshSource) -> Check<'c> {
+        let plan = Plan::for_near(self.budget, mesh, self.workers.threads());
+        Check { mesh, plan, workers: self.workers, workspace: self.workspace }
+    }
+}
+
+/// Looks at a shard's triangles.
+///
+/// # Errors
+/// The same as [`super::check`].
+pub(crate) fn measure(
+    mesh: &dyn MeshSource,
+    shard: Shard,
+    means: Means<'_>,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Measured> {
+    check_vertex_count(mesh.vertex_count())?;
+    let (check, scratch) = (means.check(mesh), Spares::default());
+    let groups = shard.share(check.groups());
+    let mut survey = check.survey(groups.clone(), &scratch, progress)?;
+    check.measure_far(groups.start, &mut survey.sums, &scratch)?;
+    let sums = survey.sums.into_iter().flatten().map(|sums| sums.numbers().map(f64::to_bits)).collect();
+    Ok(Measured { spans: survey.blocks.all().to_vec(), degenerate: survey.degenerate, sums })
+}
+
+/// Looks at a shard's vertices. `progress` is told the vertices that are looked at.
+///
+/// # Errors
+/// The same as [`super::check`].
+pub(crate) fn look(
+    mesh: &dyn MeshSource,
+    shard: Shard,
+    measured: &[Measured],
+    means: Means<'_>,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Looked> {
+    let (check, scratch) = (means.check(mesh), Spares::default());
+    let Survey { blocks, .. } = surveyed(&check, measured);
+    let within = shard.share(mesh.vertex_count() as usize);
+    let within = within.start as u64..within.end as u64;
+    let (mut all, mut done) = (Found::nothing(), 0);
+    let (vertices, ranges) = (within.end - within.start, check.ranges(&blocks, within.end - within.start) as u64);
+    check.vertices(&blocks, within, &scratch, |found| {
+        all.add(&found);
+        all.joins.extend(found.joins);
+        all.boundary.extend(found.boundary);
+        done += 1;
+        progress(vertices * done / ranges);
+        Ok(())
+    })?;
+    let Found { tally, nonfinite, bounds: Bounds(low, high), sets, boundary, joins, .. } = all;
+    let bounds = [low, high].map(|corner| corner.to_array().map(f64::to_bits));
+    Ok(Looked { tally, nonfinite, bounds, sets, boundary, joins })
+}
+
+/// What all shards have shown together, which is what [`super::check`] finds.
+///
+/// # Errors
+/// The same as [`super::check`]; those of reading what shards have shown.
+pub(crate) fn conclude(
+    mesh: &dyn MeshSource,
+    measured: &[Measured],
+    looked: impl Iterator<Item = Result<Looked>>,
+    means: Means<'_>,
+) -> Result<CheckReport> {
+    let check = means.check(mesh);
+    let found = check.together(|hand| {
+        for looked in looked {
+            let Looked { tally, nonfinite, bounds, sets, boundary, joins } = looked?;
+            let [low, high] = bounds.map(|corner| DVec3::from_array(corner.map(f64::from_bits)));
+            hand(Found { tally, nonfinite, bounds: Bounds(low, high), sets, loops: 0, boundary, joins })?;
+        }
+        Ok(())
+    })?;
+    check.report(&surveyed(&check, measured), found)
+}
+
+fn surveyed(check: &Check<'_>, measured: &[Measured]) -> Survey {
+    let mut blocks = Blocks::new(check.plan.block);
+    measured.iter().for_each(|measured| blocks.extend(&measured.spans));
+    let sums = measured.iter().flat_map(|measured| &measured.sums);
+    Survey {
+        blocks,
+        degenerate: measured.iter().map(|measured| measured.degenerate).sum(),
+        sums: sums.map(|bits| Some(Sums::of_numbers(bits.map(f64::from_bits)))).collect(),
+    }
+}

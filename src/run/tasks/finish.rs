@@ -1,0 +1,175 @@
+//! The end of all tasks: pieces and bridges as one mesh.
+
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::{Task, Tasks};
+use crate::error::{Error, Result};
+use crate::grid::bucket::Compared;
+use crate::grid::context::Context;
+use crate::mesh::check::CheckReport;
+use crate::mesh::check::shard::{self, Measured, Shard};
+use crate::mesh::spool::MeshSpool;
+use crate::points::{Coordinate, Precision};
+use crate::resources::workers::Workers;
+use crate::run::files_to_mesh::MadeBefore;
+use crate::run::phase::Phase;
+use crate::run::progress::Progress;
+use crate::run::surface::{Reconstructed, reconstructed};
+use crate::run::surveyed::Surveyed;
+use crate::settings::Settings;
+use crate::stitch::Stitched;
+use crate::stitch::apart::{Link, Of, chain};
+use crate::storage::spool::Workspace;
+use crate::storage::work::WorkFolder;
+
+impl MadeBefore for Tasks {
+    fn folder(&self) -> &Arc<WorkFolder> {
+        &self.work
+    }
+
+    fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings) {
+        let surveyed = self.plan.surveyed.clone();
+        let settings = Settings { open: surveyed.open, ..*settings };
+        (surveyed, settings)
+    }
+
+    fn reconstructed(&self, settings: &Settings, context: &Context, progress: &mut Progress) -> Result<Reconstructed> {
+        match self.plan.surveyed.workload.precision {
+            Precision::Single => self.reconstructed_as::<f32>(settings, context, progress),
+            Precision::Double => self.reconstructed_as::<f64>(settings, context, progress),
+        }
+    }
+
+    fn checked(
+        &self,
+        mesh: &MeshSpool,
+        budget: u64,
+        workers: &Workers,
+        workspace: &Workspace,
+    ) -> Result<Option<CheckReport>> {
+        if self.shards().is_empty() {
+            return Ok(None);
+        }
+        let measured = self.measured(Task::Finish)?;
+        let looked = self.shards().map(|number| self.shown(Task::Finish, Task::Check(number)));
+        shard::conclude(mesh, &measured, looked, means(workers, workspace, budget)).map(Some)
+    }
+}
+
+impl Tasks {
+    fn reconstructed_as<T: Coordinate>(
+        &self,
+        settings: &Settings,
+        context: &Context,
+        progress: &mut Progress,
+    ) -> Result<Reconstructed> {
+        let stitched = self.stitched::<T>(Task::Finish, Compared::Now, context)?;
+        let of = (&self.buckets::<T>(Task::Finish, context)?, self.cells(Task::Finish, context)?);
+        let memory = context.memory.clone();
+        reconstructed(stitched, &self.plan.surveyed, settings, of, memory, context, progress)
+    }
+
+    /// What all pieces and bridges come to.
+    fn stitched<T: Coordinate>(&self, task: Task, compared: Compared, context: &Context) -> Result<Stitched> {
+        let pieces = self.pieces()?;
+        let Some(chain) = chain(&pieces, &self.bridges(&pieces)?)? else {
+            return Err(Error::Internal("a bridge that nobody knew of".into()));
+        };
+        let mut mesh: Option<MeshSpool> = None;
+        for Link { of, within } in chain.links {
+            let needed = match of {
+                Of::Piece(number) => Task::Piece(number),
+                Of::Bridge(number) => Task::Bridge(number),
+            };
+            let part = self.mesh_of::<T>((task, needed), compared, context)?.within(within);
+            match &mut mesh {
+                Some(mesh) => mesh.join(part),
+                None => mesh = Some(part),
+            }
+        }
+        let mesh = mesh.ok_or_else(|| Error::Internal("a mesh of no piece".into()))?;
+        Ok(Stitched { mesh, counts: chain.counts, seams: chain.seams })
+    }
+
+    /// Does a task of the check.
+    pub(super) fn look<T: Coordinate>(&self, task: Task, context: &Context, progress: &mut Progress) -> Result<()> {
+        // Whoever finishes compares all of the mesh with its checksums, and has what was found in a damaged one looked for again.
+        let mesh = self.stitched::<T>(task, Compared::AsRead, context)?.mesh;
+        progress.begin(Phase::Check, None);
+        let rest = match self.looked(task, &mesh, context, progress) {
+            Err(error @ Error::CheckFailed(_)) => {
+                self.stitched::<T>(task, Compared::Now, context)?;
+                return Err(error);
+            }
+            looked => looked?,
+        };
+        progress.end();
+        self.work.commit(&task.phase(), Vec::new(), rest)
+    }
+
+    fn looked(&self, task: Task, mesh: &MeshSpool, context: &Context, progress: &mut Progress) -> Result<Value> {
+        let means = means(&context.workers, &context.workspace, context.memory.working);
+        let of = self.shards().len();
+        let told = &mut |done| progress.set(done);
+        let looked = match task {
+            Task::Measure(number) => serde_json::to_value(shard::measure(mesh, Shard { number, of }, means, told)?),
+            Task::Check(number) => {
+                let measured = self.measured(task)?;
+                serde_json::to_value(shard::look(mesh, Shard { number, of }, &measured, means, told)?)
+            }
+            task => return Err(Error::Internal(format!("{task} is no task of the check"))),
+        };
+        looked.map_err(|words| Error::Internal(words.to_string()))
+    }
+
+    fn measured(&self, task: Task) -> Result<Vec<Measured>> {
+        self.shards().map(|number| self.shown(task, Task::Measure(number))).collect()
+    }
+
+    /// What a task of the check has shown.
+    fn shown<R: DeserializeOwned>(&self, task: Task, needed: Task) -> Result<R> {
+        let phase = needed.phase();
+        let shown = self.work.load(&phase, |manifest| {
+            let damaged = |_| self.work.damaged(&format!("done/{phase}.json"), "it cannot be read");
+            serde_json::from_value(manifest.rest.clone()).map_err(damaged)
+        })?;
+        shown.ok_or_else(|| self.missing(task, needed))
+    }
+
+    /// The vertices and triangles of a piece or a bridge, as they were written.
+    fn mesh_of<T: Coordinate>(
+        &self,
+        (task, needed): (Task, Task),
+        compared: Compared,
+        context: &Context,
+    ) -> Result<MeshSpool> {
+        let (saved, files) = self.saved_apart(task, needed)?;
+        let [vertices, attributes, faces] = files.as_slice() else {
+            return Err(self.work.damaged(&format!("done/{}.json", needed.phase()), "a file is missing"));
+        };
+        let mut spools = Vec::with_capacity(3);
+        for (name, extent) in [vertices, attributes, faces].into_iter().zip(saved.extents) {
+            let file = self.work.open_file(name)?;
+            if compared == Compared::Now && !self.work.is_as_written(&file, extent, &context.workers)? {
+                return Err(self.work.damaged(name, "its bytes are not what was written"));
+            }
+            spools.push(context.workspace.spool_in(file, extent.to));
+        }
+        let spools = spools.try_into().map_err(|_| Error::Internal("three files".into()))?;
+        let mesh = MeshSpool::in_spools(T::PRECISION, self.plan.schema.clone(), spools);
+        let [vertices, faces] = saved.apart.sizes;
+        match mesh.holds(vertices, faces) {
+            true => Ok(mesh),
+            false => {
+                Err(self.work.damaged(&format!("done/{}.json", needed.phase()), "it does not tell how long files are"))
+            }
+        }
+    }
+}
+
+fn means<'a>(workers: &'a Workers, workspace: &'a Workspace, budget: u64) -> shard::Means<'a> {
+    shard::Means { budget, workers, workspace }
+}

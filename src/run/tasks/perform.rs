@@ -1,0 +1,288 @@
+//! What each task does.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+
+use super::{Task, Tasks};
+use crate::error::{Error, Result};
+use crate::grid::bucket::{Buckets, Compared};
+use crate::grid::context::Context;
+use crate::input::{Carried, Cloud};
+use crate::mesh::spool::MeshSpool;
+use crate::points::{Coordinate, Precision};
+use crate::resources::workers::Workers;
+use crate::run::bare_earth::keep_ground;
+use crate::run::closed_cells::{ClosedCells, closed_cells};
+use crate::run::files_to_mesh::{MadeBefore, OUTPUT, Source, run_in};
+use crate::run::identity;
+use crate::run::job::{Job, Resources};
+use crate::run::phase::Phase;
+use crate::run::pipeline::context;
+use crate::run::prepare::{Passes, files, open};
+use crate::run::progress::Progress;
+use crate::run::report::Report;
+use crate::run::surface::{Slabwise, surface_options, with_slabs};
+use crate::settings::Settings;
+use crate::stitch::apart::{self, Apart};
+use crate::stitch::checkpoint::Checkpoint;
+use crate::stitch::pieces::Means;
+use crate::storage::spool::Extent;
+
+/// How long a task waits for what it needs: where a folder lies on another machine, its files show after a while.
+const PATIENCE: Duration = Duration::from_secs(10);
+const LOOK: Duration = Duration::from_millis(500);
+
+/// What is saved of a piece or a bridge beside its vertices, attributes and triangles.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct SavedApart {
+    pub apart: Apart,
+    /// Of the three files.
+    pub extents: [Extent; 3],
+}
+
+impl Tasks {
+    /// Does a task, unless it is done; tells the report of the run if it was the last.
+    ///
+    /// # Errors
+    /// [`Error::NotReady`] if what the task needs is not there; [`Error::Damaged`] if that is damaged, and is going to be made again; those of the run.
+    pub fn perform(
+        &self,
+        task: Task,
+        resources: &Resources,
+        workers: &Workers,
+        progress: &mut Progress,
+    ) -> Result<Option<Report>> {
+        let phase = task.phase();
+        if self.work.is_done(&phase) {
+            return Ok(None);
+        }
+        let done = self.perform_once(task, resources, workers, progress);
+        if let Err(Error::Damaged { path, .. }) = &done {
+            self.work.blame(path)?;
+            if task == Task::Finish {
+                // The check may have looked at what is damaged.
+                let looked = self.shards().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
+                looked.map(|task| self.work.set_aside(&task.phase())).collect::<Result<()>>()?;
+            }
+        }
+        done
+    }
+
+    fn perform_once(
+        &self,
+        task: Task,
+        resources: &Resources,
+        workers: &Workers,
+        progress: &mut Progress,
+    ) -> Result<Option<Report>> {
+        let pieces = || (0..self.plan.pieces.len()).map(Task::Piece);
+        match task {
+            Task::Bucket(number) if number < self.plan.segments.len() => {}
+            Task::Close => self.wait_for(task, (0..self.plan.segments.len()).map(Task::Bucket), workers)?,
+            Task::Piece(number) if number < self.plan.pieces.len() => self.wait_for(task, [Task::Close], workers)?,
+            Task::Bridge(number) if number + 1 < self.plan.pieces.len() => self.wait_for(task, pieces(), workers)?,
+            Task::Measure(number) | Task::Check(number) if self.shards().contains(&number) => {
+                self.wait_for_mesh(task, workers)?;
+                if let Task::Check(_) = task {
+                    self.wait_for(task, self.shards().map(Task::Measure), workers)?;
+                }
+            }
+            Task::Finish => {
+                self.wait_for_mesh(task, workers)?;
+                self.wait_for(task, self.shards().map(Task::Check), workers)?;
+            }
+            task => {
+                let folder = self.path().display();
+                return Err(Error::Usage(format!(
+                    "{folder}: has no task {task}; `asra-stream tasks {folder}` lists them"
+                )));
+            }
+        }
+        let resources = Resources { work: Some(self.path().to_path_buf()), ..resources.clone() };
+        let job = Job { resources, ..self.job.clone() };
+        match self.plan.surveyed.workload.precision {
+            Precision::Single => self.perform_as::<f32>(task, &job, workers, progress),
+            Precision::Double => self.perform_as::<f64>(task, &job, workers, progress),
+        }
+    }
+
+    fn perform_as<T: Coordinate>(
+        &self,
+        task: Task,
+        job: &Job,
+        workers: &Workers,
+        progress: &mut Progress,
+    ) -> Result<Option<Report>> {
+        let files = files(job, progress)?;
+        let of_task = if let Task::Bucket(_) = task { files.as_slice() } else { &[] };
+        identity::compare(&self.work, of_task)?;
+        if task == Task::Finish {
+            let alone = Job { resources: Resources { work: None, ..job.resources.clone() }, ..job.clone() };
+            let report = match run_in(&alone, Source::Made(self), workers, progress) {
+                Err(Error::OutputExists(path)) => return self.finished_by_another(path, workers).map(|()| None),
+                finished => finished?,
+            };
+            self.work.commit(&task.phase(), Vec::new(), serde_json::to_value(&report).unwrap_or_default())?;
+            return Ok(Some(report));
+        }
+        let workspace = job.resources.workspace(self.path())?.stopped_with(workers);
+        // Nothing is read more than once, so nothing is decompressed for later; and blocks are those that segments were made of.
+        let mut cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+        let job = &job.measured_as(&cloud)?;
+        keep_ground(&mut cloud, &job.settings)?;
+        let (surveyed, settings) = self.surveyed(&job.settings);
+        let memory = context(&surveyed, workers, &workspace, job.resources.budget())?;
+        let context = &Context { work: Some(Arc::clone(&self.work)), ..memory };
+        match task {
+            Task::Bucket(number) => self.sort::<T>(number, &cloud, context, progress)?,
+            Task::Close => self.close::<T>(&cloud, &settings, context, progress)?,
+            Task::Piece(_) | Task::Bridge(_) => self.stitch::<T>(task, &settings, context, progress)?,
+            Task::Measure(_) | Task::Check(_) => self.look::<T>(task, context, progress)?,
+            Task::Finish => {}
+        }
+        Ok(None)
+    }
+
+    /// Waits whether the output that is there is another process's that has done the same task meanwhile.
+    fn finished_by_another(&self, path: PathBuf, workers: &Workers) -> Result<()> {
+        match self.wait_for(Task::Finish, [Task::Finish], workers) {
+            Err(Error::NotReady { .. }) => {
+                // It is somebody else's: nobody is to take it for this job's own.
+                self.work.set_aside(OUTPUT)?;
+                Err(Error::OutputExists(path))
+            }
+            waited => waited,
+        }
+    }
+
+    /// Waits a while for all pieces and bridges.
+    fn wait_for_mesh(&self, task: Task, workers: &Workers) -> Result<()> {
+        self.wait_for(task, (0..self.plan.pieces.len()).map(Task::Piece), workers)?;
+        let bridges = apart::bridges(&self.pieces()?);
+        self.wait_for(task, bridges.into_iter().map(Task::Bridge), workers)
+    }
+
+    /// Waits a while for tasks to be done.
+    fn wait_for(&self, task: Task, needed: impl IntoIterator<Item = Task>, workers: &Workers) -> Result<()> {
+        let start = Instant::now();
+        for needed in needed {
+            while !self.work.is_done(&needed.phase()) {
+                if start.elapsed() > PATIENCE {
+                    let (task, needed) = (task.to_string(), needed.to_string());
+                    return Err(Error::NotReady { path: self.path().to_path_buf(), task, needed });
+                }
+                workers.check_cancelled()?;
+                thread::sleep(LOOK);
+            }
+        }
+        Ok(())
+    }
+
+    fn sort<T: Coordinate>(
+        &self,
+        number: usize,
+        cloud: &Cloud,
+        context: &Context,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        progress.begin(Phase::Bucket, None);
+        let phase = Task::Bucket(number).phase();
+        let input = (cloud, Some(&self.plan.segments[number]), Carried::Attributes);
+        let grid = &self.plan.surveyed.grid;
+        let buckets = Buckets::<T>::fill_with(input, grid, context, &phase, |records| progress.add(records))?;
+        progress.end();
+        buckets.commit(&self.work, &phase)
+    }
+
+    fn close<T: Coordinate>(
+        &self,
+        cloud: &Cloud,
+        settings: &Settings,
+        context: &Context,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let buckets = self.buckets::<T>(Task::Close, context)?;
+        let (expected, found) = (self.plan.surveyed.survey.points, buckets.point_count());
+        if expected != found {
+            let path = self.path().to_path_buf();
+            let (expected, found) = (format!("the {expected} points of the plan"), found.to_string());
+            return Err(Error::Changed { path, expected, found });
+        }
+        let cells = closed_cells(cloud, &self.plan.surveyed, settings, &buckets, context, progress)?;
+        progress.end();
+        cells.weighed(context)?.commit(&self.work)
+    }
+
+    fn stitch<T: Coordinate>(
+        &self,
+        task: Task,
+        settings: &Settings,
+        context: &Context,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let pieces = if let Task::Bridge(_) = task { self.pieces()? } else { Vec::new() };
+        let buckets = self.buckets::<T>(task, context)?;
+        let cells = self.cells(task, context)?;
+        let within = match task {
+            Task::Piece(number) => self.plan.pieces[number].clone(),
+            // It hardly ever reaches farther.
+            Task::Bridge(from) => self.plan.pieces[from + 1].clone(),
+            _ => 0..self.plan.slabs,
+        };
+        let phase = task.phase();
+        let name = |what: &str| self.work.create(&format!("{what}-{phase}"));
+        let named = [name("vertices")?, name("attributes")?, name("faces")?];
+        let surveyed = &self.plan.surveyed;
+        let of = (&buckets, &cells);
+        let fit = surface_options(settings, &cells).fit;
+        let workload = cells.counted_workload(&surveyed.workload, fit, &buckets, context)?;
+        let counted = (&workload, &context.memory.with_surface(&workload)?);
+        let (mut mesh, apart) =
+            with_slabs((Some(within.clone()), counted), surveyed, settings, of, context, progress, |slabwise| {
+                let Slabwise { slabs, begun, means, .. } = slabwise;
+                let stitcher = |_: usize, from: &Checkpoint| {
+                    let spools = named.clone().map(|file| context.workspace.spool_in(file, 0));
+                    begun(MeshSpool::in_spools(T::PRECISION, self.plan.schema.clone(), spools), from)
+                };
+                let means = Means { stitcher: &stitcher, ..means };
+                match task {
+                    Task::Bridge(from) => apart::bridge(from, &pieces, slabs, &means),
+                    _ => apart::piece(within, slabs, &means),
+                }
+            })?;
+        let saved = SavedApart { apart, extents: mesh.extents() };
+        let rest = serde_json::to_value(saved).expect("a manifest can be written");
+        self.work.commit(&phase, named.into(), rest)
+    }
+
+    /// The points, sorted by other tasks.
+    pub(super) fn buckets<T: Coordinate>(&self, task: Task, context: &Context) -> Result<Buckets<T>> {
+        let phases = (0..self.plan.segments.len()).map(|number| Task::Bucket(number).phase());
+        let grid = &self.plan.surveyed.grid;
+        let buckets = Buckets::committed(&self.work, phases, grid, Compared::AsRead, context)?;
+        buckets.ok_or_else(|| self.missing(task, Task::Bucket(0)))
+    }
+
+    /// The cells, closed by another task.
+    pub(super) fn cells(&self, task: Task, context: &Context) -> Result<ClosedCells> {
+        ClosedCells::committed(&self.work, context)?.ok_or_else(|| self.missing(task, Task::Close))
+    }
+
+    /// What is saved of a piece or a bridge, which a task needs, and the names of its files.
+    pub(super) fn saved_apart(&self, task: Task, needed: Task) -> Result<(SavedApart, Vec<String>)> {
+        let phase = needed.phase();
+        let saved = self.work.load(&phase, |manifest| {
+            let damaged = |_| self.work.damaged(&format!("done/{phase}.json"), "it cannot be read");
+            Ok((SavedApart::deserialize(&manifest.rest).map_err(damaged)?, manifest.files.clone()))
+        })?;
+        saved.ok_or_else(|| self.missing(task, needed))
+    }
+
+    pub(super) fn missing(&self, task: Task, needed: Task) -> Error {
+        Error::NotReady { path: self.path().to_path_buf(), task: task.to_string(), needed: needed.to_string() }
+    }
+}
