@@ -262,7 +262,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         }
     }
     let planned = match source {
-        Source::Points(_) => planned(surveyed, &settings, workers, &workspace, left, work.cloned(), progress),
+        Source::Points(_) => planned(&cloud, surveyed, &settings, (workers, &workspace), left, work.cloned(), progress),
         Source::Made(_) => context(&surveyed, workers, &workspace, left).map(|context| (surveyed, context)),
     };
     let (surveyed, context) = planned.map_err(whole)?;

@@ -11,6 +11,7 @@ mod advice;
 pub mod bare_earth;
 pub mod bridging;
 pub mod closed_cells;
+mod counted;
 mod estimate;
 mod files_to_mesh;
 mod fineness;

@@ -60,7 +60,8 @@ pub fn plan_tasks(
     let work = std::sync::Arc::new(work);
     if !work.is_done(PLAN) {
         let segments = cloud.segments(Carried::Attributes, processes)?;
-        let (surveyed, _) = planned(surveyed, &settings, workers, &workspace, budget, Some(work.clone()), progress)?;
+        let (surveyed, _) =
+            planned(&cloud, surveyed, &settings, (workers, &workspace), budget, Some(work.clone()), progress)?;
         let slabs = slab_count(Slabs::of(&settings.surface), surveyed.grid.cells()[1]);
         let pieces = pieces(slabs, PIECES * processes);
         let plan = TaskPlan { surveyed, schema: cloud.schema().clone(), segments, slabs, pieces };
