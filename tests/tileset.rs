@@ -305,8 +305,9 @@ fn triangles(mesh: &MeshSpool) -> Vec<Triangle> {
 
 fn sorted(mut triangles: Vec<Triangle>) -> Vec<Triangle> {
     for triangle in &mut triangles {
-        let least = (0..3).min_by_key(|i| triangle[*i]).unwrap();
-        triangle.rotate_left(least);
+        // Of all three ways to say it: two corners may be at one place.
+        let [a, b, c] = *triangle;
+        *triangle = [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap();
     }
     triangles.sort_unstable();
     triangles
