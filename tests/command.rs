@@ -10,6 +10,7 @@ mod command {
     mod outputs;
     mod poses;
     mod simplify;
+    mod tasks;
     mod work;
 }
 

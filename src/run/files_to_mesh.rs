@@ -48,7 +48,7 @@ use crate::storage::work::WorkFolder;
 const LONG: f64 = 600.0;
 
 /// The phase in which outputs get their names, as the work folder names it.
-const OUTPUT: &str = "output";
+pub(super) const OUTPUT: &str = "output";
 
 /// Whether this run may have named this output before it was ended.
 fn has_output_of(work: &WorkFolder, output: &Path) -> bool {

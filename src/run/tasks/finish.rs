@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use super::{Task, Tasks};
 use crate::error::{Error, Result};
+use crate::grid::bucket::Compared;
 use crate::grid::context::Context;
 use crate::mesh::check::CheckReport;
 use crate::mesh::check::shard::{self, Measured, Shard};
@@ -64,14 +66,14 @@ impl Tasks {
         context: &Context,
         progress: &mut Progress,
     ) -> Result<Reconstructed> {
-        let stitched = self.stitched::<T>(Task::Finish, context)?;
+        let stitched = self.stitched::<T>(Task::Finish, Compared::Now, context)?;
         let of = (&self.buckets::<T>(Task::Finish, context)?, self.cells(Task::Finish, context)?);
         let memory = context.memory.clone();
         reconstructed(stitched, &self.plan.surveyed, settings, of, memory, context, progress)
     }
 
     /// What all pieces and bridges come to.
-    fn stitched<T: Coordinate>(&self, task: Task, context: &Context) -> Result<Stitched> {
+    fn stitched<T: Coordinate>(&self, task: Task, compared: Compared, context: &Context) -> Result<Stitched> {
         let pieces = self.pieces()?;
         let Some(chain) = chain(&pieces, &self.bridges(&pieces)?)? else {
             return Err(Error::Internal("a bridge that nobody knew of".into()));
@@ -82,7 +84,7 @@ impl Tasks {
                 Of::Piece(number) => Task::Piece(number),
                 Of::Bridge(number) => Task::Bridge(number),
             };
-            let part = self.mesh_of::<T>(task, needed, context)?.within(within);
+            let part = self.mesh_of::<T>((task, needed), compared, context)?.within(within);
             match &mut mesh {
                 Some(mesh) => mesh.join(part),
                 None => mesh = Some(part),
@@ -94,25 +96,33 @@ impl Tasks {
 
     /// Does a task of the check.
     pub(super) fn look<T: Coordinate>(&self, task: Task, context: &Context, progress: &mut Progress) -> Result<()> {
-        let mesh = self.stitched::<T>(task, context)?.mesh;
+        // Whoever finishes compares all of the mesh with its checksums, and has what was found in a damaged one looked for again.
+        let mesh = self.stitched::<T>(task, Compared::AsRead, context)?.mesh;
         progress.begin(Phase::Check, None);
-        let means = means(&context.workers, &context.workspace, context.memory.working);
-        let of = self.shards().len();
-        let rest = match task {
-            Task::Measure(number) => {
-                let told = &mut |done| progress.set(done);
-                serde_json::to_value(shard::measure(&mesh, Shard { number, of }, means, told)?)
+        let rest = match self.looked(task, &mesh, context, progress) {
+            Err(error @ Error::CheckFailed(_)) => {
+                self.stitched::<T>(task, Compared::Now, context)?;
+                return Err(error);
             }
-            Task::Check(number) => {
-                let measured = self.measured(task)?;
-                serde_json::to_value(shard::look(&mesh, Shard { number, of }, &measured, means, &mut |done| {
-                    progress.set(done);
-                })?)
-            }
-            _ => return Err(Error::Internal("no task of the check".into())),
+            looked => looked?,
         };
         progress.end();
-        self.work.commit(&task.phase(), Vec::new(), rest.map_err(|words| Error::Internal(words.to_string()))?)
+        self.work.commit(&task.phase(), Vec::new(), rest)
+    }
+
+    fn looked(&self, task: Task, mesh: &MeshSpool, context: &Context, progress: &mut Progress) -> Result<Value> {
+        let means = means(&context.workers, &context.workspace, context.memory.working);
+        let of = self.shards().len();
+        let told = &mut |done| progress.set(done);
+        let looked = match task {
+            Task::Measure(number) => serde_json::to_value(shard::measure(mesh, Shard { number, of }, means, told)?),
+            Task::Check(number) => {
+                let measured = self.measured(task)?;
+                serde_json::to_value(shard::look(mesh, Shard { number, of }, &measured, means, told)?)
+            }
+            task => return Err(Error::Internal(format!("{task} is no task of the check"))),
+        };
+        looked.map_err(|words| Error::Internal(words.to_string()))
     }
 
     fn measured(&self, task: Task) -> Result<Vec<Measured>> {
@@ -129,8 +139,13 @@ impl Tasks {
         shown.ok_or_else(|| self.missing(task, needed))
     }
 
-    /// The vertices and triangles of a piece or a bridge, as they were written. Whoever finishes compares them with their checksums.
-    fn mesh_of<T: Coordinate>(&self, task: Task, needed: Task, context: &Context) -> Result<MeshSpool> {
+    /// The vertices and triangles of a piece or a bridge, as they were written.
+    fn mesh_of<T: Coordinate>(
+        &self,
+        (task, needed): (Task, Task),
+        compared: Compared,
+        context: &Context,
+    ) -> Result<MeshSpool> {
         let (saved, files) = self.saved_apart(task, needed)?;
         let [vertices, attributes, faces] = files.as_slice() else {
             return Err(self.work.damaged(&format!("done/{}.json", needed.phase()), "a file is missing"));
@@ -138,7 +153,7 @@ impl Tasks {
         let mut spools = Vec::with_capacity(3);
         for (name, extent) in [vertices, attributes, faces].into_iter().zip(saved.extents) {
             let file = self.work.open_file(name)?;
-            if task == Task::Finish && !self.work.is_as_written(&file, extent, &context.workers)? {
+            if compared == Compared::Now && !self.work.is_as_written(&file, extent, &context.workers)? {
                 return Err(self.work.damaged(name, "its bytes are not what was written"));
             }
             spools.push(context.workspace.spool_in(file, extent.to));

@@ -1,5 +1,6 @@
 //! What each task does.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -16,7 +17,7 @@ use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::keep_ground;
 use crate::run::closed_cells::{ClosedCells, closed_cells};
-use crate::run::files_to_mesh::{MadeBefore, Source, run_in};
+use crate::run::files_to_mesh::{MadeBefore, OUTPUT, Source, run_in};
 use crate::run::identity;
 use crate::run::job::{Job, Resources};
 use crate::run::phase::Phase;
@@ -121,7 +122,10 @@ impl Tasks {
         identity::compare(&self.work, of_task)?;
         if task == Task::Finish {
             let alone = Job { resources: Resources { work: None, ..job.resources.clone() }, ..job.clone() };
-            let report = run_in(&alone, Source::Made(self), workers, progress)?;
+            let report = match run_in(&alone, Source::Made(self), workers, progress) {
+                Err(Error::OutputExists(path)) => return self.finished_by_another(path, workers).map(|()| None),
+                finished => finished?,
+            };
             self.work.commit(&task.phase(), Vec::new(), serde_json::to_value(&report).unwrap_or_default())?;
             return Ok(Some(report));
         }
@@ -141,6 +145,18 @@ impl Tasks {
             Task::Finish => {}
         }
         Ok(None)
+    }
+
+    /// Waits whether the output that is there is another process's that has done the same task meanwhile.
+    fn finished_by_another(&self, path: PathBuf, workers: &Workers) -> Result<()> {
+        match self.wait_for(Task::Finish, [Task::Finish], workers) {
+            Err(Error::NotReady { .. }) => {
+                // It is somebody else's: nobody is to take it for this job's own.
+                self.work.set_aside(OUTPUT)?;
+                Err(Error::OutputExists(path))
+            }
+            waited => waited,
+        }
     }
 
     /// Waits a while for all pieces and bridges.

@@ -1,0 +1,112 @@
+//! `plan --work`, `tasks` and `work`: several processes do a run together.
+
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde_json::Value;
+
+use super::folder::Folder;
+use crate::let_children_hear_signals;
+
+/// What `tasks --json` tells.
+fn listed(f: &Folder, line: &str) -> Value {
+    serde_json::from_str(&f.ok(line).out).unwrap()
+}
+
+#[test]
+fn several_processes_make_the_mesh_of_one_run() {
+    let f = Folder::new();
+    f.knot(60_000);
+    f.ok("k.ply -o whole.ply --smooth 2 --report whole.json");
+    let planned = f.ok("plan k.ply -o m.ply --smooth 2 --report m.json --work w --processes 3");
+    assert!(
+        planned.out.contains("bucket/0     ready") && planned.out.contains("finish       waiting"),
+        "{}",
+        planned.out
+    );
+    assert!(!f.names("").contains("m.ply"));
+    let processes: Vec<_> =
+        (0..3).map(|n| f.command(&format!("work w --any --shard {n}/3 -j 1")).spawn().unwrap()).collect();
+    for process in processes {
+        let output = process.wait_with_output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    assert!(f.read("m.ply") == f.read("whole.ply"));
+    let report = |name: &str| serde_json::from_slice::<Value>(&f.read(name)).unwrap();
+    for key in ["points", "grid", "vertices", "seams", "check", "closing", "fit"] {
+        assert_eq!(report("m.json")[key], report("whole.json")[key], "{key}");
+    }
+    let done = listed(&f, "tasks w --json");
+    assert_eq!(done["finished"], true);
+    // Whoever comes late has nothing to do, and so has whoever does a task again.
+    f.ok("work w --any");
+    f.ok("work w bucket/0 close piece/0 finish");
+    assert_eq!(listed(&f, "tasks w --json --ready")["tasks"], Value::Array(Vec::new()));
+    f.ok("tasks w --clean");
+    assert!(f.names("w/data").is_empty());
+    f.ok("work w --any");
+}
+
+#[test]
+fn mistakes_are_told() {
+    let f = Folder::new();
+    f.knot(3000);
+    f.fails("work w --any", 2, &["w: is no folder of tasks", "plan INPUT --work DIR"]);
+    f.fails("tasks k.ply", 2, &["is no folder of tasks"]);
+    f.fails("plan - -o m.ply --work w", 2, &["--work", "standard input"]);
+    f.fails("plan k.ply -o m.ply --work w --dtm d.tif", 2, &["--dtm"]);
+    f.fails("plan k.ply -o m.ply --processes 3", 2, &["--work"]);
+    f.ok("plan k.ply -o m.ply --work w");
+    f.fails("k.ply -o m.ply --work w", 2, &["holds tasks, which `asra-stream work w` does"]);
+    f.fails("plan k.ply -o other.ply --work w", 2, &["holds another run"]);
+    f.fails("work w finish", 69, &["finish needs piece/0"]);
+    f.fails("work w piece/17", 2, &["has no task piece/17"]);
+    f.fails("work w door/1", 2, &["bucket/N", "door/1"]);
+    f.fails("work w --any --max-memory 1M", 71, &["--max-memory"]);
+    let late = f.run("work w --any --for 0s");
+    assert_eq!(late.code, 75, "{}", late.err);
+    // Tasks that are planned already stay.
+    f.ok("plan k.ply -o m.ply --work w");
+    f.ok("work w --any -q");
+    assert!(f.names("").contains("m.ply"));
+}
+
+/// A process that was started by one that is gone ends soon.
+#[test]
+fn an_orphan_ends() {
+    let_children_hear_signals();
+    let f = Folder::new();
+    f.knot(3000);
+    f.ok("plan k.ply -o m.ply --work w");
+    // It waits for a task that another has: the one that this test claims.
+    let claim = std::fs::File::create(f.path("w/claims/bucket-0"));
+    let claim = claim.or_else(|_| {
+        std::fs::create_dir(f.path("w/claims"))?;
+        std::fs::File::create(f.path("w/claims/bucket-0"))
+    });
+    let claim = claim.unwrap();
+    rustix::fs::flock(&claim, rustix::fs::FlockOperation::LockExclusive).unwrap();
+    let program = env!("CARGO_BIN_EXE_asra-stream");
+    let script = format!("{program} work w --any --die-with-parent -q & echo $!; sleep 60");
+    let mut parent = std::process::Command::new("sh");
+    parent.args(["-c", &script]).current_dir(f.path("")).stdout(std::process::Stdio::piped());
+    let mut parent = parent.spawn().unwrap();
+    let mut line = String::new();
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(parent.stdout.take().unwrap()), &mut line).unwrap();
+    let child = Pid::from_raw(line.trim().parse().unwrap()).unwrap();
+    std::thread::sleep(Duration::from_secs(1));
+    assert!(test_kill_process(child).is_ok(), "it waits");
+    kill_process(Pid::from_child(&parent), Signal::KILL).unwrap();
+    parent.wait().unwrap();
+    let start = Instant::now();
+    // A process that nobody waits for is reaped by the system's first.
+    while test_kill_process(child).is_ok() && !is_dead(child) {
+        assert!(start.elapsed() < Duration::from_secs(30), "it is still there");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+fn is_dead(process: Pid) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.as_raw_nonzero())).unwrap_or_default();
+    stat.rsplit_once(") ").is_none_or(|(_, state)| state.starts_with('Z'))
+}
