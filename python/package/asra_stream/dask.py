@@ -215,6 +215,8 @@ def _patience(tries: int) -> float:
 class _Run:
     """One call: the waves of tasks."""
 
+    perform = staticmethod(_perform)
+
     def __init__(self, client: Client, job: _Job, retries: int, submit: dict[str, Any], tell: collections.abc.Callable[[dict[str, Any]], None]) -> None:
         self._client, self._job, self._retries, self._submit, self._tell = client, job, retries, submit, tell
         self.name = f"asra-stream-{uuid.uuid4().hex[:12]}"
@@ -229,7 +231,7 @@ class _Run:
     def _start(self, task: str) -> None:
         self._starts += 1
         key = f"{self.name}-{task}-{self._starts}"
-        future = self._client.submit(_perform, self._job.folder, task, key=key, pure=False, retries=0, **self._submit)
+        future = self._client.submit(self.perform, self._job.folder, task, key=key, pure=False, retries=0, **self._submit)
         self._under_way[task] = future
         future.add_done_callback(lambda _: self.heard.put(("future", task)))
 
