@@ -29,7 +29,7 @@ use asra_stream::internals::grid::context::Context;
 use asra_stream::internals::grid::dilate::Ball;
 use asra_stream::internals::grid::occupancy::{Counted, Occupancy, Sampled};
 use asra_stream::internals::grid::partition::{halo, slab_count, slices_of};
-use asra_stream::internals::input::{Cloud, InputOptions};
+use asra_stream::internals::input::{Carried, Cloud, InputOptions};
 use asra_stream::internals::mesh::check::check;
 use asra_stream::internals::mesh::spool::{Frame, MeshSpool};
 use asra_stream::internals::mesh::{MeshHeader, MeshSource};
@@ -117,7 +117,7 @@ fn points_to_cells(
         let in_flight = 2 * context.workers.threads();
         b.iter(|| survey(cloud, Wanted::Density, &context.workers, in_flight, |_| ()).expect("points"));
     });
-    let fill = || Buckets::<f32>::fill(cloud, grid, context, |_| ()).expect("points");
+    let fill = || Buckets::<f32>::fill(cloud, Carried::Attributes, grid, context, |_| ()).expect("points");
     group.bench_function("bucket", |b| b.iter(fill));
     let buckets = fill();
     assert_eq!(context.workspace.peak_on_disk(), 0);

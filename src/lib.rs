@@ -72,6 +72,8 @@ mod ground;
 mod input;
 mod mesh;
 mod nearest;
+#[cfg(feature = "render")]
+mod page;
 mod points;
 #[cfg(feature = "render")]
 mod render;

@@ -7,10 +7,12 @@ mod command {
     mod compare;
     pub mod folder;
     mod ground;
+    mod html;
     mod outputs;
     mod poses;
     mod simplify;
     mod tasks;
+    mod view;
     mod work;
 }
 

@@ -43,7 +43,7 @@ impl Case {
             let (round, angle) = ((1.0 - z * z).sqrt(), 2.399_963 * i as f32);
             let noise = (chance.below(1000) as f32 / 1000.0 - 0.5) * if i % 3 == 0 { 0.1 } else { 0.01 };
             let r = 1.0 + noise + 0.1 * (5.0 * angle.cos()).sin() * (4.0 * z).cos();
-            let height = if is_open { (3.0 * z).sin() / 9.0 + noise } else { r * z };
+            let height = if is_open { (3.0 * z).sin() / 9.0 + 9.0 * noise } else { r * z };
             let point = [r * round * angle.cos(), 2.0 * r * round * angle.sin(), height, (i % 77) as f32];
             point.iter().for_each(|c| bytes.extend(c.to_le_bytes()));
             text += &format!("{} {} {}\n", 4e6 + f64::from(point[0]), point[1], point[2]);

@@ -9,12 +9,15 @@ use std::path::Path;
 use asra_stream::internals::mesh::spool::{FaceRecord, MeshSpool};
 use asra_stream::internals::mesh::{MeshHeader, MeshSource};
 use asra_stream::internals::points::attribute::Schema;
+use asra_stream::internals::points::crs::Crs;
 use asra_stream::internals::resources::workers::Workers;
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::pyramid::{TilesetFigures, TilesetTarget};
-use asra_stream::internals::settings::tileset::TilesetOptions;
+use asra_stream::internals::settings::tileset::{Compression, TilesetOptions};
 use asra_stream::internals::storage::spool::Workspace;
 use asra_stream::{Attribute, Error, Overwrite, Precision, Scalar};
+use meshopt_rs::index::buffer::decode_index_buffer;
+use meshopt_rs::vertex::buffer::decode_vertex_buffer;
 use serde_json::Value;
 
 type Place = [f64; 3];
@@ -60,13 +63,47 @@ fn torus(workspace: &Workspace) -> MeshSpool {
 }
 
 fn written(mesh: &MeshSpool, sheet: bool, memory: u64, threads: usize, folder: &Path) -> TilesetFigures {
+    let origin = if sheet { [500_000.0, 0.0, 0.0] } else { [0.0; 3] };
+    let header = MeshHeader { sheet, origin, ..MeshHeader::default() };
+    written_as(mesh, &header, &TilesetOptions::default(), (memory, threads), folder).unwrap()
+}
+
+/// A tileset of a mesh that stands where its header's reference system says.
+fn written_as(
+    mesh: &dyn MeshSource,
+    header: &MeshHeader,
+    options: &TilesetOptions,
+    (memory, threads): (u64, usize),
+    folder: &Path,
+) -> Result<TilesetFigures, Error> {
     let workers = Workers::new(threads).unwrap();
     let workspace = Workspace::new(folder.parent().unwrap()).unwrap();
-    let header = MeshHeader { sheet, origin: [500_000.0, 0.0, 0.0], ..MeshHeader::default() };
-    let header = if sheet { header } else { MeshHeader { origin: [0.0; 3], ..header } };
-    let target = TilesetTarget::prepare(&folder.join("tileset.json"), Overwrite::Refuse).unwrap();
-    let progress = &mut Progress::new(Show::Nothing);
-    target.write(mesh, &header, &TilesetOptions::default(), memory, (&workers, &workspace), progress).unwrap()
+    let mut target = TilesetTarget::prepare(&folder.join("tileset.json"), Overwrite::Refuse)?;
+    target.georeference(header.crs.as_ref(), options)?;
+    target.write(mesh, header, options, memory, (&workers, &workspace), &mut Progress::new(Show::Nothing))
+}
+
+/// A stream as a reader decodes it.
+fn decoded(stream: &[u8], told: &Value) -> Vec<u8> {
+    let count = told["count"].as_u64().unwrap() as usize;
+    match (told["mode"].as_str().unwrap(), told["byteStride"].as_u64().unwrap()) {
+        ("ATTRIBUTES", 4) => {
+            let mut out = vec![[0u8; 4]; count];
+            decode_vertex_buffer(&mut out, stream).unwrap();
+            out.into_flattened()
+        }
+        ("ATTRIBUTES", 8) => {
+            let mut out = vec![[0u8; 8]; count];
+            decode_vertex_buffer(&mut out, stream).unwrap();
+            out.into_flattened()
+        }
+        ("TRIANGLES", 2) => {
+            let mut out = vec![0u32; count];
+            decode_index_buffer(&mut out, stream).unwrap();
+            out.into_iter().flat_map(|v| u16::try_from(v).unwrap().to_le_bytes()).collect()
+        }
+        other => panic!("{other:?}"),
+    }
 }
 
 /// A tile's file: what is its own, and its skirt.
@@ -87,29 +124,58 @@ fn content(path: &Path) -> Content {
     let accessor = |number: &Value| {
         let accessor = &json["accessors"][number.as_u64().unwrap() as usize];
         let view = &json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
-        let first = view["byteOffset"].as_u64().unwrap() as usize;
-        let length = view["byteLength"].as_u64().unwrap() as usize;
-        (accessor.clone(), &binary[first..first + length])
+        let part = |view: &Value| {
+            assert_eq!(view["buffer"], 0);
+            let first = view["byteOffset"].as_u64().unwrap() as usize;
+            &binary[first..first + view["byteLength"].as_u64().unwrap() as usize]
+        };
+        let encoded = &view["extensions"]["EXT_meshopt_compression"];
+        let bytes = if encoded.is_null() { part(view).to_vec() } else { decoded(part(encoded), encoded) };
+        assert_eq!(bytes.len() as u64, view["byteLength"].as_u64().unwrap());
+        (accessor.clone(), bytes)
     };
     let primitives = json["meshes"][0]["primitives"].as_array().unwrap();
     let attributes = &primitives[0]["attributes"];
     let (positions, bytes) = accessor(&attributes["POSITION"]);
-    let places: Vec<[f32; 3]> = bytes.chunks_exact(12).map(bytemuck::pod_read_unaligned).collect();
     // As readers take them: in single precision.
-    let bound = |key: &str| -> Place { std::array::from_fn(|a| f64::from(positions[key][a].as_f64().unwrap() as f32)) };
+    let number = |value: &Value| value.as_f64().unwrap() as f32;
+    let whole = positions["componentType"] == 5123;
+    assert_eq!(whole, json["extensionsRequired"][0] == "KHR_mesh_quantization");
+    let node = &json["nodes"][1];
+    let moved = |place: [f32; 3]| match whole {
+        true => std::array::from_fn(|a| number(&node["translation"][a]) + number(&node["scale"][a]) * place[a]),
+        false => place,
+    };
+    let places: Vec<[f32; 3]> = match whole {
+        true => bytes
+            .chunks_exact(8)
+            .map(|b| bytemuck::pod_read_unaligned::<[u16; 4]>(b))
+            .map(|[x, y, z, _]| moved([x, y, z].map(f32::from)))
+            .collect(),
+        false => bytes.chunks_exact(12).map(bytemuck::pod_read_unaligned).collect(),
+    };
+    let bound = |key: &str| -> Place { moved(std::array::from_fn(|a| number(&positions[key][a]))).map(f64::from) };
     let bounds = [bound("min"), bound("max")];
     for place in &places {
         assert!((0..3).all(|a| bounds[0][a] <= f64::from(place[a]) && f64::from(place[a]) <= bounds[1][a]));
     }
     let (_, normals) = accessor(&attributes["NORMAL"]);
-    for normal in normals.chunks_exact(12).map(bytemuck::pod_read_unaligned::<[f32; 3]>) {
-        assert!((normal.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-4);
+    let normals: Vec<[f32; 3]> = match whole {
+        true => normals.chunks_exact(4).map(|b| [b[0], b[1], b[2]].map(|c| f32::from(c as i8) / 127.0)).collect(),
+        false => normals.chunks_exact(12).map(bytemuck::pod_read_unaligned::<[f32; 3]>).collect(),
+    };
+    assert_eq!(normals.len(), places.len());
+    for normal in normals {
+        assert!((normal.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < if whole { 0.02 } else { 1e-4 });
     }
     let (classes, bytes) = accessor(&attributes["_CLASSIFICATION"]);
     assert_eq!(classes["componentType"], 5121);
     let classes = bytes.chunks_exact(4).map(|value| value[0]).collect();
-    let (colours, _) = accessor(&attributes["COLOR_0"]);
+    let (colours, bytes) = accessor(&attributes["COLOR_0"]);
     assert_eq!((&colours["type"], &colours["normalized"]), (&Value::from("VEC4"), &Value::from(true)));
+    // All red is 200 of 255, or 2: in linear light, of 65,535.
+    let reds: BTreeSet<u16> = bytes.chunks_exact(8).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+    assert!(reds.iter().all(|red| [37_852, 40].contains(red)), "{reds:?}");
     let triangles = |primitive: &Value| -> Vec<Triangle> {
         let (indices, bytes) = accessor(&primitive["indices"]);
         assert_eq!(indices["componentType"], 5123, "numbers of 16 bits");
@@ -127,17 +193,56 @@ struct Found {
     levels: BTreeMap<u64, Vec<Triangle>>,
     skirts: usize,
     deepest: usize,
+    /// Column by column.
+    transform: [f64; 16],
+}
+
+impl Found {
+    /// What the root's transform makes of a place.
+    fn moved(&self, place: [u32; 3]) -> Place {
+        let [x, y, z] = place.map(|bits| f64::from(f32::from_bits(bits)));
+        let m = &self.transform;
+        std::array::from_fn(|i| m[i] * x + m[4 + i] * y + m[8 + i] * z + m[12 + i])
+    }
+}
+
+/// A tileset's transform: it turns and moves, and does nothing else.
+fn transform(root: &Value) -> [f64; 16] {
+    let mut m = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    if let Some(numbers) = root["transform"].as_array() {
+        assert_eq!(numbers.len(), 16);
+        (0..16).for_each(|i| m[i] = numbers[i].as_f64().unwrap());
+    }
+    assert!(m.iter().all(|number| number.is_finite()));
+    assert_eq!([m[3], m[7], m[11], m[15]], [0.0, 0.0, 0.0, 1.0]);
+    let column = |c: usize| [m[4 * c], m[4 * c + 1], m[4 * c + 2]];
+    let dot = |a: Place, b: Place| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    for a in 0..3 {
+        for b in 0..3 {
+            assert!((dot(column(a), column(b)) - f64::from(u8::from(a == b))).abs() < 1e-12, "{m:?}");
+        }
+    }
+    let [x, y, z] = [column(0), column(1), column(2)];
+    let across = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
+    assert!(dot(across, z) > 0.0, "no mirror image");
+    m
 }
 
 /// Reads a tileset, and holds it to the rules.
 fn read(folder: &Path) -> Found {
+    read_with(folder, 0.0)
+}
+
+/// Reads a tileset whose finest level has an error: that of a lattice.
+fn read_with(folder: &Path, finest: f64) -> Found {
     let tree: Value = serde_json::from_slice(&std::fs::read(folder.join("tileset.json")).unwrap()).unwrap();
     assert_eq!(tree["asset"]["version"], "1.1");
     assert_eq!(tree["root"]["refine"], "REPLACE");
     assert!(tree["geometricError"].as_f64().unwrap() >= tree["root"]["geometricError"].as_f64().unwrap());
-    let mut found = Found { levels: BTreeMap::new(), skirts: 0, deepest: 0 };
+    let transform = transform(&tree["root"]);
+    let mut found = Found { levels: BTreeMap::new(), skirts: 0, deepest: 0, transform };
     let mut named = BTreeSet::from(["tileset.json".to_owned()]);
-    tile(folder, &tree["root"], None, 1, &mut found, &mut named);
+    tile(folder, &tree["root"], (None, finest), 1, &mut found, &mut named);
     let there: BTreeSet<String> =
         std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     assert_eq!(there, named, "every file is a tile's, and every tile has its file");
@@ -155,7 +260,7 @@ fn volume(tile: &Value) -> [Place; 2] {
 fn tile(
     folder: &Path,
     tile_: &Value,
-    above: Option<([Place; 2], f64)>,
+    (above, finest): (Option<([Place; 2], f64)>, f64),
     depth: usize,
     found: &mut Found,
     named: &mut BTreeSet<String>,
@@ -171,7 +276,11 @@ fn tile(
         assert!(error < error_above, "{error} < {error_above}");
     }
     let children = tile_["children"].as_array().cloned().unwrap_or_default();
-    assert_eq!(children.is_empty(), error == 0.0, "the finest tiles, and no others, have no error");
+    assert_eq!(
+        children.is_empty(),
+        error == finest,
+        "the finest tiles, and no others, have no error but the lattice's"
+    );
     let uri = tile_["content"]["uri"].as_str().unwrap();
     assert!(named.insert(uri.to_owned()), "{uri} is one tile's");
     let content = content(&folder.join(uri));
@@ -182,7 +291,7 @@ fn tile(
     found.deepest = found.deepest.max(depth);
     // Errors are not negative, so their bits are in their order.
     found.levels.entry(error.to_bits()).or_default().extend(content.own);
-    children.iter().for_each(|child| tile(folder, child, Some((bounds, error)), depth + 1, found, named));
+    children.iter().for_each(|child| tile(folder, child, (Some((bounds, error)), finest), depth + 1, found, named));
 }
 
 /// The triangles of a mesh, each from its least corner on.
@@ -236,6 +345,14 @@ fn apart(p: Place, [a, b, c]: [Place; 3]) -> f64 {
     to_segment(a, b).min(to_segment(b, c)).min(to_segment(c, a))
 }
 
+/// How far the farthest of some places is from a level.
+fn farthest(places: &[[u32; 3]], level: &[Triangle]) -> f64 {
+    let place = |corner: &[u32; 3]| corner.map(|bits| f64::from(f32::from_bits(bits)));
+    let level: Vec<[Place; 3]> = level.iter().map(|t| t.map(|corner| place(&corner))).collect();
+    let nearest = |p: &[u32; 3]| level.iter().map(|t| apart(place(p), *t)).fold(f64::INFINITY, f64::min);
+    places.iter().map(nearest).fold(0.0, f64::max).sqrt()
+}
+
 #[test]
 fn a_tileset_is_the_mesh_at_every_level_without_cracks_and_as_near_as_it_says() {
     let dir = tempfile::tempdir().unwrap();
@@ -259,15 +376,14 @@ fn a_tileset_is_the_mesh_at_every_level_without_cracks_and_as_near_as_it_says() 
             // Tiles of a level meet to the last bit, or there would be edges with one triangle; those on the rim become fewer.
             let open = open_edges(level);
             assert!(if sheet { (4..=rim).contains(&open) } else { open == 0 }, "{name} {number}: {open} of {rim}");
-            let level: Vec<[Place; 3]> =
-                level.iter().map(|t| t.map(|corner| corner.map(|bits| f64::from(f32::from_bits(bits))))).collect();
-            for corner in whole.iter().step_by(whole.len() / 60).map(|triangle| triangle[0]) {
-                let place = corner.map(|bits| f64::from(f32::from_bits(bits)));
-                let nearest = level.iter().map(|triangle| apart(place, *triangle)).fold(f64::INFINITY, f64::min);
-                assert!(nearest.sqrt() <= told.error * (1.0 + 1e-9) + 1e-6, "{name} {number}: {}", nearest.sqrt());
-            }
+            let places: Vec<[u32; 3]> = whole.iter().step_by(whole.len() / 60).map(|triangle| triangle[0]).collect();
+            let farthest = farthest(&places, level);
+            assert!(farthest <= told.error * (1.0 + 1e-9) + 1e-6, "{name} {number}: {farthest}");
         }
         assert_eq!(found.skirts > 0, sheet, "{name}");
+        // The transform adds the origin.
+        assert_eq!(found.transform[12..15], if sheet { [500_000.0, 0.0, 0.0] } else { [0.0; 3] });
+        assert_eq!(figures.site, None, "{name}");
         let again = TilesetTarget::prepare(&folder.join("tileset.json"), Overwrite::Refuse);
         assert!(matches!(again, Err(Error::OutputExists(_))), "{name}");
     }
@@ -292,5 +408,219 @@ fn neither_threads_nor_memory_show() {
 fn a_tileset_has_a_folder_of_its_own() {
     for name in ["tileset.json", "/tileset.json", "../tileset.json"] {
         assert!(matches!(TilesetTarget::prepare(Path::new(name), Overwrite::Refuse), Err(Error::Usage(_))), "{name}");
+    }
+}
+
+/// A mesh of some places in double precision: a fan about the first.
+fn fan(places: &[Place], workspace: &Workspace) -> MeshSpool {
+    let schema = ["classification", "red", "green", "blue"].map(|name| Attribute::new(name, Scalar::U8));
+    let mut mesh = MeshSpool::with_attributes(workspace, Precision::Double, Schema::new(schema.to_vec()), 1 << 20);
+    mesh.append_vertices(places).unwrap();
+    mesh.append_attributes(&vec![2; 4 * places.len()]).unwrap();
+    for v in 1..places.len() as u32 - 1 {
+        mesh.append_faces(&[FaceRecord::new([0, v, v + 1])]).unwrap();
+    }
+    mesh
+}
+
+fn distance(a: Place, b: Place) -> f64 {
+    (0..3).map(|i| (a[i] - b[i]) * (a[i] - b[i])).sum::<f64>().sqrt()
+}
+
+#[test]
+fn places_of_a_tileset_on_earth_agree_with_another_program_to_the_millimetre() {
+    // By pyproj 3.7.2 (PROJ 9.5.1): to longitude and latitude, then `+proj=cart`. Metres of UTM; feet and survey feet of state planes; degrees; a map at twice the scale.
+    let facts: [(&str, [(Place, Place); 3]); 6] = [
+        (
+            "EPSG:25832",
+            [
+                ([691_000.125, 5_334_000.5, 519.25], [4_178_639.23052, 855_247.77433, 4_726_965.68806]),
+                ([692_999.75, 5_335_999.875, 571.0], [4_176_849.34686, 856_989.56094, 4_728_292.97599]),
+                ([691_500.375, 5_335_250.625, 540.5], [4_177_645.04563, 855_597.23069, 4_727_804.20636]),
+            ],
+        ),
+        (
+            "EPSG:2992",
+            [
+                ([637_000.25, 850_000.5, 400.125], [-2_505_381.61975, -3_847_692.31228, 4_412_403.35447]),
+                ([641_250.0, 853_100.75, 655.5], [-2_503_977.78222, -3_847_855.46384, 4_413_165.46059]),
+                ([638_500.125, 851_000.0, 512.0], [-2_504_898.97074, -3_847_771.21794, 4_412_656.23086]),
+            ],
+        ),
+        (
+            "EPSG:2229",
+            [
+                ([6_480_000.5, 1_845_000.25, 310.5], [-2_505_219.69103, -4_658_610.90200, 3_552_185.21342]),
+                ([6_484_125.0, 1_849_000.0, 402.25], [-2_503_801.91652, -4_658_621.95604, 3_553_213.52234]),
+                ([6_482_000.75, 1_846_500.5, 350.0], [-2_504_566.76859, -4_658_681.45533, 3_552_572.11686]),
+            ],
+        ),
+        // Heights in metres above a map in feet.
+        (
+            "EPSG:2992+5703",
+            [
+                ([637_000.25, 850_000.5, 121.9581], [-2_505_381.61975, -3_847_692.31228, 4_412_403.35447]),
+                ([641_250.0, 853_100.75, 199.7964], [-2_503_977.78222, -3_847_855.46384, 4_413_165.46059]),
+                ([638_500.125, 851_000.0, 156.0576], [-2_504_898.97074, -3_847_771.21794, 4_412_656.23086]),
+            ],
+        ),
+        (
+            "EPSG:4326",
+            [
+                ([11.5, 48.1375, 519.0], [4_179_075.14665, 850_242.44805, 4_727_479.45111]),
+                ([11.5125, 48.14375, 530.5], [4_178_389.85110, 851_052.38152, 4_727_951.80210]),
+                ([11.50625, 48.139_062_5, 501.25], [4_178_843.96436, 850_670.13374, 4_727_582.18314]),
+            ],
+        ),
+        (
+            "EPSG:3857",
+            [
+                ([1_113_194.5, 8_399_737.875, 12.5], [3_148_539.58127, 555_172.27037, 5_500_487.95555]),
+                ([1_115_000.25, 8_401_000.0, 80.0], [3_147_876.90146, 555_974.38987, 5_500_862.15652]),
+                ([1_114_000.0, 8_400_200.125, 33.75], [3_148_282.63025, 555_536.93307, 5_500_622.01079]),
+            ],
+        ),
+    ];
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    for (number, (system, places)) in facts.iter().enumerate() {
+        let mesh = fan(&places.map(|(place, _)| place), &workspace);
+        let header = MeshHeader { sheet: true, crs: Crs::parse(system), ..MeshHeader::default() };
+        let folder = dir.path().join(number.to_string());
+        let figures = written_as(&mesh, &header, &TilesetOptions::default(), (64 << 20, 1), &folder).unwrap();
+        let found = read(&folder);
+        let corners: Vec<Place> = found.levels[&0][0].iter().map(|corner| found.moved(*corner)).collect();
+        for (place, expected) in places {
+            let off = corners.iter().map(|corner| distance(*corner, *expected)).fold(f64::INFINITY, f64::min);
+            assert!(off < 1e-3, "{system} {place:?}: {off}");
+        }
+        // Up is away from the Earth, and the site is where the transform says.
+        let up: Place = std::array::from_fn(|a| found.transform[8 + a]);
+        let from_centre = distance([0.0; 3], corners[0]);
+        assert!((0..3).map(|a| up[a] * corners[0][a] / from_centre).sum::<f64>() > 0.999);
+        let site = figures.site.unwrap();
+        assert!((100.0..700.0).contains(&site.height) || *system == "EPSG:3857", "{site}");
+        // Heights are raised by an offset.
+        let options = TilesetOptions { height_offset: Some(48.5), ..TilesetOptions::default() };
+        let raised =
+            written_as(&mesh, &header, &options, (64 << 20, 1), &dir.path().join(format!("{number}-up"))).unwrap();
+        assert!((raised.site.unwrap().height - site.height - 48.5).abs() < 1e-6, "{system}");
+    }
+}
+
+#[test]
+fn levels_on_earth_are_as_near_in_metres_as_they_say_and_meet_to_the_last_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    // On a map at twice the scale, where heights are as high as they are: 3 km are one and a half.
+    let (east, north) = (1_113_194.5, 8_399_737.875);
+    let mesh = mesh(300, 260, false, &workspace, |u, v| {
+        let (x, y) = (3000.0 * u, 2700.0 * v);
+        [x, y, 20.0 * (x / 90.0).sin() * (y / 70.0).cos() + 0.6 * (x / 3.1).sin() * (y / 2.7).sin()]
+    });
+    let origin = [east, north, 100.0];
+    let header = MeshHeader { sheet: true, crs: Crs::parse("EPSG:3857"), origin, ..MeshHeader::default() };
+    let folder = dir.path().join("a");
+    let figures = written_as(&mesh, &header, &TilesetOptions::default(), (256 << 20, 2), &folder).unwrap();
+    let found = read(&folder);
+    assert!(figures.levels.len() > 1, "{figures:?}");
+    // A sphere's map for places on the ellipsoid.
+    let (a, e2): (f64, f64) = (6_378_137.0, 0.006_694_379_990_141_316);
+    let centred = |[x, y, z]: Place| -> Place {
+        let (longitude, latitude) = ((x + east) / a, ((y + north) / a).sinh().atan());
+        let across = a / (1.0 - e2 * latitude.sin() * latitude.sin()).sqrt();
+        let from_axis = (across + z + 100.0) * latitude.cos();
+        [from_axis * longitude.cos(), from_axis * longitude.sin(), (across * (1.0 - e2) + z + 100.0) * latitude.sin()]
+    };
+    let cell = |place: Place| place.map(|c| (c / 2.0).floor() as i64);
+    let mut expected: BTreeMap<[i64; 3], Vec<Place>> = BTreeMap::new();
+    let mut places = vec![[0.0; 3]; mesh.vertex_count() as usize];
+    mesh.read_vertices(0, &mut places).unwrap();
+    for place in places.into_iter().map(centred) {
+        expected.entry(cell(place)).or_default().push(place);
+    }
+    let rim = open_edges(&triangles(&mesh));
+    let finest: Vec<[u32; 3]> =
+        found.levels[&0].iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect();
+    assert_eq!(finest.len() as u64, mesh.vertex_count());
+    // Every vertex went its way by itself: a turned and moved map would be off by metres.
+    for corner in &finest {
+        let place = found.moved(*corner);
+        let [x, y, z] = cell(place);
+        let around = (-1..=1).flat_map(|i| (-1..=1).flat_map(move |j| (-1..=1).map(move |k| [x + i, y + j, z + k])));
+        let near = around.filter_map(|cell| expected.get(&cell)).flatten();
+        let off = near.map(|other| distance(place, *other)).fold(f64::INFINITY, f64::min);
+        assert!(off < 2e-4, "{place:?}: {off}");
+    }
+    let some: Vec<[u32; 3]> = finest.iter().step_by(finest.len() / 60).copied().collect();
+    for (number, level) in found.levels.values().enumerate() {
+        let open = open_edges(level);
+        assert!((4..=rim).contains(&open), "{number}: {open} of {rim}");
+        let farthest = farthest(&some, level);
+        let told = figures.levels[number].error;
+        assert!(farthest <= told * (1.0 + 1e-9) + 1e-6, "{number}: {farthest} {told}");
+    }
+}
+
+#[test]
+fn a_system_whose_place_is_not_known_is_refused_and_a_site_s_own_is_none() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    let mesh =
+        fan(&[[500_000.0, 4_200_000.0, 5.0], [500_100.0, 4_200_000.0, 6.0], [500_000.0, 4_200_100.0, 7.0]], &workspace);
+    let write = |crs: Option<&str>, height_offset: Option<f64>, name: &str| {
+        let header = MeshHeader { sheet: true, crs: crs.and_then(Crs::parse), ..MeshHeader::default() };
+        let options = TilesetOptions { height_offset, ..TilesetOptions::default() };
+        written_as(&mesh, &header, &options, (64 << 20, 1), &dir.path().join(name))
+    };
+    // NAD27, whose shift is in grids; degrees, which these are not; metres from the Earth's centre; a name.
+    for crs in ["EPSG:26710", "EPSG:4326", "EPSG:4978", "somewhere"] {
+        let words = write(Some(crs), None, "refused").unwrap_err().to_string();
+        assert!(words.contains("`crs`"), "{crs}: {words}");
+        assert!(!dir.path().join("refused").exists());
+    }
+    assert!(write(None, Some(10.0), "refused").unwrap_err().to_string().contains("`height_offset`"));
+    for (crs, name) in [(None, "none"), (Some(r#"LOCAL_CS["site",UNIT["metre",1]]"#), "local")] {
+        assert_eq!(write(crs, None, name).unwrap().site, None);
+        read(&dir.path().join(name));
+    }
+}
+
+#[test]
+fn compressed_tiles_are_smaller_meet_to_the_last_bit_and_are_as_near_as_they_say() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    for (name, mesh, sheet) in [("hills", terrain(&workspace), true), ("torus", torus(&workspace), false)] {
+        let origin = if sheet { [691_000.0, 5_334_000.0, 500.0] } else { [0.0; 3] };
+        let crs = Crs::parse("EPSG:25832").filter(|_| sheet);
+        let header = MeshHeader { sheet, crs, origin, ..MeshHeader::default() };
+        let [plain, quantized, encoded] =
+            [Compression::None, Compression::Quantize, Compression::Meshopt].map(|compress| {
+                let options = TilesetOptions { compress, ..TilesetOptions::default() };
+                let folder = dir.path().join(format!("{name}-{compress:?}"));
+                let figures = written_as(&mesh, &header, &options, (256 << 20, 2), &folder).unwrap();
+                let found = read_with(&folder, figures.levels[0].error);
+                (figures, found)
+            });
+        assert!(plain.0.bytes > quantized.0.bytes && quantized.0.bytes > encoded.0.bytes, "{name}");
+        assert_eq!(quantized.0.levels.len(), plain.0.levels.len());
+        let whole = &plain.1.levels[&0];
+        let rim = open_edges(whole);
+        let places: Vec<[u32; 3]> = whole.iter().step_by(whole.len() / 60).map(|triangle| triangle[0]).collect();
+        for (number, (error, level)) in quantized.1.levels.iter().enumerate() {
+            let told = f64::from_bits(*error);
+            assert_eq!(told, quantized.0.levels[number].error);
+            let moved = told - plain.0.levels[number].error;
+            // A step is no more than two 65,528ths of the largest tile, or of twice the level.
+            assert!(moved > 0.0 && moved < 1000.0 / 65_528.0 * 2.0, "{name} {number}: {moved}");
+            let open = open_edges(level);
+            assert!(if sheet { (4..=rim).contains(&open) } else { open == 0 }, "{name} {number}: {open} of {rim}");
+            let farthest = farthest(&places, level);
+            assert!(farthest <= told * (1.0 + 1e-9) + 1e-6, "{name} {number}: {farthest} {told}");
+            // What is encoded comes back as it was.
+            assert_eq!(sorted(level.clone()), sorted(encoded.1.levels[error].clone()), "{name} {number}");
+        }
+        assert_eq!((plain.1.skirts, quantized.1.skirts), (encoded.1.skirts, encoded.1.skirts), "{name}");
+        assert!(encoded.1.skirts > 0 || !sheet);
     }
 }

@@ -7,17 +7,20 @@ use serde_json::{Value, json};
 
 use super::args::{
     Arguments, CheckArguments, Command, CompareArguments, DensifyArguments, GenerateArguments, InfoArguments,
-    PlanArguments, ReconstructArguments, RenderArguments, SimplifyArguments, TilesetArguments, overwrite,
+    PlanArguments, ReconstructArguments, RenderArguments, SimplifyArguments, TilesetArguments, ViewArguments,
+    overwrite,
 };
 use super::failures::failure;
 use super::results::{json_file, print_json, print_text, write_json};
-use super::{outputs, pages, signals, tasks};
-use crate::compare::{Comparison, compare};
+use super::{outputs, pages, signals, tasks, view};
+use crate::compare::{Comparison, Distances, HeatMap, compare};
 use crate::error::defect;
 use crate::error::words::{as_options, thousands};
 use crate::error::{Error, Kind, Result};
 use crate::mesh::check::CheckReport;
-use crate::render;
+use crate::page::{Chart, Document};
+use crate::points::attribute::Wanted;
+use crate::render::{self, ColourBy, Legend, View};
 use crate::resources::workers::Workers;
 use crate::run::generate;
 use crate::run::generate::densify::densify;
@@ -25,8 +28,8 @@ use crate::run::looks::{InfoReport, PlanReport};
 use crate::run::observer::{Observer, watched};
 use crate::run::phase::{Forecast, Phase};
 use crate::run::progress::{Progress, Show, Warning};
-use crate::run::{look, plan, run, simplify_file, tileset_file};
-use crate::storage::atomic_file::AtomicFile;
+use crate::run::{Resources, look, plan, run, simplify_file, tileset_file};
+use crate::storage::atomic_file::{AtomicFile, Overwrite};
 use crate::storage::steady::Steady;
 use crate::system::stack::Reported;
 use crate::{format, mesh};
@@ -54,6 +57,7 @@ pub fn execute(arguments: Arguments, progress: &mut Progress) -> Result<Kind> {
         Some(Command::Densify(arguments)) => densify_cloud(arguments, progress),
         Some(Command::Simplify(arguments)) => simplify(arguments, progress),
         Some(Command::Tileset(arguments)) => tileset(arguments, progress),
+        Some(Command::View(arguments)) => show(arguments, progress),
         Some(Command::Render(arguments)) => draw(arguments, progress),
         Some(Command::Generate(arguments)) => generate_cloud(arguments, progress),
         Some(Command::Completions(arguments)) => print_text(&pages::completions(arguments.shell)).map(|()| Kind::Done),
@@ -77,7 +81,10 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
         Some(Command::Compare(compare)) => compare.job().resources,
         Some(Command::Densify(densify)) => densify.job().resources,
         Some(Command::Simplify(simplify)) => simplify.job().resources,
-        Some(Command::Tileset(tileset)) => tileset.job().resources,
+        Some(Command::Tileset(tileset)) => tileset.resources.resources(),
+        Some(Command::View(_)) => {
+            return Err(Error::Usage("a viewer is the command's own: `asra-stream view`".into()));
+        }
         Some(Command::Render(render)) => render.resources.resources(),
         Some(Command::Generate(generate)) => generate.resources(),
         Some(Command::Completions(arguments)) => return value(&pages::completions(arguments.shell)),
@@ -102,8 +109,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
             Some(Command::Work(arguments)) => tasks::done(arguments, &workers, progress).map(|_| Value::Null),
             Some(Command::Info(arguments)) => value(&InfoReport::of(&look(&arguments.job()?, &workers, progress)?)),
             Some(Command::Check(arguments)) => {
-                let steady = Steady::of([&arguments.mesh]);
-                let check = |progress: &mut Progress| steady.settle(checked(arguments, &workers, progress));
+                let check = |progress: &mut Progress| checked(arguments, &workers, progress);
                 value(&reported(json_file(arguments.report.as_deref())?, progress, check)?.0)
             }
             Some(Command::Compare(arguments)) => {
@@ -123,7 +129,7 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
             }
             Some(Command::Tileset(arguments)) => {
                 let tileset =
-                    |progress: &mut Progress| Ok((tileset_file(&arguments.job(), &workers, progress)?, Kind::Done));
+                    |progress: &mut Progress| Ok((tileset_file(&arguments.job()?, &workers, progress)?, Kind::Done));
                 value(&reported(json_file(arguments.report.as_deref())?, progress, tileset)?.0)
             }
             Some(Command::Render(arguments)) => {
@@ -134,7 +140,9 @@ pub fn outcome(arguments: &Arguments, observer: Option<&dyn Observer>) -> Result
                 let made = generated(arguments, &workers, progress)?;
                 Ok(json!({ "points": made.points, "bytes": made.bytes }))
             }
-            Some(Command::Tasks(_) | Command::Completions(_) | Command::Man(_)) => unreachable!("they take no work"),
+            Some(Command::Tasks(_) | Command::View(_) | Command::Completions(_) | Command::Man(_)) => {
+                unreachable!("they take no work")
+            }
         }
     })
 }
@@ -189,11 +197,10 @@ fn show_info(arguments: &InfoArguments, progress: &mut Progress) -> Result<Kind>
 }
 
 fn check(arguments: &CheckArguments, progress: &mut Progress) -> Result<Kind> {
-    let steady = Steady::of([&arguments.mesh]);
     reported(json_file(arguments.report.as_deref())?, progress, |progress| {
         let workers = arguments.resources.resources().workers()?;
         signals::stop(&workers)?;
-        let (report, kind) = steady.settle(checked(arguments, &workers, progress))?;
+        let (report, kind) = checked(arguments, &workers, progress)?;
         if !arguments.talk.quiet {
             print_text(&report.to_string())?;
         }
@@ -235,7 +242,79 @@ fn refuse_below(floor: Floor, budget: u64, threads: usize, files: &[&PathBuf]) -
 /// How much longer it takes to look for pairs of a triangle that intersect than to check the rest of it.
 const INTERSECT: f64 = 8.0;
 
+/// Checks, and writes the page that was asked for.
 fn checked(arguments: &CheckArguments, workers: &Workers, progress: &mut Progress) -> Result<(CheckReport, Kind)> {
+    let page = arguments.html.as_deref().map(AtomicFile::report).transpose()?;
+    let steady = Steady::of([&arguments.mesh]);
+    let (report, kind) = steady.settle(looked_at(arguments, workers, progress))?;
+    if let Some(file) = page {
+        let document = Document {
+            title: title(&arguments.mesh),
+            summary: report.to_string(),
+            sheet: report.boundary_edges > 0,
+            figures: vec![("Findings".into(), value(&report)?)],
+            ..Document::default()
+        };
+        let shown =
+            Shown { mesh: &arguments.mesh, named: &arguments.mesh, wanted: Wanted::All, colour_by: ColourBy::Auto };
+        let document = steady.settle(shown.on(document, &arguments.resources.resources(), workers, progress))?;
+        document.write(file)?;
+    }
+    Ok((report, kind))
+}
+
+/// A mesh that is shown on a page.
+struct Shown<'a> {
+    /// The file that is read.
+    mesh: &'a Path,
+    /// The mesh that it is of.
+    named: &'a Path,
+    /// The attributes that the page has of it.
+    wanted: Wanted,
+    /// What its picture's colours tell.
+    colour_by: ColourBy,
+}
+
+impl Shown<'_> {
+    /// Draws and packs it.
+    fn on(
+        &self,
+        mut document: Document,
+        resources: &Resources,
+        workers: &Workers,
+        progress: &mut Progress,
+    ) -> Result<Document> {
+        let workspace = resources.workspace(self.named)?.stopped_with(workers);
+        // Of the budget: an eighth for a mesh that has to be converted, another for the process.
+        let budget = resources.budget();
+        let mesh = format::read::open_with(self.mesh, &workspace, budget / 8, &self.wanted)?;
+        let options = render::Options {
+            size: render::Size { width: 1200, height: 600 },
+            views: vec![View::iso(), View::from_angles(125.0, 30.0)],
+            colour_by: self.colour_by.clone(),
+            legend: Legend::In(format::read::told_crs(self.named).and_then(|crs| crs.measure())),
+            ..render::Options::default()
+        };
+        let least = Document::least_memory(&*mesh, &options).div_ceil(3) * 4;
+        if budget < least {
+            let (given, needed) = (ByteSize(budget), ByteSize(least.next_multiple_of(1 << 20)));
+            return Err(Error::Budget { given, needed, what: "the page" });
+        }
+        let triangles = mesh.face_count();
+        progress.begin(Phase::Render, Some(triangles));
+        let told = &mut |part: f64| progress.set((part * triangles as f64) as u64);
+        document.show((&*mesh, mesh.origin()), &options, budget / 4 * 3, (workers, &workspace), told)?;
+        progress.end();
+        Ok(document)
+    }
+}
+
+/// A file as a page's title has it.
+fn title(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+fn looked_at(arguments: &CheckArguments, workers: &Workers, progress: &mut Progress) -> Result<(CheckReport, Kind)> {
     let resources = arguments.resources.resources();
     let budget = resources.budget();
     refuse_below(CHECK, budget, workers.threads(), &[&arguments.mesh])?;
@@ -270,10 +349,53 @@ fn compare_mesh(arguments: &CompareArguments, progress: &mut Progress) -> Result
 }
 
 fn compared(arguments: &CompareArguments, workers: &Workers, progress: &mut Progress) -> Result<(Comparison, Kind)> {
-    let job = arguments.job();
+    let mut job = arguments.job();
     refuse_below(COMPARE, job.resources.budget(), workers.threads(), &[&job.mesh, &job.reference])?;
-    Ok((compare(&job, workers, progress)?, Kind::Done))
+    let Some(path) = &arguments.html else { return Ok((compare(&job, workers, progress)?, Kind::Done)) };
+    let file = AtomicFile::report(path)?;
+    // The page shows the heat map, whether that is wanted by itself or not.
+    let folder = tempfile::tempdir_in(job.resources.workspace(&job.mesh)?.dir())
+        .map_err(Error::io(path, "create a folder for"))?;
+    let heat = job.heatmap.get_or_insert_with(|| HeatMap {
+        path: folder.path().join("distances.ply"),
+        max: None,
+        unit: None,
+        overwrite: Overwrite::Refuse,
+        told: false,
+    });
+    let heat = heat.path.clone();
+    let found = compare(&job, workers, progress)?;
+    let of = |title: &str, distances: &Distances| Chart::Histogram {
+        title: title.into(),
+        end: distances.histogram.end,
+        counts: distances.histogram.counts.to_vec(),
+        beyond: distances.histogram.beyond,
+    };
+    let mut charts = vec![
+        of("Distances from the mesh's vertices to the reference", &found.mesh_to_reference.vertices),
+        of("Distances from the mesh's centroids to the reference", &found.mesh_to_reference.centroids),
+        of("Distances from the reference's points to the mesh", &found.reference_to_mesh.points),
+    ];
+    let centroids = found.reference_to_mesh.centroids.as_ref();
+    charts.extend(centroids.map(|centroids| of("Distances from the reference's centroids to the mesh", centroids)));
+    let document = Document {
+        title: format!("{} and {}", title(&job.mesh), title(&job.reference)),
+        summary: found.to_string(),
+        charts,
+        sheet: !found.mesh.closed,
+        colour: Some(DISTANCE.into()),
+        figures: vec![("Findings".into(), value(&found)?)],
+        ..Document::default()
+    };
+    let distance = ColourBy::Attribute(DISTANCE.into());
+    let wanted = Wanted::Named(vec![DISTANCE.into()]);
+    let shown = Shown { mesh: &heat, named: &job.mesh, wanted, colour_by: distance };
+    shown.on(document, &job.resources, workers, progress)?.write(file)?;
+    Ok((found, Kind::Done))
 }
+
+/// What vertices of a heat map have.
+const DISTANCE: &str = "distance";
 
 fn densify_cloud(arguments: &DensifyArguments, progress: &mut Progress) -> Result<Kind> {
     let job = arguments.job();
@@ -306,7 +428,7 @@ fn simplify(arguments: &SimplifyArguments, progress: &mut Progress) -> Result<Ki
 
 fn tileset(arguments: &TilesetArguments, progress: &mut Progress) -> Result<Kind> {
     reported(json_file(arguments.report.as_deref())?, progress, |progress| {
-        let job = arguments.job();
+        let job = arguments.job()?;
         let workers = job.resources.workers()?;
         signals::stop(&workers)?;
         let report = tileset_file(&job, &workers, progress)?;
@@ -315,6 +437,13 @@ fn tileset(arguments: &TilesetArguments, progress: &mut Progress) -> Result<Kind
         Ok((report, Kind::Done))
     })
     .map(|(_, kind)| kind)
+}
+
+fn show(arguments: &ViewArguments, progress: &mut Progress) -> Result<Kind> {
+    let workers = arguments.resources.resources().workers()?;
+    signals::stop(&workers)?;
+    // A signal is how it ends.
+    view::view(arguments, &workers, progress).map(|()| Kind::Done)
 }
 
 fn draw(arguments: &RenderArguments, progress: &mut Progress) -> Result<Kind> {

@@ -9,6 +9,7 @@ mod results;
 mod signals;
 mod sizes;
 mod tasks;
+mod view;
 
 use std::ffi::OsString;
 use std::io::Write;

@@ -12,6 +12,7 @@ use crate::format::write;
 use crate::format::write::Format;
 use crate::format::write::tiles::{self, Tiles};
 use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
+use crate::page::is_page;
 use crate::run;
 use crate::run::preview::Preview;
 use crate::run::pyramid::TilesetTarget;
@@ -39,6 +40,8 @@ enum Kind {
     Beside,
     /// JSON, which replaces an older report.
     Report,
+    /// A page, which replaces an older one.
+    Page,
     /// A folder of tiles.
     Tiles,
     /// The folder of a tileset.
@@ -104,6 +107,15 @@ impl Output {
                 if older && !begins_like_json(&self.path) {
                     return Err(Error::Usage(format!(
                         "{}: exists and is no report, which alone --report replaces; choose another name",
+                        self.path.display()
+                    )));
+                }
+                AtomicFile::report(&self.path).map(drop)
+            }
+            Kind::Page => {
+                if self.path.is_file() && !begins_like_a_page(&self.path) {
+                    return Err(Error::Usage(format!(
+                        "{}: exists and is no page of a report, which alone --html replaces; choose another name",
                         self.path.display()
                     )));
                 }
@@ -185,11 +197,17 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             if let Some(path) = &arguments.report {
                 put(path.clone(), "report", Kind::Report, overwrite);
             }
+            if let Some(path) = &arguments.html {
+                put(path.clone(), "page", Kind::Page, overwrite);
+            }
             files
         }
         Some(Command::Check(arguments)) => {
             if let Some(path) = &arguments.report {
                 put(path.clone(), "report", Kind::Report, Overwrite::Refuse);
+            }
+            if let Some(path) = &arguments.html {
+                put(path.clone(), "page", Kind::Page, Overwrite::Refuse);
             }
             vec![arguments.mesh.clone()]
         }
@@ -200,6 +218,9 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             }
             if let Some(path) = &arguments.report {
                 put(path.clone(), "report", Kind::Report, overwrite);
+            }
+            if let Some(path) = &arguments.html {
+                put(path.clone(), "page", Kind::Page, overwrite);
             }
             let mut inputs = expand(std::slice::from_ref(&arguments.reference)).unwrap_or_default();
             inputs.push(arguments.mesh.clone());
@@ -249,6 +270,7 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             | Command::Tasks(_)
             | Command::Work(_)
             | Command::Info(_)
+            | Command::View(_)
             | Command::Completions(_)
             | Command::Man(_),
         ) => Vec::new(),
@@ -288,6 +310,15 @@ fn is_within(path: &Path, folder: &Path) -> bool {
 fn resolved(path: &Path) -> Option<PathBuf> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     Some(folder.canonicalize().ok()?.join(path.file_name()?))
+}
+
+/// Whether a file is empty or a report's page.
+fn begins_like_a_page(path: &Path) -> bool {
+    /// The mark stands in the first lines.
+    const HEAD: u64 = 4 << 10;
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
+    read.is_ok() && is_page(&head)
 }
 
 /// Whether a file is empty or begins as reports do.

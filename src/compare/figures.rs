@@ -41,6 +41,35 @@ impl Sum {
     }
 }
 
+/// Parts of a histogram.
+pub const BINS: usize = 50;
+
+/// How often distances occur.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Histogram {
+    /// What is counted lies between 0 and this: twice the value that 95 % do not exceed, or else the largest.
+    pub end: f64,
+    /// In parts of the same width.
+    pub counts: [u64; BINS],
+    /// What is larger.
+    pub beyond: u64,
+}
+
+impl Histogram {
+    fn new(p95: f64, max: f64) -> Histogram {
+        let end = if p95 > 0.0 { (2.0 * p95).min(max) } else { max };
+        Histogram { end, counts: [0; BINS], beyond: 0 }
+    }
+
+    fn add(&mut self, value: f64) {
+        match value > self.end {
+            true => self.beyond += 1,
+            // All are zero, or this one is the largest.
+            false => self.counts[((value / self.end * BINS as f64) as usize).min(BINS - 1)] += 1,
+        }
+    }
+}
+
 /// What is told of some distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Figures {
@@ -50,6 +79,7 @@ pub(super) struct Figures {
     /// The value of rank ⌈0.95 n⌉, from the least.
     pub p95: f64,
     pub max: f64,
+    pub histogram: Histogram,
 }
 
 /// Distances, or angles, as they come.
@@ -112,7 +142,15 @@ impl Spread {
         self.store.append(bytemuck::cast_slice(&self.piece))?;
         let n = self.count as f64;
         let (mean, rms) = (self.sum.value() / n, (self.squares.value() / n).sqrt());
-        Ok(Some(Figures { count: self.count, mean, rms, p95: self.quantile()?, max: self.max }))
+        let p95 = self.quantile()?;
+        let mut histogram = Histogram::new(p95, self.max);
+        let mut piece = Vec::with_capacity(PIECE);
+        for first in (0..self.count).step_by(PIECE) {
+            piece.resize((self.count - first).min(PIECE as u64) as usize, 0.0);
+            self.store.read_at(first * 8, bytemuck::cast_slice_mut::<f64, u8>(&mut piece))?;
+            piece.iter().for_each(|value| histogram.add(*value));
+        }
+        Ok(Some(Figures { count: self.count, mean, rms, p95, max: self.max, histogram }))
     }
 
     fn quantile(&self) -> Result<f64> {
@@ -175,6 +213,11 @@ mod tests {
             prop_assert_eq!(found.max, values[n - 1]);
             let mean = values.iter().sum::<f64>() / n as f64;
             let rms = (values.iter().map(|v| v * v).sum::<f64>() / n as f64).sqrt();
+            let Histogram { end, counts, beyond } = found.histogram;
+            prop_assert_eq!(beyond, values.iter().filter(|v| **v > end).count() as u64);
+            prop_assert_eq!(counts.iter().sum::<u64>() + beyond, found.count);
+            let half = values.iter().filter(|v| **v / end * BINS as f64 >= 25.0 && **v <= end).count() as u64;
+            prop_assert!(end == 0.0 || counts[25..].iter().sum::<u64>() == half);
             prop_assert!((found.mean - mean).abs() <= 1e-13 * mean && (found.rms - rms).abs() <= 1e-13 * rms);
         }
     }

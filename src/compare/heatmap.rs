@@ -51,6 +51,8 @@ pub struct HeatMap {
     pub unit: Option<Unit>,
     /// Whether it may replace a file.
     pub overwrite: Overwrite,
+    /// Whether it is told where it went.
+    pub told: bool,
 }
 
 /// A distance as it is typed: a length, or per cents of the longest side of the reference's box.

@@ -49,7 +49,7 @@ use crate::storage::steady::Steady;
 
 pub use self::heatmap::{HeatMap, Reach};
 pub use self::job::{Job, Kind};
-pub use self::report::Comparison;
+pub use self::report::{Comparison, Distances};
 
 /// Compares. Memory: about the budget, but no less than some 8 MB for each worker, and 2 KB for every million triangles.
 ///
@@ -130,7 +130,9 @@ fn compared(job: &Job, steady: &Steady, workers: &Workers, progress: &mut Progre
     if let Some((heat, map)) = heat.zip(job.heatmap.as_ref()) {
         progress.begin(Phase::Write, None);
         let max = heat.write(sides.mesh(), &sides.room, &found.mesh_vertices, comparison.longest_side)?;
-        progress.note(&format!("{}: distances coloured from 0 to {}", map.path.display(), short(max)));
+        if map.told {
+            progress.note(&format!("{}: distances coloured from 0 to {}", map.path.display(), short(max)));
+        }
     }
     progress.end();
     Ok(comparison)

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use super::figures::Figures;
+use super::figures::{Figures, Histogram};
 use super::job::{Found, Job, Kind};
 use crate::error::words::{short, thousands, told};
 use crate::mesh::check::CheckReport;
@@ -114,6 +114,9 @@ pub struct Distances {
     pub p95: Length,
     /// The largest.
     pub max: Length,
+    /// How often they occur, in the files' units.
+    #[serde(skip)]
+    pub histogram: Histogram,
 }
 
 /// A distance, in three measures.
@@ -158,6 +161,7 @@ impl Comparison {
             rms: length(figures.rms),
             p95: length(figures.p95),
             max: length(figures.max),
+            histogram: figures.histogram,
         };
         let angles = |&Figures { mean, rms, p95, max, .. }: &Figures| Angles { mean, rms, p95, max };
         let mse = |figures: &Figures| 100.0 * length(figures.rms).percent_of_longest.powi(2);

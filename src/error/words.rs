@@ -55,7 +55,7 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 45] = [
+pub const SETTINGS: [&str; 47] = [
     "attributes",
     "axis",
     "base",
@@ -66,6 +66,7 @@ pub const SETTINGS: [&str; 45] = [
     "classes",
     "clip",
     "color_by",
+    "compress",
     "coordinates",
     "crs",
     "dsm",
@@ -73,6 +74,7 @@ pub const SETTINGS: [&str; 45] = [
     "endian",
     "facing",
     "heatmap_max",
+    "height_offset",
     "k",
     "layout",
     "max_hole",

@@ -118,14 +118,20 @@ struct Scratch<T> {
 }
 
 impl<T: Coordinate> Buckets<T> {
-    /// Sorts the whole cloud into buckets. `progress` is told the records of each block.
+    /// Sorts the whole cloud into buckets, with attributes or without. `progress` is told the records of each block.
     ///
     /// Memory: a block, its sorted points and a chunk for each job in flight, and a chunk for each bucket.
     ///
     /// # Errors
     /// Errors of reading the input, [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn fill(cloud: &Cloud, grid: &Grid, context: &Context, progress: impl FnMut(u64)) -> Result<Buckets<T>> {
-        Buckets::fill_with((cloud, None), grid, context, PHASE, progress)
+    pub fn fill(
+        cloud: &Cloud,
+        carried: Carried,
+        grid: &Grid,
+        context: &Context,
+        progress: impl FnMut(u64),
+    ) -> Result<Buckets<T>> {
+        Buckets::fill_with((cloud, None, carried), grid, context, PHASE, progress)
     }
 
     /// The same with the points of a segment, if there is one, for a phase of that name.
@@ -133,7 +139,7 @@ impl<T: Coordinate> Buckets<T> {
     /// # Errors
     /// The same as [`Buckets::fill`].
     pub fn fill_with(
-        (cloud, segment): (&Cloud, Option<&Segment>),
+        (cloud, segment, carried): (&Cloud, Option<&Segment>, Carried),
         grid: &Grid,
         context: &Context,
         phase: &str,
@@ -141,7 +147,7 @@ impl<T: Coordinate> Buckets<T> {
     ) -> Result<Buckets<T>> {
         let memory = &context.memory;
         let count = bucket_count(grid);
-        let stride = cloud.schema().stride();
+        let stride = cloud.carried(carried).stride();
         let page = memory.bucket_buffer as usize;
         let page_file = match (&context.work, memory.buckets_quota) {
             (Some(work), _) => Some(context.workspace.page_file_in(work.create(phase)?, page, (0, 0))),
@@ -163,7 +169,7 @@ impl<T: Coordinate> Buckets<T> {
             segment,
             &context.workers,
             memory.blocks_in_flight,
-            Carried::Attributes,
+            carried,
             |batch| spares.lend(|scratch| filling.sort(batch, grid, scratch)),
             |records| {
                 progress(records);
@@ -172,6 +178,14 @@ impl<T: Coordinate> Buckets<T> {
         )?;
         context.workers.in_order_range(memory.blocks_in_flight, count, |bucket| filling.close(bucket), |()| Ok(()))?;
         Ok(filling.filled())
+    }
+
+    /// Moves the points that lie in memory to disk.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn leave_memory(&mut self, context: &Context) -> Result<()> {
+        self.parts.iter_mut().try_for_each(|part| part.leave_memory(context))
     }
 
     /// Saves where the points lie, which is in a file of the work folder, and commits both as a phase.
@@ -281,6 +295,22 @@ fn bucket_count(grid: &Grid) -> usize {
 }
 
 impl<T: Coordinate> Part<T> {
+    fn leave_memory(&mut self, context: &Context) -> Result<()> {
+        if self.page_file.is_some() {
+            return Ok(());
+        }
+        let page_file = context.workspace.page_file(self.chunk * (size_of::<[T; 3]>() + self.stride))?;
+        for bucket in &mut self.buckets {
+            // All of a bucket's chunks but the last are whole, as its pages are.
+            for chunk in std::mem::take(&mut bucket.held) {
+                let (points, attributes) = (bytemuck::cast_slice(&chunk.points), chunk.attributes.as_slice());
+                bucket.stored.push(page_file.put(&[points, attributes])?);
+            }
+        }
+        self.page_file = Some(page_file);
+        Ok(())
+    }
+
     fn commit(&self, work: &WorkFolder, phase: &str) -> Result<()> {
         let Some(pages) = self.page_file.as_ref().and_then(PageFile::named) else { return Ok(()) };
         let mut out = SectionWriter::new(work, &format!("places-{phase}"))?;
@@ -619,5 +649,62 @@ impl<T: Coordinate> Scratch<T> {
             sorted.points[*at as usize] = *point;
             *at += 1;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::InputOptions;
+    use crate::points::attribute::Wanted;
+    use crate::points::bounds::{Axis, Bounds};
+    use crate::run::testing::with_context;
+    use crate::settings::{AxisChoice, Resolution};
+
+    #[test]
+    fn points_that_leave_memory_are_the_same_on_disk() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("cloud.bin");
+        // More than a chunk in one bucket, few in another, none in a third.
+        let place = |number: u32| [(number % 97) as f32, if number.is_multiple_of(100) { 11.5 } else { 1.5 }, 0.5];
+        let points = 40_000u32;
+        let bytes: Vec<u8> = (0..points)
+            .flat_map(|number| place(number).into_iter().flat_map(f32::to_le_bytes).chain(number.to_le_bytes()))
+            .collect();
+        std::fs::write(&path, bytes).unwrap();
+        let layout = Some("xyz,number:u32".parse().unwrap());
+        let input = InputOptions { layout, attributes: Wanted::All, ..InputOptions::default() };
+        let cloud = Cloud::open(&[path], &input).unwrap();
+        let bounds = Bounds { min: [0.0; 3], max: [97.0, 12.0, 1.0] };
+        let grid = Grid::new(points.into(), &bounds, Resolution::Cell(1.0), AxisChoice::Fixed(Axis::Y)).unwrap();
+        with_context(grid.cells(), |context| {
+            let mut context = context.clone();
+            context.memory.buckets_quota = 1 << 20;
+            let mut buckets = Buckets::<f32>::fill(&cloud, Carried::Attributes, &grid, &context, |_| ()).unwrap();
+            let read = |buckets: &Buckets<f32>, bucket: usize| {
+                let (mut points, mut numbers) = (Vec::new(), Vec::new());
+                let add = |some: &[[f32; 3]], records: &[u8]| {
+                    points.extend_from_slice(some);
+                    numbers.extend_from_slice(records);
+                    Ok(())
+                };
+                buckets.read_attributes(bucket, add).unwrap();
+                let mut share = Vec::new();
+                let some = |some: &[[f32; 3]]| {
+                    share.extend_from_slice(some);
+                    Ok(())
+                };
+                buckets.read_share(bucket, 5..30_000, some).unwrap();
+                (points, numbers, share)
+            };
+            let all = |buckets: &Buckets<f32>| (0..3).map(|bucket| read(buckets, bucket)).collect::<Vec<_>>();
+            let before = all(&buckets);
+            assert_eq!(before.iter().map(|(points, ..)| points.len()).collect::<Vec<_>>(), [39_600, 0, 400]);
+            assert_eq!(context.workspace.peak_on_disk(), 0);
+            buckets.leave_memory(&context).unwrap();
+            assert!(buckets.parts[0].buckets.iter().all(|bucket| bucket.held.is_empty()));
+            assert_eq!(context.workspace.peak_on_disk(), u64::from(points) * 16);
+            assert!(all(&buckets) == before);
+        });
     }
 }

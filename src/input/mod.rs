@@ -242,6 +242,15 @@ impl<'a> Cloud<'a> {
         self.crs.as_ref()
     }
 
+    /// The schema of what a pass carries.
+    pub(crate) fn carried(&self, carried: Carried) -> Schema {
+        match carried {
+            Carried::Coordinates => Schema::default(),
+            Carried::Attributes => self.schema.clone(),
+            Carried::Only(names) => self.schema_of(names),
+        }
+    }
+
     /// A line about the coordinate reference system, if any file tells it, and which files do not.
     pub fn crs_line(&self) -> Option<String> {
         const NAMED: usize = 3;
@@ -261,12 +270,8 @@ impl<'a> Cloud<'a> {
     /// Starts a pass over everything; every pass gives the same blocks as long as the files stay as they are. Files are opened when the
     /// pass comes to them.
     pub fn blocks(&self, carried: Carried) -> Blocks<'_> {
-        let schema = match carried {
-            Carried::Coordinates => Schema::default(),
-            Carried::Attributes => self.schema.clone(),
-            Carried::Only(names) => self.schema_of(names),
-        };
-        let sieve = Sieve::new(&self.filter, schema, self.formats.iter().map(|format| format.attributes()));
+        let sieve =
+            Sieve::new(&self.filter, self.carried(carried), self.formats.iter().map(|format| format.attributes()));
         let (precision, verdict) = (self.precision, self.verdict.clone());
         let waiting = self.formats.iter().enumerate();
         Blocks { waiting, current: None, within: None, precision, sieve: Arc::new(sieve), verdict }

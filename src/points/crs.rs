@@ -72,15 +72,17 @@ impl KeyedUnit {
 }
 
 impl Crs {
-    /// The system that a text names: `EPSG:25832`, WKT, or anything else, which is then its name. `None` for a text of blanks.
+    /// The system that a text names: `EPSG:25832`, `EPSG:25832+7837` with one of heights, WKT, or anything else, which is then its name. `None` for a text of blanks.
     pub fn parse(text: &str) -> Option<Crs> {
         let text = text.trim_matches(|c: char| c.is_whitespace() || c == '\0');
         if text.is_empty() || text.len() > MAX_WKT {
             return None;
         }
-        let code = text.get(..5).filter(|head| head.eq_ignore_ascii_case("EPSG:")).and_then(|_| text[5..].parse().ok());
-        if let Some(epsg) = code {
-            return Some(Crs { epsg: Some(epsg), ..Crs::default() });
+        if let Some(codes) = text.get(..5).filter(|head| head.eq_ignore_ascii_case("EPSG:")).map(|_| &text[5..]) {
+            let (map, heights) = codes.split_once('+').map_or((codes, None), |(map, heights)| (map, Some(heights)));
+            if let (Ok(epsg), Ok(vertical)) = (map.parse(), heights.map(str::parse).transpose()) {
+                return Some(Crs { epsg: Some(epsg), vertical, ..Crs::default() });
+            }
         }
         let keyword: String = text.chars().take_while(|c| c.is_ascii_alphabetic() || *c == '_').collect();
         let opens = text[keyword.len()..].trim_start().starts_with(['[', '(']);
@@ -192,7 +194,7 @@ impl Crs {
             let words = defined.map_or("", |definition| definition.proj4).split_ascii_whitespace();
             words.filter_map(|word| word.strip_prefix('+')?.split_once('=')).find(|(name, _)| *name == key)
         };
-        let told = self.wkt.as_deref().map(Codes::of).unwrap_or_default();
+        let told = self.told();
         let angles = word("proj").is_some_and(|(_, name)| name == "longlat") && told.unit.is_none();
         if self.axes() == Some(Axes::Degrees) || angles {
             return Some(Measure::Degrees);
@@ -211,6 +213,52 @@ impl Crs {
         }?;
         let heights = told.height_unit.map(Unit::of_metres).or(self.height_unit.map(KeyedUnit::known));
         Some(if heights.is_none_or(|heights| heights == Some(unit)) { Measure::Length(unit) } else { Measure::Mixed })
+    }
+
+    /// Metres of the unit of lengths on the map: as text or keys tell it, else as the code's definition does.
+    pub(super) fn map_unit(&self, defined: Option<f64>) -> Option<f64> {
+        match (self.told().unit, self.unit) {
+            (Some(metres), _) => rounded(metres),
+            (None, Some(unit)) => unit.known().map(Unit::in_metres),
+            (None, None) => defined,
+        }
+    }
+
+    /// Metres of the unit of heights: as text, keys or their own code tell it, else as `otherwise`.
+    pub(super) fn unit_of_heights(&self, otherwise: Option<f64>) -> Option<f64> {
+        /// Heights whose unit their code tells: above the geoids of 1929 and 1988 of North America, and above those of 1996 and 2008 of the whole Earth.
+        const KNOWN: [(u32, Unit); 7] = [
+            (5702, Unit::SurveyFoot),
+            (6360, Unit::SurveyFoot),
+            (8228, Unit::Foot),
+            (5703, Unit::Metre),
+            (7968, Unit::Metre),
+            (5773, Unit::Metre),
+            (3855, Unit::Metre),
+        ];
+        let known = || KNOWN.iter().find(|(code, _)| self.vertical == Some(*code)).map(|(_, unit)| unit.in_metres());
+        match (self.told().height_unit, self.height_unit) {
+            (Some(metres), _) => rounded(metres),
+            (None, Some(unit)) => unit.known().map(Unit::in_metres),
+            (None, None) => known().or(otherwise),
+        }
+    }
+
+    /// The numbers of the text's shift to WGS 84.
+    pub(super) fn shift(&self) -> Option<Vec<f64>> {
+        self.told().shift
+    }
+
+    /// Whether the text says that the system is a site's own, which no place on Earth is known for.
+    #[doc(hidden)]
+    pub fn is_local(&self) -> bool {
+        let keyword =
+            |word: &str| self.wkt.as_deref().is_some_and(|wkt| wkt.trim_start().to_ascii_uppercase().starts_with(word));
+        ["LOCAL_CS", "ENGCRS", "ENGINEERINGCRS"].into_iter().any(keyword)
+    }
+
+    fn told(&self) -> Codes {
+        self.wkt.as_deref().map(Codes::of).unwrap_or_default()
     }
 
     fn axes(&self) -> Option<Axes> {
@@ -294,6 +342,12 @@ impl fmt::Display for Crs {
     }
 }
 
+/// A unit's metres without what a text rounded off; `None` if it has no length.
+fn rounded(metres: f64) -> Option<f64> {
+    let known = Unit::of_metres(metres).map(Unit::in_metres);
+    known.or_else(|| (metres.is_finite() && metres > 0.0).then_some(metres))
+}
+
 /// The text of a file; nothing of one that is too long for a reference system.
 fn text_of(path: &Path) -> std::io::Result<String> {
     /// Real ones have some thousands of letters.
@@ -325,6 +379,8 @@ struct Codes {
     unit: Option<f64>,
     /// Metres of the unit of heights in a compound.
     height_unit: Option<f64>,
+    /// The numbers of `TOWGS84`.
+    shift: Option<Vec<f64>>,
 }
 
 impl Codes {
@@ -359,6 +415,9 @@ impl Codes {
     fn see(&mut self, within: &[(String, Vec<String>)], keyword: &str, arguments: &[String]) {
         if let ([_, factor, ..], "UNIT" | "LENGTHUNIT") = (arguments, keyword) {
             self.see_unit(within, factor);
+        }
+        if keyword == "TOWGS84" {
+            self.shift = arguments.iter().map(|number| number.parse().ok()).collect();
         }
         let ([authority, code, ..], "AUTHORITY" | "ID") = (arguments, keyword) else { return };
         let (true, Ok(code)) = (authority.eq_ignore_ascii_case("EPSG"), code.parse::<u32>()) else { return };
@@ -406,6 +465,8 @@ mod tests {
         for (text, epsg, vertical, printed) in [
             ("EPSG:25832", Some(25832), None, "EPSG:25832"),
             ("epsg:2992\0", Some(2992), None, "EPSG:2992"),
+            ("EPSG:2992+6360", Some(2992), Some(6360), "EPSG:2992, heights EPSG:6360"),
+            ("EPSG:2992+", None, None, "EPSG:2992+"),
             (COMPOUND, Some(26910), Some(5703), "EPSG:26910 (NAD83 / UTM zone 10N + NAVD88), heights EPSG:5703"),
             (r#"PROJCRS["A, b]", ID["EPSG", 3857]]"#, Some(3857), None, "EPSG:3857 (A, b])"),
             (r#"LOCAL_CS["site"]"#, None, None, "site"),

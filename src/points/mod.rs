@@ -4,6 +4,7 @@ pub mod attribute;
 pub mod bounds;
 pub mod clip;
 pub mod crs;
+pub mod earth;
 pub(crate) mod filter;
 pub mod scalar;
 pub mod seen_from;

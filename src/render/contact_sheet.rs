@@ -173,6 +173,24 @@ impl Picture {
         &mut self.pixels[start..start + cell.width * self.channels]
     }
 
+    /// It as PNG.
+    pub fn png(&self) -> Vec<u8> {
+        let mut out = Vec::new();
+        self.encode(&mut out).expect("memory takes what it is given");
+        out
+    }
+
+    fn encode(&self, out: impl Write) -> std::io::Result<()> {
+        let mut encoder = png::Encoder::new(out, self.size.width, self.size.height);
+        encoder.set_color(if self.channels == 4 { png::ColorType::Rgba } else { png::ColorType::Rgb });
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+        encoder.set_compression(png::Compression::Balanced);
+        let mut writer = encoder.write_header().map_err(as_system)?;
+        writer.write_image_data(&self.pixels).map_err(as_system)?;
+        writer.finish().map_err(as_system)
+    }
+
     /// Writes it as PNG and gives the file its name.
     ///
     /// # Errors
@@ -180,14 +198,7 @@ impl Picture {
     pub fn write(&self, file: AtomicFile) -> Result<()> {
         let write = || -> std::io::Result<()> {
             let mut out = BufWriter::new(file.file());
-            let mut encoder = png::Encoder::new(&mut out, self.size.width, self.size.height);
-            encoder.set_color(if self.channels == 4 { png::ColorType::Rgba } else { png::ColorType::Rgb });
-            encoder.set_depth(png::BitDepth::Eight);
-            encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-            encoder.set_compression(png::Compression::Balanced);
-            let mut writer = encoder.write_header().map_err(as_system)?;
-            writer.write_image_data(&self.pixels).map_err(as_system)?;
-            writer.finish().map_err(as_system)?;
+            self.encode(&mut out)?;
             out.flush()
         };
         write().map_err(Error::io(file.path(), "write the picture"))?;

@@ -49,7 +49,7 @@ pub(crate) struct Keepable {
 }
 
 /// What is kept of it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Kept {
     pub(crate) buckets: u64,
     pub(crate) slices: u64,
@@ -63,20 +63,6 @@ impl Keepable {
         };
         let buckets = keep(self.buckets, left, 2);
         Kept { buckets, slices: keep(self.slices, left - buckets, 4) }
-    }
-
-    /// The least budget in whole MiB that leaves `bytes` beside `process` and what is kept. Whole ones: a little more may be enough for more to be kept, and too little again.
-    pub(crate) fn least_budget(self, bytes: u64, process: u64) -> u64 {
-        let Keepable { buckets, slices, .. } = self;
-        let mut kept = [0, slices, buckets, buckets + slices];
-        kept.sort_unstable();
-        let with = |kept: u64| (process + bytes + kept).next_multiple_of(1 << 20);
-        let fits = |budget: &u64| {
-            let kept = self.within(budget - process);
-            process + bytes + kept.buckets + kept.slices <= *budget
-        };
-        // With room for all that could be kept it fits, whatever is.
-        kept.map(with).into_iter().find(fits).unwrap_or(with(buckets + slices))
     }
 }
 

@@ -12,17 +12,19 @@ use crate::points::Coordinate;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::surveyed::Surveyed;
+use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::surface::Fit;
 use crate::solid::close::{self, Closed, ClosingOptions, How};
 use crate::solid::component::Components;
+use crate::solid::heightfield::HeightField;
 use crate::solid::sign::Sights;
 use crate::solid::unresolved::NarrowHandles;
 use crate::solid::{SavedSolid, Solid};
 use crate::storage::work::WorkFolder;
 use crate::storage::work::sections::{Section, SectionReader, SectionWriter};
 use crate::surface::thickness::{self, Shell};
-use crate::surface::vertices;
+use crate::surface::{plane, vertices};
 
 /// The closed cells of a cloud, and what is to be told of the cells that points lie in.
 #[derive(Debug)]
@@ -63,6 +65,42 @@ struct Saved {
 pub(super) const PHASE: &str = "cells";
 
 impl ClosedCells {
+    /// A workload when the cells and the points of each bucket are known, with vertices that are moved onto `fit`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Interrupted`].
+    pub(super) fn counted_workload<T: Coordinate>(
+        &self,
+        workload: &Workload,
+        fit: Fit,
+        buckets: &Buckets<T>,
+        context: &Context,
+    ) -> Result<Workload> {
+        let Closed { solid, occupancy, falls, .. } = &self.closed;
+        let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
+        let means = plane::bytes(&occupancy.in_slice, solid.cells, workload.smooth);
+        let counted;
+        let faces = match &self.weights {
+            Some(weights) => weights,
+            None => {
+                counted = vertices::weights(solid, context)?;
+                &counted
+            }
+        };
+        Ok(workload.with_faces_of_slices(faces, *falls).with_fit(fit).with_buckets(&points).with_means(means))
+    }
+
+    /// Moves what lies in memory of the cells to disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn leave_memory(&mut self) -> Result<()> {
+        let Closed { solid, occupancy, .. } = &mut self.closed;
+        occupancy.store.leave_memory()?;
+        solid.store.leave_memory()?;
+        solid.ground.as_mut().map_or(Ok(()), HeightField::leave_memory)
+    }
+
     /// Saves and commits them.
     ///
     /// # Errors

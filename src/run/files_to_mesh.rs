@@ -25,6 +25,8 @@ use crate::render;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::finished::{Finished, refuse_unsound, report};
+#[cfg(feature = "render")]
+use crate::run::html::PlannedPage;
 use crate::run::identity;
 use crate::run::job::{Check, Job, default_output_of};
 use crate::run::mesh_header::header_of;
@@ -32,7 +34,7 @@ use crate::run::phase::Phase;
 use crate::run::pipeline::{context, reconstruct};
 use crate::run::prepare::{Passes, describe, expected_tiles, files, known, open, planned, surveyed};
 #[cfg(feature = "render")]
-use crate::run::preview::{DrawnPreview, PlannedPreview};
+use crate::run::preview::{self, DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
 use crate::run::pyramid::TilesetTarget;
 use crate::run::report::{OutputReport, Report};
@@ -40,6 +42,8 @@ use crate::run::simplification::{Lengths, simplified};
 use crate::run::surface::Reconstructed;
 use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
+#[cfg(feature = "render")]
+use crate::storage::atomic_file::AtomicFile;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
@@ -191,10 +195,12 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     Beside::of(job)?.paths().try_for_each(|path| refuse_input_as_output(&files, path))?;
     let mut beside = Beside::of(job)?.create()?;
     let positions = positions_of(&output, job)?;
-    if !job.tileset.skirts && !is_named(&output) {
+    if !is_named(&output)
+        && let Some(setting) = job.tileset.first_set()
+    {
         let words =
-            "`no_skirts`: only a tileset has skirts; its `output` is named tileset.json, in a folder of its own";
-        return Err(Error::setting("no_skirts", words.into()));
+            format!("`{setting}`: is for a tileset; its `output` is named tileset.json, in a folder of its own");
+        return Err(Error::setting(setting, words));
     }
     // What can fail for want of room or rights fails now, not after the work.
     let mut target = match division(job, &files)? {
@@ -204,11 +210,16 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     };
     #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
+    #[cfg(feature = "render")]
+    let page = job.html.as_deref().map(AtomicFile::report).transpose()?;
     let beside_output = if is_named(&output) { TilesetTarget::folder(&output)? } else { &*output };
     let workspace = job.resources.workspace(beside_output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
     let passes = if let Source::Made(_) = source { Passes::Few } else { Passes::All };
     let mut cloud = open(job, &files, &workspace, workers, passes, progress)?;
+    if let Place::Tileset(tileset) = &mut target {
+        tileset.georeference(cloud.crs(), &job.tileset)?;
+    }
     let job = &job.measured_as(&cloud)?;
     if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
         tiles.divide_by(Division::Squares(side));
@@ -228,7 +239,13 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         Source::Points(_) => surveyed(&cloud, &job.settings, workers, left, progress)?,
         Source::Made(made) => made.surveyed(&job.settings),
     };
-    if let Place::Tileset(_) = &target {
+    let mut levels = matches!(target, Place::Tileset(_));
+    #[cfg(feature = "render")]
+    {
+        // The page's mesh is one of fewer triangles.
+        levels |= page.is_some();
+    }
+    if levels {
         surveyed.workload = surveyed.workload.with_levels();
     }
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
@@ -245,7 +262,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         }
     }
     let planned = match source {
-        Source::Points(_) => planned(surveyed, &settings, workers, &workspace, left, work.cloned(), progress),
+        Source::Points(_) => planned(&cloud, surveyed, &settings, (workers, &workspace), left, work.cloned(), progress),
         Source::Made(_) => context(&surveyed, workers, &workspace, left).map(|context| (surveyed, context)),
     };
     let (surveyed, context) = planned.map_err(whole)?;
@@ -259,6 +276,12 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     if let Some(picture) = &picture {
         picture.check_memory(&context.memory)?;
     }
+    #[cfg(feature = "render")]
+    let page = page.map(|file| {
+        let options = preview::options(&settings, &surveyed.survey.bounds, cloud.schema());
+        let legend = render::Legend::In(cloud.measure());
+        PlannedPage::new(file, render::Options { legend, ..options }, settings.may_end())
+    });
     let mut made = match source {
         Source::Points(_) => reconstruct(&cloud, &surveyed, &settings, &context, progress).map_err(whole)?,
         Source::Made(made) => made.reconstructed(&settings, &context, progress)?,
@@ -310,6 +333,16 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
             progress.begin(Phase::Render, Some(made.mesh.face_count()));
             let memory = made.memory.working;
             Some(picture.draw(&made.mesh, memory, workers, &workspace, &mut |done| progress.set(done))?)
+        }
+    };
+    #[cfg(feature = "render")]
+    let page = match page {
+        None => None,
+        Some(page) => {
+            let triangles = made.mesh.face_count() as f64;
+            progress.begin(Phase::Render, Some(made.mesh.face_count()));
+            let told = &mut |part: f64| progress.set((part * triangles) as u64);
+            Some(page.show((&made.mesh, made.origin), &made.memory, (workers, &workspace), told)?)
         }
     };
     let elements = match &target {
@@ -366,7 +399,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         coordinates: positions,
     };
     let seconds = start.elapsed().as_secs_f64();
-    Ok(report(Finished {
+    let report = report(Finished {
         cloud: &cloud,
         surveyed: &surveyed,
         ground,
@@ -378,7 +411,12 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         progress,
         seconds,
         workspace: &workspace,
-    }))
+    });
+    #[cfg(feature = "render")]
+    if let Some(page) = page {
+        page.write(&report)?;
+    }
+    Ok(report)
 }
 
 /// What a job wants its mesh divided by, as far as it is known before files are opened.

@@ -38,6 +38,9 @@ pub struct Job {
     /// Whether a picture of the mesh is drawn, too.
     #[cfg(feature = "render")]
     pub preview: Preview,
+    /// The page that the run is reported on, if any.
+    #[cfg(feature = "render")]
+    pub html: Option<PathBuf>,
     /// The LAZ or LAS file that the verdicts of the ground filter are written to, if any.
     pub write_classes: Option<PathBuf>,
     /// The GeoTIFF file of the ground's heights, if any.
@@ -59,10 +62,10 @@ pub struct Job {
 }
 
 impl Job {
-    /// Whether a picture of the mesh is drawn, too.
+    /// Whether the mesh is drawn, too.
     pub(super) fn is_drawn(&self) -> bool {
         #[cfg(feature = "render")]
-        return self.preview != Preview::None;
+        return self.preview != Preview::None || self.html.is_some();
         #[cfg(not(feature = "render"))]
         false
     }
@@ -79,6 +82,8 @@ impl Job {
             units: Units::default(),
             #[cfg(feature = "render")]
             preview: Preview::None,
+            #[cfg(feature = "render")]
+            html: None,
             write_classes: None,
             dtm: None,
             dsm: None,

@@ -11,6 +11,7 @@ mod advice;
 pub mod bare_earth;
 pub mod bridging;
 pub mod closed_cells;
+mod counted;
 mod estimate;
 mod files_to_mesh;
 mod fineness;
@@ -18,6 +19,8 @@ mod finished;
 pub mod forecast;
 #[cfg(feature = "generate")]
 pub mod generate;
+#[cfg(feature = "render")]
+mod html;
 mod identity;
 pub mod job;
 mod judgement;

@@ -15,7 +15,7 @@ pub enum Phase {
     Survey,
     /// Counting points by class and return.
     Count,
-    /// Closing coarse cells, to know how large the mesh is going to be.
+    /// Closing coarse cells, or all of them, to know how large the mesh is going to be.
     Rehearse,
     /// Sorting points into buckets.
     Bucket,

@@ -7,7 +7,7 @@ use bytesize::ByteSize;
 use crate::error::{Error, Result};
 use crate::grid::bucket::{self, Buckets, Compared};
 use crate::grid::context::Context;
-use crate::input::Cloud;
+use crate::input::{Carried, Cloud};
 use crate::nearest::bridged::with_bridged;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
@@ -83,7 +83,7 @@ fn reconstruct_as<T: Coordinate>(
             cells
         }
     };
-    surface_of(cloud.schema(), surveyed, settings, (&buckets, cells), context, progress)
+    surface_of(cloud.schema(), surveyed, settings, (buckets, cells), context, progress)
 }
 
 /// The points, sorted.
@@ -95,7 +95,7 @@ fn bucketed<T: Coordinate>(
 ) -> Result<Buckets<T>> {
     let Surveyed { survey, grid, .. } = surveyed;
     progress.begin(Phase::Bucket, Some(survey.records()));
-    let buckets = Buckets::<T>::fill(cloud, grid, context, |records| progress.add(records))?;
+    let buckets = Buckets::<T>::fill(cloud, Carried::Attributes, grid, context, |records| progress.add(records))?;
     if buckets.point_count() != survey.points {
         return Err(Error::malformed(
             &cloud.sources()[0].path,

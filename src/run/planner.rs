@@ -35,6 +35,9 @@ const HEAP: u64 = 3 << 20;
 /// What it has beside that: data, and what the allocator keeps to itself.
 const PROCESS: u64 = 5 << 20;
 
+/// What a least budget has beside what its hungriest pass needs.
+const BESIDE: u64 = 2 << 20;
+
 /// Threads that a piece of the surface keeps busy: what stitching does for each slab is a tenth of what its making takes.
 const THREADS_OF_PIECE: usize = 8;
 
@@ -70,17 +73,32 @@ impl MemoryPlan {
             });
         }
         let threads = threads.max(1);
-        Self::share_out(budget, workload, (threads, threads.div_ceil(THREADS_OF_PIECE)), 0, None)
+        Self::share_out(budget, workload, (threads, threads.div_ceil(THREADS_OF_PIECE)), None)
     }
 
-    /// The same plan, when the faces of all slabs have been counted, and each needs `means` bytes for means of cells: what is not yet given
-    /// out is shared out anew.
+    /// The same plan, when the faces of all slabs have been counted: what is not yet given out is shared out anew. Where slabs have no room beside what was kept in
+    /// memory, the new plan's quotas for that are none: it must leave memory before slabs are made.
     ///
     /// # Errors
     /// [`Error::Budget`] if a slab is too much, with the least budget that would do.
-    pub fn with_surface(&self, workload: &Workload, means: u64) -> Result<MemoryPlan> {
-        let kept = Kept { buckets: self.buckets_quota, slices: self.slices_quota() };
-        Self::share_out(self.budget, workload, (self.threads, self.pieces), means, Some((self.keepable, kept)))
+    pub fn with_surface(&self, workload: &Workload) -> Result<MemoryPlan> {
+        let Kept { buckets, slices } = Kept { buckets: self.buckets_quota, slices: self.slices_quota() };
+        let mut less = vec![Kept { buckets, slices }, Kept { buckets: 0, slices }, Kept { buckets: 0, slices: 0 }];
+        less.dedup();
+        let share = |kept: Kept| {
+            let already = Some((self.keepable, kept));
+            Self::share_out(self.budget, workload, (self.threads, self.pieces), already)
+        };
+        let mut made = share(less[0]);
+        for kept in &less[1..] {
+            if made.is_ok() {
+                break;
+            }
+            // Until now it lay in memory.
+            let before = process(self.threads) + self.before_slabs(workload);
+            made = share(*kept).map(|plan| MemoryPlan { predicted: plan.predicted.max(before), ..plan });
+        }
+        made
     }
 
     /// Bytes that all stores of slices together may take.
@@ -92,7 +110,6 @@ impl MemoryPlan {
         budget: u64,
         workload: &Workload,
         (threads, pieces): (usize, usize),
-        means: u64,
         already: Option<(Keepable, Kept)>,
     ) -> Result<MemoryPlan> {
         let process = process(threads);
@@ -136,7 +153,7 @@ impl MemoryPlan {
             predicted_disk: 0,
             keepable,
         };
-        (plan.predicted, plan.predicted_disk) = plan.predict(workload, means)?;
+        (plan.predicted, plan.predicted_disk) = plan.predict(workload)?;
         Ok(plan)
     }
 
@@ -152,18 +169,14 @@ impl MemoryPlan {
         }
     }
 
-    /// The most memory and the most temporary disk that are going to be used.
-    fn predict(&self, workload: &Workload, means: u64) -> Result<(u64, u64)> {
-        let blocks = (self.blocks_in_flight as u64).min(workload.points.div_ceil(BLOCK_RECORDS as u64));
-        let chunks = workload.buckets() + blocks;
+    /// The most memory that the passes take before slabs are made, beside the process.
+    fn before_slabs(&self, workload: &Workload) -> u64 {
+        let blocks = self.blocks(workload);
         let buckets = self.buckets_quota.min(workload.bucket_bytes());
-        // An open chunk is whole as memory goes, once it was another's.
-        let open = (chunks * self.bucket_buffer / 15 * 16).min(workload.bucket_bytes());
+        let open = self.open_chunks(workload);
         let bucketing = blocks * workload.block_job() + if buckets > 0 { open / 2 } else { open };
 
         let sealing = workload.slice_bytes().min(self.slices_quota());
-        let standing = workload.standing_slice_bytes().min(self.slices_quota());
-        let mesh = self.mesh_quota.min(workload.mesh_bytes());
         // A pass over few slices has no more jobs than chunks.
         let of_pass =
             |jobs: usize, slices_of_job: u32| (jobs as u64).min(u64::from(workload.cells[1].div_ceil(slices_of_job)));
@@ -176,18 +189,40 @@ impl MemoryPlan {
         let slices = (slices + columns).max(of_pass(self.jobs_of(reopening), CHUNK_SLICES) * reopening);
         let measuring = measuring(workload);
         let measuring = measuring * of_pass(self.jobs_of(measuring).min(self.threads), 1);
-        let jobs = self.slab_jobs(workload, means)?;
-        let slabs = jobs.bytes(workload, means);
-        let held = buckets + if buckets > 0 { open / 2 } else { 0 };
+        let surveying = workload.surveying();
+        let surveyed = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, self.threads as u64);
+        let closing = slices.max(deciding(workload)).max(looking(workload, blocks)).max(measuring);
+        surveyed.max(buckets + bucketing).max(self.held(workload) + sealing + closing)
+    }
+
+    /// Blocks of the input that are in flight at the most.
+    fn blocks(&self, workload: &Workload) -> u64 {
+        (self.blocks_in_flight as u64).min(workload.points.div_ceil(BLOCK_RECORDS as u64))
+    }
+
+    /// Bytes of open chunks: one is whole as memory goes, once it was another's.
+    fn open_chunks(&self, workload: &Workload) -> u64 {
+        let chunks = workload.buckets() + self.blocks(workload);
+        (chunks * self.bucket_buffer / 15 * 16).min(workload.bucket_bytes())
+    }
+
+    /// Bytes of the buckets that stay in memory.
+    fn held(&self, workload: &Workload) -> u64 {
+        let buckets = self.buckets_quota.min(workload.bucket_bytes());
+        if buckets > 0 { buckets + self.open_chunks(workload) / 2 } else { 0 }
+    }
+
+    /// The most memory and the most temporary disk that are going to be used.
+    fn predict(&self, workload: &Workload) -> Result<(u64, u64)> {
+        let standing = workload.standing_slice_bytes().min(self.slices_quota());
+        let mesh = self.mesh_quota.min(workload.mesh_bytes());
+        let held = self.held(workload);
+        let slabs = self.slab_jobs(workload)?.bytes(workload);
         // A mesh that lies in memory is written meanwhile.
         let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
         let check = mesh + checking(workload, self.threads).within(self.working).bytes() + filling;
-        let surveying = workload.surveying();
-        let surveyed = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, self.threads as u64);
         let passes = [
-            surveyed,
-            buckets + bucketing,
-            held + sealing + slices.max(deciding(workload)).max(looking(workload, blocks)).max(measuring),
+            self.before_slabs(workload),
             held + standing + mesh + slabs,
             check,
             held + standing + mesh + workload.bridging().map_or(0, |extent| extent.memory(self.working, self.threads)),
@@ -198,7 +233,7 @@ impl MemoryPlan {
             memory += memory / KEPT_BACK;
         }
 
-        let bucketed = workload.bucket_bytes() - buckets;
+        let bucketed = workload.bucket_bytes() - self.buckets_quota.min(workload.bucket_bytes());
         let sealing = if self.store_quota > 0 { 0 } else { workload.slice_bytes() };
         let sealing = sealing + reopening_records(workload).saturating_sub(self.store_quota);
         let standing = if self.store_quota > 0 { 0 } else { workload.standing_slice_bytes() };
@@ -212,23 +247,29 @@ impl MemoryPlan {
 
     /// The least budget for a workload on `threads` threads, in bytes.
     pub fn least(workload: &Workload, threads: usize) -> u64 {
+        let slab = SlabJobs::one(HELD.1).bytes(workload);
+        let after = process(threads)
+            + BESIDE
+            + slab
+                .max(checking(workload, threads).jobs)
+                .max(workload.bridging().map_or(0, |_| bridged::Extent::least_memory(threads)))
+                .max(workload.simplified().map_or(0, Extent::least_memory));
+        after.max(Self::least_before_slabs(workload, threads))
+    }
+
+    /// The least budget for the passes before slabs are made.
+    pub(crate) fn least_before_slabs(workload: &Workload, threads: usize) -> u64 {
         let chunks = workload.buckets() + 1;
         let bucketing = workload.block_job() + chunks * CHUNK / 15 * 16;
-        let slices = Self::chunk_job(workload);
-        let slab = SlabJobs::one(HELD.1).bytes(workload, workload.means_to_expect());
         process(threads)
-            + (2 << 20)
+            + BESIDE
             + bucketing
                 .max(workload.surveying().bytes(1, threads as u64))
-                .max(slices)
+                .max(Self::chunk_job(workload))
                 .max(deciding(workload))
                 .max(looking(workload, 1))
                 .max(measuring(workload))
                 .max(reopening(workload))
-                .max(slab)
-                .max(checking(workload, threads).jobs)
-                .max(workload.bridging().map_or(0, |_| bridged::Extent::least_memory(threads)))
-                .max(workload.simplified().map_or(0, Extent::least_memory))
     }
 
     /// Bytes of a job over a chunk of slices with the smallest ball, and with columns, if there are any.
@@ -239,20 +280,19 @@ impl MemoryPlan {
                 .map_or(0, |columns| heightfield::bytes(columns.of_slice, columns.bridge, workload.smooth))
     }
 
-    /// Slabs that may be in the making and waiting at a time, when each needs `means` bytes for means of cells.
+    /// Slabs that may be in the making and waiting at a time.
     ///
     /// # Errors
     /// [`Error::Budget`] if one in the making and one at its seam are too much.
-    pub fn slab_jobs(&self, workload: &Workload, means: u64) -> Result<SlabJobs> {
+    pub fn slab_jobs(&self, workload: &Workload) -> Result<SlabJobs> {
         // As many as there are threads, and finished slabs that wait for their turn; then fewer.
         let beside = [self.threads.div_ceil(2), 0].map(|ahead| (self.threads, ahead));
         let fewer = (1..self.threads).rev().map(|running| (running, 0));
         for (running, ahead) in beside.into_iter().chain(fewer) {
             let jobs = SlabJobs { running, ahead, points_held: 0, pieces: 1 };
-            let room = self.working.saturating_sub(jobs.bytes(workload, means)) / running as u64;
+            let room = self.working.saturating_sub(jobs.bytes(workload)) / running as u64;
             // What other stages need more than fitting is room for points, too.
-            let fits =
-                |held: &u64| SlabJobs { points_held: *held as usize, ..jobs }.bytes(workload, means) <= self.working;
+            let fits = |held: &u64| SlabJobs { points_held: *held as usize, ..jobs }.bytes(workload) <= self.working;
             let doubled = std::iter::successors(Some(HELD.1), |held| Some(2 * held));
             let beside = doubled.take_while(|held| *held <= HELD.0 && fits(held)).last().unwrap_or(0);
             let points_held = held_in(workload, room).max(beside).min(self.points_held as u64);
@@ -262,17 +302,12 @@ impl MemoryPlan {
                 let jobs = SlabJobs { points_held: points_held as usize, ..jobs };
                 let pieces = if running == self.threads { self.pieces.min(workload.slabs().len()) } else { 1 };
                 let several = (2..=pieces).rev().map(|pieces| SlabJobs { pieces, ..jobs });
-                return Ok(several
-                    .into_iter()
-                    .find(|jobs| jobs.bytes(workload, means) <= self.working)
-                    .unwrap_or(jobs));
+                return Ok(several.into_iter().find(|jobs| jobs.bytes(workload) <= self.working).unwrap_or(jobs));
             }
         }
-        // With a larger budget more would be kept.
-        let least = self.keepable.least_budget(SlabJobs::one(HELD.1).bytes(workload, means), process(self.threads));
         Err(Error::Budget {
             given: ByteSize(self.budget),
-            needed: ByteSize(least),
+            needed: ByteSize(Self::least(workload, self.threads).next_multiple_of(1 << 20)),
             what: "the slab with the most faces",
         })
     }
@@ -385,14 +420,14 @@ mod tests {
         let slabs = slab_count(1, 1085);
         let with = |faces: u64| workload.with_faces(vec![faces; slabs as usize], false);
         let plan = MemoryPlan::for_budget(400 << 20, &with(300_000), 2).unwrap();
-        let sharper = plan.with_surface(&with(250_000), 0).unwrap();
+        let sharper = plan.with_surface(&with(250_000)).unwrap();
         assert!(sharper.predicted < plan.predicted && sharper.predicted_disk < plan.predicted_disk);
         assert_eq!((sharper.bucket_buffer, sharper.buckets_quota), (plan.bucket_buffer, plan.buckets_quota));
-        let Err(Error::Budget { needed, .. }) = plan.with_surface(&with(3_000_000), 0) else {
+        let Err(Error::Budget { needed, .. }) = plan.with_surface(&with(3_000_000)) else {
             panic!("a slab of three million faces was accepted")
         };
         let roomier = MemoryPlan::for_budget(needed.0, &with(300_000), 2).unwrap();
-        roomier.with_surface(&with(3_000_000), 0).expect("the figure that was named does");
+        roomier.with_surface(&with(3_000_000)).expect("the figure that was named does");
     }
 
     proptest! {
@@ -407,18 +442,34 @@ mod tests {
             let with = |faces: u64| load(points, s).with_faces(vec![faces; slab_count(1, s) as usize], false);
             let least = MemoryPlan::least(&with(expected), threads);
             let given = MemoryPlan::for_budget((least as f64 * factor) as u64, &with(expected), threads).unwrap();
-            if let Err(Error::Budget { needed, .. }) = given.with_surface(&with(counted), 0) {
+            if let Err(Error::Budget { needed, .. }) = given.with_surface(&with(counted)) {
                 let roomier = MemoryPlan::for_budget(needed.0, &with(expected), threads).unwrap();
-                prop_assert!(roomier.with_surface(&with(counted), 0).is_ok(), "{}", needed);
+                prop_assert!(roomier.with_surface(&with(counted)).is_ok(), "{}", needed);
             }
         }
+    }
+
+    #[test]
+    fn what_was_kept_leaves_memory_where_slabs_have_no_room_beside_it() {
+        let with = |faces: u64| load(4_000_000, 300).with_faces(vec![faces; slab_count(1, 300) as usize], false);
+        let (expected, counted) = (with(10_000), with(700_000));
+        let least = MemoryPlan::least(&counted, 2);
+        let given = MemoryPlan::for_budget(least, &expected, 2).unwrap();
+        assert!(given.buckets_quota > 0 && given.store_quota > 0);
+        let slabs = given.with_surface(&counted).expect("the least does, whatever was expected");
+        assert_eq!(slabs.buckets_quota, 0);
+        // The points lay in memory until then, and do not any more.
+        assert!(slabs.predicted >= given.buckets_quota && slabs.predicted <= least);
+        assert!(slabs.predicted_disk >= counted.bucket_bytes());
+        let roomy = MemoryPlan::for_budget(8 << 30, &expected, 2).unwrap().with_surface(&counted).unwrap();
+        assert!(roomy.buckets_quota > 0);
     }
 
     #[test]
     fn slabs_are_made_side_by_side_while_there_is_room() {
         // More than telling inside and outside apart takes.
         let workload = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
-        let jobs = |budget: u64| MemoryPlan::for_budget(budget, &workload, 2).unwrap().slab_jobs(&workload, 0).unwrap();
+        let jobs = |budget: u64| MemoryPlan::for_budget(budget, &workload, 2).unwrap().slab_jobs(&workload).unwrap();
         let (least, large) = (jobs(MemoryPlan::least(&workload, 2)), jobs(4 << 30));
         assert_eq!((least.running, least.in_flight()), (1, 1));
         assert_eq!((large.running, large.in_flight()), (2, 3));
@@ -430,7 +481,7 @@ mod tests {
     fn pieces_are_for_many_threads_and_room() {
         let workload = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
         let jobs = |budget: u64, threads: usize| {
-            MemoryPlan::for_budget(budget, &workload, threads).unwrap().slab_jobs(&workload, 0).unwrap()
+            MemoryPlan::for_budget(budget, &workload, threads).unwrap().slab_jobs(&workload).unwrap()
         };
         for threads in [1, 2, 8] {
             assert_eq!(jobs(64 << 30, threads).pieces, 1);

@@ -12,6 +12,7 @@ use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{BesideFiles, bare_earth, budget_beside, looked_at, of_whole_budget};
 use crate::run::closed_cells;
+use crate::run::counted::counted;
 use crate::run::estimate::WORTH_IT;
 use crate::run::forecast::{self, Known};
 use crate::run::job::{Check, Job, default_output};
@@ -42,10 +43,10 @@ pub struct Planned {
     pub memory: MemoryPlan,
 }
 
-/// Surveys the input, rehearses and makes the plan; writes nothing that stays.
+/// Surveys the input, counts the faces to come and makes the plan; writes nothing that stays.
 ///
 /// # Errors
-/// Those of opening and reading the input, of laying the grid and of the plan.
+/// Those of opening and reading the input, of laying the grid, of closing its cells and of the plan.
 pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Planned> {
     let files = files(job, progress)?;
     let (workspace, unwritable) = job.resources.looking(&default_output(&job.inputs, &files))?;
@@ -60,7 +61,15 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
     let whole = |error| of_whole_budget(error, &job.settings, budget, workers);
-    let surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, left, progress)?;
+    let mut surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, left, progress)?;
+    let settings = Settings { open: surveyed.open, ..job.settings };
+    match counted(&cloud, &surveyed, &settings, (workers, &workspace), left, progress)? {
+        Some(workload) => surveyed.workload = workload,
+        None => progress.note(&format!(
+            "{} has no room for the points, so faces are not counted: a run may need more memory than what is told here",
+            workspace.dir().display()
+        )),
+    }
     let memory = pipeline::plan(&surveyed, workers, left).map_err(whole)?;
     Ok(Planned { cloud, surveyed, workspace, unwritable, tiles, memory })
 }
@@ -281,15 +290,15 @@ pub(crate) fn surveyed(
 /// for what noise, folds and walls add to its faces.
 const NEAR: u64 = 4;
 
-/// The plan of a surveyed cloud, and all that the passes over it are given.
+/// The plan of a surveyed cloud, and all that the passes over it are given. Where an estimate says that the budget is too small, faces are counted: the figure that is named does.
 ///
 /// # Errors
-/// [`Error::Budget`], [`Error::Disk`], [`Error::TooManyElements`]; those of a rehearsal.
+/// [`Error::Budget`], [`Error::Disk`], [`Error::TooManyElements`]; those of a rehearsal and of counting.
 pub(crate) fn planned(
+    cloud: &Cloud,
     mut surveyed: Surveyed,
     settings: &Settings,
-    workers: &Workers,
-    workspace: &Workspace,
+    (workers, workspace): (&Workers, &Workspace),
     budget: u64,
     work: Option<Arc<WorkFolder>>,
     progress: &mut Progress,
@@ -309,6 +318,11 @@ pub(crate) fn planned(
     let is_closed = work.as_ref().is_some_and(|work| work.is_done(closed_cells::PHASE));
     if (is_worth_it && !is_closed) || pipeline::plan(&surveyed, workers, budget).is_err() {
         surveyed = rehearsed(surveyed, settings, workers, workspace, budget, progress)?;
+    }
+    if let Err(Error::Budget { .. }) = pipeline::plan(&surveyed, workers, budget)
+        && let Some(workload) = counted(cloud, &surveyed, settings, (workers, workspace), budget, progress)?
+    {
+        surveyed.workload = workload;
     }
     let context = Context { work, ..context(&surveyed, workers, workspace, budget)? };
     progress.learn(|known| {

@@ -116,7 +116,7 @@ impl DrawnPreview {
 }
 
 /// Two views, from where the surface was seen, in colours if it has any.
-fn options(settings: &Settings, bounds: &Bounds, schema: &Schema) -> render::Options {
+pub(super) fn options(settings: &Settings, bounds: &Bounds, schema: &Schema) -> render::Options {
     let [iso, behind] = [View::iso(), View::from_angles(125.0, 30.0)];
     let (views, plain) = match &settings.open {
         None => (vec![iso, behind], ColourBy::None),

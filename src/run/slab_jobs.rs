@@ -46,9 +46,9 @@ impl SlabJobs {
         SlabJobs { running: 1, ahead: 0, points_held: points_held as usize, pieces: 1 }
     }
 
-    /// The most bytes of all slabs of a workload at a time, with the points round a plane, as far as they are held at once, and `means`.
-    pub(super) fn bytes(&self, workload: &Workload, means: u64) -> u64 {
-        let of = workload.made();
+    /// The most bytes of all slabs of a workload at a time, with the points round a plane, as far as they are held at once.
+    pub(super) fn bytes(&self, workload: &Workload) -> u64 {
+        let (of, means) = (workload.made(), workload.means());
         let points = workload.fitting_raster() + held_bytes(workload, self.points_held as u64);
         let size = |slab: &Size| {
             let mesh = slab.bytes(&of);

@@ -29,6 +29,11 @@ impl Report {
         lines.join("\n")
     }
 
+    /// What came before and what came of it, without what may be wrong.
+    pub(super) fn told(&self) -> String {
+        [self.output_lines(), self.mesh_lines(), self.detail_lines()].concat().join("\n")
+    }
+
     fn output_lines(&self) -> Vec<String> {
         let OutputReport { path, bytes, tiles, origin, preview, .. } = &self.output;
         let index = if self.output.tileset.is_some() { "" } else { " and an index" };
@@ -38,7 +43,9 @@ impl Report {
             Some(path) => format!("output   {}{files}, {size}, in {time}", path.display()),
             None => format!("output   in memory, in {time}"),
         }];
-        if *origin != [0.0; 3] {
+        // On Earth, the place is told instead.
+        let on_earth = self.output.tileset.as_ref().is_some_and(|tileset| tileset.site.is_some());
+        if *origin != [0.0; 3] && !on_earth {
             let [x, y, z] = origin;
             let how = match path.as_deref().map(Format::from_path) {
                 _ if self.output.tileset.is_some() => "the tileset's transform adds it",

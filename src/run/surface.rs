@@ -22,6 +22,7 @@ use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::surface_log::{MadeBefore, SurfaceLog};
 use crate::run::surveyed::Surveyed;
+use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::close::{Closed, How};
@@ -35,7 +36,6 @@ use crate::stitch::reach::SeamReport;
 use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
-use crate::surface::{plane, vertices};
 
 /// The finished mesh and what is to be told of its making.
 #[derive(Debug)]
@@ -82,12 +82,23 @@ pub(super) fn surface_of<T: Coordinate>(
     schema: &Schema,
     surveyed: &Surveyed,
     settings: &Settings,
-    (buckets, cells): (&Buckets<T>, ClosedCells),
+    (mut buckets, mut cells): (Buckets<T>, ClosedCells),
     context: &Context,
     progress: &mut Progress,
 ) -> Result<Reconstructed> {
-    let (stitched, memory) = with_slabs(None, surveyed, settings, (buckets, &cells), context, progress, |slabs| {
-        let Slabwise { slabs, ranges, memory, faces, begun, means, .. } = slabs;
+    let fit = surface_options(settings, &cells).fit;
+    let workload = cells.counted_workload(&surveyed.workload, fit, &buckets, context)?;
+    let memory = context.memory.with_surface(&workload)?;
+    if memory.buckets_quota < context.memory.buckets_quota {
+        buckets.leave_memory(context)?;
+    }
+    if memory.store_quota < context.memory.store_quota {
+        cells.leave_memory()?;
+    }
+    let counted = (&workload, &memory);
+    let of = (&buckets, &cells);
+    let stitched = with_slabs((None, counted), surveyed, settings, of, context, progress, |slabs| {
+        let Slabwise { slabs, ranges, faces, begun, means } = slabs;
         if let Some(work) = &context.work {
             let (mut log, MadeBefore { mesh, checkpoint, whole }) =
                 SurfaceLog::open(work, (T::PRECISION, schema), context)?;
@@ -114,7 +125,7 @@ pub(super) fn surface_of<T: Coordinate>(
             if !whole {
                 log.end(&mut stitched, slabs)?;
             }
-            return Ok((stitched, memory.clone()));
+            return Ok(stitched);
         }
         let all = faces(0..slabs);
         let stitcher = |piece: usize, from: &Checkpoint| {
@@ -128,9 +139,9 @@ pub(super) fn surface_of<T: Coordinate>(
             };
             begun(MeshSpool::with_attributes(&context.workspace, T::PRECISION, schema.clone(), quota), from)
         };
-        Ok((pieces::stitch(ranges, &Means { stitcher: &stitcher, ..means })?, memory.clone()))
+        pieces::stitch(ranges, &Means { stitcher: &stitcher, ..means })
     })?;
-    reconstructed(stitched, surveyed, settings, (buckets, cells), memory, context, progress)
+    reconstructed(stitched, surveyed, settings, (&buckets, cells), memory, context, progress)
 }
 
 /// What slabs are made and stitched with.
@@ -139,8 +150,6 @@ pub(super) struct Slabwise<'s, 'g, T> {
     pub slabs: u32,
     /// The pieces that are stitched side by side in a process.
     pub ranges: &'s [Range<u32>],
-    /// The plan, now that the faces of slabs are known.
-    pub memory: &'s MemoryPlan,
     /// The faces of slabs.
     pub faces: &'s (dyn Fn(Range<u32>) -> u64 + Sync),
     /// A stitcher that appends to a mesh.
@@ -149,12 +158,12 @@ pub(super) struct Slabwise<'s, 'g, T> {
     pub means: Means<'s, 'g, T>,
 }
 
-/// Has the slabs of closed cells stitched. Progress is that of the slabs `within` a range, or of all.
+/// Has the slabs of closed cells stitched, by a workload that was counted and the plan that came of it. Progress is that of the slabs `within` a range, or of all.
 ///
 /// # Errors
 /// [`Error::Budget`] if a slab turns out to be more than the budget can hold; those of `stitch`.
 pub(super) fn with_slabs<T: Coordinate, R>(
-    within: Option<Range<u32>>,
+    (within, (workload, memory)): (Option<Range<u32>>, (&Workload, &MemoryPlan)),
     surveyed: &Surveyed,
     settings: &Settings,
     (buckets, cells): (&Buckets<T>, &ClosedCells),
@@ -162,8 +171,8 @@ pub(super) fn with_slabs<T: Coordinate, R>(
     progress: &mut Progress,
     stitch: impl FnOnce(Slabwise<'_, '_, T>) -> Result<R>,
 ) -> Result<R> {
-    let Surveyed { survey, grid, workload, .. } = surveyed;
-    let Closed { solid, occupancy, falls, .. } = &cells.closed;
+    let Surveyed { survey, grid, .. } = surveyed;
+    let Closed { solid, occupancy, .. } = &cells.closed;
     let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted: cells.counted };
     let surface = surface_options(settings, cells);
     let smooth = surface.smooth;
@@ -174,24 +183,10 @@ pub(super) fn with_slabs<T: Coordinate, R>(
     };
     let faces = |numbers: Range<u32>| numbers.map(faces_of_slab).sum::<u64>();
     let slabs = slab_count(partition, solid.cells[1]);
-    let means = match surface.fit {
-        Fit::Plane => plane::bytes(&occupancy.in_slice, grid.cells(), smooth),
-        _ => 0,
-    };
-    let counted;
-    let weights = match &cells.weights {
-        Some(weights) => weights,
-        None => {
-            counted = vertices::weights(solid, context)?;
-            &counted
-        }
-    };
-    let workload = workload.with_faces_of_slices(weights, *falls).with_fit(surface.fit);
-    let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
-    let workload = workload.with_buckets(&points);
     let points_of_slab = |number: u32| {
-        let buckets = buckets_of(slices_of(number, partition, solid.cells[1]));
-        points[buckets.start as usize..(buckets.end as usize).min(points.len())].iter().sum::<u64>()
+        let of_slab = buckets_of(slices_of(number, partition, solid.cells[1]));
+        let of_slab = of_slab.start as usize..(of_slab.end as usize).min(buckets.count());
+        of_slab.map(|bucket| buckets.points_in(bucket)).sum::<u64>()
     };
     let work = |number: u32| forecast::surface(2.0 * faces_of_slab(number) as f64, points_of_slab(number) as f64);
     let within = within.unwrap_or(0..slabs);
@@ -200,8 +195,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
     progress.learn(|known| known.triangles = 2 * faces_within);
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Surface, Some(faces_within));
-    let memory = context.memory.with_surface(&workload, means)?;
-    let jobs = memory.slab_jobs(&workload, means)?;
+    let jobs = memory.slab_jobs(workload)?;
     let frame = Frame { origin: origin(T::PRECISION, &survey.bounds), precision: T::PRECISION };
     let trimmed = solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
     let begun = |mesh: MeshSpool, from: &Checkpoint| Stitcher::resumed(grid, halo(smooth), frame, mesh, trimmed, from);
@@ -220,7 +214,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
         *done += work(number);
         progress.add_weighed(faces_of_slab(number), *done / all);
     };
-    let ranges = jobs.ranges(&workload);
+    let ranges = jobs.ranges(workload);
     let unasked =
         |_: usize, _: &Checkpoint| -> Stitcher<'_, T> { unreachable!("whoever stitches says what to append to") };
     let means = Means {
@@ -231,7 +225,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
         taken: &taken,
         spares: &written,
     };
-    let stitched = stitch(Slabwise { slabs, ranges: &ranges, memory: &memory, faces: &faces, begun: &begun, means })?;
+    let stitched = stitch(Slabwise { slabs, ranges: &ranges, faces: &faces, begun: &begun, means })?;
     drop(written);
     memory.between_phases(&context.workers);
     progress.end();
@@ -239,7 +233,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
 }
 
 /// The options of a surface, with what its shell of points has chosen.
-fn surface_options(settings: &Settings, cells: &ClosedCells) -> SurfaceOptions {
+pub(super) fn surface_options(settings: &Settings, cells: &ClosedCells) -> SurfaceOptions {
     let fit = settings.surface.fit.chosen(cells.shell.is_some_and(|shell| shell.is_noisy()));
     SurfaceOptions { fit, ..settings.surface }
 }

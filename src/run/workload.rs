@@ -40,6 +40,8 @@ pub struct Workload {
     falls: bool,
     /// The most points of a bucket, and of those round a plane, if they have been counted.
     counted: Option<PointWorkload>,
+    /// Bytes for means of cells, if these have been counted.
+    means: Option<u64>,
     /// The columns of a surface that is seen from one side.
     pub(crate) columns: Option<ColumnWorkload>,
     /// Whether vertices may move, or colours count, as triangles are left out; none if all stay.
@@ -142,6 +144,7 @@ impl Workload {
             slabs: vec![Size::even(share, partition); slabs as usize],
             falls: false,
             counted: None,
+            means: None,
             columns: None,
             simplified: None,
             bridging: None,
@@ -185,6 +188,12 @@ impl Workload {
         assert_eq!(slabs.len(), self.slabs.len(), "a number of faces for each slab");
         let slabs = slabs.into_iter().map(|faces| Size::even(faces, self.partition())).collect();
         Workload { slabs, falls, ..self.clone() }
+    }
+
+    /// The same workload without a surface, as far as there are cells only, which carry no attributes.
+    pub(crate) fn without_surface(self) -> Workload {
+        let slabs = vec![0; self.slabs.len()];
+        Workload { attributes: 0, simplified: None, bridging: None, ..self.with_faces(slabs, self.falls) }
     }
 
     /// The same workload for a body that stands on a flat bottom: it is expected to have upright walls at either end of the slices.
@@ -258,6 +267,11 @@ impl Workload {
         };
         let counted = PointWorkload { bucket: most(1), window: most(buckets_round(halo(self.smooth)) as usize) };
         Workload { counted: Some(counted), ..self }
+    }
+
+    /// The same workload when it is known how many bytes means of cells need.
+    pub fn with_means(self, means: u64) -> Workload {
+        Workload { means: Some(means), ..self }
     }
 
     /// The same workload with attributes of so many bytes on every point.
@@ -394,10 +408,13 @@ impl Workload {
         })
     }
 
-    /// Bytes for means of cells that fitting to planes needs, to expect: as if the widest slab's slices had an occupied cell for every face.
-    pub(crate) fn means_to_expect(&self) -> u64 {
+    /// Bytes for means of cells that fitting to planes needs: as counted, or to expect, as if the widest slab's slices had an occupied cell for every face.
+    pub(crate) fn means(&self) -> u64 {
         if !matches!(self.fit, Fit::Plane | Fit::Auto) {
             return 0;
+        }
+        if let Some(means) = self.means {
+            return means;
         }
         let window = 2 * u64::from(plane_halo(self.smooth));
         let in_slice = (self.faces_of_widest() / u64::from(self.slab_slices)).min(self.points / window) + 1;

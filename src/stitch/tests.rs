@@ -13,7 +13,7 @@ use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled};
 use crate::grid::partition::{Slabs, halo, slab_count};
-use crate::input::{Cloud, InputOptions};
+use crate::input::{Carried, Cloud, InputOptions};
 use crate::points::Precision;
 use crate::points::attribute::{Schema, Wanted};
 use crate::resources::memory::SlabJobs;
@@ -97,7 +97,7 @@ fn with_slabs<R>(case: &Case, work: impl FnOnce(&Grid, &Making<'_, f32>, &Contex
     let workspace = Workspace::new(dir.path()).unwrap();
     let context = context(&surveyed, &workers, &workspace, 1 << 30).unwrap();
     let grid = &surveyed.grid;
-    let buckets = Buckets::<f32>::fill(&cloud, grid, &context, |_| ()).unwrap();
+    let buckets = Buckets::<f32>::fill(&cloud, Carried::Attributes, grid, &context, |_| ()).unwrap();
     let occupancy = Occupancy::of_buckets(&buckets, grid, 1, &context, |_| ()).unwrap();
     let options =
         ClosingOptions { seal: settings.seal, window: None, keep_outliers: true, min_component: None, rough: false };

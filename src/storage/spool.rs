@@ -248,11 +248,7 @@ impl Spool {
                 self.len += bytes.len() as u64;
                 return Ok(at);
             }
-            let file = Backing::Nameless(self.workspace.file()?);
-            for (number, piece) in held.iter().enumerate() {
-                self.workspace.write(&file, piece, (number * PIECE) as u64)?;
-            }
-            self.store = Store::Disk(file);
+            self.leave_memory()?;
         }
         if let Store::Disk(file) = &self.store {
             self.workspace.write(file, bytes, at)?;
@@ -262,6 +258,21 @@ impl Spool {
         }
         self.len += bytes.len() as u64;
         Ok(at)
+    }
+
+    /// Moves what lies in memory to disk, and frees it; what is appended later goes there, too.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory is full or fails.
+    pub fn leave_memory(&mut self) -> Result<()> {
+        if let Store::Memory(held) = &mut self.store {
+            let file = Backing::Nameless(self.workspace.file()?);
+            for (number, piece) in held.iter_mut().enumerate() {
+                self.workspace.write(&file, &std::mem::take(piece), (number * PIECE) as u64)?;
+            }
+            self.store = Store::Disk(file);
+        }
+        Ok(())
     }
 
     /// Fills `out` from position `at`.
@@ -504,6 +515,29 @@ mod tests {
         assert!(workspace.peak_on_disk() > 0);
         assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "spool files have no name");
+    }
+
+    #[test]
+    fn bytes_that_leave_memory_are_the_same_on_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(dir.path()).unwrap();
+        for len in [0, 1, PIECE - 1, PIECE, PIECE + 1, 3 * PIECE + 5] {
+            let mut expected: Vec<u8> = (0..len).map(|at| (at % 251) as u8).collect();
+            let mut spool = workspace.spool(u64::MAX);
+            spool.append(&expected).unwrap();
+            assert!(!spool.is_on_disk());
+            spool.leave_memory().unwrap();
+            assert!(spool.is_on_disk());
+            // What comes later lies behind it, and nothing is moved twice.
+            spool.append(&[1, 2, 3]).unwrap();
+            spool.leave_memory().unwrap();
+            expected.extend([1, 2, 3]);
+            let mut back = vec![0; expected.len()];
+            spool.read_at(0, &mut back).unwrap();
+            assert_eq!(back, expected);
+            assert_eq!(workspace.on_disk.load(Ordering::Relaxed), expected.len() as u64);
+        }
+        assert_eq!(workspace.on_disk.load(Ordering::Relaxed), 0);
     }
 
     #[test]

@@ -17,7 +17,7 @@ from ._options import Path, Paths, as_paths, words
 Progress = collections.abc.Callable[[dict[str, Any]], object] | bool | None
 
 # What is said of a file; a mesh in memory has none.
-_OF_FILES = {"output", "overwrite", "tile", "batch", "preview", "coordinates", "report", "quiet", "verbose", "write_classes", "dtm", "dsm"}
+_OF_FILES = {"output", "overwrite", "tile", "batch", "preview", "html", "coordinates", "report", "quiet", "verbose", "write_classes", "dtm", "dsm"}
 
 # Of points in pieces, what stays in memory, if nobody says how much memory there is.
 _PIECES_IN_MEMORY = 64 << 20

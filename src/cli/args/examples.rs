@@ -57,6 +57,11 @@ pub const TILESET: &str = "\
 Examples:
   asra-stream tileset mesh.ply -o city/tileset.json  levels of detail, for viewers of 3D Tiles";
 
+pub const VIEW: &str = "\
+Examples:
+  asra-stream view city/tileset.json                 prints an address, and opens a browser there
+  asra-stream view scan.mesh.ply --port 8080         the same port each time, as for an ssh tunnel";
+
 pub const RENDER: &str = "\
 Examples:
   asra-stream render mesh.ply                        six views beside each other: writes mesh.png
@@ -91,8 +96,21 @@ mod tests {
 
     #[test]
     fn examples_are_what_the_command_takes() {
-        let all =
-            [RECONSTRUCT, PLAN, INFO, CHECK, COMPARE, DENSIFY, SIMPLIFY, TILESET, RENDER, GENERATE, COMPLETIONS, MAN];
+        let all = [
+            RECONSTRUCT,
+            PLAN,
+            INFO,
+            CHECK,
+            COMPARE,
+            DENSIFY,
+            SIMPLIFY,
+            TILESET,
+            VIEW,
+            RENDER,
+            GENERATE,
+            COMPLETIONS,
+            MAN,
+        ];
         for text in all {
             let commands: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("  asra-stream ")).collect();
             assert!(!commands.is_empty(), "{text}");

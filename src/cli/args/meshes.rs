@@ -7,14 +7,16 @@ use clap::Args;
 use super::shared::{InUnit, ResourceArguments, TalkArguments, coordinates_only, in_unit, overwrite};
 use crate::cli::sizes;
 use crate::compare;
+use crate::error::Result;
 use crate::input::Layout;
+use crate::points::crs::Crs;
 use crate::points::unit::Measure;
 use crate::render::{Background, ColourBy, Legend, Options, Shading, Size, Up, View};
 use crate::run::generate::densify;
 use crate::run::pyramid::TilesetJob;
 use crate::run::simplification::SimplifyJob;
 use crate::settings::simplification::{Borders, Simplification, Tolerance};
-use crate::settings::tileset::TilesetOptions;
+use crate::settings::tileset::{Compression, TilesetOptions};
 
 /// Arguments of `check`.
 #[derive(Debug, Args)]
@@ -30,6 +32,9 @@ pub struct CheckArguments {
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Write a report as a page that any browser opens, all in one file: figures, pictures, charts and the mesh; an existing one is replaced
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// How much is said.
     #[command(flatten)]
     pub talk: TalkArguments,
@@ -64,6 +69,9 @@ pub struct CompareArguments {
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Write a report as a page that any browser opens, all in one file: figures, pictures, charts and the mesh; an existing one is replaced
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// How much is said.
     #[command(flatten)]
     pub talk: TalkArguments,
@@ -154,6 +162,15 @@ pub struct TilesetArguments {
     /// Hang no skirts from the tiles of coarser levels, which hide gaps to other levels where a surface is open
     #[arg(long)]
     pub no_skirts: bool,
+    /// The mesh's reference system, which tells where on Earth the tileset stands, whatever the file says: EPSG:25832, WKT, a file with WKT, or none
+    #[arg(long, value_name = "CRS")]
+    pub crs: Option<String>,
+    /// Metres that are added to heights, which are taken as those above the ellipsoid: the geoid's, for heights above the sea
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub height_offset: Option<f64>,
+    /// Make a tileset's tiles smaller: quantize has places in 16 bits and normals in 8, meshopt encodes them, too; not all readers take them
+    #[arg(long, value_enum, default_value_t, value_name = "HOW")]
+    pub compress: Compression,
     /// Write the findings as JSON; an existing report is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -167,15 +184,42 @@ pub struct TilesetArguments {
 
 impl TilesetArguments {
     /// The job they describe.
-    pub fn job(&self) -> TilesetJob {
-        TilesetJob {
+    ///
+    /// # Errors
+    /// Those of [`Crs::given`].
+    pub fn job(&self) -> Result<TilesetJob> {
+        Ok(TilesetJob {
+            crs: self.crs.as_deref().map(Crs::given).transpose()?,
             mesh: self.mesh.clone(),
             output: self.output.clone(),
             overwrite: overwrite(self.overwrite),
-            options: TilesetOptions { skirts: !self.no_skirts },
+            options: TilesetOptions {
+                skirts: !self.no_skirts,
+                height_offset: self.height_offset,
+                compress: self.compress,
+            },
             resources: self.resources.resources(),
-        }
+        })
     }
+}
+
+/// Arguments of `view`.
+#[derive(Debug, Args)]
+pub struct ViewArguments {
+    /// A tileset (its folder, or the tileset.json in it), a mesh (.ply, .stl, .obj or .glb) or a cloud, of which a mesh is made first
+    pub path: PathBuf,
+    /// The port of this machine, 127.0.0.1, that the browser asks; 0 is any that is free
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub port: u16,
+    /// Open no browser
+    #[arg(long)]
+    pub no_open: bool,
+    /// How much is said.
+    #[command(flatten)]
+    pub talk: TalkArguments,
+    /// Memory, disk, threads.
+    #[command(flatten)]
+    pub resources: ResourceArguments,
 }
 
 /// Arguments of `render`.
@@ -245,7 +289,7 @@ impl CompareArguments {
             heatmap: self.heatmap.clone().map(|path| {
                 let (max, overwrite) = (self.heatmap_max, overwrite(self.overwrite));
                 let (max, unit) = (max.map(|max| max.value), max.and_then(|max| max.unit));
-                compare::HeatMap { path, max, unit, overwrite }
+                compare::HeatMap { path, max, unit, overwrite, told: true }
             }),
             resources: self.resources.resources(),
         }

@@ -17,6 +17,7 @@ use clap_complete::Shell;
 pub use self::generate::GenerateArguments;
 pub use self::meshes::{
     CheckArguments, CompareArguments, DensifyArguments, RenderArguments, SimplifyArguments, TilesetArguments,
+    ViewArguments,
 };
 pub use self::runs::{InfoArguments, PlanArguments, ReconstructArguments};
 pub use self::shared::overwrite;
@@ -67,6 +68,7 @@ impl Arguments {
             Some(Command::Densify(densify)) => densify.talk.show(),
             Some(Command::Simplify(simplify)) => simplify.talk.show(),
             Some(Command::Tileset(tileset)) => tileset.talk.show(),
+            Some(Command::View(view)) => view.talk.show(),
             Some(Command::Render(render)) => render.talk.show(),
             Some(Command::Generate(generate)) => generate.talk.show(),
             Some(Command::Completions(_) | Command::Man(_)) => Show::Nothing,
@@ -106,6 +108,9 @@ pub enum Command {
     #[command(after_help = examples::TILESET)]
     /// Make a tileset of a mesh: 3D Tiles with levels of detail, for web viewers and globes
     Tileset(TilesetArguments),
+    #[command(after_help = examples::VIEW)]
+    /// Show a tileset, a mesh or a cloud's mesh in a browser on this machine
+    View(ViewArguments),
     #[command(after_help = examples::RENDER)]
     /// Draw a picture of a mesh
     Render(RenderArguments),

@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::format::write::Positions;
 use crate::run::preview::Preview;
 use crate::run::{Check, Job, Resources, Units};
-use crate::settings::tileset::TilesetOptions;
+use crate::settings::tileset::{Compression, TilesetOptions};
 
 /// Which coordinates a mesh has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -45,6 +45,12 @@ pub struct ReconstructArguments {
     /// Hang no skirts from the tiles of a tileset's coarser levels, which hide gaps to other levels where a surface is open
     #[arg(long)]
     pub no_skirts: bool,
+    /// Metres that are added to the heights of a tileset on Earth, which are taken as those above the ellipsoid: the geoid's, for heights above the sea
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub height_offset: Option<f64>,
+    /// Make a tileset's tiles smaller: quantize has places in 16 bits and normals in 8, meshopt encodes them, too; not all readers take them
+    #[arg(long, value_enum, default_value_t, value_name = "HOW")]
+    pub compress: Compression,
     /// Write all points with the ground filter's verdicts as their classes (2 on the ground, 1 elsewhere; 7, 9 and 18 stay), a .laz or .las file: with --surface ground
     #[arg(long, value_name = "FILE")]
     pub write_classes: Option<PathBuf>,
@@ -70,6 +76,9 @@ pub struct ReconstructArguments {
     /// Write a report of the run as JSON; an existing one is replaced
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Write a report as a page that any browser opens, all in one file: figures, pictures, charts and the mesh; an existing one is replaced
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// Keep what is done in this folder: the same command given again goes on from where the run was ended. It is removed at the end. With plan, write the run down
     /// there as tasks, which any number of processes do with asra-stream work
     #[arg(long, value_name = "DIR", help_heading = "Resources")]
@@ -142,13 +151,18 @@ impl ReconstructArguments {
                 Some(None) => Preview::Beside,
                 Some(Some(path)) => Preview::At(path.clone()),
             },
+            html: self.html.clone(),
             batch: self.batch,
             write_classes: self.write_classes.clone(),
             dtm: self.dtm.clone(),
             dsm: self.dsm.clone(),
             raster_size: self.raster_size.map(|side| side.value),
             overwrite: overwrite(self.overwrite),
-            tileset: TilesetOptions { skirts: !self.no_skirts },
+            tileset: TilesetOptions {
+                skirts: !self.no_skirts,
+                height_offset: self.height_offset,
+                compress: self.compress,
+            },
             positions,
             check,
             ..job

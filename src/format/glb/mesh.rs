@@ -14,6 +14,7 @@ use crate::format::read::input::{Input, chosen, colours};
 use crate::mesh::spool::MeshSpool;
 use crate::points::Precision;
 use crate::points::attribute::{Attribute, Schema, Wanted, canonical};
+use crate::points::crs::Crs;
 use crate::points::scalar::{Endian, Scalar, reader};
 use crate::storage::spool::Workspace;
 
@@ -23,6 +24,8 @@ const LONGEST_JSON: u64 = 1 << 26;
 const SHORT_JSON: u64 = 1 << 20;
 /// What JSON takes when it is read, by its length, at the most.
 const JSON_IN_MEMORY: u64 = 36;
+/// The longest JSON that is read for what it tells of a reference system.
+const LONGEST_TOLD: u64 = 1 << 20;
 /// Elements read at once.
 const PIECE: u64 = 1 << 12;
 const TRIANGLES: u32 = 4;
@@ -135,6 +138,22 @@ struct Elements {
     stride: u64,
     bytes: usize,
     count: u64,
+}
+
+/// The reference system that the node of a scene tells, as this program writes it.
+pub(crate) fn told_crs(input: &Input) -> Option<Crs> {
+    let (json, _) = chunks(input).ok()?;
+    if json.end - json.start > LONGEST_TOLD {
+        return None;
+    }
+    let mut text = vec![0; (json.end - json.start) as usize];
+    input.read_at(json.start, &mut text).ok()?;
+    let scene: serde_json::Value = serde_json::from_slice(&text).ok()?;
+    let extras = &scene["nodes"][0]["extras"];
+    let code = extras["epsg"].as_u64().and_then(|code| u32::try_from(code).ok());
+    let told = extras["wkt"].as_str().and_then(Crs::parse).filter(|crs| crs.wkt.is_some());
+    told.or_else(|| code.map(|epsg| Crs { epsg: Some(epsg), ..Crs::default() }))
+        .or_else(|| Crs::parse(extras["crs"].as_str()?))
 }
 
 pub(crate) fn read(input: &Input, workspace: &Workspace, in_memory: u64, wanted: &Wanted) -> Result<MeshSpool> {

@@ -75,12 +75,16 @@ pub fn has_triangles(path: &Path) -> Result<bool> {
 /// The longest header, or side-car, that is looked at for what it tells.
 const LONGEST: u64 = 1 << 20;
 
-/// The reference system of a mesh, as far as the file tells: a PLY file in its comments, as this program writes them, others in a `.prj` beside. What cannot be read
+/// The reference system of a mesh, as far as the file tells: a PLY file in its comments, and a GLB file in its node, as this program writes them, others in a `.prj` beside. What cannot be read
 /// tells nothing; whoever opens it says why.
 pub fn told_crs(path: &Path) -> Option<Crs> {
     let input = Input::open(path).ok()?;
     let beside = path.with_extension("prj");
-    if input.format().ok()?? != Format::Ply {
+    let format = input.format().ok()??;
+    if let Some(crs) = (format == Format::Glb).then(|| glb::mesh::told_crs(&input)).flatten() {
+        return Some(crs);
+    }
+    if format != Format::Ply {
         let is_short = beside.metadata().is_ok_and(|there| there.is_file() && there.len() <= LONGEST);
         return is_short.then(|| named(&std::fs::read_to_string(&beside).ok()?))?;
     }

@@ -9,10 +9,13 @@
 //!
 //! The tileset has z up, and glTF y; the node of every tile turns its content, and readers turn it back. Places of vertices are single precision about the
 //! tileset's middle, and the same in all tiles, so that tiles of a level meet to the last bit. The root's `transform` moves the middle to where it lies:
-//! to the Earth's surface, or to the coordinates that the mesh had.
+//! to the Earth's surface, or to the coordinates that the mesh had. Compressed tiles have whole numbers of steps of the level's lattice ([`Lattice`]).
 
+mod pack;
 pub mod tile;
 pub mod tileset;
+
+pub use self::pack::Lattice;
 
 /// The name that a tileset's tree has.
 pub const TREE: &str = "tileset.json";

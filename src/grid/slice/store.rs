@@ -102,6 +102,14 @@ impl SliceStore {
         Ok(())
     }
 
+    /// Moves the slices that lie in memory to disk.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the work directory is full.
+    pub fn leave_memory(&mut self) -> Result<()> {
+        self.spool.leave_memory()
+    }
+
     /// Whether no slice has a set cell.
     pub fn is_empty(&self) -> bool {
         !self.any

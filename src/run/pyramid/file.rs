@@ -12,6 +12,7 @@ use crate::format;
 use crate::mesh::MeshHeader;
 use crate::mesh::check::check;
 use crate::points::attribute::Wanted;
+use crate::points::crs::Crs;
 use crate::resources::workers::Workers;
 use crate::run::job::Resources;
 use crate::run::phase::{Forecast, Phase};
@@ -32,6 +33,8 @@ pub struct TilesetJob {
     pub overwrite: Overwrite,
     /// How it is made.
     pub options: TilesetOptions,
+    /// The mesh's reference system, or that it has none, whatever its file says.
+    pub crs: Option<Option<Crs>>,
     /// What the work may use. Nothing of it shows in the files.
     pub resources: Resources,
 }
@@ -69,12 +72,14 @@ impl TilesetReport {
 impl TilesetFigures {
     /// What is told of the levels, line by line.
     pub fn lines(&self) -> Vec<String> {
+        let metres = if self.site.is_some() { " m" } else { "" };
         let line = |(number, level): (usize, &super::LevelFigures)| {
             let (triangles, tiles, error) = (thousands(level.triangles), thousands(level.tiles), short(level.error));
             let tiles = if level.tiles == 1 { "1 tile".to_owned() } else { format!("{tiles} tiles") };
-            format!("level {number}  {triangles} triangles in {tiles}, within {error} of the mesh")
+            format!("level {number}  {triangles} triangles in {tiles}, within {error}{metres} of the mesh")
         };
-        self.levels.iter().enumerate().map(line).collect()
+        let place = self.site.iter().map(|site| format!("place    {site}"));
+        place.chain(self.levels.iter().enumerate().map(line)).collect()
     }
 }
 
@@ -85,7 +90,9 @@ impl TilesetFigures {
 pub fn tileset_file(job: &TilesetJob, workers: &Workers, progress: &mut Progress) -> Result<TilesetReport> {
     let start = Instant::now();
     let steady = Steady::of([&job.mesh]);
-    let target = TilesetTarget::prepare(&job.output, job.overwrite)?;
+    let mut target = TilesetTarget::prepare(&job.output, job.overwrite)?;
+    let crs = job.crs.clone().unwrap_or_else(|| format::read::told_crs(&job.mesh));
+    target.georeference(crs.as_ref(), &job.options)?;
     let workspace = job.resources.workspace(TilesetTarget::folder(&job.output)?)?.stopped_with(workers);
     let budget = job.resources.budget();
     let opened = steady.settle(format::read::open_with(&job.mesh, &workspace, budget / 8, &Wanted::All))?;
@@ -113,7 +120,6 @@ pub fn tileset_file(job: &TilesetJob, workers: &Workers, progress: &mut Progress
         let words = "is no oriented manifold; where it is none, coarser levels keep all triangles";
         warnings.push(Warning::bare(format!("{}: {words}", job.mesh.display())));
     }
-    let crs = format::read::told_crs(&job.mesh);
     let comments = vec![format!("asra-stream {}", env!("CARGO_PKG_VERSION"))];
     let header =
         MeshHeader { origin: opened.origin(), comments, crs, sheet: found.boundary_edges > 0, constant: Vec::new() };

@@ -1,11 +1,14 @@
 //! A finished mesh as a tileset: levels of detail, cut into tiles.
 //!
 //! ```text
-//!  mesh ─► in its place, single precision ─► levels ─► counts of cells ─► tree ─► each level's triangles by tile ─► GLB, tileset.json
+//!  mesh ─► in its place on Earth, single precision ─► levels ─► counts of cells ─► tree ─► each level's triangles by tile ─► GLB, tileset.json
 //! ```
 //!
 //! A level is a whole mesh ([`levels`]), so the tiles of a level have the same vertices where they meet. The tree ([`tree`]) is a quadtree for surfaces
 //! that are open, as terrain is, and an octree for closed ones. Nothing depends on threads or memory but how long it takes.
+//!
+//! A mesh whose reference system is known stands on Earth: every vertex goes to the east, north and up of the middle by itself, in metres, before anything else
+//! is done, so that levels are as near in metres as they say, whatever the map's scale.
 
 mod file;
 mod levels;
@@ -22,18 +25,20 @@ use self::levels::{BLOCK, Extents, Level, WINDOW, coarser, copied, each_block, f
 use self::tree::{Counts, Division, MOST, Tree};
 use crate::error::{Error, Result};
 use crate::format::glb::write::{View, views};
-use crate::format::tiles3d::tile::Tile;
+use crate::format::tiles3d::tile::{Packing, Tile};
 use crate::format::tiles3d::tileset::{self, Node};
-use crate::format::tiles3d::{TREE, is_named};
+use crate::format::tiles3d::{Lattice, TREE, is_named};
 use crate::format::write::attributes::properties;
 use crate::mesh::measure::Corners;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::Precision;
+use crate::points::crs::Crs;
+use crate::points::earth::{Earth, Frame, Site};
 use crate::resources::workers::Workers;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
-use crate::settings::tileset::TilesetOptions;
+use crate::settings::tileset::{Compression, TilesetOptions};
 use crate::storage::atomic_file::{Overwrite, WholeFolder};
 use crate::storage::spool::{Spool, Workspace};
 
@@ -58,6 +63,8 @@ pub struct LevelFigures {
 /// What a tileset has.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct TilesetFigures {
+    /// Where on Earth it stands, if that is known: lengths are then in metres, else in the mesh's units.
+    pub site: Option<Site>,
     /// The levels, the finest first.
     pub levels: Vec<LevelFigures>,
     /// Bytes of all files.
@@ -76,6 +83,8 @@ impl TilesetFigures {
 pub struct TilesetTarget {
     folder: WholeFolder,
     path: PathBuf,
+    /// The mesh's reference system, and its way to the Earth.
+    earth: Option<(Crs, Earth)>,
 }
 
 impl TilesetTarget {
@@ -100,7 +109,23 @@ impl TilesetTarget {
             return Err(Error::Usage(format!("{}: a tileset is named {TREE}, in a folder of its own", path.display())));
         }
         let folder = WholeFolder::create(TilesetTarget::folder(path)?, overwrite)?;
-        Ok(TilesetTarget { folder, path: path.to_path_buf() })
+        Ok(TilesetTarget { folder, path: path.to_path_buf(), earth: None })
+    }
+
+    /// Sets the tileset on Earth, by the mesh's reference system. One without stays in the mesh's coordinates, as does one whose system is a site's own.
+    ///
+    /// # Errors
+    /// Those of [`Earth::of`]; [`Error::InvalidSetting`] for an offset of heights without a reference system.
+    pub fn georeference(&mut self, crs: Option<&Crs>, options: &TilesetOptions) -> Result<()> {
+        match (crs.filter(|crs| !crs.is_local()), options.height_offset) {
+            (Some(crs), offset) => self.earth = Some((crs.clone(), Earth::of(crs, offset.unwrap_or(0.0))?)),
+            (None, None) => (),
+            (None, Some(_)) => {
+                let words = "`height_offset`: the mesh has no reference system on Earth; name it with `crs`, as in `crs` EPSG:25832";
+                return Err(Error::setting("height_offset", words.into()));
+            }
+        }
+        Ok(())
     }
 
     /// Makes all levels and tiles of a mesh, writes them, and gives the folder its name. Of `memory` bytes, as many as simplification needs are there at least.
@@ -116,7 +141,10 @@ impl TilesetTarget {
         (workers, workspace): (&Workers, &Workspace),
         progress: &mut Progress,
     ) -> Result<TilesetFigures> {
-        let (finest, transform) = placed(mesh, &self.path, memory, workers, workspace)?;
+        let (finest, transform, site) = match &self.earth {
+            Some(earth) => on_earth(mesh, header.origin, earth, &self.path, (memory, workers, workspace))?,
+            None => placed(mesh, header.origin, &self.path, (memory, workers, workspace))?,
+        };
         let extents = Extents::of(&finest, workers)?;
         let coarser = coarser(&finest, &extents, memory, (workers, workspace), progress)?;
         let mut levels = vec![Level { mesh: finest, error: 0.0 }];
@@ -136,23 +164,29 @@ impl TilesetTarget {
         progress.begin(Phase::Write, Some(levels.iter().map(|level| level.mesh.face_count()).sum()));
         let mut nodes: Vec<Node> = (0..tree.tiles.len())
             .map(|number| Node {
-                bounds: [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]],
+                bounds: NOWHERE,
                 error: levels[tree.tiles[number].level].error,
                 content: None,
                 children: tree.tiles[number].children.clone(),
             })
             .collect();
-        let mut figures = TilesetFigures { levels: Vec::new(), bytes: 0 };
+        let mut lattice = None;
+        let mut figures = TilesetFigures { site, levels: Vec::new(), bytes: 0 };
         for (number, level) in levels.iter().enumerate() {
-            let skirt = (options.skirts && header.sheet && number > 0).then_some(2.0 * level.error);
-            let cut = Cut { level, tree: &tree, number, views: &views, skirt, sheet: header.sheet };
-            let made = cut.write(code, &mut self.folder, &mut nodes, memory, (workers, workspace), progress)?;
+            let cut = Cut { level, tree: &tree, number, views: &views, options, sheet: header.sheet };
+            let (made, on) =
+                cut.write(code, lattice, (&mut self.folder, &mut nodes), memory, (workers, workspace), progress)?;
+            lattice = on;
             figures.bytes += made.bytes;
             figures.levels.push(made);
         }
         drop(levels);
         let root = joined(&mut nodes, tree.tops);
-        let extras = json!({ "crs": header.crs, "comments": header.comments, "levels": figures.levels });
+        let mut extras = json!({ "crs": header.crs, "comments": header.comments, "levels": figures.levels });
+        if let Some(site) = &figures.site {
+            extras["site"] = json!(site);
+            extras["height_offset"] = json!(options.height_offset.unwrap_or(0.0));
+        }
         let tree: Value = tileset::json(&nodes, root, transform, extras);
         let text = serde_json::to_vec(&tree).expect("numbers and text are JSON");
         put(&mut self.folder, TREE, &text)?;
@@ -168,14 +202,38 @@ fn put(folder: &mut WholeFolder, name: &str, bytes: &[u8]) -> Result<()> {
     std::fs::write(&path, bytes).map_err(Error::io(&path, "write"))
 }
 
-/// The mesh in single precision about a middle, and the transform that moves it to where it lies.
+/// A mesh in its place, the transform that moves it to where it lies, and where on Earth that is.
+type Placed = (MeshSpool, Option<[f64; 16]>, Option<Site>);
+
+/// The mesh in single precision, east, north and up of its middle. Coordinates are those of vertices with `own` added.
+fn on_earth(
+    mesh: &dyn MeshSource,
+    own: [f64; 3],
+    (crs, earth): &(Crs, Earth),
+    path: &Path,
+    (memory, workers, workspace): (u64, &Workers, &Workspace),
+) -> Result<Placed> {
+    let whole = |place: [f64; 3]| std::array::from_fn(|a| place[a] + own[a]);
+    let [low, high] = bounds(mesh, path, workers)?.map(whole);
+    if let Some(expected) = crs.contradicted_by(low, high) {
+        let words = format!(
+            "`crs` {crs}: expects {expected}, but coordinates go from {low:?} to {high:?}; name the right one with `crs`, or `crs` none"
+        );
+        return Err(Error::setting("crs", words));
+    }
+    let frame = Frame::about(earth.centred(std::array::from_fn(|a| low[a].midpoint(high[a])))?);
+    let place = |place: [f64; 3]| finite(frame.local(earth.centred(whole(place))?), path);
+    let mesh = copied(mesh, place, memory / 16, workers, workspace)?;
+    Ok((mesh, Some(frame.transform()), Some(frame.site)))
+}
+
+/// The mesh in single precision about a middle; the transform adds `own`, too.
 fn placed(
     mesh: &dyn MeshSource,
+    own: [f64; 3],
     path: &Path,
-    memory: u64,
-    workers: &Workers,
-    workspace: &Workspace,
-) -> Result<(MeshSpool, Option<[f64; 16]>)> {
+    (memory, workers, workspace): (u64, &Workers, &Workspace),
+) -> Result<Placed> {
     let middle = match mesh.precision() {
         Precision::Single => [0.0; 3],
         Precision::Double => {
@@ -185,25 +243,23 @@ fn placed(
         }
     };
     let place = |place: [f64; 3]| finite(std::array::from_fn(|a| place[a] - middle[a]), path);
-    let own = mesh.origin();
     let mesh = copied(mesh, place, memory / 16, workers, workspace)?;
     let origin: [f64; 3] = std::array::from_fn(|a| own[a] + middle[a]);
     let [x, y, z] = origin;
     let transform =
         (origin != [0.0; 3]).then_some([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, y, z, 1.0]);
-    Ok((mesh, transform))
+    Ok((mesh, transform, None))
 }
 
 /// The box of all vertices.
 fn bounds(mesh: &dyn MeshSource, path: &Path, workers: &Workers) -> Result<[[f64; 3]; 2]> {
     let blocks = mesh.vertex_count().div_ceil(BLOCK as u64) as usize;
-    let none = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    let mut bounds = none;
+    let mut bounds = NOWHERE;
     let look = |number: usize| {
         let first = number as u64 * BLOCK as u64;
         let mut places = vec![[0.0; 3]; (mesh.vertex_count() - first).min(BLOCK as u64) as usize];
         mesh.read_vertices(first, &mut places)?;
-        let mut bounds = none;
+        let mut bounds = NOWHERE;
         for place in places {
             widen(&mut bounds, [finite(place, path)?; 2]);
         }
@@ -240,12 +296,18 @@ fn counts(
 fn codes(mesh: &MeshSpool, mut faces: Vec<[u32; 3]>, code: impl Fn([f64; 3]) -> u32) -> Result<Vec<u32>> {
     let mut corners = Corners::default();
     corners.fill(mesh, &mut faces, WINDOW)?;
-    let middle = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|v| corners.table[v as usize]);
-        std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0)
-    };
-    Ok(faces.iter().map(|face| code(middle(face))).collect())
+    Ok(faces.iter().map(|face| code(middle(face.map(|v| corners.table[v as usize])))).collect())
 }
+
+fn middle([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0)
+}
+
+/// The box that holds nothing.
+const NOWHERE: [[f64; 3]; 2] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+
+/// A level's triangles by tile, the stretches of each tile, and its box.
+type Sorted = (Spool, BTreeMap<usize, Vec<Stretch>>, BTreeMap<usize, [[f64; 3]; 2]>);
 
 /// Where some triangles of a tile lie in a spool: the first's byte, and how many.
 type Stretch = (u64, u32);
@@ -256,23 +318,35 @@ struct Cut<'a> {
     tree: &'a Tree,
     number: usize,
     views: &'a [View],
-    skirt: Option<f64>,
+    options: &'a TilesetOptions,
     sheet: bool,
 }
 
 impl Cut<'_> {
-    /// Writes the level's tiles, and notes what they hold.
+    /// Writes the level's tiles, and notes what they hold. Compressed, they are on a lattice no finer than that of the level before.
     fn write(
         &self,
         code: impl Fn([f64; 3]) -> u32 + Sync,
-        folder: &mut WholeFolder,
-        nodes: &mut Vec<Node>,
+        finer: Option<Lattice>,
+        (folder, nodes): (&mut WholeFolder, &mut Vec<Node>),
         memory: u64,
         (workers, workspace): (&Workers, &Workspace),
         progress: &mut Progress,
-    ) -> Result<LevelFigures> {
+    ) -> Result<(LevelFigures, Option<Lattice>)> {
         let normals = normals::normals(&self.level.mesh, memory, workers, workspace)?;
-        let (spool, tiles) = self.sorted(code, workers, workspace)?;
+        let (spool, tiles, boxes) = self.sorted(code, workers, workspace)?;
+        let skirts = self.options.skirts && self.sheet && self.number > 0;
+        let lattice = (self.options.compress != Compression::None).then(|| {
+            let hung = if skirts { 2.0 * self.level.error } else { 0.0 };
+            let longest = |[low, high]: &[[f64; 3]; 2]| (0..3).map(|a| high[a] - low[a]).fold(0.0, f64::max) + hung;
+            let farthest =
+                |bounds: &[[f64; 3]; 2]| bounds.as_flattened().iter().fold(0.0, |m: f64, c| m.max(c.abs())) + hung;
+            let most = |of: &dyn Fn(&[[f64; 3]; 2]) -> f64| boxes.values().map(of).fold(0.0, f64::max);
+            Lattice::of(most(&longest), most(&farthest), finer)
+        });
+        // What a lattice moves vertices by, it moves the surface by at the most.
+        let error = lattice.map_or(self.level.error, |lattice| self.level.error + lattice.off());
+        let packing = Packing { lattice, encoded: self.options.compress == Compression::Meshopt };
         // Where no cell can be divided any more, tiles of the finest level are cut by the order of their triangles.
         let mut all: Vec<(usize, Vec<Stretch>)> = Vec::new();
         for (tile, stretches) in tiles {
@@ -299,40 +373,55 @@ impl Cut<'_> {
             let (node, stretches) = &all[number];
             let mut tile = gathered(&self.level.mesh, &normals, &spool, stretches)?;
             let triangles = tile.faces.len() as u64;
-            if let Some(depth) = self.skirt.filter(|depth| *depth > 0.0) {
-                tile.hang_skirt(depth as f32, stride);
+            if skirts && error > 0.0 {
+                tile.hang_skirt(2.0 * error as f32, stride);
             }
-            Ok((*node, tile.bounds(), triangles, tile.glb(self.views, stride, self.sheet)))
+            if let Some(lattice) = &packing.lattice {
+                tile.snap(lattice);
+            }
+            if packing.encoded {
+                tile.put_in_order(stride);
+            }
+            Ok((*node, tile.bounds(), triangles, tile.glb(self.views, stride, self.sheet, &packing)))
         };
-        let mut figures = LevelFigures { error: self.level.error, triangles: 0, tiles: 0, bytes: 0 };
+        let mut figures = LevelFigures { error, triangles: 0, tiles: 0, bytes: 0 };
         workers.in_order_range(in_flight, all.len(), make, |(node, bounds, triangles, bytes)| {
             let name = format!("{}-{}.glb", self.number, figures.tiles);
             put(folder, &name, &bytes)?;
             nodes[node].bounds = bounds.map(|place| place.map(f64::from));
             nodes[node].content = Some(name);
+            nodes[node].error = error;
             figures.tiles += 1;
             figures.triangles += triangles;
             figures.bytes += bytes.len() as u64;
             progress.add(triangles);
             Ok(())
         })?;
-        Ok(figures)
+        Ok((figures, lattice))
     }
 
-    /// All triangles by tile, those of a tile in the mesh's order.
+    /// All triangles by tile, those of a tile in the mesh's order, and each tile's box.
     fn sorted(
         &self,
         code: impl Fn([f64; 3]) -> u32 + Sync,
         workers: &Workers,
         workspace: &Workspace,
-    ) -> Result<(Spool, BTreeMap<usize, Vec<Stretch>>)> {
+    ) -> Result<Sorted> {
         let mut spool = workspace.spool(0);
+        let mut boxes: BTreeMap<usize, [[f64; 3]; 2]> = BTreeMap::new();
         let mut tiles: BTreeMap<usize, Vec<Stretch>> = BTreeMap::new();
         let places = self.tree.places(self.number);
         let mesh = &self.level.mesh;
         let sort = |faces: Vec<[u32; 3]>| {
-            let tiles: Vec<usize> =
-                codes(mesh, faces.clone(), &code)?.into_iter().map(|code| places.tile(code)).collect();
+            let (mut local, mut corners) = (faces.clone(), Corners::default());
+            corners.fill(mesh, &mut local, WINDOW)?;
+            let corners_of = |face: &[u32; 3]| face.map(|v| corners.table[v as usize]);
+            let tiles: Vec<usize> = local.iter().map(|face| places.tile(code(middle(corners_of(face))))).collect();
+            let mut boxes: BTreeMap<usize, [[f64; 3]; 2]> = BTreeMap::new();
+            for (face, tile) in local.iter().zip(&tiles) {
+                let bounds = boxes.entry(*tile).or_insert(NOWHERE);
+                corners_of(face).iter().for_each(|corner| widen(bounds, [*corner; 2]));
+            }
             let mut order: Vec<u32> = (0..faces.len() as u32).collect();
             order.sort_by_key(|i| tiles[*i as usize]);
             let sorted: Vec<[u32; 3]> = order.iter().map(|i| faces[*i as usize]).collect();
@@ -343,9 +432,10 @@ impl Cut<'_> {
                     _ => counts.push((tile, 1)),
                 }
             }
-            Ok((sorted, counts))
+            Ok((sorted, counts, boxes))
         };
-        each_block(mesh, workers, sort, |(sorted, counts)| {
+        each_block(mesh, workers, sort, |(sorted, counts, found)| {
+            found.into_iter().for_each(|(tile, bounds)| widen(boxes.entry(tile).or_insert(NOWHERE), bounds));
             let mut at = spool.append(bytemuck::cast_slice(&sorted))?;
             for (tile, count) in counts {
                 tiles.entry(tile).or_default().push((at, count));
@@ -353,7 +443,7 @@ impl Cut<'_> {
             }
             Ok(())
         })?;
-        Ok((spool, tiles))
+        Ok((spool, tiles, boxes))
     }
 }
 
@@ -427,8 +517,7 @@ fn joined(nodes: &mut Vec<Node>, tops: usize) -> usize {
         [only] => only,
         _ => {
             let error = tops.iter().map(|top| nodes[*top].error).fold(0.0, f64::max);
-            let bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-            nodes.push(Node { bounds, error: 2.0 * error, content: None, children: tops });
+            nodes.push(Node { bounds: NOWHERE, error: 2.0 * error, content: None, children: tops });
             nodes.len() - 1
         }
     };

@@ -416,7 +416,8 @@ fn made(
     let left = budget_beside(&job.settings, budget, workers);
     let (surveyed, settings) = surveyed(cloud, &job.settings, workers, left, progress)?;
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
-    let (surveyed, context) = planned(surveyed, &settings, workers, workspace, left, None, progress).map_err(whole)?;
+    let (surveyed, context) =
+        planned(cloud, surveyed, &settings, (workers, workspace), left, None, progress).map_err(whole)?;
     let mut made = reconstruct(cloud, &surveyed, &settings, &context, progress).map_err(whole)?;
     if settings.may_be_empty() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);

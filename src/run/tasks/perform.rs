@@ -11,7 +11,7 @@ use super::{Task, Tasks};
 use crate::error::{Error, Result};
 use crate::grid::bucket::{Buckets, Compared};
 use crate::grid::context::Context;
-use crate::input::Cloud;
+use crate::input::{Carried, Cloud};
 use crate::mesh::spool::MeshSpool;
 use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
@@ -25,7 +25,7 @@ use crate::run::pipeline::context;
 use crate::run::prepare::{Passes, files, open};
 use crate::run::progress::Progress;
 use crate::run::report::Report;
-use crate::run::surface::{Slabwise, with_slabs};
+use crate::run::surface::{Slabwise, surface_options, with_slabs};
 use crate::settings::Settings;
 use crate::stitch::apart::{self, Apart};
 use crate::stitch::checkpoint::Checkpoint;
@@ -191,7 +191,7 @@ impl Tasks {
     ) -> Result<()> {
         progress.begin(Phase::Bucket, None);
         let phase = Task::Bucket(number).phase();
-        let input = (cloud, Some(&self.plan.segments[number]));
+        let input = (cloud, Some(&self.plan.segments[number]), Carried::Attributes);
         let grid = &self.plan.surveyed.grid;
         let buckets = Buckets::<T>::fill_with(input, grid, context, &phase, |records| progress.add(records))?;
         progress.end();
@@ -238,8 +238,11 @@ impl Tasks {
         let named = [name("vertices")?, name("attributes")?, name("faces")?];
         let surveyed = &self.plan.surveyed;
         let of = (&buckets, &cells);
+        let fit = surface_options(settings, &cells).fit;
+        let workload = cells.counted_workload(&surveyed.workload, fit, &buckets, context)?;
+        let counted = (&workload, &context.memory.with_surface(&workload)?);
         let (mut mesh, apart) =
-            with_slabs(Some(within.clone()), surveyed, settings, of, context, progress, |slabwise| {
+            with_slabs((Some(within.clone()), counted), surveyed, settings, of, context, progress, |slabwise| {
                 let Slabwise { slabs, begun, means, .. } = slabwise;
                 let stitcher = |_: usize, from: &Checkpoint| {
                     let spools = named.clone().map(|file| context.workspace.spool_in(file, 0));

@@ -60,7 +60,8 @@ pub fn plan_tasks(
     let work = std::sync::Arc::new(work);
     if !work.is_done(PLAN) {
         let segments = cloud.segments(Carried::Attributes, processes)?;
-        let (surveyed, _) = planned(surveyed, &settings, workers, &workspace, budget, Some(work.clone()), progress)?;
+        let (surveyed, _) =
+            planned(&cloud, surveyed, &settings, (workers, &workspace), budget, Some(work.clone()), progress)?;
         let slabs = slab_count(Slabs::of(&settings.surface), surveyed.grid.cells()[1]);
         let pieces = pieces(slabs, PIECES * processes);
         let plan = TaskPlan { surveyed, schema: cloud.schema().clone(), segments, slabs, pieces };
@@ -103,7 +104,7 @@ impl Job {
     pub fn based_at(mut self, folder: &Path) -> Job {
         let based = |path: &mut PathBuf| *path = folder.join(&*path);
         self.inputs.iter_mut().for_each(based);
-        let optional = [&mut self.output, &mut self.write_classes, &mut self.dtm, &mut self.dsm];
+        let optional = [&mut self.output, &mut self.write_classes, &mut self.dtm, &mut self.dsm, &mut self.html];
         optional.into_iter().flatten().for_each(based);
         #[cfg(feature = "render")]
         if let crate::run::preview::Preview::At(path) = &mut self.preview {

@@ -110,6 +110,15 @@ impl HeightField {
         Ok(SavedHeightField { up, trimmed, cells_up, width: self.heights.width as u32, found })
     }
 
+    /// Moves the columns that lie in memory to disk.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn leave_memory(&mut self) -> Result<()> {
+        self.heights.spool.leave_memory()?;
+        self.flags.spool.leave_memory()
+    }
+
     /// Reads what [`HeightField::save`] saved.
     ///
     /// # Errors
