@@ -42,9 +42,12 @@ MARK = "ASRA_STREAM_CHAOS"
 
 def drive(folder):
     """The client: it may be killed at any moment."""
+    import dask
     from asra_stream.dask import reconstruct
     from distributed import Client, LocalCluster
 
+    # LocalCluster takes a worker for lost for good that is not back after 15 seconds, which a busy machine may need to start one.
+    dask.config.set({"distributed.deploy.lost-worker-timeout": "1 hour"})
     told = json.loads((folder / "run.json").read_text())
     with LocalCluster(n_workers=WORKERS, threads_per_worker=1, memory_limit=0, dashboard_address=None) as cluster, Client(cluster) as client:
 
