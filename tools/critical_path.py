@@ -90,9 +90,7 @@ def measure(options, program):
             nothing = min((call([program, "work", folder / "work", first, "-j", 1, "--quiet"]) for _ in range(5)), key=lambda one: one["cpu"])
             slices, triangles = shape(folder)
             runs.append({"points": points, "triangles": triangles, "slices": slices, "processes": PROCESSES, "nothing": nothing, "kinds": kinds})
-            print(
-                f"{points:,} points, {triangles:,} triangles: " + ", ".join(f"{kind} {sum(t['cpu'] for t in tasks):.1f} s" for kind, tasks in kinds.items()), flush=True
-            )
+            print(f"{points:,} points, {triangles:,} triangles: " + ", ".join(f"{kind} {sum(t['cpu'] for t in tasks):.1f} s" for kind, tasks in kinds.items()), flush=True)
     options.output.write_text(json.dumps({"commit": commit(), "runs": runs}, indent=1))
 
 
@@ -291,17 +289,14 @@ def sleep(options, _):
     cluster = LocalCluster(n_workers=options.workers // threads, threads_per_worker=threads, processes=False, memory_limit=0, dashboard_address=None)
     with cluster, Client(cluster) as client:
         client.wait_for_workers(options.workers // threads)
-        begin = time.monotonic()
+        begin, busy = time.monotonic(), time.process_time()
         sleeper = Sleeping(client, Job(), 5, {}, tell)
         sleeper.drive()
-        took = time.monotonic() - begin
+        took, busy = time.monotonic() - begin, time.process_time() - busy
     ideal = sum((told[names[0].split("/")[0]][0] - BARRIER) for names in order)
-    print(
-        f"{len(costs):,} tasks of {options.points:.0e} points by {options.workers:,} workers, {options.scale:,.0f} times as fast: {took:.1f} s, {ideal / options.scale:.1f} s without the scheduler and the driver; "
-    )
-    print(
-        f"{1000 * (took - ideal / options.scale) / len(costs):.1f} ms a task more; by the model {clock(ideal)} in truth, of which that is {100 * (took - ideal / options.scale) / ideal:.2f} %"
-    )
+    short = ideal / options.scale
+    print(f"{len(costs):,} tasks of {options.points:.0e} points by {options.workers:,} workers, {options.scale:,.0f} times as fast, ideally {short:.1f} s (in truth {clock(ideal)})")
+    print(f"measured {took:.1f} s: {1e3 * (took - short) / len(costs):.1f} ms a task more; scheduler, workers and driver took {1e3 * busy / len(costs):.1f} ms of a processor for each task")
 
 
 def main():
