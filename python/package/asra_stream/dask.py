@@ -154,9 +154,8 @@ class _Job:
         self._tell = tell
 
     def _command(self, line: list[str]) -> tuple[_Ended, str]:
-        # From a folder that is there for everybody; all paths are whole.
         with subprocess.Popen(
-            [*self._program, *line], cwd=os.sep, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+            [*self._program, *line], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
         ) as process:
             try:
                 out: list[str] = []
@@ -182,11 +181,11 @@ class _Job:
         raise _failure(ended)
 
     def _planned(self) -> dict[str, Any]:
-        """What the folder says it was planned for: ``words`` of the command and ``processes``; empty if it is not."""
+        """What the folder says it was planned for: ``words`` of the command, the ``folder`` of its paths, and ``processes``; empty if it is not."""
         try:
             with open(os.path.join(self.folder, "job.json"), encoding="utf-8") as file:
                 tasks = json.load(file)["value"]["job"]["tasks"]
-            return {"words": tasks["command"]["words"], "processes": tasks["processes"]}
+            return {"words": tasks["command"]["words"], "folder": tasks["command"]["folder"], "processes": tasks["processes"]}
         except (OSError, ValueError, KeyError, TypeError):
             return {}
 
@@ -196,7 +195,7 @@ class _Job:
         # A driver that goes on may have other workers now; the tasks are cut already.
         count = processes or planned.get("processes") or usual
         line = ["plan", *words({**options, "work": self.folder, "processes": count, "progress": "json"}), "--", *inputs]
-        if planned.get("words") == line and self.tasks("--ready") is not None:
+        if planned.get("words") == line and planned["folder"] == os.getcwd() and self.tasks("--ready") is not None:
             return
         for tries in range(retries + 1):
             ended, _ = self._command(line)
@@ -378,7 +377,7 @@ def reconstruct(
         As of :func:`asra_stream.run`. The client's machine and all workers must reach them, and the work folder, by the same absolute paths.
     work : path, optional
         The work folder. By default it is the output's name with ``.work``, and is removed at the end; one that is named here stays, with all that it holds.
-        The same call made again, after a client was killed, goes on from what is done there.
+        The same call made again from the same folder, after a client was killed, goes on from what is done there.
     processes : int, optional
         For so many tasks at a time the work is cut. By default the threads of all workers: a thread of a worker waits for one process. Decides no bytes.
     memory : int or str, optional
