@@ -458,7 +458,7 @@ fn completions_and_manual_pages_have_every_option() {
     assert!(page.contains(".TH asra-stream 1") && lacking.is_empty(), "{lacking:?}");
     let page = f.ok("man check").out;
     assert!(page.contains(".TH asra-stream-check 1") && page.contains("no\\-intersections"), "{page}");
-    f.fails("man nothing", 2, &["nothing: no such command; there are: plan, info, check"]);
+    f.fails("man nothing", 2, &["nothing: no such command; there are: plan, tasks, work, info, check"]);
     f.fails("completions nothing", 2, &["possible values: bash"]);
 }
 

@@ -1,5 +1,5 @@
-//! Coordinate reference systems: which place on Earth coordinates mean, as far as files say. Nothing is ever reprojected; a cloud has one system,
-//! which is carried to the outputs.
+//! Coordinate reference systems: which place on Earth coordinates mean, as far as files say. A cloud has one system,
+//! which is carried to the outputs; nothing is reprojected but the vertices of tilesets (`earth`).
 //!
 //! ```text
 //!  LAS   WKT record (2112), else GeoTIFF keys (34735 to 34737)  --+

@@ -39,7 +39,8 @@ fn a_run_a_check_and_a_comparison_are_reported_in_one_file() {
         assert!(between(&text, "id=\"mesh\">", "</script>").len() > 10_000, "{name}");
         let channels: Vec<&str> =
             source["channels"].as_array().unwrap().iter().map(|c| c["name"].as_str().unwrap()).collect();
-        let expected: &[&str] = if name == "compare.html" { &["x", "y", "z", "distance"] } else { &["x", "y", "z"] };
+        let compared: &[&str] = &["x", "y", "z", "red", "green", "blue", "distance"];
+        let expected = if name == "compare.html" { compared } else { &compared[..3] };
         assert_eq!(channels, expected, "{name}");
     }
     let run = page(&f, "run.html");

@@ -51,7 +51,7 @@ fn several_processes_make_the_mesh_of_one_run() {
 fn mistakes_are_told() {
     let f = Folder::new();
     f.knot(3000);
-    f.fails("work w --any", 2, &["w: is no folder of tasks", "plan INPUT --work DIR"]);
+    f.fails("work w --any", 2, &["w: is no folder of tasks", "INPUT --work DIR makes one"]);
     f.fails("tasks k.ply", 2, &["is no folder of tasks"]);
     f.fails("plan - -o m.ply --work w", 2, &["--work", "standard input"]);
     f.fails("plan k.ply -o m.ply --work w --dtm d.tif", 2, &["--dtm"]);

@@ -47,7 +47,7 @@ pub struct CloudArguments {
     /// What is carried from points to the mesh's vertices: all that files have (but normals, and what never changes), none, or a list such as rgb,intensity
     #[arg(long, value_name = "all|none|NAMES", default_value = "all", help_heading = "Input")]
     pub attributes: Wanted,
-    /// The coordinate reference system, whatever the files say: EPSG:25832, WKT, a file with WKT, or none. Nothing is reprojected
+    /// The coordinate reference system, whatever the files say: EPSG:25832, WKT, a file with WKT, or none. Nothing is reprojected but a tileset
     #[arg(long, value_name = "CRS", help_heading = "Input")]
     pub crs: Option<String>,
     /// Leave out points of these classes, such as 7,18

@@ -90,7 +90,7 @@ pub enum Command {
     Work(WorkArguments),
     #[command(after_help = examples::INFO)]
     /// Show what is in the input: layout, points and how densely they lie, reference system and its unit, box, classes and returns, grid
-    Info(InfoArguments),
+    Info(Box<InfoArguments>),
     #[command(after_help = examples::CHECK)]
     /// Check a mesh: closed, oriented, manifold, free of self-intersections, Euler number, components, volume, area (exit
     /// code 4 if it is no closed oriented 2-manifold or intersects itself)

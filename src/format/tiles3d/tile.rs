@@ -217,10 +217,8 @@ struct Parts {
 impl Parts {
     /// Adds data of vertices, with `stride` bytes each if that is to be told, and gives the accessor's number.
     fn put_vertices(&mut self, bytes: &[u8], stride: Option<u64>, accessor: Value) -> usize {
-        let encoded = match stride.filter(|_| self.encoded) {
-            Some(stride) => Some((encoded_vertices(bytes, stride as usize), stride, "ATTRIBUTES")),
-            None => None,
-        };
+        let encoded = stride.filter(|_| self.encoded);
+        let encoded = encoded.map(|stride| (encoded_vertices(bytes, stride as usize), stride, "ATTRIBUTES"));
         self.put(bytes, encoded, stride, ARRAY_BUFFER, accessor)
     }
 

@@ -80,7 +80,7 @@ impl Ellipsoid {
     pub fn of_conformal(&self, conformal: f64) -> f64 {
         let (e, e2m) = (self.e(), 1.0 - self.e2);
         let mut tan = conformal / e2m;
-        if !(tan.abs() < 1e8) {
+        if tan.abs() >= 1e8 {
             // So near a pole that the two are the same.
             return libm::atan(conformal * libm::exp(e * libm::atanh(e)));
         }

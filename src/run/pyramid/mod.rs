@@ -84,7 +84,7 @@ pub struct TilesetTarget {
     folder: WholeFolder,
     path: PathBuf,
     /// The mesh's reference system, and its way to the Earth.
-    earth: Option<(Crs, Earth)>,
+    earth: Option<Box<(Crs, Earth)>>,
 }
 
 impl TilesetTarget {
@@ -118,7 +118,7 @@ impl TilesetTarget {
     /// Those of [`Earth::of`]; [`Error::InvalidSetting`] for an offset of heights without a reference system.
     pub fn georeference(&mut self, crs: Option<&Crs>, options: &TilesetOptions) -> Result<()> {
         match (crs.filter(|crs| !crs.is_local()), options.height_offset) {
-            (Some(crs), offset) => self.earth = Some((crs.clone(), Earth::of(crs, offset.unwrap_or(0.0))?)),
+            (Some(crs), offset) => self.earth = Some(Box::new((crs.clone(), Earth::of(crs, offset.unwrap_or(0.0))?))),
             (None, None) => (),
             (None, Some(_)) => {
                 let words = "`height_offset`: the mesh has no reference system on Earth; name it with `crs`, as in `crs` EPSG:25832";

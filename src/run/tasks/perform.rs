@@ -65,8 +65,8 @@ impl Tasks {
             self.work.blame(path)?;
             if task == Task::Finish {
                 // The check may have looked at what is damaged.
-                let looked = self.shards().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
-                looked.map(|task| self.work.set_aside(&task.phase())).collect::<Result<()>>()?;
+                let mut looked = self.shards().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
+                looked.try_for_each(|task| self.work.set_aside(&task.phase()))?;
             }
         }
         done

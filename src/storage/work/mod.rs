@@ -446,8 +446,8 @@ impl WorkFolder {
                 match name_whole(&*store, &temporary, &manifest, &bytes, durable) {
                     // Another process was first: what this one made is as good, and not needed.
                     Err(error) if is_shared && error.kind() == io::ErrorKind::AlreadyExists => {
-                        let mine = files.iter().chain([&temporary]);
-                        mine.map(|file| if_there(store.remove(&file.name))).collect()
+                        let mut mine = files.iter().chain([&temporary]);
+                        mine.try_for_each(|file| if_there(store.remove(&file.name)))
                     }
                     named => named,
                 }
