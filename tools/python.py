@@ -24,7 +24,7 @@ BUILD = ["maturin>=1.9,<2"]
 COMPILER = ["ziglang"]
 AUDIT = ["auditwheel", "abi3audit"]
 SMOKE = ["numpy", "pytest"]
-FULL = [*SMOKE, "mypy", "types-tqdm", "tqdm", "laspy[lazrs]", "pandas", "trimesh", "pyvista", "nbclient", "nbformat", "ipykernel"]
+FULL = [*SMOKE, "distributed", "mypy", "types-tqdm", "tqdm", "laspy[lazrs]", "pandas", "trimesh", "pyvista", "nbclient", "nbformat", "ipykernel"]
 # Not for every version of Python.
 WHERE_THERE_IS_ONE = ["open3d"]
 MANYLINUX = "manylinux2014"

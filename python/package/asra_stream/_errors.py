@@ -59,6 +59,18 @@ class TemporaryError(AsraError, OSError, kind="temporary"):
     """What was in the way may be gone next time: a full disk, an input that changed while it was read."""
 
 
+class NotReadyError(TemporaryError, kind="not-ready"):
+    """Something that another process has to make was not there, however often it was asked for."""
+
+
+class IntermediateError(TemporaryError, kind="intermediate"):
+    """A file in the work folder was damaged. Its record is set aside, so that it is made again."""
+
+
+class StoppedError(TemporaryError, kind="signal"):
+    """A process, or the worker that had started it, was ended by a signal."""
+
+
 def of(failure: str) -> AsraError:
     """The exception for a failure as reports have it."""
     details = json.loads(failure)

@@ -1,7 +1,13 @@
-"""Keywords as the command's options."""
+"""Keywords as the command's options, and paths as its arguments."""
 
+import collections.abc
 import math
 import os
+
+Path = str | os.PathLike[str]
+Paths = Path | collections.abc.Sequence[Path]
+# A program's file, or the words that start it.
+Program = Path | collections.abc.Sequence[Path]
 
 
 def size(value):
@@ -29,3 +35,11 @@ def words(options):
         else:
             line.append(f"{option}={value}")
     return line
+
+
+def as_paths(inputs):
+    """A path, or several, as texts."""
+    inputs = [inputs] if isinstance(inputs, (str, bytes, os.PathLike)) else inputs
+    if not isinstance(inputs, collections.abc.Iterable):
+        raise TypeError(f"expected a path, or several, found {type(inputs).__name__}")
+    return [os.fsdecode(path) for path in inputs]

@@ -3,7 +3,6 @@
 import collections.abc
 import contextlib
 import json
-import os
 import sys
 import tempfile
 from typing import Any, cast
@@ -13,10 +12,8 @@ import numpy as np
 from . import _clouds, _core
 from ._errors import UsageError
 from ._mesh import Mesh
-from ._options import words
+from ._options import Path, Paths, as_paths, words
 
-Path = str | os.PathLike[str]
-Paths = Path | collections.abc.Sequence[Path]
 Progress = collections.abc.Callable[[dict[str, Any]], object] | bool | None
 
 # What is said of a file; a mesh in memory has none.
@@ -100,7 +97,7 @@ def reconstruct(
             if isinstance(attributes, (str, list, tuple)):
                 line, attributes = line + words({"attributes": attributes}), None
             _no_attributes(attributes, "files have")
-            return Mesh(_core.reconstruct_files(_paths(points), line, tell))
+            return Mesh(_core.reconstruct_files(as_paths(points), line, tell))
         cloud = _clouds.of(points)
         if cloud is None:
             if not isinstance(points, collections.abc.Iterable):
@@ -146,20 +143,13 @@ def _executed(command, positional, options, progress=None):
         return json.loads(_core.execute(line, tell))
 
 
-def _paths(inputs):
-    inputs = [inputs] if isinstance(inputs, (str, bytes, os.PathLike)) else inputs
-    if not isinstance(inputs, collections.abc.Iterable):
-        raise TypeError(f"expected a path, or several, found {type(inputs).__name__}")
-    return [os.fsdecode(path) for path in inputs]
-
-
 def run(inputs: Paths, output: Path | None = None, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """From files to a mesh file, as the command does: the mesh is never held in memory. Gives the report, a dict.
 
     ``inputs`` is a path, a pattern, a folder or a list of these; ``output`` ends in .ply, .stl, .obj or .glb. Keywords as of :func:`reconstruct`, and
     ``overwrite``, ``tile``, ``preview`` ... Raises what :func:`reconstruct` raises, UsageError for an output that exists, and NoOutputError.
     """
-    return _executed([], _paths(inputs), {"output": output, **options}, progress)
+    return _executed([], as_paths(inputs), {"output": output, **options}, progress)
 
 
 def info(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -167,7 +157,7 @@ def info(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[st
 
     Lengths are in the unit of the coordinates. Raises NoInputError, DataError, and UsageError for options.
     """
-    return _executed(["info"], _paths(inputs), options, progress)
+    return _executed(["info"], as_paths(inputs), options, progress)
 
 
 def plan(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -175,7 +165,7 @@ def plan(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[st
 
     Memory and disk are in bytes. Raises NoInputError, DataError, CannotFitError, and UsageError for options.
     """
-    return _executed(["plan"], _paths(inputs), options, progress)
+    return _executed(["plan"], as_paths(inputs), options, progress)
 
 
 def check(mesh: Path | Mesh, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -186,7 +176,7 @@ def check(mesh: Path | Mesh, *, progress: Progress = None, **options: Any) -> di
     """
     if isinstance(mesh, Mesh):
         return mesh.check(progress=progress, **options)
-    return _executed(["check"], _paths(mesh), options, progress)
+    return _executed(["check"], as_paths(mesh), options, progress)
 
 
 def compare(mesh: Path | Mesh, reference: Path | Mesh, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -198,7 +188,7 @@ def compare(mesh: Path | Mesh, reference: Path | Mesh, *, progress: Progress = N
     with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
         sides = [("mesh.ply", mesh), ("reference.ply", reference)]
         paths = [side._written(folder, name) if isinstance(side, Mesh) else side for name, side in sides]
-        return _executed(["compare"], _paths(paths), options, progress)
+        return _executed(["compare"], as_paths(paths), options, progress)
 
 
 def simplify(mesh: Path | Mesh, output: Path, tolerance: float | str | None = None, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -210,7 +200,7 @@ def simplify(mesh: Path | Mesh, output: Path, tolerance: float | str | None = No
     """
     with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
         path = mesh._written(folder, "mesh.ply") if isinstance(mesh, Mesh) else mesh
-        positional = _paths(path) + ([] if tolerance is None else [str(tolerance)])
+        positional = as_paths(path) + ([] if tolerance is None else [str(tolerance)])
         return _executed(["simplify"], positional, {"output": output, **options}, progress)
 
 
@@ -222,4 +212,4 @@ def render(mesh: Path | Mesh, output: Path, *, progress: Progress = None, **opti
     """
     if isinstance(mesh, Mesh):
         return cast(dict[str, Any], mesh.render(output, progress=progress, **options))
-    return _executed(["render"], _paths(mesh), {"output": output, **options}, progress)
+    return _executed(["render"], as_paths(mesh), {"output": output, **options}, progress)
