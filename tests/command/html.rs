@@ -48,8 +48,11 @@ fn a_run_a_check_and_a_comparison_are_reported_in_one_file() {
     // A histogram counts all that was measured.
     let found: serde_json::Value = serde_json::from_slice(&f.read("compare.json")).unwrap();
     let compared = page(&f, "compare.html");
-    let chart =
-        between(&compared, "<figcaption>Distances from the reference's points to the mesh</figcaption>", "</figure>");
+    let chart = between(
+        &compared,
+        "<figcaption>Distances from the reference&#39;s points to the mesh</figcaption>",
+        "</figure>",
+    );
     let counts = chart
         .split("<title>")
         .skip(1)
