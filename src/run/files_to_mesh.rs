@@ -239,12 +239,10 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         Source::Points(_) => surveyed(&cloud, &job.settings, workers, left, progress)?,
         Source::Made(made) => made.surveyed(&job.settings),
     };
-    let mut levels = matches!(target, Place::Tileset(_));
+    let levels = matches!(target, Place::Tileset(_));
+    // The page's mesh is one of fewer triangles.
     #[cfg(feature = "render")]
-    {
-        // The page's mesh is one of fewer triangles.
-        levels |= page.is_some();
-    }
+    let levels = levels || page.is_some();
     if levels {
         surveyed.workload = surveyed.workload.with_levels();
     }

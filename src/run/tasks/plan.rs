@@ -104,11 +104,14 @@ impl Job {
     pub fn based_at(mut self, folder: &Path) -> Job {
         let based = |path: &mut PathBuf| *path = folder.join(&*path);
         self.inputs.iter_mut().for_each(based);
-        let optional = [&mut self.output, &mut self.write_classes, &mut self.dtm, &mut self.dsm, &mut self.html];
+        let optional = [&mut self.output, &mut self.write_classes, &mut self.dtm, &mut self.dsm];
         optional.into_iter().flatten().for_each(based);
         #[cfg(feature = "render")]
-        if let crate::run::preview::Preview::At(path) = &mut self.preview {
-            based(path);
+        {
+            self.html.iter_mut().for_each(based);
+            if let crate::run::preview::Preview::At(path) = &mut self.preview {
+                based(path);
+            }
         }
         self
     }
