@@ -39,13 +39,13 @@ pub fn planned(all: &Arguments, plan: &PlanArguments, workers: &Workers, progres
     plan_tasks(&plan.run.job()?, &command, usize::from(plan.processes), workers, progress)
 }
 
-/// The tasks of a folder, and the arguments of the run that they are of.
-fn opened(folder: &Path) -> Result<(Tasks, Box<PlanArguments>)> {
+/// The tasks of a folder, the arguments of the run that they are of, and the folder from which paths in these are taken.
+fn opened(folder: &Path) -> Result<(Tasks, Box<PlanArguments>, PathBuf)> {
     let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
     let (work, Planned { words, folder: base }) = command_of(&folder)?;
     let typed = std::iter::once("asra-stream".into()).chain(words.into_iter().map(Into::into));
     match Arguments::read(typed).map(|arguments| arguments.command) {
-        Ok(Some(Command::Plan(plan))) => Ok((Tasks::of(work, plan.run.job()?.based_at(&base))?, plan)),
+        Ok(Some(Command::Plan(plan))) => Ok((Tasks::of(work, plan.run.job()?.based_at(&base))?, plan, base)),
         _ => Err(Error::Usage(format!(
             "{}: its tasks are of a command that this program does not know",
             folder.display()
@@ -108,7 +108,7 @@ pub fn list(arguments: &TasksArguments) -> Result<Kind> {
 
 /// What there is to list.
 pub fn listed(arguments: &TasksArguments) -> Result<Listed> {
-    let (tasks, _) = opened(&arguments.folder)?;
+    let (tasks, ..) = opened(&arguments.folder)?;
     if arguments.clean {
         tasks.clean()?;
     }
@@ -125,12 +125,12 @@ pub fn work(arguments: &WorkArguments, progress: &mut Progress) -> Result<Kind> 
 /// The same with these workers.
 pub fn done(arguments: &WorkArguments, workers: &Workers, progress: &mut Progress) -> Result<Kind> {
     if arguments.die_with_parent {
-        end_with_parent(workers);
+        end_with_parent(workers)?;
     }
-    let (tasks, plan) = opened(&arguments.folder)?;
+    let (tasks, plan, base) = opened(&arguments.folder)?;
     let one = |task: Task, progress: &mut Progress| -> Result<()> {
         let report = tasks.perform(task, &arguments.resources.resources(), workers, progress)?;
-        report.map_or(Ok(()), |report| tell(&report, &plan, &tasks, progress))
+        report.map_or(Ok(()), |report| tell(&report, &plan, &base, progress))
     };
     if !arguments.any {
         arguments.tasks.iter().try_for_each(|task| one(*task, progress))?;
@@ -180,13 +180,13 @@ pub fn done(arguments: &WorkArguments, workers: &Workers, progress: &mut Progres
 }
 
 /// Tells what came of the run, as the run itself would have.
-fn tell(report: &Report, plan: &PlanArguments, tasks: &Tasks, progress: &mut Progress) -> Result<()> {
+fn tell(report: &Report, plan: &PlanArguments, base: &Path, progress: &mut Progress) -> Result<()> {
     progress.summary(&report.summary(plan.run.verbose));
     if progress.show() == Show::Json {
         report.warnings.iter().for_each(|warning| progress.warn(warning));
         progress.summarise(&report.output);
     }
-    let path = plan.run.report.as_ref().map(|path| tasks.base().join(path));
+    let path = plan.run.report.as_ref().map(|path| base.join(path));
     match json_file(path.as_deref())? {
         Some(file) => write_json(file, report),
         None => Ok(()),
@@ -195,7 +195,7 @@ fn tell(report: &Report, plan: &PlanArguments, tasks: &Tasks, progress: &mut Pro
 
 /// Has this process end when the one that started it is gone: at the next job, and in any case after a while.
 #[cfg(unix)]
-fn end_with_parent(workers: &Workers) {
+fn end_with_parent(workers: &Workers) -> Result<()> {
     let (parent, flag) = (std::os::unix::process::parent_id(), workers.cancel_flag());
     let watch = move || {
         while std::os::unix::process::parent_id() == parent {
@@ -207,7 +207,12 @@ fn end_with_parent(workers: &Workers) {
     };
     // Without the thread, it ends when its work does.
     drop(thread::Builder::new().name("asra-parent".into()).spawn(watch));
+    Ok(())
 }
 
 #[cfg(not(unix))]
-fn end_with_parent(_: &Workers) {}
+fn end_with_parent(_: &Workers) -> Result<()> {
+    Err(Error::Usage(
+        "--die-with-parent: this system does not tell what has become of the process that started this one".into(),
+    ))
+}

@@ -12,6 +12,7 @@
 //!
 //! A new format is a module that implements `PointFormat` and a line in `detect.rs`.
 
+mod blocks;
 mod detect;
 mod files;
 mod memory;
@@ -19,22 +20,19 @@ mod places;
 mod spooled;
 pub mod tally;
 
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
-
 use crate::error::{Error, Result};
 use crate::format::e57;
-use crate::format::point_format::{BlockCutter, Decode, PointFormat};
+use crate::format::point_format::PointFormat;
 use crate::format::unpack::Unpacking;
 use crate::points::attribute::{Schema, Wanted};
 use crate::points::crs::Crs;
-use crate::points::filter::{Sieve, Verdict, judged};
+use crate::points::filter::{Sieve, Verdict};
 use crate::points::seen_from::SeenFrom;
 use crate::points::unit::{Measure, Unit, measured};
-use crate::points::{Batch, Points, Precision};
+use crate::points::{Batch, Precision};
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::mapped;
 use crate::storage::spool::Workspace;
@@ -47,6 +45,7 @@ pub(crate) use crate::format::sidecar::Sidecar;
 pub use crate::format::unpack::{Opening, Unpacked};
 pub(crate) use crate::format::unpack::{Packing, STANDARD_INPUT};
 pub use crate::points::filter::{Filter, Returns, Withheld};
+pub use blocks::{Block, Blocks, Segment};
 pub use files::{expand, find};
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
@@ -273,8 +272,7 @@ impl<'a> Cloud<'a> {
         let sieve =
             Sieve::new(&self.filter, self.carried(carried), self.formats.iter().map(|format| format.attributes()));
         let (precision, verdict) = (self.precision, self.verdict.clone());
-        let waiting = self.formats.iter().enumerate();
-        Blocks { waiting, current: None, within: None, precision, sieve: Arc::new(sieve), verdict }
+        Blocks::of(&self.formats, precision, Arc::new(sieve), verdict)
     }
 
     /// The input cut into `count` segments, or fewer if there are fewer blocks, each of about as many blocks.
@@ -285,7 +283,7 @@ impl<'a> Cloud<'a> {
         let mut of_source = vec![0u64; self.sources.len()];
         let mut blocks = self.blocks(carried);
         while let Some(block) = blocks.next_block()? {
-            of_source[block.source] += 1;
+            of_source[block.source()] += 1;
         }
         let all: u64 = of_source.iter().sum();
         let count = (count as u64).clamp(1, all.max(1));
@@ -370,7 +368,7 @@ impl<'a> Cloud<'a> {
         work: impl Fn(&Batch) -> Result<R> + Sync,
         sink: impl FnMut(R) -> Result<()>,
     ) -> Result<()> {
-        let mut blocks = Blocks { within: segment, ..self.blocks(carried) };
+        let mut blocks = self.blocks(carried).within(segment);
         let batches = Spares::<Option<Batch>>::default();
         let outcome = workers.in_order(
             in_flight,
@@ -432,100 +430,11 @@ pub enum Carried {
     Only(&'static [&'static str]),
 }
 
-/// A part of the input: of some files, some of the blocks, by the file's number and theirs.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Segment(pub Vec<(usize, Range<u64>)>);
-
-impl Segment {
-    /// The blocks of a file that belong to it.
-    fn of(&self, source: usize) -> Range<u64> {
-        self.0.iter().find(|(of, _)| *of == source).map_or(0..0, |(_, blocks)| blocks.clone())
-    }
-}
-
-/// One pass over a cloud, or a segment of it.
-pub struct Blocks<'a> {
-    waiting: std::iter::Enumerate<std::slice::Iter<'a, Arc<dyn PointFormat + 'a>>>,
-    current: Option<Current<'a>>,
-    within: Option<&'a Segment>,
-    precision: Precision,
-    sieve: Arc<Sieve>,
-    verdict: Option<Arc<dyn Verdict>>,
-}
-
-/// The file that is read.
-struct Current<'a> {
-    source: usize,
-    cutter: Box<dyn BlockCutter<'a> + 'a>,
-    /// Of the blocks that are left, those that are wanted.
-    left: Range<u64>,
-}
-
-impl<'a> Blocks<'a> {
-    /// The next block; `None` at the end. Cheap: it only finds where the block ends.
-    ///
-    /// # Errors
-    /// If a file cannot be read, changed its length since it was looked at, or is malformed.
-    pub fn next_block(&mut self) -> Result<Option<Block<'a>>> {
-        loop {
-            if let Some(Current { source, cutter, left }) = &mut self.current {
-                let source = *source;
-                let records = if left.end > 0 { cutter.next()? } else { None };
-                let Some(records) = records else {
-                    self.current = None;
-                    continue;
-                };
-                let before = left.start > 0;
-                *left = left.start.saturating_sub(1)..left.end - 1;
-                if before {
-                    continue;
-                }
-                let (sieve, verdict) = (Arc::clone(&self.sieve), self.verdict.clone());
-                return Ok(Some(Block { records, source, precision: self.precision, sieve, verdict }));
-            }
-            let Some((source, format)) = self.waiting.next() else { return Ok(None) };
-            let left = self.within.map_or(0..u64::MAX, |segment| segment.of(source));
-            if !left.is_empty() {
-                self.current = Some(Current { source, cutter: format.cut(&self.sieve.decoded)?, left });
-            }
-        }
-    }
-}
-
-/// Undecoded records, to be decoded on any thread.
-pub struct Block<'a> {
-    records: Box<dyn Decode + 'a>,
-    source: usize,
-    precision: Precision,
-    sieve: Arc<Sieve>,
-    verdict: Option<Arc<dyn Verdict>>,
-}
-
-impl Block<'_> {
-    /// Replaces the content of `batch` by this block's points that count, in file order and the cloud's precision. Reusing a batch
-    /// saves its allocation.
-    ///
-    /// # Errors
-    /// [`Error::Malformed`] if the bytes are not what the format promises.
-    pub fn decode(&self, batch: &mut Batch) -> Result<()> {
-        match (&mut batch.points, self.precision) {
-            (Points::Single(points), Precision::Single) => points.clear(),
-            (Points::Double(points), Precision::Double) => points.clear(),
-            (points, precision) => *points = Points::new(precision),
-        }
-        batch.attributes.clear();
-        (batch.dropped, batch.filtered) = (0, 0);
-        (batch.station, batch.source) = (self.records.station(), self.source);
-        self.records.decode(batch)?;
-        self.sieve.sift(batch);
-        self.verdict.as_deref().map_or(Ok(()), |verdict| judged(batch, verdict))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::format::testing::collect_all;
+    use crate::points::Points;
 
     #[test]
     fn files_of_all_formats_are_one_cloud_in_the_widest_precision() {

@@ -121,11 +121,11 @@ pub(super) enum Source<'a> {
     /// The points; phases stay in a folder, if there is one.
     Points(Option<&'a Arc<WorkFolder>>),
     /// What was made of them before.
-    Made(&'a dyn MadeBefore),
+    Made(&'a dyn Premade),
 }
 
-/// A mesh that was made of a job's points before, by whomever, and is to be finished.
-pub(super) trait MadeBefore {
+/// A mesh that others have made of a job's points, and that is to be finished.
+pub(super) trait Premade {
     /// The folder in which it is said what gets its name.
     fn folder(&self) -> &Arc<WorkFolder>;
 
@@ -151,22 +151,21 @@ pub(super) trait MadeBefore {
     ) -> Result<Option<CheckReport>>;
 }
 
-/// Refuses an output that cannot be written, or that takes the place of an input.
-///
-/// # Errors
-/// [`Error::Usage`], [`Error::OutputExists`], [`Error::InvalidSetting`]; those of making a file there.
-pub(super) fn refuse_output(job: &Job, files: &[PathBuf]) -> Result<()> {
+/// The output's name, which is no input's.
+fn output_of(job: &Job, files: &[PathBuf]) -> Result<PathBuf> {
     let output = match &job.output {
         Some(output) => output.clone(),
         None => default_output_of(&job.inputs, files)?,
     };
-    refuse_input_as_output(files, &output)?;
-    let positions = positions_of(&output, job)?;
-    match division(job, files)? {
-        None if is_named(&output) => TilesetTarget::prepare(&output, job.overwrite).map(drop),
-        None => Target::prepare(&output, job.overwrite, positions).map(drop),
-        Some(division) => Tiles::prepare(&output, division, job.overwrite, positions).map(drop),
-    }
+    refuse_input_as_output(files, &output).map(|()| output)
+}
+
+/// Refuses an output that a run of an opened cloud could not write.
+///
+/// # Errors
+/// [`Error::Usage`], [`Error::OutputExists`], [`Error::InvalidSetting`]; those of making a file there.
+pub(super) fn refuse_output(job: &Job, files: &[PathBuf], cloud: &Cloud) -> Result<()> {
+    Place::of(job, files, &output_of(job, files)?)?.0.stand_where(cloud, job)
 }
 
 pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress: &mut Progress) -> Result<Report> {
@@ -181,11 +180,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         let message = "`work`: standard input cannot be read again by a run that goes on; write it to a file first";
         return Err(Error::setting("work", message.into()));
     }
-    let output = match &job.output {
-        Some(output) => output.clone(),
-        None => default_output_of(&job.inputs, &files)?,
-    };
-    refuse_input_as_output(&files, &output)?;
+    let output = output_of(job, &files)?;
     let mut job = job.clone();
     if outputs.is_some_and(|work| has_output_of(work, &output)) {
         // It was named, and then the run was ended.
@@ -194,20 +189,8 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     let job = &job;
     Beside::of(job)?.paths().try_for_each(|path| refuse_input_as_output(&files, path))?;
     let mut beside = Beside::of(job)?.create()?;
-    let positions = positions_of(&output, job)?;
-    if !is_named(&output)
-        && let Some(setting) = job.tileset.first_set()
-    {
-        let words =
-            format!("`{setting}`: is for a tileset; its `output` is named tileset.json, in a folder of its own");
-        return Err(Error::setting(setting, words));
-    }
     // What can fail for want of room or rights fails now, not after the work.
-    let mut target = match division(job, &files)? {
-        None if is_named(&output) => Place::Tileset(TilesetTarget::prepare(&output, job.overwrite)?),
-        None => Place::File(Target::prepare(&output, job.overwrite, positions)?),
-        Some(division) => Place::Tiles(Tiles::prepare(&output, division, job.overwrite, positions)?),
-    };
+    let (mut target, positions) = Place::of(job, &files, &output)?;
     #[cfg(feature = "render")]
     let picture = job.preview.path(&output).map(|path| render::picture_file(&path, job.overwrite)).transpose()?;
     #[cfg(feature = "render")]
@@ -217,9 +200,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     progress.expect_run(known(job, &files, Passes::All));
     let passes = if let Source::Made(_) = source { Passes::Few } else { Passes::All };
     let mut cloud = open(job, &files, &workspace, workers, passes, progress)?;
-    if let Place::Tileset(tileset) = &mut target {
-        tileset.georeference(cloud.crs(), &job.tileset)?;
-    }
+    target.stand_where(&cloud, job)?;
     let job = &job.measured_as(&cloud)?;
     if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
         tiles.divide_by(Division::Squares(side));
@@ -456,6 +437,32 @@ enum Place {
 }
 
 impl Place {
+    /// The output of this name, prepared, and which coordinates it has.
+    fn of(job: &Job, files: &[PathBuf], output: &Path) -> Result<(Place, Positions)> {
+        let positions = positions_of(output, job)?;
+        if !is_named(output)
+            && let Some(setting) = job.tileset.first_set()
+        {
+            let words =
+                format!("`{setting}`: is for a tileset; its `output` is named tileset.json, in a folder of its own");
+            return Err(Error::setting(setting, words));
+        }
+        let place = match division(job, files)? {
+            None if is_named(output) => Place::Tileset(TilesetTarget::prepare(output, job.overwrite)?),
+            None => Place::File(Target::prepare(output, job.overwrite, positions)?),
+            Some(division) => Place::Tiles(Tiles::prepare(output, division, job.overwrite, positions)?),
+        };
+        Ok((place, positions))
+    }
+
+    /// A tileset stands on Earth where the cloud's reference system says.
+    fn stand_where(&mut self, cloud: &Cloud, job: &Job) -> Result<()> {
+        match self {
+            Place::Tileset(tileset) => tileset.georeference(cloud.crs(), &job.tileset),
+            _ => Ok(()),
+        }
+    }
+
     /// Does some work; a file is filled meanwhile.
     fn filled_meanwhile<R>(
         self,

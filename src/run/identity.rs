@@ -5,6 +5,7 @@
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::time::UNIX_EPOCH;
 
 use serde_json::{Map, Value, json};
@@ -112,8 +113,13 @@ fn of_files(files: &[PathBuf]) -> Result<Value> {
     Ok(Value::Object(inputs))
 }
 
-/// The program: a later version may place vertices otherwise.
+/// The program: a later version may place vertices otherwise. Its file is read once.
 fn program() -> Value {
+    static PROGRAM: OnceLock<Value> = OnceLock::new();
+    PROGRAM.get_or_init(read_program).clone()
+}
+
+fn read_program() -> Value {
     let checksum = || -> io::Result<u32> {
         let mut file = File::open(std::env::current_exe()?)?;
         let (mut hasher, mut piece) = (crc32fast::Hasher::new(), vec![0; PIECE]);

@@ -19,7 +19,7 @@ mod components;
 pub(crate) mod job;
 mod link;
 mod report;
-pub(crate) mod shard;
+pub(crate) mod shares;
 mod survey;
 #[cfg(test)]
 mod tests;

@@ -40,19 +40,19 @@ fn report(positions: &[[f64; 3]], faces: &[[u32; 3]]) -> CheckReport {
         reports.push(check.run(&mut |_| ()).unwrap());
     }
     for of in [1, 2, 5] {
-        // Each shard with means of its own, as another process may have them; what they have shown goes through text.
+        // Each share with means of its own, as another process may have them; what they have shown goes through text.
         let workers: Vec<Workers> = [1, 2].into_iter().map(|threads| Workers::new(threads).unwrap()).collect();
-        let means = |number: usize| shard::Means {
+        let means = |number: usize| shares::Means {
             budget: [0, 1 << 26][number % 2],
             workers: &workers[number % 2],
             workspace: &workspace,
         };
-        let shard = |number| shard::Shard { number, of };
-        let measure = |number| shard::measure(&mesh, shard(number), means(number), &mut |_| ()).unwrap();
-        let measured: Vec<shard::Measured> = (0..of).map(measure).map(through_text).collect();
-        let look = |number| shard::look(&mesh, shard(number), &measured, means(number + 1), &mut |_| ());
+        let share = |number| shares::Share { number, of };
+        let measure = |number| shares::measure(&mesh, share(number), means(number), &mut |_| ()).unwrap();
+        let measured: Vec<shares::Measured> = (0..of).map(measure).map(through_text).collect();
+        let look = |number| shares::look(&mesh, share(number), &measured, means(number + 1), &mut |_| ());
         let looked = (0..of).map(|number| look(number).map(through_text));
-        reports.push(shard::conclude(&mesh, &measured, looked, means(of)).unwrap());
+        reports.push(shares::conclude(&mesh, &measured, looked, means(of)).unwrap());
     }
     for other in &reports[1..] {
         // Compared as text since NaN is not equal to itself.

@@ -10,11 +10,11 @@ use crate::error::{Error, Result};
 use crate::grid::bucket::Compared;
 use crate::grid::context::Context;
 use crate::mesh::check::CheckReport;
-use crate::mesh::check::shard::{self, Measured, Shard};
+use crate::mesh::check::shares::{self, Measured, Share};
 use crate::mesh::spool::MeshSpool;
 use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
-use crate::run::files_to_mesh::MadeBefore;
+use crate::run::files_to_mesh::Premade;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::surface::{Reconstructed, reconstructed};
@@ -25,7 +25,7 @@ use crate::stitch::apart::{Link, Of, chain};
 use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
 
-impl MadeBefore for Tasks {
+impl Premade for Tasks {
     fn folder(&self) -> &Arc<WorkFolder> {
         &self.work
     }
@@ -50,12 +50,12 @@ impl MadeBefore for Tasks {
         workers: &Workers,
         workspace: &Workspace,
     ) -> Result<Option<CheckReport>> {
-        if self.shards().is_empty() {
+        if self.shares().is_empty() {
             return Ok(None);
         }
         let measured = self.measured(Task::Finish)?;
-        let looked = self.shards().map(|number| self.shown(Task::Finish, Task::Check(number)));
-        shard::conclude(mesh, &measured, looked, means(workers, workspace, budget)).map(Some)
+        let looked = self.shares().map(|number| self.shown(Task::Finish, Task::Check(number)));
+        shares::conclude(mesh, &measured, looked, means(workers, workspace, budget)).map(Some)
     }
 }
 
@@ -74,8 +74,8 @@ impl Tasks {
 
     /// What all pieces and bridges come to.
     fn stitched<T: Coordinate>(&self, task: Task, compared: Compared, context: &Context) -> Result<Stitched> {
-        let pieces = self.pieces()?;
-        let Some(chain) = chain(&pieces, &self.bridges(&pieces)?)? else {
+        let pieces = self.pieces(task)?;
+        let Some(chain) = chain(&pieces, &self.bridges(task, &pieces)?)? else {
             return Err(Error::Internal("a bridge that nobody knew of".into()));
         };
         let mut mesh: Option<MeshSpool> = None;
@@ -112,13 +112,13 @@ impl Tasks {
 
     fn looked(&self, task: Task, mesh: &MeshSpool, context: &Context, progress: &mut Progress) -> Result<Value> {
         let means = means(&context.workers, &context.workspace, context.memory.working);
-        let of = self.shards().len();
+        let of = self.shares().len();
         let told = &mut |done| progress.set(done);
         let looked = match task {
-            Task::Measure(number) => serde_json::to_value(shard::measure(mesh, Shard { number, of }, means, told)?),
+            Task::Measure(number) => serde_json::to_value(shares::measure(mesh, Share { number, of }, means, told)?),
             Task::Check(number) => {
                 let measured = self.measured(task)?;
-                serde_json::to_value(shard::look(mesh, Shard { number, of }, &measured, means, told)?)
+                serde_json::to_value(shares::look(mesh, Share { number, of }, &measured, means, told)?)
             }
             task => return Err(Error::Internal(format!("{task} is no task of the check"))),
         };
@@ -126,7 +126,7 @@ impl Tasks {
     }
 
     fn measured(&self, task: Task) -> Result<Vec<Measured>> {
-        self.shards().map(|number| self.shown(task, Task::Measure(number))).collect()
+        self.shares().map(|number| self.shown(task, Task::Measure(number))).collect()
     }
 
     /// What a task of the check has shown.
@@ -170,6 +170,6 @@ impl Tasks {
     }
 }
 
-fn means<'a>(workers: &'a Workers, workspace: &'a Workspace, budget: u64) -> shard::Means<'a> {
-    shard::Means { budget, workers, workspace }
+fn means<'a>(workers: &'a Workers, workspace: &'a Workspace, budget: u64) -> shares::Means<'a> {
+    shares::Means { budget, workers, workspace }
 }

@@ -14,7 +14,7 @@ mod finish;
 mod perform;
 mod plan;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ use crate::run::closed_cells;
 use crate::run::job::{Check, Job};
 use crate::run::surveyed::Surveyed;
 use crate::stitch::apart::{self, Apart};
-use crate::storage::work::WorkFolder;
+use crate::storage::work::{Claim, WorkFolder};
 
 /// The phase of the plan, as the folder names it.
 const PLAN: &str = "plan";
@@ -213,16 +213,16 @@ impl Tasks {
         let sorted = stage((0..self.plan.segments.len()).map(Task::Bucket).collect(), true);
         let closed = stage(vec![Task::Close], sorted);
         let stitched = stage((0..self.plan.pieces.len()).map(Task::Piece).collect(), closed);
-        let bridges = if stitched { apart::bridges(&self.pieces()?) } else { Vec::new() };
+        let bridges = if stitched { apart::bridges(&self.pieces(Task::Finish)?) } else { Vec::new() };
         let joined = stage(bridges.into_iter().map(Task::Bridge).collect(), stitched);
-        let measured = stage(self.shards().map(Task::Measure).collect(), joined);
-        let checked = stage(self.shards().map(Task::Check).collect(), measured);
+        let measured = stage(self.shares().map(Task::Measure).collect(), joined);
+        let checked = stage(self.shares().map(Task::Check).collect(), measured);
         stage(vec![Task::Finish], checked);
         Ok(tasks)
     }
 
-    /// The shards that the check is made in: none where the mesh is not checked, or another one is made of it first.
-    fn shards(&self) -> Range<usize> {
+    /// The shares that the check is made in: none where the mesh is not checked, or another one is made of it first.
+    fn shares(&self) -> Range<usize> {
         let settings = &self.job.settings;
         let is_changed = settings.simplify.is_some() || settings.bridged || settings.trim.is_some();
         match self.job.check {
@@ -231,32 +231,23 @@ impl Tasks {
         }
     }
 
-    /// What is known of all pieces.
-    fn pieces(&self) -> Result<Vec<Apart>> {
-        (0..self.plan.pieces.len())
-            .map(|number| Ok(self.saved_apart(Task::Finish, Task::Piece(number))?.0.apart))
-            .collect()
+    /// What is known of all pieces, which a task needs.
+    fn pieces(&self, task: Task) -> Result<Vec<Apart>> {
+        (0..self.plan.pieces.len()).map(|number| Ok(self.saved_apart(task, Task::Piece(number))?.0.apart)).collect()
     }
 
     /// The bridges from pieces that need one.
-    fn bridges(&self, pieces: &[Apart]) -> Result<BTreeMap<usize, Apart>> {
-        let bridge = |from: usize| Ok((from, self.saved_apart(Task::Finish, Task::Bridge(from))?.0.apart));
+    fn bridges(&self, task: Task, pieces: &[Apart]) -> Result<BTreeMap<usize, Apart>> {
+        let bridge = |from: usize| Ok((from, self.saved_apart(task, Task::Bridge(from))?.0.apart));
         apart::bridges(pieces).into_iter().map(bridge).collect()
     }
 
-    /// The tasks whose claims others hold are left out; a claim is held until it is dropped.
+    /// A task's claim, as [`WorkFolder::claim`] gives it: None if another process has it.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn claimed(&self, task: Task) -> Result<Option<crate::storage::work::Claim>> {
+    pub fn claimed(&self, task: Task) -> Result<Option<Claim>> {
         self.work.claim(&task.phase())
-    }
-
-    /// The folder from which the paths of the command line are taken.
-    pub fn base(&self) -> PathBuf {
-        let command =
-            self.work.job().ok().flatten().and_then(|job| Command::deserialize(&job["tasks"]["command"]).ok());
-        command.map(|command| command.folder).unwrap_or_default()
     }
 
     /// Bytes of memory that a process needs at the least, with so many threads.
@@ -269,13 +260,11 @@ impl Tasks {
         self.work.path()
     }
 
-    /// The phases that are still needed: all but what the next phases have made use of.
+    /// Removes the files that no task which is done has left; all of them once the mesh is finished. No process may be at work in the folder.
     ///
     /// # Errors
     /// [`Error::Io`].
     pub fn clean(&self) -> Result<()> {
-        let done: BTreeSet<String> = self.work.done()?;
-        let over = done.contains(&Task::Finish.phase());
-        self.work.clean(|_| !over)
+        self.work.clean(!self.work.is_done(&Task::Finish.phase()))
     }
 }

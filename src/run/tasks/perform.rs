@@ -17,7 +17,7 @@ use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::keep_ground;
 use crate::run::closed_cells::{ClosedCells, closed_cells};
-use crate::run::files_to_mesh::{MadeBefore, OUTPUT, Source, run_in};
+use crate::run::files_to_mesh::{OUTPUT, Premade, Source, run_in};
 use crate::run::identity;
 use crate::run::job::{Job, Resources};
 use crate::run::phase::Phase;
@@ -60,40 +60,41 @@ impl Tasks {
         if self.work.is_done(&phase) {
             return Ok(None);
         }
-        let done = self.perform_once(task, resources, workers, progress);
+        self.wait_for_needs(task, workers)?;
+        let resources = Resources { work: Some(self.path().to_path_buf()), ..resources.clone() };
+        let job = Job { resources, ..self.job.clone() };
+        let done = match self.plan.surveyed.workload.precision {
+            Precision::Single => self.perform_as::<f32>(task, &job, workers, progress),
+            Precision::Double => self.perform_as::<f64>(task, &job, workers, progress),
+        };
         if let Err(Error::Damaged { path, .. }) = &done {
             self.work.blame(path)?;
             if task == Task::Finish {
                 // The check may have looked at what is damaged.
-                let mut looked = self.shards().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
+                let mut looked = self.shares().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
                 looked.try_for_each(|task| self.work.set_aside(&task.phase()))?;
             }
         }
         done
     }
 
-    fn perform_once(
-        &self,
-        task: Task,
-        resources: &Resources,
-        workers: &Workers,
-        progress: &mut Progress,
-    ) -> Result<Option<Report>> {
+    /// Waits a while for what a task needs.
+    fn wait_for_needs(&self, task: Task, workers: &Workers) -> Result<()> {
         let pieces = || (0..self.plan.pieces.len()).map(Task::Piece);
         match task {
             Task::Bucket(number) if number < self.plan.segments.len() => {}
             Task::Close => self.wait_for(task, (0..self.plan.segments.len()).map(Task::Bucket), workers)?,
             Task::Piece(number) if number < self.plan.pieces.len() => self.wait_for(task, [Task::Close], workers)?,
             Task::Bridge(number) if number + 1 < self.plan.pieces.len() => self.wait_for(task, pieces(), workers)?,
-            Task::Measure(number) | Task::Check(number) if self.shards().contains(&number) => {
+            Task::Measure(number) | Task::Check(number) if self.shares().contains(&number) => {
                 self.wait_for_mesh(task, workers)?;
                 if let Task::Check(_) = task {
-                    self.wait_for(task, self.shards().map(Task::Measure), workers)?;
+                    self.wait_for(task, self.shares().map(Task::Measure), workers)?;
                 }
             }
             Task::Finish => {
                 self.wait_for_mesh(task, workers)?;
-                self.wait_for(task, self.shards().map(Task::Check), workers)?;
+                self.wait_for(task, self.shares().map(Task::Check), workers)?;
             }
             task => {
                 let folder = self.path().display();
@@ -102,12 +103,7 @@ impl Tasks {
                 )));
             }
         }
-        let resources = Resources { work: Some(self.path().to_path_buf()), ..resources.clone() };
-        let job = Job { resources, ..self.job.clone() };
-        match self.plan.surveyed.workload.precision {
-            Precision::Single => self.perform_as::<f32>(task, &job, workers, progress),
-            Precision::Double => self.perform_as::<f64>(task, &job, workers, progress),
-        }
+        Ok(())
     }
 
     fn perform_as<T: Coordinate>(
@@ -126,7 +122,8 @@ impl Tasks {
                 Err(Error::OutputExists(path)) => return self.finished_by_another(path, workers).map(|()| None),
                 finished => finished?,
             };
-            self.work.commit(&task.phase(), Vec::new(), serde_json::to_value(&report).unwrap_or_default())?;
+            let rest = serde_json::to_value(&report).expect("a manifest can be written");
+            self.work.commit(&task.phase(), Vec::new(), rest)?;
             return Ok(Some(report));
         }
         let workspace = job.resources.workspace(self.path())?.stopped_with(workers);
@@ -162,7 +159,7 @@ impl Tasks {
     /// Waits a while for all pieces and bridges.
     fn wait_for_mesh(&self, task: Task, workers: &Workers) -> Result<()> {
         self.wait_for(task, (0..self.plan.pieces.len()).map(Task::Piece), workers)?;
-        let bridges = apart::bridges(&self.pieces()?);
+        let bridges = apart::bridges(&self.pieces(task)?);
         self.wait_for(task, bridges.into_iter().map(Task::Bridge), workers)
     }
 
@@ -224,7 +221,7 @@ impl Tasks {
         context: &Context,
         progress: &mut Progress,
     ) -> Result<()> {
-        let pieces = if let Task::Bridge(_) = task { self.pieces()? } else { Vec::new() };
+        let pieces = if let Task::Bridge(_) = task { self.pieces(task)? } else { Vec::new() };
         let buckets = self.buckets::<T>(task, context)?;
         let cells = self.cells(task, context)?;
         let within = match task {

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::{Command, PLAN, TaskPlan, Tasks};
 use crate::error::{Error, Result};
@@ -41,23 +42,41 @@ pub fn plan_tasks(
         let message = "`work`: standard input cannot be read by other processes; write it to a file first";
         return Err(Error::setting("work", message.into()));
     }
-    refuse_output(job, &files)?;
     let there = WorkFolder::shared(&folder).ok().filter(|work| matches!(work.has_tasks(), Ok(true)));
-    let work = match there {
+    let work = Arc::new(match there {
         Some(work) => work,
         None => WorkFolder::open(&folder)?,
-    };
-    let workspace = job.resources.workspace(&folder)?.stopped_with(workers);
-    progress.expect_run(known(job, &files, Passes::Few));
-    let mut cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+    });
+    let planned = plan_in(&work, job, &files, (command, processes), workers, progress);
+    // Where it is not even known what is made, nothing stays.
+    let nothing = planned.is_err() && !work.has_begun();
+    let settled = if nothing { work.finish(PLAN) } else { work.settle(false) };
+    planned.and(settled)?;
+    // Whoever waits for the lock waits no longer.
+    drop(work);
+    Tasks::of(WorkFolder::shared(&folder)?, job.clone())
+}
+
+/// Writes the tasks down in a folder.
+fn plan_in(
+    work: &Arc<WorkFolder>,
+    job: &Job,
+    files: &[PathBuf],
+    (command, processes): (&Command, usize),
+    workers: &Workers,
+    progress: &mut Progress,
+) -> Result<()> {
+    let workspace = job.resources.workspace(work.path())?.stopped_with(workers);
+    progress.expect_run(known(job, files, Passes::Few));
+    let mut cloud = open(job, files, &workspace, workers, Passes::Few, progress)?;
+    refuse_output(job, files, &cloud)?;
     let measured = job.measured_as(&cloud)?;
     describe(&cloud, &measured.settings, progress);
     keep_ground(&mut cloud, &measured.settings)?;
     let budget = job.resources.budget();
     let (surveyed, settings) = surveyed(&cloud, &measured.settings, workers, budget, progress)?;
     let tasks = serde_json::json!({ "command": command, "processes": processes });
-    identity::begin(&work, &files, &cloud, &job.input, (&settings, &surveyed), tasks)?;
-    let work = std::sync::Arc::new(work);
+    identity::begin(work, files, &cloud, &job.input, (&settings, &surveyed), tasks)?;
     if !work.is_done(PLAN) {
         let segments = cloud.segments(Carried::Attributes, processes)?;
         let (surveyed, _) =
@@ -67,10 +86,7 @@ pub fn plan_tasks(
         let plan = TaskPlan { surveyed, schema: cloud.schema().clone(), segments, slabs, pieces };
         work.commit(PLAN, Vec::new(), serde_json::to_value(plan).expect("a manifest can be written"))?;
     }
-    work.settle(false)?;
-    // Whoever waits for the lock waits no longer.
-    drop(work);
-    Tasks::of(WorkFolder::shared(&folder)?, job.clone())
+    Ok(())
 }
 
 /// What tells where points are on the ground looks at all of them first, which no task does.

@@ -249,26 +249,24 @@ impl WorkFolder {
     /// [`Error::Io`].
     pub fn blame(&self, damaged: &Path) -> Result<()> {
         let Ok(name) = damaged.strip_prefix(&self.path) else { return Ok(()) };
-        for phase in self.store.list(DONE).map_err(self.failed("read the folder"))? {
-            let Some(phase) = phase.strip_suffix(".json") else { continue };
-            let manifest = self.manifest(phase)?;
+        for phase in self.done()? {
+            let manifest = self.manifest(&phase)?;
             if manifest.is_some_and(|manifest| manifest.files.iter().any(|file| Path::new(file) == name)) {
-                self.set_aside(phase)?;
+                self.set_aside(&phase)?;
             }
         }
         Ok(())
     }
 
-    /// Removes all files that no manifest names, or that are those of phases which `is_needed` does not know. No other process may be at work here.
+    /// Removes the files that no manifest names, or all of them, if those are not to be `kept`. No other process may be at work here.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn clean(&self, is_needed: impl Fn(&str) -> bool) -> Result<()> {
+    pub fn clean(&self, kept: bool) -> Result<()> {
         let mut named = Vec::new();
-        for name in self.store.list(DONE).map_err(self.failed("read the folder"))? {
-            if let Some(phase) = name.strip_suffix(".json").filter(|phase| is_needed(phase)) {
-                named.extend(self.manifest(phase)?.into_iter().flat_map(|manifest| manifest.files));
-            }
+        let done = if kept { self.done()? } else { BTreeSet::new() };
+        for phase in done {
+            named.extend(self.manifest(&phase)?.into_iter().flat_map(|manifest| manifest.files));
         }
         for name in self.store.list(DATA).map_err(self.failed("read the folder"))? {
             let name = format!("{DATA}/{name}");

@@ -1,9 +1,9 @@
-//! The check in shards, each of which another process may look at: first at its triangles, then, when all of these are known, at its vertices.
+//! The check in shares, each of which another process may look at: first at its triangles, then, when all of these are known, at its vertices.
 //!
 //! ```text
-//!  measure   a shard's triangles: which vertices each block names, area and volume       needs nothing
-//!  look      a shard's vertices: edges, fans, sets that hang together, positions         needs what all triangles were found to name
-//!  conclude  what no shard knows alone: components, boundary loops, the sums             needs all of both
+//!  measure   a share's triangles: which vertices each block names, area and volume       needs nothing
+//!  look      a share's vertices: edges, fans, sets that hang together, positions         needs what all triangles were found to name
+//!  conclude  what no share shows alone: components, boundary loops, the sums             needs all of both
 //! ```
 
 use std::ops::Range;
@@ -23,22 +23,22 @@ use crate::mesh::{MeshSource, check_vertex_count};
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::spool::Workspace;
 
-/// One of so many shards of a mesh.
+/// One of so many shares of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Shard {
+pub(crate) struct Share {
     pub number: usize,
     pub of: usize,
 }
 
-impl Shard {
-    /// Its share of `count` things that lie in a row.
-    fn share(self, count: usize) -> Range<usize> {
+impl Share {
+    /// What it has of `count` things that lie in a row.
+    fn within(self, count: usize) -> Range<usize> {
         let end = |number: usize| (count as u128 * number as u128 / self.of as u128) as usize;
         end(self.number)..end(self.number + 1)
     }
 }
 
-/// What a shard's triangles have shown.
+/// What a share's triangles have shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Measured {
     /// The least and the greatest number of a vertex that a block names.
@@ -48,7 +48,7 @@ pub(crate) struct Measured {
     sums: Vec<[u64; 8]>,
 }
 
-/// What a shard's vertices have shown.
+/// What a share's vertices have shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Looked {
     tally: Tally,
@@ -75,39 +75,39 @@ impl Means<'_> {
     }
 }
 
-/// Looks at a shard's triangles.
+/// Looks at a share's triangles.
 ///
 /// # Errors
 /// The same as [`super::check`].
 pub(crate) fn measure(
     mesh: &dyn MeshSource,
-    shard: Shard,
+    share: Share,
     means: Means<'_>,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Measured> {
     check_vertex_count(mesh.vertex_count())?;
     let (check, scratch) = (means.check(mesh), Spares::default());
-    let groups = shard.share(check.groups());
+    let groups = share.within(check.groups());
     let mut survey = check.survey(groups.clone(), &scratch, progress)?;
     check.measure_far(groups.start, &mut survey.sums, &scratch)?;
     let sums = survey.sums.into_iter().flatten().map(|sums| sums.numbers().map(f64::to_bits)).collect();
     Ok(Measured { spans: survey.blocks.all().to_vec(), degenerate: survey.degenerate, sums })
 }
 
-/// Looks at a shard's vertices. `progress` is told the vertices that are looked at.
+/// Looks at a share's vertices. `progress` is told the vertices that are looked at.
 ///
 /// # Errors
 /// The same as [`super::check`].
 pub(crate) fn look(
     mesh: &dyn MeshSource,
-    shard: Shard,
+    share: Share,
     measured: &[Measured],
     means: Means<'_>,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Looked> {
     let (check, scratch) = (means.check(mesh), Spares::default());
     let Survey { blocks, .. } = surveyed(&check, measured);
-    let within = shard.share(mesh.vertex_count() as usize);
+    let within = share.within(mesh.vertex_count() as usize);
     let within = within.start as u64..within.end as u64;
     let (mut all, mut done) = (Found::nothing(), 0);
     let (vertices, ranges) = (within.end - within.start, check.ranges(&blocks, within.end - within.start) as u64);
@@ -124,10 +124,10 @@ pub(crate) fn look(
     Ok(Looked { tally, nonfinite, bounds, sets, boundary, joins })
 }
 
-/// What all shards have shown together, which is what [`super::check`] finds.
+/// What all shares have shown together, which is what [`super::check`] finds.
 ///
 /// # Errors
-/// The same as [`super::check`]; those of reading what shards have shown.
+/// The same as [`super::check`]; those of reading what shares have shown.
 pub(crate) fn conclude(
     mesh: &dyn MeshSource,
     measured: &[Measured],
