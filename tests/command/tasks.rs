@@ -56,6 +56,8 @@ fn mistakes_are_told() {
     f.fails("plan - -o m.ply --work w", 2, &["--work", "standard input"]);
     f.fails("plan k.ply -o m.ply --work w --dtm d.tif", 2, &["--dtm"]);
     f.fails("plan k.ply -o m.ply --processes 3", 2, &["--work"]);
+    f.write("there.ply", "somebody's");
+    f.fails("plan k.ply -o there.ply --work w", 2, &["there.ply", "exists"]);
     f.ok("plan k.ply -o m.ply --work w");
     f.fails("k.ply -o m.ply --work w", 2, &["holds tasks, which `asra-stream work w` does"]);
     f.fails("plan k.ply -o other.ply --work w", 2, &["holds another run"]);

@@ -127,6 +127,16 @@ fn a_tileset_is_served_until_ctrl_c() {
 }
 
 #[test]
+fn what_is_no_tileset_is_refused_before_anything_is_served() {
+    let f = Folder::new();
+    for (text, found) in [("{\"asset\":", "EOF"), ("{\"asset\":{}}", "root"), ("[]", "tileset"), ("", "EOF")] {
+        f.write("tileset.json", text);
+        f.fails("view tileset.json --no-open", 65, &["tileset.json: line 1", "JSON with `asset` and `root`", found]);
+        f.fails("view . --no-open", 65, &["JSON with `asset` and `root`"]);
+    }
+}
+
+#[test]
 fn meshes_and_clouds_become_tilesets_in_a_folder_that_goes() {
     let f = Folder::new();
     f.ok("generate knot 20k -o k.ply");
@@ -156,7 +166,7 @@ fn nothing_outside_the_folder_is_served() {
     let f = Folder::new();
     f.make("city");
     f.make("city/near");
-    f.write("city/tileset.json", "{}");
+    f.write("city/tileset.json", "{\"asset\":{},\"root\":{}}");
     f.write("city/near/a b.glb", "own");
     f.write("secret.json", "SECRET");
     f.write("secret.glb", "SECRET");
@@ -230,7 +240,7 @@ fn nothing_outside_the_folder_is_served() {
 fn whoever_is_slow_or_hostile_keeps_nobody_else_waiting() {
     let f = Folder::new();
     f.make("city");
-    f.write("city/tileset.json", "{}");
+    f.write("city/tileset.json", "{\"asset\":{},\"root\":{}}");
     f.write("city/big.glb", vec![7u8; 8 << 20]);
     let viewer = Viewer::of(&f, "city");
     // A head without end, and one that claims a body.
@@ -254,7 +264,7 @@ fn whoever_is_slow_or_hostile_keeps_nobody_else_waiting() {
         deaf.push(stream);
     }
     let start = Instant::now();
-    assert_eq!(viewer.get("/tileset.json").2, b"{}");
+    assert_eq!(viewer.get("/tileset.json").2, f.read("city/tileset.json"));
     assert!(start.elapsed() < Duration::from_secs(8), "{:?}", start.elapsed());
     let status = std::fs::read_to_string(format!("/proc/{}/status", viewer.child.id())).unwrap();
     let threads: usize = status.lines().find_map(|line| line.strip_prefix("Threads:")).unwrap().trim().parse().unwrap();
@@ -263,7 +273,7 @@ fn whoever_is_slow_or_hostile_keeps_nobody_else_waiting() {
     let mut half = viewer.connect();
     half.write_all(b"GET /tiles").unwrap();
     half.shutdown(Shutdown::Both).unwrap();
-    assert_eq!(viewer.get("/tileset.json").2, b"{}");
+    assert_eq!(viewer.get("/tileset.json").2, f.read("city/tileset.json"));
     drop((silent, deaf));
     assert_eq!(viewer.end().0, Some(0));
 }
@@ -272,7 +282,7 @@ fn whoever_is_slow_or_hostile_keeps_nobody_else_waiting() {
 fn only_this_machine_reaches_it() {
     let f = Folder::new();
     f.make("city");
-    f.write("city/tileset.json", "{}");
+    f.write("city/tileset.json", "{\"asset\":{},\"root\":{}}");
     let viewer = Viewer::of(&f, "city");
     // Of the addresses of this machine, only one is listened to.
     let ask = UdpSocket::bind("0.0.0.0:0").and_then(|socket| {

@@ -9,7 +9,7 @@ Examples:
   asra-stream tile.laz --surface terrain --cell-size auto -o tile.ply
                                                           ground, buildings and trees, seen from above
   asra-stream scan.e57 --fit plane --cell-size 5mm        a noisy scan
-  asra-stream plan scan.ply --max-memory 2G               what it would take, without doing it";
+  asra-stream plan scan.ply --max-memory 2G               what it would take: no mesh is made";
 
 pub const PLAN: &str = "\
 Examples:

@@ -80,7 +80,8 @@ impl Arguments {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     #[command(after_help = examples::PLAN)]
-    /// Show what a reconstruction would take (memory, disk, slices, triangles, tiles), without doing it
+    /// Show what a reconstruction would take (memory, disk, slices, triangles, tiles): points are sorted and cells closed to count that, and no mesh is made. With --work,
+    /// write the run down as tasks for many processes
     Plan(Box<PlanArguments>),
     #[command(after_help = examples::TASKS)]
     /// List the tasks of a run that several processes do together, and how it stands with each

@@ -4,11 +4,13 @@
 
 mod server;
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread;
 
+use serde::de::IgnoredAny;
 use tempfile::TempDir;
 
 use self::server::{Server, Site};
@@ -67,11 +69,12 @@ impl Shown {
                     format!("{}: is no tileset (it has no {TREE}); name a tileset, a mesh or a cloud", path.display());
                 return Err(Error::Usage(words));
             }
+            looks_like_a_tree(&path.join(TREE))?;
             return Ok(Shown { folder: path.clone(), tree: TREE.into(), _made: None });
         }
         let is_tree = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         if let (true, Some(tree)) = (is_tree, path.file_name().and_then(|name| name.to_str())) {
-            path.metadata().map_err(Error::io(path, "open"))?;
+            looks_like_a_tree(path)?;
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
             return Ok(Shown { folder: folder.to_path_buf(), tree: tree.to_owned(), _made: None });
         }
@@ -94,6 +97,32 @@ impl Shown {
             progress.summary(&report.summary(false));
         }
         Ok(Shown { folder, tree: TREE.into(), _made: Some(made) })
+    }
+}
+
+/// A tileset's tree, as far as it is told by its first keys.
+#[derive(serde::Deserialize)]
+struct Tree {
+    #[serde(rename = "asset")]
+    _asset: IgnoredAny,
+    #[serde(rename = "root")]
+    _root: IgnoredAny,
+}
+
+/// Refuses what is no tileset before a browser is asked to show it.
+fn looks_like_a_tree(path: &Path) -> Result<()> {
+    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    // Nothing of it is kept.
+    let read: std::result::Result<Tree, _> = serde_json::from_reader(BufReader::new(file));
+    match read {
+        Ok(_) => Ok(()),
+        Err(error) if error.is_io() => Err(Error::io(path, "read")(error.into())),
+        Err(error) => Err(Error::malformed(
+            path,
+            format!("line {}", error.line().max(1)),
+            "the tree of a tileset: JSON with `asset` and `root`",
+            error.to_string(),
+        )),
     }
 }
 

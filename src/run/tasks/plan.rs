@@ -15,6 +15,7 @@ use crate::run::identity;
 use crate::run::job::Job;
 use crate::run::prepare::{Passes, describe, files, known, open, planned, surveyed};
 use crate::run::progress::Progress;
+use crate::run::surveyed::Surveyed;
 use crate::storage::work::WorkFolder;
 
 /// Pieces for each process: those that take longer are made up for by others.
@@ -76,17 +77,19 @@ fn plan_in(
     let budget = job.resources.budget();
     let (surveyed, settings) = surveyed(&cloud, &measured.settings, workers, budget, progress)?;
     let tasks = serde_json::json!({ "command": command, "processes": processes });
-    identity::begin(work, files, &cloud, &job.input, (&settings, &surveyed), tasks)?;
-    if !work.is_done(PLAN) {
-        let segments = cloud.segments(Carried::Attributes, processes)?;
-        let (surveyed, _) =
-            planned(&cloud, surveyed, &settings, (workers, &workspace), budget, Some(work.clone()), progress)?;
-        let slabs = slab_count(Slabs::of(&settings.surface), surveyed.grid.cells()[1]);
-        let pieces = pieces(slabs, PIECES * processes);
-        let plan = TaskPlan { surveyed, schema: cloud.schema().clone(), segments, slabs, pieces };
-        work.commit(PLAN, Vec::new(), serde_json::to_value(plan).expect("a manifest can be written"))?;
+    let begin = |surveyed: &Surveyed| identity::begin(work, files, &cloud, &job.input, (&settings, surveyed), tasks);
+    if work.is_done(PLAN) {
+        return begin(&surveyed);
     }
-    Ok(())
+    let segments = cloud.segments(Carried::Attributes, processes)?;
+    let work_folder = Some(Arc::clone(work));
+    let (surveyed, _) = planned(&cloud, surveyed, &settings, (workers, &workspace), budget, work_folder, progress)?;
+    // Only what can be done is written down.
+    begin(&surveyed)?;
+    let slabs = slab_count(Slabs::of(&settings.surface), surveyed.grid.cells()[1]);
+    let pieces = pieces(slabs, PIECES * processes);
+    let plan = TaskPlan { surveyed, schema: cloud.schema().clone(), segments, slabs, pieces };
+    work.commit(PLAN, Vec::new(), serde_json::to_value(plan).expect("a manifest can be written"))
 }
 
 /// What tells where points are on the ground looks at all of them first, which no task does.
