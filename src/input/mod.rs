@@ -45,7 +45,7 @@ pub(crate) use crate::format::sidecar::Sidecar;
 pub use crate::format::unpack::{Opening, Unpacked};
 pub(crate) use crate::format::unpack::{Packing, STANDARD_INPUT};
 pub use crate::points::filter::{Filter, Returns, Withheld};
-pub use blocks::{Block, Blocks, Segment};
+pub use blocks::{Blocks, Segment};
 pub use files::{expand, find};
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
