@@ -75,7 +75,10 @@ impl Tasks {
                 looked.try_for_each(|task| self.work.set_aside(&task.phase()))?;
             }
         }
-        done
+        match done {
+            Err(Error::Interrupted) => Err(Error::Suspended(self.path().to_path_buf())),
+            done => done,
+        }
     }
 
     /// Waits a while for what a task needs.
