@@ -43,6 +43,8 @@ CLOSENESS = [3.0, 1.2, 0.5]
 # Colours of classes as the viewer and `render` have them.
 CLASSES = {1: (206, 206, 206), 2: (190, 140, 92), 3: (188, 214, 130), 4: (122, 180, 84), 5: (50, 124, 66), 6: (214, 94, 40), 9: (46, 110, 190)}
 BACKGROUND = (238, 241, 244)
+# What 3d-tiles-renderer says of every tileset of version 1.1, which it reads.
+OF_VERSION = "tiles versions at 1.1 or higher have limited support"
 
 
 def modules():
@@ -230,7 +232,8 @@ def main():
         rows = []
         for reader, count in (("three", list), ("cesium", None)):
             found = seen[reader]
-            must(not found["errors"] and not found["heard"]["errors"], f"{reader}: {found['errors'][:3]} {found['heard']['errors'][:3]}")
+            heard = [words for words in found["heard"]["errors"] if OF_VERSION not in words]
+            must(not found["errors"] and not heard, f"{reader}: {found['errors'][:3]} {heard[:3]}")
             must(all(urlparse(url).hostname == "127.0.0.1" or url.startswith(("data:", "blob:")) for url in found["heard"]["requests"]), f"{reader}: a request leaves this machine")
             missing = sorted(set(files) - set(found["triangles"]))
             must(not missing, f"{reader}: {len(missing)} of {len(files)} tiles were not loaded: {missing[:5]}")

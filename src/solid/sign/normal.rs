@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::block::Block;
 
 /// Squared radius of the ball whose occupied cells tell a wall's normal; and the one if there are too few in it.
-const NEAR: (i32, i32) = (5, 12);
+pub(super) const NEAR: (i32, i32) = (5, 12);
 
 /// Fewer occupied cells in the smaller ball are too few.
 const ENOUGH: i64 = 7;
