@@ -91,7 +91,7 @@ impl Case {
 }
 
 fn opened(work: &Path, job: &Job) -> Tasks {
-    Tasks::of(WorkFolder::shared(work).unwrap(), job.clone()).unwrap()
+    Tasks::of(WorkFolder::shared(work).unwrap(), job.clone(), Path::new("")).unwrap()
 }
 
 /// Does a task with a number of threads and a budget that chance decides.
@@ -212,4 +212,95 @@ fn what_is_not_there_yet_is_told() {
     std::fs::write(&path, bytes).unwrap();
     let error = perform(&tasks, Task::Bucket(0), &mut Chance(1)).unwrap_err();
     assert!(matches!(error, Error::Changed { .. }), "{error}");
+}
+
+/// Tiles of a long body or of the ground below it, by slices; each may be written anew.
+struct Tiles {
+    case: Case,
+    all: Vec<[f32; 4]>,
+}
+
+const TILES: usize = 6;
+
+impl Tiles {
+    fn new(name: &str) -> Tiles {
+        let mut case = Case::new(name);
+        let bytes = std::fs::read(&case.job.inputs[0]).unwrap();
+        let number = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().unwrap());
+        let points = bytes.chunks_exact(16).map(|point| [0, 4, 8, 12].map(|at| number(&point[at..at + 4])));
+        let mut all: Vec<[f32; 4]> = points.collect();
+        // The slices lie along the longest side.
+        all.sort_by(|a, b| a[1].total_cmp(&b[1]));
+        case.job.inputs = vec![case.path("tiles")];
+        std::fs::create_dir(case.path("tiles")).unwrap();
+        let tiles = Tiles { case, all };
+        (0..TILES).for_each(|number| tiles.write(number, |point| Some(point)));
+        tiles
+    }
+
+    fn path(&self, number: usize) -> PathBuf {
+        self.case.path(&format!("tiles/{number}.bin"))
+    }
+
+    /// Writes a tile with what becomes of each of its points.
+    fn write(&self, number: usize, change: impl Fn([f32; 4]) -> Option<[f32; 4]>) {
+        let size = self.all.len() / TILES;
+        let points = self.all[number * size..(number + 1) * size].iter().filter_map(|point| change(*point));
+        let bytes: Vec<u8> = points.flatten().flat_map(f32::to_le_bytes).collect();
+        std::fs::write(self.path(number), bytes).unwrap();
+    }
+
+    /// Plans anew, does what is to be done, and compares with a run; tells what there was to do, and the pieces that were made again.
+    fn updated(&self) -> (BTreeSet<String>, usize) {
+        let pieces = |folder: &Path| -> BTreeSet<String> {
+            let names = std::fs::read_dir(folder.join("data")).into_iter().flatten();
+            let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+            names.filter(|name| name.starts_with("vertices-piece")).collect()
+        };
+        let before = pieces(&self.case.path("work"));
+        let (job, folder) = self.case.of_tasks(3);
+        let first: BTreeSet<String> = ready(&opened(&folder, &job)).iter().map(Task::to_string).collect();
+        work(&folder, &job, 3, &Mutex::default());
+        let job = Job { output: Some(self.case.path("plain.ply")), ..self.case.job.clone() };
+        let job = Job { overwrite: asra_stream::internals::storage::atomic_file::Overwrite::Replace, ..job };
+        run(&job, &Workers::new(2).unwrap(), &mut Progress::new(Show::Nothing)).unwrap();
+        let [tasks, plain] = ["tasks.ply", "plain.ply"].map(|name| std::fs::read(self.case.path(name)).unwrap());
+        assert!(tasks == plain, "other bytes");
+        (first, pieces(&folder).difference(&before).count())
+    }
+}
+
+#[test]
+fn of_a_changed_input_what_it_touches_is_made_again() {
+    for name in ["closed", "ground"] {
+        let tiles = Tiles::new(name);
+        let (first, all) = tiles.updated();
+        assert_eq!(first.len(), 3, "{first:?}");
+        // Other attributes, and then other places, of some points of a tile.
+        tiles.write(4, |[x, y, z, i]| Some([x, y, z, if i == 5.0 { 6.0 } else { i }]));
+        let (first, made) = tiles.updated();
+        assert_eq!(first, ["bucket/2".to_owned()].into(), "{name}");
+        assert!(made > 0 && made < all, "{name}: {made} of {all} pieces for a tile of {TILES}");
+        tiles.write(1, |[x, y, z, i]| Some([x, y, if i == 7.0 { 1.01 * z } else { z }, i]));
+        let (first, made) = tiles.updated();
+        assert_eq!(first, ["bucket/0".to_owned()].into(), "{name}");
+        assert!(made > 0 && made <= all, "{name}");
+        // A file that only looks changed.
+        tiles.write(3, Some);
+        let (first, made) = tiles.updated();
+        assert_eq!((first, made), (["bucket/1".to_owned()].into(), 0), "{name}");
+        // Fewer points, and none of them at the box; then a file that is gone, and one that is new.
+        let is_inside = |[x, _, z, _]: [f32; 4]| (0.3..0.8).contains(&x.abs()) && z.abs() < 0.8;
+        tiles.write(2, |point| (point[3] < 70.0 || !is_inside(point)).then_some(point));
+        let (first, made) = tiles.updated();
+        assert_eq!(first, ["bucket/1".to_owned()].into(), "{name}");
+        assert!(made > 0 && made <= all, "{name}");
+        std::fs::rename(tiles.path(3), tiles.case.path("tiles/3b.bin")).unwrap();
+        let (first, made) = tiles.updated();
+        assert_eq!((first, made), (["bucket/1".to_owned()].into(), 0), "{name}: another name for the same points");
+        // The box of all points: nothing stays.
+        tiles.write(5, |[x, y, z, i]| Some([x, 1.1 * y, z, i]));
+        let (first, made) = tiles.updated();
+        assert_eq!((first.len(), made), (3, all), "{name}");
+    }
 }

@@ -45,7 +45,7 @@ fn opened(folder: &Path) -> Result<(Tasks, Box<PlanArguments>, PathBuf)> {
     let (work, Planned { words, folder: base }) = command_of(&folder)?;
     let typed = std::iter::once("asra-stream".into()).chain(words.into_iter().map(Into::into));
     match Arguments::read(typed).map(|arguments| arguments.command) {
-        Ok(Some(Command::Plan(plan))) => Ok((Tasks::of(work, plan.run.job()?.based_at(&base))?, plan, base)),
+        Ok(Some(Command::Plan(plan))) => Ok((Tasks::of(work, plan.run.job()?, &base)?, plan, base)),
         _ => Err(Error::Usage(format!(
             "{}: its tasks are of a command that this program does not know",
             folder.display()

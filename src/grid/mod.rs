@@ -14,6 +14,7 @@ pub mod partition;
 pub mod rank_bitmap;
 pub mod slice;
 pub mod survey;
+pub mod trace;
 pub mod window;
 
 use std::ops::Range;

@@ -15,6 +15,35 @@ use crate::points::{Batch, Points, Precision};
 pub struct Segment(pub Vec<(usize, Range<u64>)>);
 
 impl Segment {
+    /// Files of so many blocks each, cut into `count` segments, or fewer if there are fewer blocks, of about as many blocks.
+    pub fn cut(of_source: &[u64], count: usize) -> Vec<Segment> {
+        let all: u64 = of_source.iter().sum();
+        let count = (count as u64).clamp(1, all.max(1));
+        let mut segments = vec![Segment::default(); count as usize];
+        let mut before = 0;
+        for (source, &blocks) in of_source.iter().enumerate() {
+            for (segment, number) in segments.iter_mut().zip(0..) {
+                let end = |number: u64| (all * number / count).clamp(before, before + blocks) - before;
+                let within = end(number)..end(number + 1);
+                if !within.is_empty() {
+                    segment.0.push((source, within));
+                }
+            }
+            before += blocks;
+        }
+        segments
+    }
+
+    /// Whether blocks of a file belong to it.
+    pub fn reads(&self, source: usize) -> bool {
+        !self.of(source).is_empty()
+    }
+
+    /// The blocks of a file that belong to it, if any do.
+    pub fn range_of(&self, source: usize) -> Option<Range<u64>> {
+        Some(self.of(source)).filter(|blocks| !blocks.is_empty())
+    }
+
     /// The blocks of a file that belong to it.
     fn of(&self, source: usize) -> Range<u64> {
         self.0.iter().find(|(of, _)| *of == source).map_or(0..0, |(_, blocks)| blocks.clone())

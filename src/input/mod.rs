@@ -15,6 +15,7 @@
 mod blocks;
 mod detect;
 mod files;
+mod headers;
 mod memory;
 mod places;
 mod spooled;
@@ -47,6 +48,7 @@ pub(crate) use crate::format::unpack::{Packing, STANDARD_INPUT};
 pub use crate::points::filter::{Filter, Returns, Withheld};
 pub use blocks::{Blocks, Segment};
 pub use files::{expand, find};
+pub(crate) use headers::Headers;
 pub(crate) use memory::Arrays;
 pub use memory::{PointBuffer, PointSlice, PointSource, Values};
 pub use places::Places;
@@ -96,6 +98,16 @@ impl<'a> Cloud<'a> {
     /// # Errors
     /// The same as [`Cloud::open`]; [`Error::Disk`] before the disk is full; what `opening.watch` says.
     pub fn open_in(files: &[PathBuf], options: &InputOptions, opening: Opening) -> Result<Cloud<'static>> {
+        Cloud::opened(files, options, opening, |_| None)
+    }
+
+    /// The same, but for files of which it is `known` by their number what they are: these are not opened.
+    fn opened(
+        files: &[PathBuf],
+        options: &InputOptions,
+        opening: Opening,
+        known: impl Fn(usize) -> Option<(Source, Arc<dyn PointFormat>)>,
+    ) -> Result<Cloud<'static>> {
         let mut cloud = Cloud {
             sources: Vec::new(),
             stamps: Vec::new(),
@@ -110,8 +122,18 @@ impl<'a> Cloud<'a> {
             unpacked_later: 0,
         };
         let mut unpacking = Unpacking::new(opening);
-        unpacking.expect(files);
-        for path in files {
+        let known: Vec<_> = (0..files.len()).map(known).collect();
+        let read: Vec<PathBuf> =
+            files.iter().zip(&known).filter(|(_, known)| known.is_none()).map(|(path, _)| path.clone()).collect();
+        unpacking.expect(&read);
+        for (path, known) in files.iter().zip(known) {
+            if let Some((source, format)) = known {
+                cloud.precision = cloud.precision.max(format.precision());
+                cloud.stamps.push(None);
+                cloud.sources.push(source);
+                cloud.formats.push(format);
+                continue;
+            }
             let (stamp, unpacked) = (Stamp::of(path).filter(|_| path != Path::new(STANDARD_INPUT)), unpacking.bytes());
             let opened = detect::open(path, options, &mut unpacking);
             let (source, format) = settle(stamp.iter().map(|stamp| (path.as_path(), *stamp)), opened)?;
@@ -275,31 +297,17 @@ impl<'a> Cloud<'a> {
         Blocks::of(&self.formats, precision, Arc::new(sieve), verdict)
     }
 
-    /// The input cut into `count` segments, or fewer if there are fewer blocks, each of about as many blocks.
+    /// How many blocks each file has.
     ///
     /// # Errors
     /// If a file cannot be read, or is malformed.
-    pub fn segments(&self, carried: Carried, count: usize) -> Result<Vec<Segment>> {
+    pub(crate) fn block_counts(&self, carried: Carried) -> Result<Vec<u64>> {
         let mut of_source = vec![0u64; self.sources.len()];
         let mut blocks = self.blocks(carried);
         while let Some(block) = blocks.next_block()? {
             of_source[block.source()] += 1;
         }
-        let all: u64 = of_source.iter().sum();
-        let count = (count as u64).clamp(1, all.max(1));
-        let mut segments = vec![Segment::default(); count as usize];
-        let mut before = 0;
-        for (source, blocks) in of_source.into_iter().enumerate() {
-            for (segment, number) in segments.iter_mut().zip(0..) {
-                let end = |number: u64| (all * number / count).clamp(before, before + blocks) - before;
-                let within = end(number)..end(number + 1);
-                if !within.is_empty() {
-                    segment.0.push((source, within));
-                }
-            }
-            before += blocks;
-        }
-        Ok(segments)
+        Ok(of_source)
     }
 
     /// Which points count now.

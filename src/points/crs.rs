@@ -21,7 +21,7 @@ pub const MAX_WKT: usize = 1 << 18;
 const MAX_NAME: usize = 200;
 
 /// A coordinate reference system, as far as a file tells.
-#[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Crs {
     /// Well-known text, of either version, as the file has it.
@@ -41,7 +41,7 @@ pub struct Crs {
 }
 
 /// A unit as GeoTIFF keys tell it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum KeyedUnit {
     /// One that is known here.
     Known(Unit),

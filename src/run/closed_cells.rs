@@ -101,12 +101,12 @@ impl ClosedCells {
         solid.ground.as_mut().map_or(Ok(()), HeightField::leave_memory)
     }
 
-    /// Saves and commits them.
+    /// Saves them and commits them as a phase.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub(super) fn commit(&self, work: &WorkFolder) -> Result<()> {
-        let mut out = SectionWriter::new(work, PHASE)?;
+    pub(super) fn commit(&self, work: &WorkFolder, phase: &str) -> Result<()> {
+        let mut out = SectionWriter::new(work, phase)?;
         let Closed { solid, occupancy, how, falls, components } = &self.closed;
         let (occupancy, solid) = (occupancy.save(&mut out)?, solid.save(&mut out)?);
         out.values(self.weights.as_deref().unwrap_or_default())?;
@@ -115,18 +115,18 @@ impl ClosedCells {
         let (how, falls, components) = (how.clone(), *falls, *components);
         let saved =
             Saved { sections, occupancy, solid, how, falls, components, counted, shell, narrow, occupied, sparse };
-        work.commit(PHASE, vec![file], serde_json::to_value(saved).expect("a manifest can be written"))
+        work.commit(phase, vec![file], serde_json::to_value(saved).expect("a manifest can be written"))
     }
 
-    /// What was committed, if it was.
+    /// What was committed as a phase, if it was.
     ///
     /// # Errors
     /// [`Error::Damaged`], [`Error::Io`].
-    pub(super) fn committed(work: &WorkFolder, context: &Context) -> Result<Option<ClosedCells>> {
-        work.load(PHASE, |manifest| {
+    pub(super) fn committed(work: &WorkFolder, phase: &str, context: &Context) -> Result<Option<ClosedCells>> {
+        work.load(phase, |manifest| {
             let saved =
-                Saved::deserialize(&manifest.rest).map_err(|_| work.damaged(PHASE, "the manifest cannot be read"))?;
-            let [file] = manifest.files.as_slice() else { return Err(work.damaged(PHASE, "a file is missing")) };
+                Saved::deserialize(&manifest.rest).map_err(|_| work.damaged(phase, "the manifest cannot be read"))?;
+            let [file] = manifest.files.as_slice() else { return Err(work.damaged(phase, "a file is missing")) };
             let mut sections = SectionReader::new(work, file, saved.sections)?;
             let occupancy = Occupancy::load(&saved.occupancy, &mut sections, context)?;
             let solid = Solid::load(&saved.solid, &mut sections, context)?;

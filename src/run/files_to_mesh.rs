@@ -5,8 +5,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Instant;
 
-use serde_json::Value;
-
 use crate::error::words::thousands;
 use crate::error::{Error, Result, defect};
 use crate::format::tiles3d::is_named;
@@ -42,6 +40,7 @@ use crate::run::simplification::{Lengths, simplified};
 use crate::run::surface::Reconstructed;
 use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
+use crate::simplify::Figures;
 #[cfg(feature = "render")]
 use crate::storage::atomic_file::AtomicFile;
 use crate::storage::atomic_file::Overwrite;
@@ -129,6 +128,21 @@ pub(super) trait Premade {
     /// The folder in which it is said what gets its name.
     fn folder(&self) -> &Arc<WorkFolder>;
 
+    /// The files of the points.
+    fn files(&self) -> &[PathBuf];
+
+    /// Their cloud, of which nothing need be read.
+    ///
+    /// # Errors
+    /// Whatever is in the way of reading what is known of it.
+    fn cloud(
+        &self,
+        job: &Job,
+        workspace: &Workspace,
+        workers: &Workers,
+        progress: &mut Progress,
+    ) -> Result<Cloud<'static>>;
+
     /// What is known of the cloud, and settings as its points settle them.
     fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings);
 
@@ -137,6 +151,17 @@ pub(super) trait Premade {
     /// # Errors
     /// Whatever is in the way of reading it.
     fn reconstructed(&self, settings: &Settings, context: &Context, progress: &mut Progress) -> Result<Reconstructed>;
+
+    /// The mesh with fewer triangles, if they have left some out, too.
+    ///
+    /// # Errors
+    /// Whatever is in the way of reading that.
+    fn simplified(
+        &self,
+        mesh: &MeshSpool,
+        budget: u64,
+        means: (&Workers, &Workspace),
+    ) -> Result<Option<(MeshSpool, Figures)>>;
 
     /// What its check found, if that was made, too.
     ///
@@ -160,12 +185,17 @@ fn output_of(job: &Job, files: &[PathBuf]) -> Result<PathBuf> {
     refuse_input_as_output(files, &output).map(|()| output)
 }
 
-/// Refuses an output that a run of an opened cloud could not write.
+/// Refuses an output that a run of an opened cloud could not write; not one that tasks of this folder have written.
 ///
 /// # Errors
 /// [`Error::Usage`], [`Error::OutputExists`], [`Error::InvalidSetting`]; those of making a file there.
-pub(super) fn refuse_output(job: &Job, files: &[PathBuf], cloud: &Cloud) -> Result<()> {
-    Place::of(job, files, &output_of(job, files)?)?.0.stand_where(cloud, job)
+pub(super) fn refuse_output(job: &Job, files: &[PathBuf], cloud: &Cloud, work: Option<&WorkFolder>) -> Result<()> {
+    let output = output_of(job, files)?;
+    let mut job = job.clone();
+    if work.is_some_and(|work| has_output_of(work, &output)) {
+        job.overwrite = Overwrite::Replace;
+    }
+    Place::of(&job, files, &output)?.0.stand_where(cloud, &job)
 }
 
 pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress: &mut Progress) -> Result<Report> {
@@ -175,7 +205,10 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         // Who finishes tasks has no folder for itself, but says there what it gives its name.
         Source::Made(made) => (None, Some(made.folder())),
     };
-    let files = files(job, progress)?;
+    let files = match source {
+        Source::Points(_) => files(job, progress)?,
+        Source::Made(made) => made.files().to_vec(),
+    };
     if work.is_some() && files.iter().any(|file| file == Path::new(STANDARD_INPUT)) {
         let message = "`work`: standard input cannot be read again by a run that goes on; write it to a file first";
         return Err(Error::setting("work", message.into()));
@@ -198,8 +231,10 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     let beside_output = if is_named(&output) { TilesetTarget::folder(&output)? } else { &*output };
     let workspace = job.resources.workspace(beside_output)?.stopped_with(workers);
     progress.expect_run(known(job, &files, Passes::All));
-    let passes = if let Source::Made(_) = source { Passes::Few } else { Passes::All };
-    let mut cloud = open(job, &files, &workspace, workers, passes, progress)?;
+    let mut cloud = match source {
+        Source::Points(_) => open(job, &files, &workspace, workers, Passes::All, progress)?,
+        Source::Made(made) => made.cloud(job, &workspace, workers, progress)?,
+    };
     target.stand_where(&cloud, job)?;
     let job = &job.measured_as(&cloud)?;
     if let (Place::Tiles(tiles), Some(side)) = (&mut target, job.tile) {
@@ -235,7 +270,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     }
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     if let Some(work) = work {
-        identity::begin(work, &files, &cloud, &job.input, (&settings, &surveyed), Value::Null)?;
+        identity::begin(work, &files, &cloud, &job.input, (&settings, &surveyed))?;
         if work.is_done(bucket::PHASE) {
             progress.note(&format!("going on with what lies in {}", work.path().display()));
         }
@@ -273,8 +308,15 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     if let Some(asked) = &settings.simplify {
         let longest = surveyed.survey.bounds.longest_side();
         let lengths = Lengths { cell: Some(surveyed.grid.cell_size()), longest };
-        let (fewer, figures) =
-            simplified(&made.mesh, asked, lengths, made.memory.working, (workers, &workspace), progress)?;
+        let (budget, means) = (made.memory.working, (workers, &workspace));
+        let before = match source {
+            Source::Points(_) => None,
+            Source::Made(before) => before.simplified(&made.mesh, budget, means)?,
+        };
+        let (fewer, figures) = match before {
+            Some(before) => before,
+            None => simplified(&made.mesh, asked, lengths, budget, means, progress)?,
+        };
         made.mesh = fewer;
         simplification = Some(figures);
     }

@@ -35,34 +35,44 @@ pub(super) fn begin(
     cloud: &Cloud,
     input: &InputOptions,
     (settings, surveyed): (&Settings, &Surveyed),
-    tasks: Value,
 ) -> Result<()> {
-    let inputs = of_files(files)?;
     let job = json!({
         "program": program(),
         "settings": of_settings(settings, input),
-        "inputs": inputs,
+        "inputs": of_files(files)?,
         "attributes": format!("{:?}", cloud.schema()),
         "grid": of_grid(surveyed),
-        "tasks": tasks,
+        "tasks": Value::Null,
     });
-    let Some(Difference { at, there, here }) = work.begin(&job)? else { return Ok(()) };
+    begun(work, &job)
+}
+
+/// Says in a folder of tasks what they make, whose inputs and grid stand in their plan, or compares with what was said.
+///
+/// # Errors
+/// [`Error::Usage`] if something differs; [`Error::Io`].
+pub(super) fn begin_tasks(work: &WorkFolder, settings: &Settings, input: &InputOptions, tasks: &Value) -> Result<()> {
+    begun(work, &json!({ "program": program(), "settings": of_settings(settings, input), "tasks": tasks }))
+}
+
+fn begun(work: &WorkFolder, job: &Value) -> Result<()> {
+    let Some(Difference { at, there, here }) = work.begin(job)? else { return Ok(()) };
     // Inputs first: a changed input changes the grid, too.
     if let Some(changed) = changed(work, &at, (&there, &here)) {
         return Err(changed);
     }
-    if at.starts_with("tasks") && (there == "null") != (here == "null") {
-        return Err(Error::Usage(match here.as_str() {
-            "null" => format!(
-                "{0}: holds tasks, which `asra-stream work {0}` does; choose another `work` for a run by itself",
-                work.path().display()
+    let folder = work.path().display();
+    let is_of_tasks = !work.job()?.unwrap_or_default()["tasks"].is_null();
+    if is_of_tasks != !job["tasks"].is_null() {
+        return Err(Error::Usage(match is_of_tasks {
+            true => format!(
+                "{folder}: holds tasks, which `asra-stream work {folder}` does; choose another `work` for a run by itself"
             ),
-            _ => format!("{}: holds a run by itself; choose another `work` for tasks", work.path().display()),
+            false => format!("{folder}: holds a run by itself; choose another `work` for tasks"),
         }));
     }
     Err(Error::Usage(format!(
-        "{}: holds another run: its `{at}` is {there}, and this run's is {here}; give the command that began it, or another `work`",
-        work.path().display()
+        "{folder}: holds another run: its `{at}` is {there}, and this run's is {here}; give the command that began it, or another `work`"
     )))
 }
 
@@ -76,30 +86,26 @@ fn changed(work: &WorkFolder, at: &str, (there, here): (&str, &str)) -> Option<E
     })
 }
 
-/// Compares this program, and files of the input, with what is written down in the folder of tasks.
+/// Compares this program, and files of the input, with what was written down when tasks were planned.
 ///
 /// # Errors
 /// [`Error::Changed`] with an input that has changed; [`Error::Usage`] if another program planned the tasks; [`Error::Io`].
-pub(super) fn compare(work: &WorkFolder, files: &[PathBuf]) -> Result<()> {
+pub(super) fn compare<'a>(work: &WorkFolder, files: impl IntoIterator<Item = (&'a PathBuf, &'a Value)>) -> Result<()> {
     let job = work.job()?.unwrap_or_default();
-    let Value::Object(inputs) = of_files(files)? else { unreachable!("files are told by their names") };
-    for (path, here) in inputs {
-        let there = &job["inputs"][&path];
-        for (what, here) in here.as_object().into_iter().flatten() {
-            let there = &there[what];
-            if there != here {
-                let (there, here) = (there.to_string(), here.to_string());
-                return Err(changed(work, &format!("inputs.{path}.{what}"), (&there, &here))
-                    .unwrap_or_else(|| Error::Internal("an input without a name".into())));
-            }
-        }
-    }
     let (there, here) = (&job["program"], program());
     if *there != here {
         return Err(Error::Usage(format!(
             "{}: the tasks were planned by another program: by {there}, and this is {here}; all processes need the same",
             work.path().display()
         )));
+    }
+    for (path, there) in files {
+        let here = of_file(path)?;
+        for (what, here) in here.as_object().into_iter().flatten().filter(|(what, here)| there[what] != **here) {
+            let expected =
+                format!("what the tasks in {} were planned for, of {what} {}", work.path().display(), there[what]);
+            return Err(Error::Changed { path: path.clone(), expected, found: format!("{what} {here}") });
+        }
     }
     Ok(())
 }
@@ -111,6 +117,20 @@ fn of_files(files: &[PathBuf]) -> Result<Value> {
         inputs.insert(file.canonicalize().unwrap_or_else(|_| file.clone()).display().to_string(), of_file(file)?);
     }
     Ok(Value::Object(inputs))
+}
+
+/// What tells one state of a surveyed cloud's grid, and of what its points are on it, from another, whatever the number of points.
+pub(super) fn of_basis(cloud: &Cloud, surveyed: &Surveyed) -> Value {
+    let mut grid = of_grid(surveyed);
+    if let Some(grid) = grid.as_object_mut() {
+        let _ = (grid.remove("points"), grid.remove("records"));
+    }
+    json!({
+        "grid": grid,
+        "open": format!("{:?}", surveyed.open),
+        "attributes": format!("{:?}", cloud.schema()),
+        "precision": cloud.precision(),
+    })
 }
 
 /// The program: a later version may place vertices otherwise. Its file is read once.
@@ -193,7 +213,7 @@ fn of_grid(surveyed: &Surveyed) -> Value {
 }
 
 /// What tells one state of a file from another: its length, when it was changed, and a sample of its content.
-fn of_file(path: &Path) -> Result<Value> {
+pub(super) fn of_file(path: &Path) -> Result<Value> {
     let there = path.metadata().map_err(Error::io(path, "read"))?;
     let file = File::open(path).map_err(Error::io(path, "open"))?;
     let length = there.len();

@@ -12,7 +12,7 @@ use crate::nearest::bridged::with_bridged;
 use crate::points::{Coordinate, Precision};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
-use crate::run::closed_cells::{ClosedCells, closed_cells};
+use crate::run::closed_cells::{self, ClosedCells, closed_cells};
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::surface::{Reconstructed, surface_of};
@@ -74,12 +74,12 @@ fn reconstruct_as<T: Coordinate>(
             buckets
         }
     };
-    let kept = work.map(|work| ClosedCells::committed(work, context)).transpose()?.flatten();
+    let kept = work.map(|work| ClosedCells::committed(work, closed_cells::PHASE, context)).transpose()?.flatten();
     let cells = match kept {
         Some(cells) => cells,
         None => {
             let cells = closed_cells(cloud, surveyed, settings, &buckets, context, progress)?;
-            work.map_or(Ok(()), |work| cells.commit(work))?;
+            work.map_or(Ok(()), |work| cells.commit(work, closed_cells::PHASE))?;
             cells
         }
     };

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::format::write::tiles;
 use crate::grid::context::Context;
 use crate::input::tally::Tally;
-use crate::input::{Cloud, InputOptions, Opening, Unpacked, find};
+use crate::input::{Cloud, Headers, InputOptions, Opening, Unpacked, find};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{BesideFiles, bare_earth, budget_beside, looked_at, of_whole_budget};
@@ -146,6 +146,31 @@ pub(super) fn open(
     passes: Passes,
     progress: &mut Progress,
 ) -> Result<Cloud<'static>> {
+    let input = InputOptions { looked_at: looked_at(job), ..job.input.clone() };
+    let open = |opening: Opening<'_>| Cloud::open_in(files, &input, opening);
+    opened(job, open, (workspace, workers), passes, progress)
+}
+
+/// Opens those files alone that are read, of which the headers of all are known.
+pub(super) fn open_known(
+    job: &Job,
+    (files, headers): (&[PathBuf], &Headers),
+    is_read: impl Fn(usize) -> bool,
+    means: (&Workspace, &Workers),
+    progress: &mut Progress,
+) -> Result<Cloud<'static>> {
+    let input = InputOptions { looked_at: looked_at(job), ..job.input.clone() };
+    let open = |opening: Opening<'_>| Cloud::of_headers(files, headers, is_read, &input, opening);
+    opened(job, open, means, Passes::Few, progress)
+}
+
+fn opened(
+    job: &Job,
+    open: impl FnOnce(Opening<'_>) -> Result<Cloud<'static>>,
+    (workspace, workers): (&Workspace, &Workers),
+    passes: Passes,
+    progress: &mut Progress,
+) -> Result<Cloud<'static>> {
     let mut begun = false;
     let watch = &mut |unpacked: Unpacked| {
         workers.check_cancelled()?;
@@ -155,8 +180,7 @@ pub(super) fn open(
     };
     let decompress = (passes == Passes::All).then_some(workers);
     let opening = Opening { workspace, memory: job.resources.budget(), decompress, watch };
-    let input = InputOptions { looked_at: looked_at(job), ..job.input.clone() };
-    let cloud = Cloud::open_in(files, &input, opening);
+    let cloud = open(opening);
     if begun {
         progress.end();
     } else {

@@ -37,7 +37,7 @@ pub(super) struct Lengths {
 }
 
 /// What the settings ask of a mesh.
-fn options(asked: &Simplification, lengths: Lengths, schema: &Schema) -> Result<Options> {
+pub(super) fn options(asked: &Simplification, lengths: Lengths, schema: &Schema) -> Result<Options> {
     let tolerance = asked.tolerance.map(|tolerance| tolerance.length(lengths.cell, lengths.longest)).transpose()?;
     let there = schema.attributes().iter().any(|attribute| attribute.name == CLASSIFICATION);
     let borders = (asked.keep_borders == Borders::Classification && there).then(|| CLASSIFICATION.to_owned());

@@ -294,7 +294,7 @@ pub(super) fn reconstructed<T: Coordinate>(
 ///
 /// Else a round number below the box: no more than a factor of two from any coordinate, so that the
 /// difference of a coordinate and the origin is exact in `f64`, and adding the origin gives the coordinate back, bit for bit.
-fn origin(precision: Precision, bounds: &Bounds) -> [f64; 3] {
+pub(super) fn origin(precision: Precision, bounds: &Bounds) -> [f64; 3] {
     let extent = bounds.extent().into_iter().fold(0.0, f64::max);
     if precision == Precision::Single || extent <= 0.0 {
         return [0.0; 3];

@@ -22,6 +22,19 @@
 //! too. Triangles that reach into several parts stay as they are, and each of these parts knows them. So parts have nothing to do with each other, and
 //! neither threads nor memory show in the result.
 
+/// Calls a function of the types of a mesh's records.
+macro_rules! typed {
+    ($extent:expr, $($path:ident)::+ ($($argument:expr),*)) => {
+        match ($extent.precision, $extent.marked) {
+            (Precision::Single, false) => $($path)::+::<f32, ()>($($argument),*),
+            (Precision::Single, true) => $($path)::+::<f32, Marks>($($argument),*),
+            (Precision::Double, false) => $($path)::+::<f64, ()>($($argument),*),
+            (Precision::Double, true) => $($path)::+::<f64, Marks>($($argument),*),
+        }
+    };
+}
+
+pub mod apart;
 mod boxes;
 mod collapse;
 mod count;
@@ -107,18 +120,6 @@ pub struct Extent {
     pub marked: bool,
 }
 
-/// Calls a function of the types of a mesh's records.
-macro_rules! typed {
-    ($extent:expr, $($path:ident)::+ ($($argument:expr),*)) => {
-        match ($extent.precision, $extent.marked) {
-            (Precision::Single, false) => $($path)::+::<f32, ()>($($argument),*),
-            (Precision::Single, true) => $($path)::+::<f32, Marks>($($argument),*),
-            (Precision::Double, false) => $($path)::+::<f64, ()>($($argument),*),
-            (Precision::Double, true) => $($path)::+::<f64, Marks>($($argument),*),
-        }
-    };
-}
-
 impl Extent {
     /// The extent of a mesh whose vertices may move, or whose colours count, if it has any.
     pub fn of(mesh: &dyn MeshSource, moves: bool, colours: bool) -> Extent {
@@ -184,16 +185,7 @@ fn simplify_as<T: Coordinate, M: Mark>(
     let colours = if M::CARRIED { Colours::of(mesh) } else { None };
     let from = Triangles::Mesh(mesh, Wanted { classes, colours });
     let told = &mut |part: f64| progress(0.95 * part);
-    let within = Limits {
-        tolerance: options.tolerance.map_or(f64::INFINITY, |asked| asked * LESS),
-        cost: f64::INFINITY,
-        tint: match (options.colours, colours) {
-            (Some(steps), Some(colours)) => f64::from(steps) * colours.step * LESS,
-            _ => f64::INFINITY,
-        },
-        colours,
-        moves: options.moves,
-    };
+    let within = limits(options, colours);
     let soup: Soup<T, M> = match options.most {
         Some(most) if most < before => {
             let scale = passes::scale(mesh)?;
@@ -216,13 +208,39 @@ fn simplify_as<T: Coordinate, M: Mark>(
         }
         _ => passes.simplified(&from, within, told)?,
     };
-    let placed = if options.moves { Placed::Anew(colours) } else { Placed::AsBefore };
-    let whole = number::numbered(mesh, &soup, placed, &passes)?;
+    let finished = finished(mesh, options, &soup, colours, &passes)?;
     progress(1.0);
+    Ok(finished)
+}
+
+/// What a collapse is kept to.
+fn limits(options: &Options, colours: Option<Colours>) -> Limits {
+    Limits {
+        tolerance: options.tolerance.map_or(f64::INFINITY, |asked| asked * LESS),
+        cost: f64::INFINITY,
+        tint: match (options.colours, colours) {
+            (Some(steps), Some(colours)) => f64::from(steps) * colours.step * LESS,
+            _ => f64::INFINITY,
+        },
+        colours,
+        moves: options.moves,
+    }
+}
+
+/// The mesh of the triangles that are left, and how many.
+fn finished<T: Coordinate, M: Mark>(
+    mesh: &dyn MeshSource,
+    options: &Options,
+    soup: &Soup<T, M>,
+    colours: Option<Colours>,
+    passes: &Passes,
+) -> Result<(MeshSpool, Figures)> {
+    let placed = if options.moves { Placed::Anew(colours) } else { Placed::AsBefore };
+    let whole = number::numbered(mesh, soup, placed, passes)?;
     let Options { tolerance: asked, most, .. } = *options;
     let recoloured = options.colours.map(|_| colours.map_or(0.0, |colours| soup.recoloured / colours.step));
     let figures = Figures {
-        before,
+        before: mesh.face_count(),
         after: whole.face_count(),
         asked,
         reached: soup.reached,

@@ -1,6 +1,7 @@
 //! Pass after pass over a mesh that does not fit in memory: each cuts space in another way, so that what lay on a border lies within a part the next time.
 
 use std::cell::Cell;
+use std::ops::Range;
 
 use glam::DVec3;
 
@@ -46,13 +47,13 @@ pub(super) fn with_parts_of<R>(triangles: u64, work: impl FnOnce() -> R) -> R {
 }
 
 /// The share of the sample on the first side of each plane, pass after pass. If all of the last pass was one part, there is none after it.
-const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
+pub(super) const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
 /// A part may be so much larger than intended: a sample tells its triangles' number, and those of other parts that reach into it come on top.
 const UNEVEN: u64 = 2;
 /// Parts of a row.
 const ROW: usize = if cfg!(test) { 4 } else { 64 };
 /// Records, or triangles of the mesh, that are read at a time.
-const BLOCK: usize = 1 << 13;
+pub(super) const BLOCK: usize = 1 << 13;
 /// Vertices that are read along with a group of triangles if its numbers span no more.
 const WINDOW: usize = 1 << 16;
 
@@ -194,6 +195,32 @@ impl Passes<'_> {
         Partitions::new(parts, self.room.pages / 2, self.room.quota, self.workspace)
     }
 
+    /// Partitions for rows of parts.
+    pub(super) fn rows_of<T: Coordinate, M: Mark>(&self, rows: usize) -> Partitions<Record<T, M>> {
+        Partitions::new(rows, self.room.pages / 2, self.room.quota, self.workspace)
+    }
+
+    /// Visits the triangles of some groups of a mesh, in order.
+    pub(super) fn groups<T: Coordinate, M: Mark>(
+        &self,
+        mesh: &dyn MeshSource,
+        wanted: Wanted,
+        groups: Range<usize>,
+        visit: impl FnMut(Vec<Record<T, M>>) -> Result<()>,
+    ) -> Result<()> {
+        let read = |group: usize| read_group(mesh, wanted, groups.start + group);
+        self.workers.in_order_range(1, groups.len(), read, visit)
+    }
+
+    /// The planes of a pass.
+    pub(super) fn space<T: Coordinate, M: Mark>(&self, from: &Triangles<T, M>, share: f64) -> Result<Space> {
+        let sample = match from {
+            Triangles::Soup(soup) => soup.sample()?,
+            Triangles::Mesh(mesh, _) => sample(*mesh)?,
+        };
+        Ok(Space::of(sample, from.count(), part(), share))
+    }
+
     /// One pass: the triangles that are left, and the number of parts.
     fn pass<T: Coordinate, M: Mark>(
         &self,
@@ -204,28 +231,18 @@ impl Passes<'_> {
     ) -> Result<(Soup<T, M>, usize)> {
         self.made.set(self.made.get() + 1);
         let count = from.count();
-        let sample = match from {
-            Triangles::Soup(soup) => soup.sample().places(),
-            Triangles::Mesh(mesh, _) => sample(*mesh)?,
-        };
-        let space = Space::of(sample, count, part(), share);
+        let space = self.space(from, share)?;
         // Parts in rows, so that records are sorted to few partitions at a time, in large pages: first to rows, then to the parts of a row.
-        let rows = space.parts().div_ceil(ROW);
-        let mut coarse = Partitions::<Record<T, M>>::new(rows, self.room.pages / 2, self.room.quota, self.workspace);
+        let rows = rows(&space);
+        let mut coarse = self.rows_of(rows);
         let mut only = (rows == 1).then(|| self.row_of(space.parts()));
         let mut done = 0;
         from.visit(self, |records| {
             for record in records {
-                // Parts come in their order.
-                let mut last = None;
-                meeting(&space, record, |part| match (&mut only, part / ROW) {
-                    (Some(only), _) => only.push(part, record),
-                    (_, row) if last == Some(row) => Ok(()),
-                    (_, row) => {
-                        last = Some(row);
-                        coarse.push(row, record)
-                    }
-                })?;
+                match &mut only {
+                    Some(only) => meeting(&space, record, |part| only.push(part, record))?,
+                    None => meeting_rows(&space, record, |row| coarse.push(row, record))?,
+                }
             }
             done += records.len() as u64;
             progress(0.2 * done as f64 / count as f64);
@@ -235,24 +252,11 @@ impl Passes<'_> {
         let mut left = Soup::new(self.workspace, self.room.quota);
         let mut finished = 0;
         for row in 0..rows {
-            let parts = row * ROW..space.parts().min((row + 1) * ROW);
-            let mut fine = only.take().unwrap_or_else(|| self.row_of(parts.len()));
-            coarse.read(row, |record| {
-                meeting(&space, record, |part| {
-                    if parts.contains(&part) { fine.push(part - parts.start, record) } else { Ok(()) }
-                })
-            })?;
-            let largest = (0..fine.count()).map(|part| fine.records(part)).max().unwrap_or(0);
-            let in_flight = self.room.in_flight::<T, M>(largest, self.workers.threads())?;
-            let simplify = |number: usize| {
-                let mut gathered = Gathered::with_room::<M>(fine.records(number) as usize);
-                fine.read(number, |record| {
-                    gathered.push(record);
-                    Ok(())
-                })?;
-                Ok(gathered.simplified::<T, M>(limits, |place| space.part(place) as usize == parts.start + number))
+            let fine = match only.take() {
+                Some(only) => only,
+                None => self.parts_of_row(&space, row, |push| coarse.read(row, push))?,
             };
-            self.workers.in_order_range(in_flight, parts.len(), simplify, |records| {
+            self.row(&space, row, &fine, limits, |records| {
                 left.append(&records)?;
                 finished += 1;
                 progress(0.2 + 0.8 * f64::from(finished) / space.parts() as f64);
@@ -261,6 +265,77 @@ impl Passes<'_> {
         }
         Ok((left, space.parts()))
     }
+
+    /// The triangles of a row, which `read` hands over, by the row's parts.
+    pub(super) fn parts_of_row<T: Coordinate, M: Mark>(
+        &self,
+        space: &Space,
+        row: usize,
+        read: impl FnOnce(&mut dyn FnMut(&Record<T, M>) -> Result<()>) -> Result<()>,
+    ) -> Result<Partitions<Record<T, M>>> {
+        let parts = parts_of(space, row);
+        let mut fine = self.row_of(parts.len());
+        read(&mut |record| {
+            meeting(
+                space,
+                record,
+                |part| {
+                    if parts.contains(&part) { fine.push(part - parts.start, record) } else { Ok(()) }
+                },
+            )
+        })?;
+        Ok(fine)
+    }
+
+    /// Simplifies the parts of a row, whose triangles lie in a partition each; `sink` is given what is left of one after the other.
+    pub(super) fn row<T: Coordinate, M: Mark>(
+        &self,
+        space: &Space,
+        row: usize,
+        fine: &Partitions<Record<T, M>>,
+        limits: Limits,
+        sink: impl FnMut(Vec<Record<T, M>>) -> Result<()>,
+    ) -> Result<()> {
+        let parts = parts_of(space, row);
+        let largest = (0..fine.count()).map(|part| fine.records(part)).max().unwrap_or(0);
+        let in_flight = self.room.in_flight::<T, M>(largest, self.workers.threads())?;
+        let simplify = |number: usize| {
+            let mut gathered = Gathered::with_room::<M>(fine.records(number) as usize);
+            fine.read(number, |record| {
+                gathered.push(record);
+                Ok(())
+            })?;
+            Ok(gathered.simplified::<T, M>(limits, |place| space.part(place) as usize == parts.start + number))
+        };
+        self.workers.in_order_range(in_flight, parts.len(), simplify, sink)
+    }
+}
+
+/// Rows of parts.
+pub(super) fn rows(space: &Space) -> usize {
+    space.parts().div_ceil(ROW)
+}
+
+/// The parts of a row.
+fn parts_of(space: &Space, row: usize) -> Range<usize> {
+    row * ROW..space.parts().min((row + 1) * ROW)
+}
+
+/// Calls `visit` with each row of parts that a triangle's box meets.
+pub(super) fn meeting_rows<T: Coordinate, M: Mark>(
+    space: &Space,
+    record: &Record<T, M>,
+    mut visit: impl FnMut(usize) -> Result<()>,
+) -> Result<()> {
+    // Parts come in their order.
+    let mut last = None;
+    meeting(space, record, |part| match part / ROW {
+        row if last == Some(row) => Ok(()),
+        row => {
+            last = Some(row);
+            visit(row)
+        }
+    })
 }
 
 /// Calls `visit` with each part that a triangle's box meets.
@@ -349,8 +424,7 @@ impl<T: Coordinate, M: Mark> Triangles<'_, T, M> {
             Triangles::Soup(soup) => soup.each_block(visit),
             Triangles::Mesh(mesh, wanted) => {
                 let groups = mesh.face_count().div_ceil(BLOCK as u64) as usize;
-                let read = |group: usize| read_group(*mesh, *wanted, group);
-                passes.workers.in_order_range(1, groups, read, |records: Vec<Record<T, M>>| visit(&records))
+                passes.groups(*mesh, *wanted, 0..groups, |records: Vec<Record<T, M>>| visit(&records))
             }
         }
     }

@@ -1,21 +1,37 @@
 //! Space cut into parts by planes, so that each holds about as many triangles.
 
+use serde::{Deserialize, Serialize};
+
 use crate::points::Coordinate;
 
 /// A part that is cut no further, or a plane across an axis.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 enum Node {
     Part(u32),
     /// Places whose coordinate is less lie in the first child, which is the next node; others in the second.
     Plane {
         axis: usize,
+        #[serde(with = "bits")]
         at: f64,
         second: u32,
     },
 }
 
+/// Numbers as their bits.
+mod bits {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(number: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u64(number.to_bits())
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        u64::deserialize(deserializer).map(f64::from_bits)
+    }
+}
+
 /// A tree of planes (Bentley 1975). Every place lies in one part; parts are boxes, so that triangles between places of a part stay in it.
-#[derive(Debug)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Space {
     nodes: Vec<Node>,
     parts: u32,

@@ -15,6 +15,7 @@ use crate::mesh::spool::FaceRecord;
 use crate::points::attribute::{Attribute, Schema};
 use crate::points::scalar::Scalar;
 
+mod apart;
 mod moved;
 
 type Triangle = [DVec3; 3];

@@ -47,7 +47,7 @@ pub struct Apart {
     /// Its seams, from the one above the first slab on.
     seams: Vec<SeamReport>,
     /// Of a bridge, the piece that it comes to.
-    to: Option<usize>,
+    pub to: Option<usize>,
 }
 
 /// [`Mark`] without the area, of which text may not have all bits; areas are added up anew.

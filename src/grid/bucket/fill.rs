@@ -6,8 +6,12 @@ use super::{Bucket, Buckets, Chunk, Part};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::grid::partition::BUCKET_SLICES;
+use crate::grid::trace::{Trace, digest};
 use crate::points::{Batch, Coordinate};
 use crate::storage::spool::PageFile;
+
+/// Odd, so that sums of products are of all bits.
+const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// The same, lent.
 #[derive(Clone, Copy)]
@@ -33,6 +37,8 @@ pub(super) struct Filling<T> {
     page_file: Option<PageFile>,
     chunk: usize,
     stride: usize,
+    /// Whether it is told what is in each bucket.
+    digested: bool,
 }
 
 /// A chunk where it stays.
@@ -43,13 +49,13 @@ enum Kept<T> {
 
 impl<T: Coordinate> Filling<T> {
     /// So many empty buckets.
-    pub fn new(count: usize, page_file: Option<PageFile>, chunk: usize, stride: usize) -> Filling<T> {
+    pub fn new(count: usize, page_file: Option<PageFile>, chunk: usize, stride: usize, digested: bool) -> Filling<T> {
         let empty = || {
             let (open, held, stored) = (Chunk::default(), Vec::new(), Vec::new());
-            Mutex::new(Bucket { points: 0, open, held, stored })
+            Mutex::new(Bucket { points: 0, digest: 0, open, held, stored })
         };
         let buckets = std::iter::repeat_with(empty).take(count).collect();
-        Filling { buckets, page_file, chunk, stride }
+        Filling { buckets, page_file, chunk, stride, digested }
     }
 
     /// Sorts a block's points into the buckets, and returns the number of the block's records.
@@ -72,6 +78,7 @@ impl<T: Coordinate> Filling<T> {
 
     /// Adds points to a bucket. `spare` is an empty chunk, and stays one.
     fn add(&self, bucket: usize, part: Lent<'_, T>, spare: &mut Chunk<T>) -> Result<()> {
+        let digest = if self.digested { part.digest(self.stride) } else { 0 };
         let (mut whole, rest) = part.split(part.points.len() / self.chunk * self.chunk, self.stride);
         while !whole.points.is_empty() {
             let (chunk, beyond) = whole.split(self.chunk, self.stride);
@@ -82,6 +89,7 @@ impl<T: Coordinate> Filling<T> {
         let mut full = {
             let mut bucket = self.lock(bucket);
             bucket.points += part.points.len() as u64;
+            bucket.digest = bucket.digest.wrapping_add(digest);
             bucket.open.reserve(self.chunk, self.stride);
             let (fits, left) = rest.split(rest.points.len().min(self.chunk - bucket.open.points.len()), self.stride);
             bucket.open.extend(fits);
@@ -130,7 +138,8 @@ impl<T: Coordinate> Filling<T> {
         let Filling { page_file, chunk, stride, .. } = self;
         let buckets: Vec<_> = self.buckets.into_iter().map(|bucket| bucket.into_inner().expect(NO_PANIC)).collect();
         let count = buckets.len();
-        Buckets { parts: vec![Part { buckets, page_file, chunk, stride, written: None }], count, stride }
+        let parts = vec![Part { buckets, page_file, chunk, stride, written: None }];
+        Buckets { parts, count, stride, trace: Trace::default() }
     }
 
     fn lock(&self, bucket: usize) -> MutexGuard<'_, Bucket<T>> {
@@ -171,6 +180,19 @@ impl<T: Coordinate> Chunk<T> {
 
     fn part(&self) -> Lent<'_, T> {
         Lent { points: &self.points, attributes: &self.attributes }
+    }
+}
+
+impl<T: Coordinate> Lent<'_, T> {
+    /// The sum of all points' digests.
+    fn digest(&self, stride: usize) -> u64 {
+        let mut sum = 0u64;
+        for (number, point) in self.points.iter().enumerate() {
+            let record = &self.attributes[number * stride..][..stride];
+            let of_record = if stride > 0 { digest(record).rotate_left(32) } else { 0 };
+            sum = sum.wrapping_add(digest(bytemuck::bytes_of(point)).wrapping_add(of_record).wrapping_mul(SPREAD));
+        }
+        sum
     }
 }
 

@@ -25,6 +25,7 @@ use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::context::Context;
 use crate::grid::partition::BUCKET_SLICES;
+use crate::grid::trace::{Digests, Trace, are_same};
 use crate::input::{Carried, Cloud, Segment};
 use crate::points::Coordinate;
 use crate::resources::workers::Spares;
@@ -44,6 +45,8 @@ pub struct Buckets<T> {
     count: usize,
     /// Bytes of a point's attributes.
     stride: usize,
+    /// Which were read, if somebody asks.
+    trace: Trace,
 }
 
 /// The buckets of points that were sorted together.
@@ -86,6 +89,8 @@ pub const PHASE: &str = "buckets";
 #[derive(Debug)]
 struct Bucket<T> {
     points: u64,
+    /// The sum of the digests of all points with their attributes, whose order is not told: zero where nobody asks.
+    digest: u64,
     /// Fewer points than a whole chunk.
     open: Chunk<T>,
     /// Chunks in memory.
@@ -139,7 +144,7 @@ impl<T: Coordinate> Buckets<T> {
             (None, _) => None,
         };
         let chunk = memory.bucket_buffer as usize / (size_of::<[T; 3]>() + stride);
-        let filling = Filling::new(count, page_file, chunk, stride);
+        let filling = Filling::new(count, page_file, chunk, stride, segment.is_some());
         let spares = Spares::default();
         cloud.for_each_batch_of(
             segment,
@@ -194,7 +199,26 @@ impl<T: Coordinate> Buckets<T> {
             .transpose()?;
         let Some(parts) = parts else { return Ok(None) };
         let (count, stride) = (bucket_count(grid), parts.first().map_or(0, |part| part.stride));
-        Ok(Some(Buckets { parts, count, stride }))
+        Ok(Some(Buckets { parts, count, stride, trace: Trace::default() }))
+    }
+
+    /// From now on it is told which buckets are read.
+    pub fn trace(&mut self) {
+        self.trace = Trace::of(self.count);
+    }
+
+    /// What was in those that were read since. Of points that were sorted as segments.
+    pub fn traced(&self) -> Digests {
+        self.trace.digests(|bucket| Ok(self.digest(bucket))).expect("digests are there")
+    }
+
+    /// Whether in these buckets the same points are, with the same attributes.
+    pub fn are_same(&self, digests: &Digests) -> bool {
+        are_same(digests, self.count, |bucket| Ok(self.digest(bucket))).expect("digests are there")
+    }
+
+    fn digest(&self, bucket: u32) -> u64 {
+        self.parts.iter().fold(0, |sum: u64, part| sum.wrapping_add(part.buckets[bucket as usize].digest))
     }
 
     /// Number of buckets.
@@ -235,6 +259,7 @@ impl<T: Coordinate> Buckets<T> {
         share: Range<u64>,
         mut visit: impl FnMut(&[[T; 3]]) -> Result<()>,
     ) -> Result<()> {
+        self.trace.read(bucket);
         let mut before = 0;
         for part in &self.parts {
             let points = part.buckets[bucket].points;
@@ -253,6 +278,7 @@ impl<T: Coordinate> Buckets<T> {
     /// # Errors
     /// The same as [`Buckets::read`].
     pub fn read_attributes(&self, bucket: usize, mut visit: impl FnMut(&[[T; 3]], &[u8]) -> Result<()>) -> Result<()> {
+        self.trace.read(bucket);
         self.parts.iter().try_for_each(|part| part.read_attributes(bucket, &mut visit))
     }
 }
@@ -291,6 +317,7 @@ impl<T: Coordinate> Part<T> {
         let Some(pages) = self.page_file.as_ref().and_then(PageFile::named) else { return Ok(()) };
         let mut out = SectionWriter::new(work, &format!("places-{phase}"))?;
         out.values(&self.buckets.iter().map(|bucket| bucket.points).collect::<Vec<u64>>())?;
+        out.values(&self.buckets.iter().map(|bucket| bucket.digest).collect::<Vec<u64>>())?;
         out.values(&self.buckets.iter().flat_map(|bucket| bucket.stored.iter().copied()).collect::<Vec<u32>>())?;
         out.values(&self.page_file.as_ref().map(PageFile::checksums).unwrap_or_default())?;
         let (places, sections) = out.finish();
@@ -316,12 +343,14 @@ impl<T: Coordinate> Part<T> {
             let SavedBuckets { page, chunk, stride, sections } = saved;
             let mut sections = SectionReader::new(work, places, sections)?;
             let counts: Vec<u64> = sections.values()?;
+            let digests: Vec<u64> = sections.values()?;
             let stored: Vec<u32> = sections.values()?;
             let checksums: Vec<u32> = sections.values()?;
             let point = size_of::<[T; 3]>() + stride;
             let count = bucket_count(grid);
             let pages_of = |points: u64| points.div_ceil(chunk.max(1) as u64);
             let fits = counts.len() == count
+                && digests.len() == count
                 && chunk > 0
                 && chunk.checked_mul(point).is_some_and(|bytes| bytes <= page)
                 && counts.iter().fold(0, |pages: u64, points| pages.saturating_add(pages_of(*points)))
@@ -332,10 +361,11 @@ impl<T: Coordinate> Part<T> {
             }
             let mut rest = stored.as_slice();
             let mut buckets = Vec::with_capacity(count);
-            for points in counts {
+            for (points, digest) in counts.into_iter().zip(digests) {
                 let (here, beyond) = rest.split_at(pages_of(points) as usize);
                 rest = beyond;
-                buckets.push(Bucket { points, open: Chunk::default(), held: Vec::new(), stored: here.to_vec() });
+                let stored = here.to_vec();
+                buckets.push(Bucket { points, digest, open: Chunk::default(), held: Vec::new(), stored });
             }
             let bytes = buckets.iter().map(|bucket| bucket.points).sum::<u64>() * point as u64;
             let file = work.open_file(pages)?;

@@ -2,6 +2,7 @@
 
 use super::cells::{Bits, Run, Runs};
 use crate::error::Result;
+use crate::grid::trace::{Digests, Trace, are_same, digest};
 use crate::storage::spool::{Spool, Workspace};
 use crate::storage::work::sections::{SectionReader, SectionWriter};
 
@@ -61,12 +62,14 @@ pub struct SliceStore {
     spool: Spool,
     places: Vec<u64>,
     any: bool,
+    /// Which were read, if somebody asks.
+    trace: Trace,
 }
 
 impl SliceStore {
     /// An empty store that keeps up to `in_memory` bytes in memory.
     pub fn new(workspace: &Workspace, in_memory: u64) -> SliceStore {
-        SliceStore { spool: workspace.spool(in_memory), places: Vec::new(), any: false }
+        SliceStore { spool: workspace.spool(in_memory), places: Vec::new(), any: false, trace: Trace::default() }
     }
 
     /// Saves all slices.
@@ -88,7 +91,7 @@ impl SliceStore {
         saved.spool(&mut spool)?;
         let places = saved.values()?;
         let any = saved.values::<u8>()? != [0];
-        Ok(SliceStore { spool, places, any })
+        Ok(SliceStore { spool, places, any, trace: Trace::default() })
     }
 
     /// Appends the next slices.
@@ -108,6 +111,39 @@ impl SliceStore {
     /// [`crate::Error::Io`] if the work directory is full.
     pub fn leave_memory(&mut self) -> Result<()> {
         self.spool.leave_memory()
+    }
+
+    /// From now on it is told which slices are read.
+    pub fn trace(&mut self) {
+        self.trace = Trace::of(self.places.len());
+    }
+
+    /// What was in those that were read since.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn traced(&self) -> Result<Digests> {
+        self.trace.digests(|y| self.digest(y))
+    }
+
+    /// Whether these slices are the same.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn are_same(&self, digests: &Digests) -> Result<bool> {
+        are_same(digests, self.places.len(), |y| self.digest(y))
+    }
+
+    /// The digest of slice `y` as it is stored, which depends on nothing but its cells.
+    fn digest(&self, y: u32) -> Result<u64> {
+        let (at, [rows, words]) = self.header(y)?;
+        let bytes = match words & BITS {
+            0 => 4 * (u64::from(rows) + 1) + size_of::<Run>() as u64 * u64::from(words),
+            _ => 8 * u64::from(rows) * u64::from(words & !BITS),
+        };
+        let mut stored = vec![0; bytes as usize];
+        self.spool.read_at(at, &mut stored)?;
+        Ok(digest(&stored).wrapping_add(u64::from(words)))
     }
 
     /// Whether no slice has a set cell.
@@ -138,6 +174,7 @@ impl SliceStore {
             bits.clear();
             return Ok(());
         }
+        self.trace.read(y as usize);
         let (at, [rows, words]) = self.header(y as u32)?;
         if words & BITS == 0 {
             bits.clear();
@@ -156,6 +193,7 @@ impl SliceStore {
     /// # Errors
     /// [`crate::Error::Io`] if the work directory fails.
     pub fn read(&self, y: u32, out: &mut Runs) -> Result<()> {
+        self.trace.read(y as usize);
         let (at, [rows, words]) = self.header(y)?;
         if words & BITS == 0 {
             return self.read_runs(at, [rows, words], out);

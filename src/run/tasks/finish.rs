@@ -1,5 +1,6 @@
 //! The end of all tasks: pieces and bridges as one mesh.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
@@ -9,17 +10,20 @@ use super::{Task, Tasks};
 use crate::error::{Error, Result};
 use crate::grid::bucket::Compared;
 use crate::grid::context::Context;
+use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
 use crate::mesh::check::shares::{self, Measured, Share};
 use crate::mesh::spool::MeshSpool;
 use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
 use crate::run::files_to_mesh::Premade;
+use crate::run::job::Job;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::surface::{Reconstructed, reconstructed};
 use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
+use crate::simplify::Figures;
 use crate::stitch::Stitched;
 use crate::stitch::apart::{Link, Of, chain};
 use crate::storage::spool::Workspace;
@@ -28,6 +32,20 @@ use crate::storage::work::WorkFolder;
 impl Premade for Tasks {
     fn folder(&self) -> &Arc<WorkFolder> {
         &self.work
+    }
+
+    fn files(&self) -> &[PathBuf] {
+        &self.files
+    }
+
+    fn cloud(
+        &self,
+        job: &Job,
+        workspace: &Workspace,
+        workers: &Workers,
+        progress: &mut Progress,
+    ) -> Result<Cloud<'static>> {
+        self.unread(job, workspace, workers, progress)
     }
 
     fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings) {
@@ -41,6 +59,15 @@ impl Premade for Tasks {
             Precision::Single => self.reconstructed_as::<f32>(settings, context, progress),
             Precision::Double => self.reconstructed_as::<f64>(settings, context, progress),
         }
+    }
+
+    fn simplified(
+        &self,
+        mesh: &MeshSpool,
+        budget: u64,
+        (workers, workspace): (&Workers, &Workspace),
+    ) -> Result<Option<(MeshSpool, Figures)>> {
+        self.simplified_mesh(mesh, budget, (workers, workspace))
     }
 
     fn checked(
@@ -73,7 +100,12 @@ impl Tasks {
     }
 
     /// What all pieces and bridges come to.
-    fn stitched<T: Coordinate>(&self, task: Task, compared: Compared, context: &Context) -> Result<Stitched> {
+    pub(super) fn stitched<T: Coordinate>(
+        &self,
+        task: Task,
+        compared: Compared,
+        context: &Context,
+    ) -> Result<Stitched> {
         let pieces = self.pieces(task)?;
         let Some(chain) = chain(&pieces, &self.bridges(task, &pieces)?)? else {
             return Err(Error::Internal("a bridge that nobody knew of".into()));
@@ -107,7 +139,7 @@ impl Tasks {
             looked => looked?,
         };
         progress.end();
-        self.work.commit(&task.phase(), Vec::new(), rest)
+        self.work.commit(&self.phase(task), Vec::new(), rest)
     }
 
     fn looked(&self, task: Task, mesh: &MeshSpool, context: &Context, progress: &mut Progress) -> Result<Value> {
@@ -130,8 +162,8 @@ impl Tasks {
     }
 
     /// What a task of the check has shown.
-    fn shown<R: DeserializeOwned>(&self, task: Task, needed: Task) -> Result<R> {
-        let phase = needed.phase();
+    pub(super) fn shown<R: DeserializeOwned>(&self, task: Task, needed: Task) -> Result<R> {
+        let phase = self.phase(needed);
         let shown = self.work.load(&phase, |manifest| {
             let damaged = |_| self.work.damaged(&format!("done/{phase}.json"), "it cannot be read");
             serde_json::from_value(manifest.rest.clone()).map_err(damaged)
@@ -148,7 +180,7 @@ impl Tasks {
     ) -> Result<MeshSpool> {
         let (saved, files) = self.saved_apart(task, needed)?;
         let [vertices, attributes, faces] = files.as_slice() else {
-            return Err(self.work.damaged(&format!("done/{}.json", needed.phase()), "a file is missing"));
+            return Err(self.work.damaged(&format!("done/{}.json", self.phase(needed)), "a file is missing"));
         };
         let mut spools = Vec::with_capacity(3);
         for (name, extent) in [vertices, attributes, faces].into_iter().zip(saved.extents) {
@@ -163,9 +195,9 @@ impl Tasks {
         let [vertices, faces] = saved.apart.sizes;
         match mesh.holds(vertices, faces) {
             true => Ok(mesh),
-            false => {
-                Err(self.work.damaged(&format!("done/{}.json", needed.phase()), "it does not tell how long files are"))
-            }
+            false => Err(self
+                .work
+                .damaged(&format!("done/{}.json", self.phase(needed)), "it does not tell how long files are")),
         }
     }
 }

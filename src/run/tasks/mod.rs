@@ -7,12 +7,24 @@
 //!          …        ─┘           …       ─┘               …         ─┘  …       ─┘
 //! ```
 //!
+//! A mesh of which triangles are to be left out is not measured and checked in shares, but simplified, pass after pass, and checked in the end:
+//!
+//! ```text
+//!      ─► planes/0 ─► deal/0.0 ─┬► simplify/0.0 ─┬► planes/1 ─► … ─► finish
+//!                     deal/0.1 ─┤  simplify/0.1 ─┤
+//!                     …        ─┘  …            ─┘
+//! ```
+//!
+//! Where files of the input have changed, the same plan makes another *generation* of tasks ([`renew`]): what they do not touch stays.
+//!
 //! A task is done once its manifest has its name in the folder ([`crate::storage::work`]), which one process gives it: what others make of the same task is as good, and is
 //! dropped. Nothing but the folder passes between processes.
 
 mod finish;
 mod perform;
 mod plan;
+mod renew;
+mod simplify;
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -22,13 +34,13 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 pub use self::plan::plan_tasks;
 use crate::error::{Error, Result};
-use crate::input::Segment;
+use crate::input::{Headers, Segment};
 use crate::points::attribute::Schema;
 use crate::resources::memory::MemoryPlan;
-use crate::run::closed_cells;
 use crate::run::job::{Check, Job};
 use crate::run::surveyed::Surveyed;
 use crate::stitch::apart::{self, Apart};
@@ -48,23 +60,18 @@ pub enum Task {
     Piece(usize),
     /// Stitches from the end of a piece to where it can be joined to one above it.
     Bridge(usize),
+    /// Finds the planes by which a pass of the simplification cuts space.
+    Planes(usize),
+    /// Deals a share of a pass's triangles to rows of parts.
+    Deal(usize, usize),
+    /// Simplifies a run of a pass's rows.
+    Simplify(usize, usize),
     /// Looks at a share of the mesh's triangles, for the check.
     Measure(usize),
     /// Checks the mesh at a share of its vertices.
     Check(usize),
     /// Tells what the check found, and writes all that is to be written.
     Finish,
-}
-
-impl Task {
-    /// The phase of the folder that the task is.
-    fn phase(self) -> String {
-        match self {
-            // As a run on one machine has it.
-            Task::Close => closed_cells::PHASE.to_owned(),
-            task => task.to_string().replace('/', "-"),
-        }
-    }
 }
 
 impl fmt::Display for Task {
@@ -74,6 +81,9 @@ impl fmt::Display for Task {
             Task::Close => f.write_str("close"),
             Task::Piece(number) => write!(f, "piece/{number}"),
             Task::Bridge(number) => write!(f, "bridge/{number}"),
+            Task::Planes(pass) => write!(f, "planes/{pass}"),
+            Task::Deal(pass, number) => write!(f, "deal/{pass}.{number}"),
+            Task::Simplify(pass, number) => write!(f, "simplify/{pass}.{number}"),
             Task::Measure(number) => write!(f, "measure/{number}"),
             Task::Check(number) => write!(f, "check/{number}"),
             Task::Finish => f.write_str("finish"),
@@ -85,18 +95,26 @@ impl FromStr for Task {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Task, String> {
-        let wrong =
-            || format!("expected bucket/N, close, piece/N, bridge/N, measure/N, check/N or finish, found {text:?}");
-        let (kind, number) = text.split_once('/').map_or((text, None), |(kind, number)| (kind, Some(number)));
-        let number = number.map(|number| number.parse::<usize>().map_err(|_| wrong())).transpose()?;
-        match (kind, number) {
-            ("bucket", Some(number)) => Ok(Task::Bucket(number)),
-            ("close", None) => Ok(Task::Close),
-            ("piece", Some(number)) => Ok(Task::Piece(number)),
-            ("bridge", Some(number)) => Ok(Task::Bridge(number)),
-            ("measure", Some(number)) => Ok(Task::Measure(number)),
-            ("check", Some(number)) => Ok(Task::Check(number)),
-            ("finish", None) => Ok(Task::Finish),
+        let wrong = || {
+            let kinds =
+                "bucket/N, close, piece/N, bridge/N, planes/P, deal/P.N, simplify/P.N, measure/N, check/N or finish";
+            format!("expected {kinds}, found {text:?}")
+        };
+        let (kind, numbers) = text.split_once('/').map_or((text, Vec::new()), |(kind, numbers)| {
+            (kind, numbers.split('.').map(str::parse::<usize>).collect())
+        });
+        let numbers = numbers.into_iter().collect::<std::result::Result<Vec<usize>, _>>().map_err(|_| wrong())?;
+        match (kind, numbers.as_slice()) {
+            ("bucket", [number]) => Ok(Task::Bucket(*number)),
+            ("close", []) => Ok(Task::Close),
+            ("piece", [number]) => Ok(Task::Piece(*number)),
+            ("bridge", [number]) => Ok(Task::Bridge(*number)),
+            ("planes", [pass]) => Ok(Task::Planes(*pass)),
+            ("deal", [pass, number]) => Ok(Task::Deal(*pass, *number)),
+            ("simplify", [pass, number]) => Ok(Task::Simplify(*pass, *number)),
+            ("measure", [number]) => Ok(Task::Measure(*number)),
+            ("check", [number]) => Ok(Task::Check(*number)),
+            ("finish", []) => Ok(Task::Finish),
             _ => Err(wrong()),
         }
     }
@@ -132,13 +150,70 @@ pub struct TaskState {
 /// What every task is given.
 #[derive(Debug, Serialize, Deserialize)]
 struct TaskPlan {
+    /// How often tasks were planned anew, as files of the input had changed.
+    generation: u32,
     surveyed: Surveyed,
     schema: Schema,
+    /// The input's files, from the folder of the command line; what tells a state of each from others; and what their headers told.
+    files: Vec<PathBuf>,
+    states: Vec<Value>,
+    headers: Headers,
+    /// What all that is made stands on but the points themselves.
+    basis: Value,
     /// Of the input, for the tasks that sort points.
-    segments: Vec<Segment>,
+    segments: Vec<PlannedSegment>,
     /// Slabs in all, and those of each piece.
     slabs: u32,
     pieces: Vec<Range<u32>>,
+}
+
+/// A segment of the input, and the generation in which it was last another.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct PlannedSegment {
+    segment: Segment,
+    generation: u32,
+}
+
+impl TaskPlan {
+    /// The phase of the folder that a plan is.
+    fn phase(generation: u32) -> String {
+        of_generation(PLAN, generation)
+    }
+
+    /// The newest plan of a folder, if there is any.
+    fn newest(work: &WorkFolder) -> Result<Option<TaskPlan>> {
+        let done = work.done()?;
+        let generations = done.iter().filter_map(|phase| match phase.strip_prefix(PLAN)? {
+            "" => Some(0),
+            number => number.strip_prefix('.')?.parse().ok(),
+        });
+        let Some(newest) = generations.max() else { return Ok(None) };
+        let phase = TaskPlan::phase(newest);
+        work.load(&phase, |manifest| {
+            let damaged = |_| work.damaged(&format!("done/{phase}.json"), "it cannot be read");
+            TaskPlan::deserialize(&manifest.rest).map_err(damaged)
+        })
+    }
+
+    /// The phase of the folder that a task is, in this generation.
+    fn phase_of(&self, task: Task) -> String {
+        match task {
+            Task::Bucket(number) => {
+                let segment = self.segments.get(number);
+                phase_of(task, segment.map_or(self.generation, |segment| segment.generation))
+            }
+            task => phase_of(task, self.generation),
+        }
+    }
+}
+
+/// The phase of the folder that a task of a generation is.
+fn phase_of(task: Task, generation: u32) -> String {
+    of_generation(&task.to_string().replace(['/', '.'], "-"), generation)
+}
+
+fn of_generation(name: &str, generation: u32) -> String {
+    if generation == 0 { name.to_owned() } else { format!("{name}.{generation}") }
 }
 
 /// A folder of tasks.
@@ -146,6 +221,8 @@ struct TaskPlan {
 pub struct Tasks {
     work: Arc<WorkFolder>,
     plan: TaskPlan,
+    /// The input's files.
+    files: Vec<PathBuf>,
     job: Job,
 }
 
@@ -175,19 +252,22 @@ pub fn command_of(path: &Path) -> Result<(WorkFolder, Command)> {
 }
 
 impl Tasks {
-    /// The tasks of a folder, whose command line stands for `job`.
+    /// The tasks of a folder, whose command line stands for `job`, with paths taken from the folder `base`.
     ///
     /// # Errors
     /// [`Error::NotReady`] if it is not planned yet; [`Error::Damaged`]; [`Error::Io`].
-    pub fn of(work: WorkFolder, job: Job) -> Result<Tasks> {
-        let plan = work.load(PLAN, |manifest| {
-            TaskPlan::deserialize(&manifest.rest).map_err(|_| work.damaged("done/plan.json", "it cannot be read"))
-        })?;
-        let Some(plan) = plan else {
+    pub fn of(work: WorkFolder, job: Job, base: &Path) -> Result<Tasks> {
+        let Some(plan) = TaskPlan::newest(&work)? else {
             let (task, needed) = ("every task".to_owned(), PLAN.to_owned());
             return Err(Error::NotReady { path: work.path().to_path_buf(), task, needed });
         };
-        Ok(Tasks { work: Arc::new(work), plan, job })
+        let files = plan.files.iter().map(|file| base.join(file)).collect();
+        let job = job.based_at(base);
+        Ok(Tasks { work: Arc::new(work), plan, files, job })
+    }
+
+    fn phase(&self, task: Task) -> String {
+        self.plan.phase_of(task)
     }
 
     /// All tasks that are known of, in an order in which they can be done.
@@ -200,7 +280,7 @@ impl Tasks {
         let mut stage = |of: Vec<Task>, before: bool| {
             let mut all = true;
             tasks.extend(of.into_iter().map(|task| {
-                let state = match done.contains(&task.phase()) {
+                let state = match done.contains(&self.phase(task)) {
                     true => State::Done,
                     false if before => State::Ready,
                     false => State::Waiting,
@@ -215,7 +295,19 @@ impl Tasks {
         let stitched = stage((0..self.plan.pieces.len()).map(Task::Piece).collect(), closed);
         let bridges = if stitched { apart::bridges(&self.pieces(Task::Finish)?) } else { Vec::new() };
         let joined = stage(bridges.into_iter().map(Task::Bridge).collect(), stitched);
-        let measured = stage(self.shares().map(Task::Measure).collect(), joined);
+        let mut simplified = joined;
+        for pass in self.passes() {
+            let cut = stage(vec![Task::Planes(pass)], simplified);
+            // What comes of a pass is known with its planes.
+            simplified = false;
+            let planes = if cut { self.planes(Task::Finish, pass)? } else { break };
+            let dealt = stage(self.deals(Task::Finish, pass)?, cut);
+            simplified = stage(self.simplifies(pass, &planes), dealt);
+            if planes.are_last() {
+                break;
+            }
+        }
+        let measured = stage(self.shares().map(Task::Measure).collect(), simplified);
         let checked = stage(self.shares().map(Task::Check).collect(), measured);
         stage(vec![Task::Finish], checked);
         Ok(tasks)
@@ -247,7 +339,7 @@ impl Tasks {
     /// # Errors
     /// [`Error::Io`].
     pub fn claimed(&self, task: Task) -> Result<Option<Claim>> {
-        self.work.claim(&task.phase())
+        self.work.claim(&self.phase(task))
     }
 
     /// Bytes of memory that a process needs at the least, with so many threads.
@@ -265,6 +357,6 @@ impl Tasks {
     /// # Errors
     /// [`Error::Io`].
     pub fn clean(&self) -> Result<()> {
-        self.work.clean(!self.work.is_done(&Task::Finish.phase()))
+        self.work.clean(!self.work.is_done(&self.phase(Task::Finish)))
     }
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
+use super::renew::{Reads, trace};
 use super::{Task, Tasks};
 use crate::error::{Error, Result};
 use crate::grid::bucket::{Buckets, Compared};
@@ -22,7 +23,7 @@ use crate::run::identity;
 use crate::run::job::{Job, Resources};
 use crate::run::phase::Phase;
 use crate::run::pipeline::context;
-use crate::run::prepare::{Passes, files, open};
+use crate::run::prepare::open_known;
 use crate::run::progress::Progress;
 use crate::run::report::Report;
 use crate::run::surface::{Slabwise, surface_options, with_slabs};
@@ -30,7 +31,7 @@ use crate::settings::Settings;
 use crate::stitch::apart::{self, Apart};
 use crate::stitch::checkpoint::Checkpoint;
 use crate::stitch::pieces::Means;
-use crate::storage::spool::Extent;
+use crate::storage::spool::{Extent, Workspace};
 
 /// How long a task waits for what it needs: where a folder lies on another machine, its files show after a while.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -42,6 +43,8 @@ pub(super) struct SavedApart {
     pub apart: Apart,
     /// Of the three files.
     pub extents: [Extent; 3],
+    /// What it was made of.
+    pub reads: Reads,
 }
 
 impl Tasks {
@@ -56,7 +59,7 @@ impl Tasks {
         workers: &Workers,
         progress: &mut Progress,
     ) -> Result<Option<Report>> {
-        let phase = task.phase();
+        let phase = self.phase(task);
         if self.work.is_done(&phase) {
             return Ok(None);
         }
@@ -71,8 +74,9 @@ impl Tasks {
             self.work.blame(path)?;
             if task == Task::Finish {
                 // The check may have looked at what is damaged.
-                let mut looked = self.shares().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
-                looked.try_for_each(|task| self.work.set_aside(&task.phase()))?;
+                let looked = self.shares().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
+                let simplified = self.simplifying()?;
+                looked.chain(simplified).try_for_each(|task| self.work.set_aside(&self.phase(task)))?;
             }
         }
         match done {
@@ -95,18 +99,23 @@ impl Tasks {
                     self.wait_for(task, self.shares().map(Task::Measure), workers)?;
                 }
             }
+            Task::Planes(pass) | Task::Deal(pass, _) | Task::Simplify(pass, _) if self.passes().contains(&pass) => {
+                self.wait_for_mesh(task, workers)?;
+                self.wait_for_pass(task, pass, workers)?;
+            }
             Task::Finish => {
                 self.wait_for_mesh(task, workers)?;
+                self.wait_for_simplified(task, workers)?;
                 self.wait_for(task, self.shares().map(Task::Check), workers)?;
             }
-            task => {
-                let folder = self.path().display();
-                return Err(Error::Usage(format!(
-                    "{folder}: has no task {task}; `asra-stream tasks {folder}` lists them"
-                )));
-            }
+            task => return Err(self.unknown(task)),
         }
         Ok(())
+    }
+
+    pub(super) fn unknown(&self, task: Task) -> Error {
+        let folder = self.path().display();
+        Error::Usage(format!("{folder}: has no task {task}; `asra-stream tasks {folder}` lists them"))
     }
 
     fn perform_as<T: Coordinate>(
@@ -116,9 +125,7 @@ impl Tasks {
         workers: &Workers,
         progress: &mut Progress,
     ) -> Result<Option<Report>> {
-        let files = files(job, progress)?;
-        let of_task = if let Task::Bucket(_) = task { files.as_slice() } else { &[] };
-        identity::compare(&self.work, of_task)?;
+        job.settings.validate()?;
         if task == Task::Finish {
             let alone = Job { resources: Resources { work: None, ..job.resources.clone() }, ..job.clone() };
             let report = match run_in(&alone, Source::Made(self), workers, progress) {
@@ -126,12 +133,17 @@ impl Tasks {
                 finished => finished?,
             };
             let rest = serde_json::to_value(&report).expect("a manifest can be written");
-            self.work.commit(&task.phase(), Vec::new(), rest)?;
+            self.work.commit(&self.phase(task), Vec::new(), rest)?;
             return Ok(Some(report));
         }
         let workspace = job.resources.workspace(self.path())?.stopped_with(workers);
-        // Nothing is read more than once, so nothing is decompressed for later; and blocks are those that segments were made of.
-        let mut cloud = open(job, &files, &workspace, workers, Passes::Few, progress)?;
+        let segment = if let Task::Bucket(number) = task { Some(&self.plan.segments[number].segment) } else { None };
+        let mut cloud =
+            self.opened(|file| segment.is_some_and(|of| of.reads(file)), job, &workspace, workers, progress)?;
+        if task == Task::Close && !cloud.places().places.is_empty() {
+            // Lines of sight go to the points themselves.
+            cloud = self.opened(|_| true, job, &workspace, workers, progress)?;
+        }
         let job = &job.measured_as(&cloud)?;
         keep_ground(&mut cloud, &job.settings)?;
         let (surveyed, settings) = self.surveyed(&job.settings);
@@ -141,10 +153,37 @@ impl Tasks {
             Task::Bucket(number) => self.sort::<T>(number, &cloud, context, progress)?,
             Task::Close => self.close::<T>(&cloud, &settings, context, progress)?,
             Task::Piece(_) | Task::Bridge(_) => self.stitch::<T>(task, &settings, context, progress)?,
+            Task::Planes(_) | Task::Deal(..) | Task::Simplify(..) => self.simplify::<T>(task, context, progress)?,
             Task::Measure(_) | Task::Check(_) => self.look::<T>(task, context, progress)?,
             Task::Finish => {}
         }
         Ok(None)
+    }
+
+    /// The cloud of all files, of which those that are read are opened, and are what they were when tasks were planned. Nothing is read more than once, so nothing is
+    /// decompressed for later; and blocks are those that segments were made of.
+    fn opened(
+        &self,
+        is_read: impl Fn(usize) -> bool,
+        job: &Job,
+        workspace: &Workspace,
+        workers: &Workers,
+        progress: &mut Progress,
+    ) -> Result<Cloud<'static>> {
+        let files = self.files.iter().zip(&self.plan.states).enumerate();
+        identity::compare(&self.work, files.filter(|(number, _)| is_read(*number)).map(|(_, file)| file))?;
+        open_known(job, (&self.files, &self.plan.headers), is_read, (workspace, workers), progress)
+    }
+
+    /// The cloud of all files, of which none is read.
+    pub(super) fn unread(
+        &self,
+        job: &Job,
+        workspace: &Workspace,
+        workers: &Workers,
+        progress: &mut Progress,
+    ) -> Result<Cloud<'static>> {
+        self.opened(|_| false, job, workspace, workers, progress)
     }
 
     /// Waits whether the output that is there is another process's that has done the same task meanwhile.
@@ -167,10 +206,10 @@ impl Tasks {
     }
 
     /// Waits a while for tasks to be done.
-    fn wait_for(&self, task: Task, needed: impl IntoIterator<Item = Task>, workers: &Workers) -> Result<()> {
+    pub(super) fn wait_for(&self, task: Task, needed: impl IntoIterator<Item = Task>, workers: &Workers) -> Result<()> {
         let start = Instant::now();
         for needed in needed {
-            while !self.work.is_done(&needed.phase()) {
+            while !self.work.is_done(&self.phase(needed)) {
                 if start.elapsed() > PATIENCE {
                     let (task, needed) = (task.to_string(), needed.to_string());
                     return Err(Error::NotReady { path: self.path().to_path_buf(), task, needed });
@@ -190,8 +229,8 @@ impl Tasks {
         progress: &mut Progress,
     ) -> Result<()> {
         progress.begin(Phase::Bucket, None);
-        let phase = Task::Bucket(number).phase();
-        let input = (cloud, Some(&self.plan.segments[number]), Carried::Attributes);
+        let phase = self.phase(Task::Bucket(number));
+        let input = (cloud, Some(&self.plan.segments[number].segment), Carried::Attributes);
         let grid = &self.plan.surveyed.grid;
         let buckets = Buckets::<T>::fill_with(input, grid, context, &phase, |records| progress.add(records))?;
         progress.end();
@@ -214,7 +253,7 @@ impl Tasks {
         }
         let cells = closed_cells(cloud, &self.plan.surveyed, settings, &buckets, context, progress)?;
         progress.end();
-        cells.weighed(context)?.commit(&self.work)
+        cells.weighed(context)?.commit(&self.work, &self.phase(Task::Close))
     }
 
     fn stitch<T: Coordinate>(
@@ -225,21 +264,29 @@ impl Tasks {
         progress: &mut Progress,
     ) -> Result<()> {
         let pieces = if let Task::Bridge(_) = task { self.pieces(task)? } else { Vec::new() };
-        let buckets = self.buckets::<T>(task, context)?;
-        let cells = self.cells(task, context)?;
+        let mut buckets = self.buckets::<T>(task, context)?;
+        let mut cells = self.cells(task, context)?;
+        let whole = self.whole(settings, &cells);
+        if let Some((manifest, saved)) = self.earlier(task)?
+            && saved.reads.are_same(whole, (&buckets, &cells), &pieces)?
+        {
+            progress.note(&format!("{task}: stays as it was, since nothing that it was made of has changed"));
+            return self.work.adopt(&self.phase(task), &manifest);
+        }
         let within = match task {
             Task::Piece(number) => self.plan.pieces[number].clone(),
             // It hardly ever reaches farther.
             Task::Bridge(from) => self.plan.pieces[from + 1].clone(),
             _ => 0..self.plan.slabs,
         };
-        let phase = task.phase();
+        let phase = self.phase(task);
         let name = |what: &str| self.work.create(&format!("{what}-{phase}"));
         let named = [name("vertices")?, name("attributes")?, name("faces")?];
         let surveyed = &self.plan.surveyed;
-        let of = (&buckets, &cells);
         let fit = surface_options(settings, &cells).fit;
         let workload = cells.counted_workload(&surveyed.workload, fit, &buckets, context)?;
+        trace(&mut buckets, &mut cells);
+        let of = (&buckets, &cells);
         let counted = (&workload, &context.memory.with_surface(&workload)?);
         let (mut mesh, apart) =
             with_slabs((Some(within.clone()), counted), surveyed, settings, of, context, progress, |slabwise| {
@@ -254,14 +301,17 @@ impl Tasks {
                     _ => apart::piece(within, slabs, &means),
                 }
             })?;
-        let saved = SavedApart { apart, extents: mesh.extents() };
+        let joined =
+            if let Task::Bridge(from) = task { Some((from, apart.to.unwrap_or(pieces.len() - 1))) } else { None };
+        let reads = Reads::since(whole, of, joined, &pieces)?;
+        let saved = SavedApart { apart, extents: mesh.extents(), reads };
         let rest = serde_json::to_value(saved).expect("a manifest can be written");
         self.work.commit(&phase, named.into(), rest)
     }
 
     /// The points, sorted by other tasks.
     pub(super) fn buckets<T: Coordinate>(&self, task: Task, context: &Context) -> Result<Buckets<T>> {
-        let phases = (0..self.plan.segments.len()).map(|number| Task::Bucket(number).phase());
+        let phases = (0..self.plan.segments.len()).map(|number| self.phase(Task::Bucket(number)));
         let grid = &self.plan.surveyed.grid;
         let buckets = Buckets::committed(&self.work, phases, grid, Compared::AsRead, context)?;
         buckets.ok_or_else(|| self.missing(task, Task::Bucket(0)))
@@ -269,12 +319,13 @@ impl Tasks {
 
     /// The cells, closed by another task.
     pub(super) fn cells(&self, task: Task, context: &Context) -> Result<ClosedCells> {
-        ClosedCells::committed(&self.work, context)?.ok_or_else(|| self.missing(task, Task::Close))
+        ClosedCells::committed(&self.work, &self.phase(Task::Close), context)?
+            .ok_or_else(|| self.missing(task, Task::Close))
     }
 
     /// What is saved of a piece or a bridge, which a task needs, and the names of its files.
     pub(super) fn saved_apart(&self, task: Task, needed: Task) -> Result<(SavedApart, Vec<String>)> {
-        let phase = needed.phase();
+        let phase = self.phase(needed);
         let saved = self.work.load(&phase, |manifest| {
             let damaged = |_| self.work.damaged(&format!("done/{phase}.json"), "it cannot be read");
             Ok((SavedApart::deserialize(&manifest.rest).map_err(damaged)?, manifest.files.clone()))

@@ -4,10 +4,12 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{Command, PLAN, TaskPlan, Tasks};
+use serde_json::Value;
+
+use super::{Command, PLAN, PlannedSegment, TaskPlan, Tasks, renew};
 use crate::error::{Error, Result};
 use crate::grid::partition::{Slabs, slab_count};
-use crate::input::{Carried, STANDARD_INPUT};
+use crate::input::{Carried, STANDARD_INPUT, Segment};
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::keep_ground;
 use crate::run::files_to_mesh::refuse_output;
@@ -15,7 +17,6 @@ use crate::run::identity;
 use crate::run::job::Job;
 use crate::run::prepare::{Passes, describe, files, known, open, planned, surveyed};
 use crate::run::progress::Progress;
-use crate::run::surveyed::Surveyed;
 use crate::storage::work::WorkFolder;
 
 /// Pieces for each process: those that take longer are made up for by others.
@@ -25,7 +26,8 @@ const PIECES: usize = 2;
 const LEAST: u32 = 6;
 
 /// Surveys the input and writes down, in the job's work folder, the tasks that make its mesh: for so many `processes` side by side. `command` is the command line that
-/// the job was read from, and from which others read it again. A folder that is planned already stays as it is.
+/// the job was read from, and from which others read it again. A folder that is planned already stays as it is, unless files of the input have changed since: then no process may be
+/// at work there, and what these touch is to be done again.
 ///
 /// # Errors
 /// Those of a run, up to where its points are sorted; [`Error::InvalidSetting`] for what tasks cannot do.
@@ -55,7 +57,7 @@ pub fn plan_tasks(
     planned.and(settled)?;
     // Whoever waits for the lock waits no longer.
     drop(work);
-    Tasks::of(WorkFolder::shared(&folder)?, job.clone())
+    Tasks::of(WorkFolder::shared(&folder)?, job.clone(), Path::new(""))
 }
 
 /// Writes the tasks down in a folder.
@@ -68,28 +70,67 @@ fn plan_in(
     progress: &mut Progress,
 ) -> Result<()> {
     let workspace = job.resources.workspace(work.path())?.stopped_with(workers);
+    let states: Vec<Value> = files.iter().map(|file| identity::of_file(file)).collect::<Result<_>>()?;
+    let before = TaskPlan::newest(work)?;
     progress.expect_run(known(job, files, Passes::Few));
     let mut cloud = open(job, files, &workspace, workers, Passes::Few, progress)?;
-    refuse_output(job, files, &cloud)?;
+    refuse_output(job, files, &cloud, Some(work))?;
     let measured = job.measured_as(&cloud)?;
     describe(&cloud, &measured.settings, progress);
     keep_ground(&mut cloud, &measured.settings)?;
+    let tasks = serde_json::json!({ "command": command, "processes": processes });
+    let begin = || identity::begin_tasks(work, &measured.settings, &job.input, &tasks);
+    if let Some(before) = &before {
+        begin()?;
+        if before.files == files && before.states == states {
+            return Ok(());
+        }
+    }
     let budget = job.resources.budget();
     let (surveyed, settings) = surveyed(&cloud, &measured.settings, workers, budget, progress)?;
-    let tasks = serde_json::json!({ "command": command, "processes": processes });
-    let begin = |surveyed: &Surveyed| identity::begin(work, files, &cloud, &job.input, (&settings, surveyed), tasks);
-    if work.is_done(PLAN) {
-        return begin(&surveyed);
-    }
-    let segments = cloud.segments(Carried::Attributes, processes)?;
-    let work_folder = Some(Arc::clone(work));
-    let (surveyed, _) = planned(&cloud, surveyed, &settings, (workers, &workspace), budget, work_folder, progress)?;
+    let blocks = cloud.block_counts(Carried::Attributes)?;
+    let basis = identity::of_basis(&cloud, &surveyed);
+    let within = Some(Arc::clone(work));
+    let (surveyed, _) = planned(&cloud, surveyed, &settings, (workers, &workspace), budget, within, progress)?;
     // Only what can be done is written down.
-    begin(&surveyed)?;
+    begin()?;
+    let (generation, segments) = match &before {
+        None => (0, PlannedSegment::all(&Segment::cut(&blocks, processes), 0)),
+        Some(before) => {
+            let generation = before.generation + 1;
+            match before.basis == basis {
+                true => {
+                    let old = (before.files.as_slice(), before.states.as_slice());
+                    (generation, renew::segments(&before.segments, old, (files, &states, &blocks), generation))
+                }
+                false => (generation, PlannedSegment::all(&Segment::cut(&blocks, processes), generation)),
+            }
+        }
+    };
     let slabs = slab_count(Slabs::of(&settings.surface), surveyed.grid.cells()[1]);
-    let pieces = pieces(slabs, PIECES * processes);
-    let plan = TaskPlan { surveyed, schema: cloud.schema().clone(), segments, slabs, pieces };
-    work.commit(PLAN, Vec::new(), serde_json::to_value(plan).expect("a manifest can be written"))
+    let plan = TaskPlan {
+        generation,
+        surveyed,
+        schema: cloud.schema().clone(),
+        files: files.to_vec(),
+        states,
+        headers: cloud.headers(),
+        basis,
+        segments,
+        slabs,
+        pieces: pieces(slabs, PIECES * processes),
+    };
+    let manifest = serde_json::to_value(&plan).expect("a manifest can be written");
+    work.commit(&TaskPlan::phase(generation), Vec::new(), manifest)?;
+    let Some(before) = before else { return Ok(()) };
+    progress.note(&renew::told(&before, &plan));
+    work.retire(&renew::stale(&plan, &work.done()?))
+}
+
+impl PlannedSegment {
+    pub(super) fn all(segments: &[Segment], generation: u32) -> Vec<PlannedSegment> {
+        segments.iter().map(|segment| PlannedSegment { segment: segment.clone(), generation }).collect()
+    }
 }
 
 /// What tells where points are on the ground looks at all of them first, which no task does.

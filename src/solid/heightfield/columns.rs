@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Result;
 use crate::grid::context::Context;
 use crate::grid::dilate::Ball;
+use crate::grid::trace::{Digests, Trace, are_same, digest};
 use crate::storage::spool::Spool;
 use crate::storage::work::sections::{SectionReader, SectionWriter};
 
@@ -119,6 +120,37 @@ impl HeightField {
         self.flags.spool.leave_memory()
     }
 
+    /// From now on it is told which slices' columns are read.
+    pub fn trace(&mut self) {
+        self.heights.trace = Trace::of(self.heights.slices() as usize);
+        self.flags.trace = Trace::of(self.flags.slices() as usize);
+    }
+
+    /// What was in those that were read since: heights, and what columns are.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn traced(&self) -> Result<[Digests; 2]> {
+        Ok([
+            self.heights.trace.digests(|slice| self.heights.digest(slice))?,
+            self.flags.trace.digests(|slice| self.flags.digest(slice))?,
+        ])
+    }
+
+    /// Whether the columns of these slices are the same.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn are_same(&self, [heights, flags]: &[Digests; 2]) -> Result<bool> {
+        Ok(are_same(heights, self.heights.slices() as usize, |slice| self.heights.digest(slice))?
+            && are_same(flags, self.flags.slices() as usize, |slice| self.flags.digest(slice))?)
+    }
+
+    /// What all columns have in common.
+    pub fn common(&self) -> (Up, bool, u32, usize) {
+        (self.up, self.trimmed, self.cells_up, self.heights.width)
+    }
+
     /// Reads what [`HeightField::save`] saved.
     ///
     /// # Errors
@@ -158,12 +190,14 @@ pub(super) struct Lines<T> {
     spool: Spool,
     pub(super) width: usize,
     kind: std::marker::PhantomData<T>,
+    /// Which were read, if somebody asks.
+    trace: Trace,
 }
 
 impl<T: Pod> Lines<T> {
     pub(super) fn new(width: u32, context: &Context) -> Lines<T> {
         let spool = context.workspace.spool(context.memory.store_quota);
-        Lines { spool, width: width as usize, kind: std::marker::PhantomData }
+        Lines { spool, width: width as usize, kind: std::marker::PhantomData, trace: Trace::default() }
     }
 
     /// Reads lines that were saved.
@@ -177,6 +211,12 @@ impl<T: Pod> Lines<T> {
         self.spool.append(bytemuck::cast_slice(lines)).map(|_| ())
     }
 
+    fn digest(&self, slice: u32) -> Result<u64> {
+        let mut line = vec![0; self.width * size_of::<T>()];
+        self.spool.read_at(u64::from(slice) * line.len() as u64, &mut line)?;
+        Ok(digest(&line))
+    }
+
     pub(super) fn slices(&self) -> i64 {
         (self.spool.len() as usize / size_of::<T>() / self.width) as i64
     }
@@ -185,6 +225,7 @@ impl<T: Pod> Lines<T> {
     pub(super) fn read(&self, slices: Range<i64>, none: T) -> Result<Vec<T>> {
         let mut out = vec![none; (slices.end - slices.start) as usize * self.width];
         let there = slices.start.clamp(0, self.slices())..slices.end.clamp(0, self.slices());
+        there.clone().for_each(|slice| self.trace.read(slice as usize));
         if !there.is_empty() {
             let first = (there.start - slices.start) as usize * self.width;
             let len = (there.end - there.start) as usize * self.width;

@@ -431,6 +431,11 @@ impl WorkFolder {
     /// [`Error::Io`], of an earlier commit, too.
     pub fn commit(&self, phase: &str, files: Vec<NamedFile>, rest: Value) -> Result<()> {
         let manifest = Manifest { files: files.iter().map(|file| file.name.to_string()).collect(), rest };
+        self.commit_with(phase, &manifest, files)
+    }
+
+    /// Commits a phase with this manifest, and files that are its own.
+    fn commit_with(&self, phase: &str, manifest: &Manifest, files: Vec<NamedFile>) -> Result<()> {
         let bytes = Sealed::bytes(&serde_json::to_value(manifest).expect("a manifest can be written"));
         let temporary = self.create(&format!("manifest-{phase}"))?;
         let (store, failed) = (Arc::clone(&self.store), self.failed("write"));
@@ -452,6 +457,27 @@ impl WorkFolder {
             };
             all().map_err(failed)
         }))
+    }
+
+    /// Commits a phase of which another has left what it would: its files are those of that manifest.
+    ///
+    /// # Errors
+    /// [`Error::Io`], of an earlier commit, too.
+    pub fn adopt(&self, phase: &str, manifest: &Manifest) -> Result<()> {
+        self.commit_with(phase, manifest, Vec::new())
+    }
+
+    /// Takes the manifests of phases away, and the files that no other manifest names. No other process may be at work here.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn retire(&self, phases: &BTreeSet<String>) -> Result<()> {
+        self.committer.settle(false)?;
+        for phase in phases {
+            if_there(self.store.remove(&manifest_of(phase))).map_err(self.failed("remove"))?;
+        }
+        self.store.sync_names(DONE).map_err(self.failed("remove"))?;
+        self.clean(true)
     }
 
     /// Waits until all commits are made; if it has to be quick, without asking the system for what only a power cut would take.
