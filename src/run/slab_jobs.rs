@@ -14,6 +14,9 @@ pub(super) const HELD: (u64, u64) = (4 << 20, 16 << 10);
 /// given back at the same time; one slab at a time asks it not to wait (`stitch/slab.rs`).
 const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
 
+/// The share of it that the allocator loses between blocks of many sizes, as slab after slab is made: where there is one at a time, and where there are several.
+const LOST: (u64, u64) = (12, 32);
+
 /// Vertices and triangles on their way from a slab to the mesh, and what the mesh's stores hold of them.
 const STITCHING: u64 = 5 << 19;
 
@@ -71,7 +74,8 @@ impl SlabJobs {
             if self.running > 1 { (widest * GIVEN_BACK.0).min(GIVEN_BACK.1) } else { 0 }
         };
         if self.pieces > 1 {
-            return self.bytes_of_pieces(workload, &sizes, &seams) + given_back(slabs);
+            let bytes = self.bytes_of_pieces(workload, &sizes, &seams) + given_back(slabs);
+            return bytes + bytes / LOST.1;
         }
         // Of slabs side by side, those that take the most are in the making.
         let mut making = Vec::new();
@@ -92,7 +96,8 @@ impl SlabJobs {
             let busy = before + mesh(first) + at_seam + beside(first + 1..first + in_flight);
             most = most.max(idle).max(busy);
         }
-        most + given_back(slabs) + STITCHING
+        let bytes = most + given_back(slabs);
+        bytes + bytes / if self.running > 1 { LOST.1 } else { LOST.0 } + STITCHING
     }
 
     /// The same but for what was given back, where several pieces are stitched side by side, of slabs of such sizes (of the mesh, and of its making beside that) and such bytes at their seams.
