@@ -234,7 +234,7 @@ impl Tiles {
         case.job.inputs = vec![case.path("tiles")];
         std::fs::create_dir(case.path("tiles")).unwrap();
         let tiles = Tiles { case, all };
-        (0..TILES).for_each(|number| tiles.write(number, |point| Some(point)));
+        (0..TILES).for_each(|number| tiles.write(number, Some));
         tiles
     }
 

@@ -63,7 +63,7 @@ fn begun(work: &WorkFolder, job: &Value) -> Result<()> {
     }
     let folder = work.path().display();
     let is_of_tasks = !work.job()?.unwrap_or_default()["tasks"].is_null();
-    if is_of_tasks != !job["tasks"].is_null() {
+    if is_of_tasks == job["tasks"].is_null() {
         return Err(Error::Usage(match is_of_tasks {
             true => format!(
                 "{folder}: holds tasks, which `asra-stream work {folder}` does; choose another `work` for a run by itself"
@@ -101,9 +101,10 @@ pub(super) fn compare<'a>(work: &WorkFolder, files: impl IntoIterator<Item = (&'
     }
     for (path, there) in files {
         let here = of_file(path)?;
-        for (what, here) in here.as_object().into_iter().flatten().filter(|(what, here)| there[what] != **here) {
-            let expected =
-                format!("what the tasks in {} were planned for, of {what} {}", work.path().display(), there[what]);
+        let mut parts = here.as_object().into_iter().flatten();
+        if let Some((what, here)) = parts.find(|(what, here)| there[what] != **here) {
+            let folder = work.path().display();
+            let expected = format!("what the tasks in {folder} were planned for, of {what} {}", there[what]);
             return Err(Error::Changed { path: path.clone(), expected, found: format!("{what} {here}") });
         }
     }

@@ -140,6 +140,9 @@ pub fn deal(
     typed!(given.extent(), deal_as(given, planes, share, before, out))
 }
 
+/// What is called with triangles, some at a time.
+type Visit<'v, T, M> = &'v mut dyn FnMut(&[Record<T, M>]) -> Result<()>;
+
 fn deal_as<T: Coordinate, M: Mark>(
     given: Given<'_>,
     planes: &Planes,
@@ -149,7 +152,7 @@ fn deal_as<T: Coordinate, M: Mark>(
 ) -> Result<Vec<spool::Extent>> {
     let passes = given.passes::<T, M>()?;
     let soup = before.map(|left| joined::<T, M>(vec![left]));
-    let each = |visit: &mut dyn FnMut(&[Record<T, M>]) -> Result<()>| match &soup {
+    let each = |visit: Visit<'_, T, M>| match &soup {
         Some(soup) => soup.each_block(visit),
         None => {
             let groups = given.mesh.face_count().div_ceil(passes::BLOCK as u64) as usize;
