@@ -56,7 +56,9 @@ pub(super) const OUTPUT: &str = "output";
 /// Whether this run may have named this output before it was ended.
 fn has_output_of(work: &WorkFolder, output: &Path) -> bool {
     let manifest = work.manifest(OUTPUT).ok().flatten();
-    manifest.is_some_and(|manifest| manifest.rest == output.display().to_string())
+    // Tasks name it from the root.
+    let named = [Some(output.to_path_buf()), std::path::absolute(output).ok()];
+    manifest.is_some_and(|manifest| named.iter().flatten().any(|named| manifest.rest == named.display().to_string()))
 }
 
 /// Which coordinates an output has.

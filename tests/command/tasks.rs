@@ -47,6 +47,44 @@ fn several_processes_make_the_mesh_of_one_run() {
     f.ok("work w --any");
 }
 
+/// A file of the input changes after all is done: what it touches is done again.
+#[test]
+fn a_changed_input_is_planned_anew() {
+    let f = Folder::new();
+    f.knot(60_000);
+    f.write("more.xyz", "0.1 0.4 0.1\n0.2 0.4 0.1\n");
+    let plan = "plan k.ply more.xyz -o m.ply --cell-size 0.004 --keep-outliers --work w --processes 2";
+    f.ok(plan);
+    f.ok("work w --any -q");
+    f.write("more.xyz", "0.1 0.4 0.1\n0.2 0.4 0.15\n");
+    let again = f.ok(plan);
+    assert!(again.err.contains("more.xyz has changed: bucket/1 and close are to be done again"), "{}", again.err);
+    assert!(again.out.contains("bucket/0     done") && again.out.contains("bucket/1     ready"), "{}", again.out);
+    let work = f.ok("work w --any");
+    assert!(work.err.contains("stays as it was"), "{}", work.err);
+    f.ok("k.ply more.xyz -o plain.ply --cell-size 0.004 --keep-outliers");
+    assert!(f.read("m.ply") == f.read("plain.ply"));
+    // Nothing has changed since.
+    let none = f.ok(plan);
+    assert!(!none.err.contains("to be done again") && none.out.contains("all is done"), "{}{}", none.err, none.out);
+}
+
+/// A simplified mesh is made by tasks, too.
+#[test]
+fn simplification_is_tasks() {
+    let f = Folder::new();
+    f.knot(60_000);
+    f.ok("k.ply -o whole.ply --simplify 0.3c");
+    f.ok("plan k.ply -o m.ply --simplify 0.3c --work w --processes 2");
+    f.ok("work w --any -q");
+    assert!(f.read("m.ply") == f.read("whole.ply"));
+    let tasks = f.ok("tasks w");
+    assert!(tasks.out.contains("planes/0     done") && tasks.out.contains("simplify/0.0 done"), "{}", tasks.out);
+    assert!(!tasks.out.contains("measure"), "{}", tasks.out);
+    f.fails("work w simplify/9.0", 2, &["has no task simplify/9.0"]);
+    f.fails("work w deal/0.77", 2, &["has no task deal/0.77"]);
+}
+
 #[test]
 fn mistakes_are_told() {
     let f = Folder::new();
