@@ -72,8 +72,6 @@ mod ground;
 mod input;
 mod mesh;
 mod nearest;
-#[cfg(feature = "render")]
-mod page;
 mod points;
 #[cfg(feature = "render")]
 mod render;

@@ -12,7 +12,7 @@ use crate::format::write;
 use crate::format::write::Format;
 use crate::format::write::tiles::{self, Tiles};
 use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
-use crate::page::is_page;
+use crate::render::page::is_page;
 use crate::run;
 use crate::run::preview::Preview;
 use crate::run::pyramid::TilesetTarget;

@@ -21,6 +21,7 @@ mod contact_sheet;
 mod label;
 mod legend;
 mod occlusion;
+pub mod page;
 mod raster;
 pub(crate) mod scale;
 mod shading;

@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
-use crate::page::{Chart, Document};
 use crate::render;
+use crate::render::page::{Chart, Document};
 use crate::resources::memory::MemoryPlan;
 use crate::resources::workers::Workers;
 use crate::run::progress::Warning;

@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 use crate::format;
 use crate::format::tiles3d::TREE;
 use crate::input::InputOptions;
-use crate::page;
+use crate::render::page;
 use crate::resources::workers::Workers;
 use crate::run::job::Job;
 use crate::run::progress::Progress;

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
-use super::renew::{Reads, trace};
+use super::renew::{Reads, SavedApart, trace};
 use super::{Task, Tasks};
 use crate::error::{Error, Result};
 use crate::grid::bucket::{Buckets, Compared};
@@ -28,24 +28,14 @@ use crate::run::progress::Progress;
 use crate::run::report::Report;
 use crate::run::surface::{Slabwise, surface_options, with_slabs};
 use crate::settings::Settings;
-use crate::stitch::apart::{self, Apart};
+use crate::stitch::apart;
 use crate::stitch::checkpoint::Checkpoint;
 use crate::stitch::pieces::Means;
-use crate::storage::spool::{Extent, Workspace};
+use crate::storage::spool::Workspace;
 
 /// How long a task waits for what it needs: where a folder lies on another machine, its files show after a while.
 const PATIENCE: Duration = Duration::from_secs(10);
 const LOOK: Duration = Duration::from_millis(500);
-
-/// What is saved of a piece or a bridge beside its vertices, attributes and triangles.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct SavedApart {
-    pub apart: Apart,
-    /// Of the three files.
-    pub extents: [Extent; 3],
-    /// What it was made of.
-    pub reads: Reads,
-}
 
 impl Tasks {
     /// Does a task, unless it is done; tells the report of the run if it was the last.

@@ -15,7 +15,6 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::perform::SavedApart;
 use super::{PlannedSegment, Task, TaskPlan, Tasks, phase_of};
 use crate::error::Result;
 use crate::grid::bucket::Buckets;
@@ -27,6 +26,7 @@ use crate::run::surface::{origin, surface_options};
 use crate::settings::Settings;
 use crate::solid::close::Closed;
 use crate::stitch::apart::Apart;
+use crate::storage::spool::Extent;
 use crate::storage::work::Manifest;
 
 /// What a piece or a bridge was made of.
@@ -43,6 +43,16 @@ pub(super) struct Reads {
     columns: Option<[Digests; 2]>,
     /// Of what is known of the pieces that a bridge joins: the first of these, the last, and the digest.
     joined: Option<(usize, usize, u64)>,
+}
+
+/// What is saved of a piece or a bridge beside its vertices, attributes and triangles.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct SavedApart {
+    pub apart: Apart,
+    /// Of the three files.
+    pub extents: [Extent; 3],
+    /// What it was made of.
+    pub reads: Reads,
 }
 
 /// From now on it is told what is read.
