@@ -15,7 +15,7 @@ pub(super) const HELD: (u64, u64) = (4 << 20, 16 << 10);
 const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
 
 /// The share of it that the allocator loses between blocks of many sizes, as slab after slab is made: where there is one at a time, and where there are several.
-const LOST: (u64, u64) = (12, 32);
+const LOST: (u64, u64) = (14, 32);
 
 /// Vertices and triangles on their way from a slab to the mesh, and what the mesh's stores hold of them.
 const STITCHING: u64 = 5 << 19;
