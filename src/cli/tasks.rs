@@ -1,7 +1,9 @@
 //! Runs that several processes do together: `plan --work`, `tasks` and `work`.
 
 use std::fmt;
+use std::hash::{BuildHasher, RandomState};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -17,7 +19,7 @@ use crate::resources::machine;
 use crate::resources::workers::Workers;
 use crate::run::progress::{Progress, Show};
 use crate::run::report::Report;
-use crate::run::tasks::{Command as Planned, State, Task, TaskState, Tasks, command_of, plan_tasks};
+use crate::run::tasks::{Command as Planned, State, Task, TaskState, Tasks, based_at, command_of, plan_tasks};
 
 /// How long a process waits before it looks for tasks again: at first, and at most.
 const LOOKS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(3)];
@@ -40,9 +42,9 @@ pub fn planned(all: &Arguments, plan: &PlanArguments, workers: &Workers, progres
 }
 
 /// The tasks of a folder, the arguments of the run that they are of, and the folder from which paths in these are taken.
-fn opened(folder: &Path) -> Result<(Tasks, Box<PlanArguments>, PathBuf)> {
+fn opened(folder: &Path, local: Option<&Path>) -> Result<(Tasks, Box<PlanArguments>, PathBuf)> {
     let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
-    let (work, Planned { words, folder: base }) = command_of(&folder)?;
+    let (work, Planned { words, folder: base }) = command_of(&folder, local)?;
     let typed = std::iter::once("asra-stream".into()).chain(words.into_iter().map(Into::into));
     match Arguments::read(typed).map(|arguments| arguments.command) {
         Ok(Some(Command::Plan(plan))) => Ok((Tasks::of(work, plan.run.job()?, &base)?, plan, base)),
@@ -108,7 +110,7 @@ pub fn list(arguments: &TasksArguments) -> Result<Kind> {
 
 /// What there is to list.
 pub fn listed(arguments: &TasksArguments) -> Result<Listed> {
-    let (tasks, ..) = opened(&arguments.folder)?;
+    let (tasks, ..) = opened(&arguments.folder, None)?;
     if arguments.clean {
         tasks.clean()?;
     }
@@ -127,7 +129,7 @@ pub fn done(arguments: &WorkArguments, workers: &Workers, progress: &mut Progres
     if arguments.die_with_parent {
         end_with_parent(workers)?;
     }
-    let (tasks, plan, base) = opened(&arguments.folder)?;
+    let (tasks, plan, base) = opened(&arguments.folder, arguments.resources.resources().temp_dir.as_deref())?;
     let one = |task: Task, progress: &mut Progress| -> Result<()> {
         let report = tasks.perform(task, &arguments.resources.resources(), workers, progress)?;
         report.map_or(Ok(()), |report| tell(&report, &plan, &base, progress))
@@ -147,12 +149,7 @@ pub fn done(arguments: &WorkArguments, workers: &Workers, progress: &mut Progres
             return Ok(Kind::Temporary);
         }
         workers.check_cancelled()?;
-        let mut ready: Vec<Task> =
-            states.iter().filter(|task| task.state == State::Ready).map(|task| task.task).collect();
-        if let Some(Shard { number, of }) = arguments.shard {
-            let first = ready.len() * number / of;
-            ready.rotate_left(first);
-        }
+        let ready = in_turn(&states, arguments.shard, tasks.is_remote());
         let mut found = false;
         for task in ready {
             let Some(_claim) = tasks.claimed(task)? else { continue };
@@ -179,6 +176,23 @@ pub fn done(arguments: &WorkArguments, workers: &Workers, progress: &mut Progres
     }
 }
 
+/// The tasks that can be done, in the order in which this process looks at them. Where nobody can say what it is at, processes that look together begin with tasks that are seldom
+/// the same: first those of its own share, each process in an order of its own.
+fn in_turn(states: &[TaskState], shard: Option<Shard>, unclaimed: bool) -> Vec<Task> {
+    let ready = states.iter().enumerate().filter(|(_, task)| task.state == State::Ready);
+    let mut ready: Vec<(usize, Task)> = ready.map(|(number, task)| (number, task.task)).collect();
+    let Shard { number: share, of } = shard.unwrap_or(Shard { number: 0, of: 1 });
+    if unclaimed {
+        static ORDER: OnceLock<RandomState> = OnceLock::new();
+        let order = ORDER.get_or_init(RandomState::new);
+        ready.sort_by_key(|(number, _)| (number % of != share, order.hash_one(number)));
+    } else {
+        let first = ready.len() * share / of;
+        ready.rotate_left(first);
+    }
+    ready.into_iter().map(|(_, task)| task).collect()
+}
+
 /// Tells what came of the run, as the run itself would have.
 fn tell(report: &Report, plan: &PlanArguments, base: &Path, progress: &mut Progress) -> Result<()> {
     progress.summary(&report.summary(plan.run.verbose));
@@ -186,7 +200,7 @@ fn tell(report: &Report, plan: &PlanArguments, base: &Path, progress: &mut Progr
         report.warnings.iter().for_each(|warning| progress.warn(warning));
         progress.summarise(&report.output);
     }
-    let path = plan.run.report.as_ref().map(|path| base.join(path));
+    let path = plan.run.report.as_ref().map(|path| based_at(&base, path));
     match json_file(path.as_deref())? {
         Some(file) => write_json(file, report),
         None => Ok(()),

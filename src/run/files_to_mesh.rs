@@ -44,6 +44,7 @@ use crate::simplify::Figures;
 #[cfg(feature = "render")]
 use crate::storage::atomic_file::AtomicFile;
 use crate::storage::atomic_file::Overwrite;
+use crate::storage::remote::is_remote;
 use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
 
@@ -81,7 +82,10 @@ fn positions_of(output: &Path, job: &Job) -> Result<Positions> {
 
 /// No mesh takes the place of the points it is made from.
 fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
-    let same = |path: &Path| matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    let same = |path: &Path| {
+        matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b)
+            || path == output && is_remote(path)
+    };
     match files.iter().find(|file| same(file)) {
         Some(file) => Err(Error::Usage(format!(
             "{}: is an input, which the mesh would replace; choose another `output`",
@@ -97,6 +101,7 @@ fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
 /// All of [`Error`]. Whatever happens, no temporary file stays, and the output exists only if it is whole.
 pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Report> {
     let Some(folder) = &job.resources.work else { return run_in(job, Source::Points(None), workers, progress) };
+    refuse_remote_work(folder)?;
     let work = Arc::new(WorkFolder::open(folder)?);
     match run_in(job, Source::Points(Some(&work)), workers, progress) {
         Ok(report) => work.finish(OUTPUT).map(|()| report),
@@ -114,6 +119,46 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
                 error => error,
             })
         }
+    }
+}
+
+/// A run by itself says line by line how far it is, and cuts what is half done: objects are there whole, and are not changed.
+fn refuse_remote_work(folder: &Path) -> Result<()> {
+    match is_remote(folder) {
+        false => Ok(()),
+        true => Err(Error::setting(
+            "work",
+            format!(
+                "`work` {}: a run by itself adds to its files as it goes on, which objects do not allow; choose a folder of this machine, or do the run as tasks, with `asra-stream plan` and `asra-stream work`",
+                folder.display()
+            ),
+        )),
+    }
+}
+
+/// Of what a run writes, the mesh alone can go to an object store, if it is one file; and its report.
+fn refuse_remote(job: &Job, output: &Path) -> Result<()> {
+    let is_folder = job.tile.is_some() || job.batch || is_named(output);
+    let mut others = vec![("dtm", job.dtm.as_deref()), ("dsm", job.dsm.as_deref())];
+    others.push(("write_classes", job.write_classes.as_deref()));
+    #[cfg(feature = "render")]
+    {
+        others.extend([("html", job.html.as_deref())]);
+    }
+    #[cfg(feature = "render")]
+    let picture = job.preview.path(output);
+    #[cfg(feature = "render")]
+    others.push(("preview", picture.as_deref()));
+    others.push(("output", Some(output).filter(|_| is_folder)));
+    match others.into_iter().find_map(|(setting, path)| Some((setting, path.filter(|path| is_remote(path))?))) {
+        None => Ok(()),
+        Some((setting, path)) => Err(Error::setting(
+            setting,
+            format!(
+                "`{setting}` {}: only meshes in one file are written to object stores; write this to a folder of this machine, and copy it from there",
+                path.display()
+            ),
+        )),
     }
 }
 
@@ -258,6 +303,9 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         Source::Made(made) => made.surveyed(&job.settings),
     };
     let levels = matches!(target, Place::Tileset(_));
+    if is_remote(&output) {
+        surveyed.workload = surveyed.workload.with_transfers();
+    }
     // The page's mesh is one of fewer triangles.
     #[cfg(feature = "render")]
     let levels = levels || page.is_some();
@@ -483,6 +531,7 @@ enum Place {
 impl Place {
     /// The output of this name, prepared, and which coordinates it has.
     fn of(job: &Job, files: &[PathBuf], output: &Path) -> Result<(Place, Positions)> {
+        refuse_remote(job, output)?;
         let positions = positions_of(output, job)?;
         if !is_named(output)
             && let Some(setting) = job.tileset.first_set()
@@ -493,7 +542,10 @@ impl Place {
         }
         let place = match division(job, files)? {
             None if is_named(output) => Place::Tileset(TilesetTarget::prepare(output, job.overwrite)?),
-            None => Place::File(Target::prepare(output, job.overwrite, positions)?),
+            None => {
+                let local = job.resources.temp_dir.as_deref();
+                Place::File(Target::prepare_with(output, job.overwrite, positions, local)?)
+            }
             Some(division) => Place::Tiles(Tiles::prepare(output, division, job.overwrite, positions)?),
         };
         Ok((place, positions))

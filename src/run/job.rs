@@ -16,6 +16,7 @@ use crate::settings::simplification::{Simplification, Tolerance};
 use crate::settings::tileset::TilesetOptions;
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::storage::atomic_file::Overwrite;
+use crate::storage::remote::is_remote;
 use crate::storage::spool::Workspace;
 
 /// Everything a run is told.
@@ -227,7 +228,8 @@ impl Resources {
     }
 
     fn folder(&self, beside: &Path) -> PathBuf {
-        let named = self.temp_dir.as_ref().or(self.work.as_ref());
+        // What lies in an object store is no place for temporary files.
+        let named = self.temp_dir.as_ref().or(self.work.as_ref().filter(|work| !is_remote(work)));
         named.cloned().unwrap_or_else(|| Workspace::folder_beside(beside))
     }
 }

@@ -95,7 +95,7 @@ impl MemoryPlan {
                 break;
             }
             // Until now it lay in memory.
-            let before = process(self.threads) + self.before_slabs(workload);
+            let before = process(self.threads) + workload.transfers() + self.before_slabs(workload);
             made = share(*kept).map(|plan| MemoryPlan { predicted: plan.predicted.max(before), ..plan });
         }
         made
@@ -112,7 +112,7 @@ impl MemoryPlan {
         (threads, pieces): (usize, usize),
         already: Option<(Keepable, Kept)>,
     ) -> Result<MemoryPlan> {
-        let process = process(threads);
+        let process = process(threads) + workload.transfers();
         let mut left = budget.saturating_sub(process);
         // Kept in memory only what leaves the passes the larger part, and twice the least: a slab may turn out to have more faces than
         // expected, and the budget that is then named must not be eaten up by what it would allow to keep.
@@ -228,7 +228,7 @@ impl MemoryPlan {
             held + standing + mesh + workload.bridging().map_or(0, |extent| extent.memory(self.working, self.threads)),
             mesh + workload.simplified().map_or(0, |extent| extent.memory(self.working, self.threads)),
         ];
-        let mut memory = process(self.threads) + passes.into_iter().max().unwrap_or(0);
+        let mut memory = process(self.threads) + workload.transfers() + passes.into_iter().max().unwrap_or(0);
         if self.is_roomy(memory) {
             memory += memory / KEPT_BACK;
         }
@@ -249,6 +249,7 @@ impl MemoryPlan {
     pub fn least(workload: &Workload, threads: usize) -> u64 {
         let slab = SlabJobs::one(HELD.1).bytes(workload);
         let after = process(threads)
+            + workload.transfers()
             + BESIDE
             + slab
                 .max(checking(workload, threads).jobs)
@@ -262,6 +263,7 @@ impl MemoryPlan {
         let chunks = workload.buckets() + 1;
         let bucketing = workload.block_job() + chunks * CHUNK / 15 * 16;
         process(threads)
+            + workload.transfers()
             + BESIDE
             + bucketing
                 .max(workload.surveying().bytes(1, threads as u64))

@@ -23,6 +23,7 @@ use crate::run::surveyed::{Sampling, Surveyed, rehearsed, survey_cloud, survey_w
 use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::open::Kind;
+use crate::storage::remote::is_remote;
 use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
 
@@ -329,6 +330,11 @@ pub(crate) fn planned(
 ) -> Result<(Surveyed, Context)> {
     if work.is_some() {
         surveyed.workload = surveyed.workload.with_work_folder();
+    }
+    if work.as_ref().is_some_and(|work| work.is_remote())
+        || cloud.sources().iter().any(|source| is_remote(&source.path))
+    {
+        surveyed.workload = surveyed.workload.with_transfers();
     }
     progress.learn(|known| known.points = surveyed.survey.points);
     // What the box alone lets expect may be too much, and it may be too little: noise makes more faces, and the walls of an open surface fall to few slabs. What is kept

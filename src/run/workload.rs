@@ -12,6 +12,7 @@ use crate::settings::simplification::Simplification;
 use crate::settings::surface::Fit;
 use crate::simplify::Extent;
 use crate::stitch::slab::{Made, Size};
+use crate::storage::remote;
 use crate::surface::plane;
 
 /// Bytes for each column while heights are found (extents, heights, tops, flags), and while slabs are made.
@@ -54,6 +55,8 @@ pub struct Workload {
     sighted: bool,
     /// Whether points and mesh lie on disk in any case, since they are to outlast the run.
     outlasting: bool,
+    /// Whether bytes go to an object store, or come from one.
+    transfers: bool,
     /// The survey's passes.
     surveying: SurveyWorkload,
 }
@@ -151,6 +154,7 @@ impl Workload {
             level: 1,
             sighted: false,
             outlasting: false,
+            transfers: false,
             surveying: SurveyWorkload { blocks: 0, points: 0, coordinates: 0, wanted: Wanted::Extent },
         }
     }
@@ -168,6 +172,16 @@ impl Workload {
     /// The same workload with points and mesh in files that outlast the run.
     pub fn with_work_folder(self) -> Workload {
         Workload { outlasting: true, ..self }
+    }
+
+    /// The same workload with buffers for what goes to an object store, or comes from one.
+    pub fn with_transfers(self) -> Workload {
+        Workload { transfers: true, ..self }
+    }
+
+    /// Bytes of these buffers.
+    pub(crate) fn transfers(&self) -> u64 {
+        if self.transfers { remote::BUFFERS } else { 0 }
     }
 
     /// Whether points and mesh lie in files that outlast the run.

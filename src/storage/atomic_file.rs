@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use tempfile::{Builder, TempPath};
 
 use crate::error::{Error, Result};
+use crate::storage::remote::{self, Put};
 use crate::system::{self, Entry, EntryKind, LastWords, Lock, Naming, folder};
 
 /// What happens to a file that has the name already.
@@ -35,6 +36,8 @@ pub struct AtomicFile {
     synced: bool,
     /// Whether it has its name already: a pipe or a device.
     through: bool,
+    /// Whether its name is an address in an object store, where it is put when it is whole.
+    remote: bool,
 }
 
 impl AtomicFile {
@@ -49,7 +52,15 @@ impl AtomicFile {
         }
         let file = system::open_pipe(path).map_err(Error::io(path, "write to"))?;
         let path = path.to_path_buf();
-        Ok(AtomicFile { file, hidden: None, path, overwrite: Overwrite::Replace, synced: false, through: true })
+        Ok(AtomicFile {
+            file,
+            hidden: None,
+            path,
+            overwrite: Overwrite::Replace,
+            synced: false,
+            through: true,
+            remote: false,
+        })
     }
 
     /// Creates the temporary file, with the permissions any new file gets. What a link leads to is replaced, and the link stays.
@@ -57,6 +68,24 @@ impl AtomicFile {
     /// # Errors
     /// [`Error::OutputExists`]; [`Error::Usage`] if something of that name is no file, or a link to nothing; [`Error::Io`] if the folder cannot be written to.
     pub fn create(path: &Path, overwrite: Overwrite) -> Result<AtomicFile> {
+        AtomicFile::create_with(path, overwrite, None)
+    }
+
+    /// The same; a file that is going to be an object in an object store lies in the folder `local` until it is whole, or else in the system's for temporary files.
+    ///
+    /// # Errors
+    /// Those of [`AtomicFile::create`].
+    pub fn create_with(path: &Path, overwrite: Overwrite, local: Option<&Path>) -> Result<AtomicFile> {
+        if remote::is_remote(path) {
+            let is_there = remote::look(path)?.is_some();
+            if is_there && overwrite == Overwrite::Refuse {
+                return Err(Error::OutputExists(path.to_path_buf()));
+            }
+            let local = local.map_or_else(remote::local_folder, Path::to_path_buf);
+            let file = tempfile::tempfile_in(&local).map_err(Error::io(local, "create a temporary file"))?;
+            let path = path.to_path_buf();
+            return Ok(AtomicFile { file, hidden: None, path, overwrite, synced: false, through: false, remote: true });
+        }
         let linked;
         let mut path = path;
         if let Ok(there) = path.symlink_metadata() {
@@ -86,7 +115,15 @@ impl AtomicFile {
                 (file, Some(hidden))
             }
         };
-        Ok(AtomicFile { file, hidden, path: path.to_path_buf(), overwrite, synced: true, through: false })
+        Ok(AtomicFile {
+            file,
+            hidden,
+            path: path.to_path_buf(),
+            overwrite,
+            synced: true,
+            through: false,
+            remote: false,
+        })
     }
 
     /// Creates a file in a folder of this process's own, where nothing else is and nobody looks before the folder has its name. Whoever gives it that sees to
@@ -105,6 +142,7 @@ impl AtomicFile {
             overwrite: Overwrite::Replace,
             synced: false,
             through: false,
+            remote: false,
         })
     }
 
@@ -125,6 +163,10 @@ impl AtomicFile {
     pub fn finish(mut self) -> Result<()> {
         if self.through {
             return Ok(());
+        }
+        if self.remote {
+            let put = if self.overwrite == Overwrite::Refuse { Put::Create } else { Put::Replace };
+            return remote::upload(&self.file, &self.path, put);
         }
         if self.synced {
             synced(self.file.sync_all()).map_err(Error::io(&self.path, "write"))?;
@@ -147,8 +189,9 @@ impl AtomicFile {
         // No other process has this number.
         let (prefix, suffix) = hidden_parts(&self.path);
         let number = std::process::id() % 10u32.pow(RANDOM as u32);
-        let aside = folder_of(&self.path).join(format!("{prefix}{number:0RANDOM$}{suffix}"));
-        let naming = match (self.through, &self.hidden) {
+        let folder = if self.remote { remote::local_folder() } else { folder_of(&self.path).to_path_buf() };
+        let aside = folder.join(format!("{prefix}{number:0RANDOM$}{suffix}"));
+        let naming = match (self.through || self.remote, &self.hidden) {
             (true, _) => Naming::None,
             (false, Some(_)) => Naming::Rename,
             (false, None) => Naming::Link,
@@ -479,7 +522,15 @@ mod tests {
     /// As on a file system that makes no files without names.
     fn with_hidden_name(path: &Path, overwrite: Overwrite) -> AtomicFile {
         let (file, name) = hidden(path).unwrap();
-        AtomicFile { file, hidden: Some(name), path: path.to_path_buf(), overwrite, synced: true, through: false }
+        AtomicFile {
+            file,
+            hidden: Some(name),
+            path: path.to_path_buf(),
+            overwrite,
+            synced: true,
+            through: false,
+            remote: false,
+        }
     }
 
     fn names(folder: &Path) -> Vec<String> {

@@ -4,6 +4,7 @@ pub mod atomic_file;
 pub(crate) mod mapped;
 pub(crate) mod partitions;
 pub(crate) mod queue;
+pub mod remote;
 pub(crate) mod seeds;
 pub mod spool;
 pub mod steady;

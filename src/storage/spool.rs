@@ -17,6 +17,7 @@ use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
 use crate::resources::workers::Workers;
+use crate::storage::remote;
 use crate::storage::work::store::NamedFile;
 use crate::system::{self, FileAt};
 
@@ -97,9 +98,10 @@ impl Workspace {
     }
 
     /// The folder for temporary files of work on `file`, unless told otherwise: `TMPDIR`, or else the folder of `file`. The system's temporary
-    /// folder is no default: it is often kept in memory.
+    /// folder is no default, as it is often kept in memory, but where the file lies in an object store.
     pub fn folder_beside(file: &Path) -> PathBuf {
         std::env::var_os("TMPDIR").map(PathBuf::from).unwrap_or_else(|| match file.parent() {
+            _ if remote::is_remote(file) => remote::local_folder(),
             Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
             _ => PathBuf::from("."),
         })

@@ -32,6 +32,7 @@ use crate::mesh::MeshHeader;
 use crate::mesh::spool::MeshSpool;
 use crate::resources::workers::Workers;
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
+use crate::storage::remote::{is_remote, remove};
 
 /// The names of the side-cars that a mesh may have beside it, by its format.
 pub fn beside(mesh: &Path) -> Vec<PathBuf> {
@@ -68,15 +69,28 @@ impl Target {
     /// [`Error::Usage`] for an unknown extension, and absolute positions in formats of 32 bits; those of [`AtomicFile::create`], also for
     /// the side-cars that the format may need.
     pub fn prepare(path: &Path, overwrite: Overwrite, positions: Positions) -> Result<Target> {
+        Target::prepare_with(path, overwrite, positions, None)
+    }
+
+    /// The same; of a mesh that is to be an object in an object store, the temporary file is created in the folder `local`, or else in the system's for such files.
+    ///
+    /// # Errors
+    /// Those of [`Target::prepare`].
+    pub fn prepare_with(
+        path: &Path,
+        overwrite: Overwrite,
+        positions: Positions,
+        local: Option<&Path>,
+    ) -> Result<Target> {
         let format = Format::from_path(path)?;
         let positions = Positions::of(path, Some(positions))?;
         if sidecar::needed(format)
             && overwrite == Overwrite::Refuse
-            && let Some(there) = sidecar::paths(path).into_iter().find(|path| path.exists())
+            && let Some(there) = sidecar::any_there(path)?
         {
             return Err(Error::OutputExists(there));
         }
-        Ok(Target { format, file: AtomicFile::create(path, overwrite)?, overwrite, positions })
+        Ok(Target { format, file: AtomicFile::create_with(path, overwrite, local)?, overwrite, positions })
     }
 
     /// Creates the file in a folder that has no name yet, as [`AtomicFile::within`] does.
@@ -138,7 +152,9 @@ impl Filled {
     pub fn finish(self) -> Result<Written> {
         self.file.finish()?;
         self.beside.into_iter().try_for_each(AtomicFile::finish)?;
-        for path in self.stale.iter().filter(|path| path.symlink_metadata().is_ok_and(|there| !there.is_dir())) {
+        let (remote, local): (Vec<&PathBuf>, Vec<&PathBuf>) = self.stale.iter().partition(|path| is_remote(path));
+        remote.into_iter().try_for_each(|path| remove(path))?;
+        for path in local.into_iter().filter(|path| path.symlink_metadata().is_ok_and(|there| !there.is_dir())) {
             std::fs::remove_file(path).map_err(Error::io(path, "remove the older mesh's side-car"))?;
         }
         Ok(self.written)

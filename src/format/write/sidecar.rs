@@ -8,6 +8,7 @@ use crate::error::{Error, Result};
 use crate::mesh::MeshHeader;
 use crate::points::crs::Crs;
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
+use crate::storage::remote::{is_remote, look};
 
 /// The names of the side-cars of a mesh: of its reference system, and of its origin. Other programs look for these.
 pub fn paths(mesh: &Path) -> [PathBuf; 2] {
@@ -18,6 +19,19 @@ pub fn paths(mesh: &Path) -> [PathBuf; 2] {
 /// Whether a format needs side-cars.
 pub fn needed(format: Format) -> bool {
     matches!(format, Format::Obj | Format::Stl)
+}
+
+/// A side-car of a mesh that is there already.
+///
+/// # Errors
+/// [`Error::Io`], in an object store.
+pub fn any_there(mesh: &Path) -> Result<Option<PathBuf>> {
+    for path in paths(mesh) {
+        if if is_remote(&path) { look(&path)?.is_some() } else { path.exists() } {
+            return Ok(Some(path));
+        }
+    }
+    Ok(None)
 }
 
 /// Writes what there is to tell, and gives back the files, whole but for their names.

@@ -36,7 +36,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-pub use self::plan::plan_tasks;
+pub use self::plan::{based_at, plan_tasks};
 use crate::error::{Error, Result};
 use crate::input::{Headers, Segment};
 use crate::points::attribute::Schema;
@@ -235,12 +235,12 @@ pub struct Command {
     pub folder: PathBuf,
 }
 
-/// The folder at `path` and the command line that its tasks are of.
+/// The folder at `path` and the command line that its tasks are of. Of a folder in an object store, what has to lie on this machine goes to the folder `local`.
 ///
 /// # Errors
 /// [`Error::Usage`] if there is no such folder; [`Error::Io`].
-pub fn command_of(path: &Path) -> Result<(WorkFolder, Command)> {
-    let work = WorkFolder::shared(path)?;
+pub fn command_of(path: &Path, local: Option<&Path>) -> Result<(WorkFolder, Command)> {
+    let work = WorkFolder::shared_with(path, local)?;
     let job = work.job()?.unwrap_or_default();
     match Command::deserialize(&job["tasks"]["command"]) {
         Ok(command) => Ok((work, command)),
@@ -350,6 +350,11 @@ impl Tasks {
     /// The folder.
     pub fn path(&self) -> &Path {
         self.work.path()
+    }
+
+    /// Whether the folder lies in an object store, where nothing can be claimed.
+    pub fn is_remote(&self) -> bool {
+        self.work.is_remote()
     }
 
     /// Removes the files that no task which is done has left; all of them once the mesh is finished. No process may be at work in the folder.

@@ -17,6 +17,7 @@ use crate::run::identity;
 use crate::run::job::Job;
 use crate::run::prepare::{Passes, describe, files, known, open, planned, surveyed};
 use crate::run::progress::Progress;
+use crate::storage::remote::is_remote;
 use crate::storage::work::WorkFolder;
 
 /// Pieces for each process: those that take longer are made up for by others.
@@ -45,10 +46,11 @@ pub fn plan_tasks(
         let message = "`work`: standard input cannot be read by other processes; write it to a file first";
         return Err(Error::setting("work", message.into()));
     }
-    let there = WorkFolder::shared(&folder).ok().filter(|work| matches!(work.has_tasks(), Ok(true)));
+    let local = job.resources.temp_dir.as_deref();
+    let there = WorkFolder::shared_with(&folder, local).ok().filter(|work| matches!(work.has_tasks(), Ok(true)));
     let work = Arc::new(match there {
         Some(work) => work,
-        None => WorkFolder::open(&folder)?,
+        None => WorkFolder::to_plan(&folder, local)?,
     });
     let planned = plan_in(&work, job, &files, (command, processes), workers, progress);
     // Where it is not even known what is made, nothing stays.
@@ -57,7 +59,7 @@ pub fn plan_tasks(
     planned.and(settled)?;
     // Whoever waits for the lock waits no longer.
     drop(work);
-    Tasks::of(WorkFolder::shared(&folder)?, job.clone(), Path::new(""))
+    Tasks::of(WorkFolder::shared_with(&folder, local)?, job.clone(), Path::new(""))
 }
 
 /// Writes the tasks down in a folder.
@@ -87,7 +89,10 @@ fn plan_in(
         }
     }
     let budget = job.resources.budget();
-    let (surveyed, settings) = surveyed(&cloud, &measured.settings, workers, budget, progress)?;
+    let (mut surveyed, settings) = surveyed(&cloud, &measured.settings, workers, budget, progress)?;
+    if job.output.as_deref().is_some_and(is_remote) {
+        surveyed.workload = surveyed.workload.with_transfers();
+    }
     let blocks = cloud.block_counts(Carried::Attributes)?;
     let basis = identity::of_basis(&cloud, &surveyed);
     let within = Some(Arc::clone(work));
@@ -157,12 +162,17 @@ fn pieces(slabs: u32, count: usize) -> Vec<Range<u32>> {
     (0..count).map(|number| end(number)..end(number + 1)).collect()
 }
 
+/// A path taken from a folder; an address stays as it is.
+pub fn based_at(folder: &Path, path: &Path) -> PathBuf {
+    if is_remote(path) { path.to_path_buf() } else { folder.join(path) }
+}
+
 /// Paths as they are from everywhere.
 impl Job {
     /// The job with all its paths taken from a folder, unless they say where they are from the root.
     #[must_use]
     pub fn based_at(mut self, folder: &Path) -> Job {
-        let based = |path: &mut PathBuf| *path = folder.join(&*path);
+        let based = |path: &mut PathBuf| *path = based_at(folder, path);
         self.inputs.iter_mut().for_each(based);
         let optional = [&mut self.output, &mut self.write_classes, &mut self.dtm, &mut self.dsm];
         optional.into_iter().flatten().for_each(based);

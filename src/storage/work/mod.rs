@@ -16,6 +16,7 @@
 
 pub mod committer;
 pub mod journal;
+pub mod objects;
 pub mod sections;
 #[cfg(any(test, feature = "internals"))]
 pub mod simulated;
@@ -79,7 +80,8 @@ pub struct WorkFolder {
 /// A task that is claimed, until this is dropped or the process ends.
 #[derive(Debug)]
 pub struct Claim {
-    _file: File,
+    /// None where nothing can be locked.
+    _file: Option<File>,
 }
 
 /// A phase that is finished: files, and what else there is to know.
@@ -194,13 +196,14 @@ impl WorkFolder {
     /// [`Error::Usage`] if there is none; [`Error::Io`].
     pub fn shared(path: &Path) -> Result<WorkFolder> {
         if !path.join(JOB).is_file() {
-            return Err(Error::Usage(format!(
-                "{}: is no folder of tasks; `plan` INPUT `work` DIR makes one",
-                path.display()
-            )));
+            return Err(WorkFolder::no_tasks(path));
         }
         let store = Folder::open(path, &[DONE, DATA, CLAIMS]).map_err(Error::io(path, "create the folder"))?;
         Ok(WorkFolder::shared_store(Arc::new(store), path))
+    }
+
+    fn no_tasks(path: &Path) -> Error {
+        Error::Usage(format!("{}: is no folder of tasks; `plan` INPUT `work` DIR makes one", path.display()))
     }
 
     /// The same of any store; in which commits are made while the caller waits.
@@ -234,12 +237,15 @@ impl WorkFolder {
     /// # Errors
     /// [`Error::Io`].
     pub fn claim(&self, phase: &str) -> Result<Option<Claim>> {
+        if self.is_remote() {
+            return Ok(Some(Claim { _file: None }));
+        }
         let name = self.path.join(CLAIMS).join(phase);
         let file = File::options().write(true).create(true).truncate(false).open(&name);
         let file = file.map_err(Error::io(&name, "open"))?;
         match system::lock(&file) {
             Lock::Taken => Ok(None),
-            Lock::Held | Lock::Unknown => Ok(Some(Claim { _file: file })),
+            Lock::Held | Lock::Unknown => Ok(Some(Claim { _file: Some(file) })),
         }
     }
 
@@ -311,12 +317,25 @@ impl WorkFolder {
         let job = serde_json::json!({ "format": FORMAT, "job": job });
         let Some(bytes) = self.contents(JOB)? else {
             let temporary = self.create("job")?;
-            let made = name_whole(&*self.store, &temporary, JOB, &Sealed::bytes(&job), true);
-            return made.map(|()| None).map_err(self.failed("write"));
+            match name_whole(&*self.store, &temporary, JOB, &Sealed::bytes(&job), true) {
+                // Where nothing is locked, another may have been first.
+                Err(error) if self.lock.is_none() && error.kind() == io::ErrorKind::AlreadyExists => {}
+                made => return made.map(|()| None).map_err(self.failed("write")),
+            }
+            if_there(self.store.remove(&temporary.name)).map_err(self.failed("remove"))?;
+            let Some(bytes) = self.contents(JOB)? else {
+                return Err(self.failed("write")(io::ErrorKind::NotFound.into()));
+            };
+            return self.differs(&bytes, &job);
         };
+        self.differs(&bytes, &job)
+    }
+
+    /// Where what was said to be made here differs from what is to be.
+    fn differs(&self, bytes: &[u8], job: &Value) -> Result<Option<Difference>> {
         // What was made here may be another job's: nothing of it counts.
-        let there = Sealed::open(&bytes).ok_or_else(|| self.job_damaged())?;
-        let found = difference("", &there, &job);
+        let there = Sealed::open(bytes).ok_or_else(|| self.job_damaged())?;
+        let found = difference("", &there, job);
         Ok(found.map(|found| Difference { at: found.at.trim_start_matches("job.").to_owned(), ..found }))
     }
 
@@ -441,6 +460,7 @@ impl WorkFolder {
         let (store, failed) = (Arc::clone(&self.store), self.failed("write"));
         let (manifest, is_shared) = (manifest_of(phase), self.attempt.is_none());
         self.committer.give(Box::new(move |durable| {
+            let durable = objects::must_sync(&*store, durable);
             let all = || -> io::Result<()> {
                 if durable {
                     files.iter().try_for_each(|file| file.file.sync())?;
@@ -499,6 +519,10 @@ impl WorkFolder {
     /// [`Error::Io`].
     pub fn finish(&self, last: &str) -> Result<()> {
         self.committer.settle(true)?;
+        if self.is_remote() {
+            // Others may be at work there, which nothing tells.
+            return Ok(());
+        }
         // Manifests first: what they name must be there for as long as they are.
         for folder in [DONE, DATA] {
             for name in self.store.list(folder).map_err(self.failed("read the folder"))? {

@@ -48,6 +48,11 @@ pub trait Store: fmt::Debug + Send + Sync {
     /// # Errors
     /// What the system says.
     fn sync_names(&self, folder: &str) -> io::Result<()>;
+
+    /// Whether nobody else sees a file's bytes before they are synced.
+    fn is_here_until_synced(&self) -> bool {
+        false
+    }
 }
 
 /// An open file.

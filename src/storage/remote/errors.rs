@@ -1,0 +1,57 @@
+//! What stores answer, in a few words.
+
+use std::error::Error as _;
+use std::io;
+
+use object_store::Error;
+
+/// The most letters of an answer that are told.
+const MOST: usize = 300;
+
+/// An error of a store as one of the system.
+pub fn told(error: &Error) -> io::Error {
+    let kind = match error {
+        Error::NotFound { .. } => io::ErrorKind::NotFound,
+        Error::AlreadyExists { .. } | Error::Precondition { .. } | Error::NotModified { .. } => {
+            io::ErrorKind::AlreadyExists
+        }
+        Error::PermissionDenied { .. } | Error::Unauthenticated { .. } => io::ErrorKind::PermissionDenied,
+        Error::InvalidPath { .. } | Error::UnknownConfigurationKey { .. } => io::ErrorKind::InvalidInput,
+        Error::NotSupported { .. } | Error::NotImplemented { .. } => io::ErrorKind::Unsupported,
+        _ => io::ErrorKind::Other,
+    };
+    io::Error::new(kind, words(error))
+}
+
+/// What is said of an error by whoever knows most of it, on one line.
+fn words(error: &Error) -> String {
+    let mut all = vec![error.to_string()];
+    let mut source = error.source();
+    while let Some(inner) = source {
+        all.push(inner.to_string());
+        source = inner.source();
+    }
+    let tag = |name: &str| {
+        let (open, close) = (format!("<{name}>"), format!("</{name}>"));
+        all.iter().find_map(|text| Some(text.split_once(&open)?.1.split_once(&close)?.0.to_owned()))
+    };
+    let words = match (tag("Code"), tag("Message")) {
+        (Some(code), Some(message)) => format!("{code}: {message}"),
+        (Some(code), None) => code,
+        // The store's own words come with all that was tried; the last source says why.
+        _ if all.len() > 1 => {
+            let last = all.pop().unwrap_or_default();
+            let before = all.pop().unwrap_or_default();
+            if before.contains(&last) { before } else { format!("{before}: {last}") }
+        }
+        _ => all.pop().unwrap_or_default(),
+    };
+    let line: Vec<&str> = words.split_whitespace().collect();
+    let mut line = line.join(" ");
+    if line.len() > MOST {
+        let end = (0..=MOST).rev().find(|at| line.is_char_boundary(*at)).unwrap_or(0);
+        line.truncate(end);
+        line.push_str("...");
+    }
+    line
+}
