@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::fetch;
 use crate::error::{Error, Result};
 use crate::format::options::InputOptions;
 use crate::format::point_format::{PointFormat, Source};
@@ -11,6 +12,7 @@ use crate::format::raw::Description;
 use crate::format::unpack::{Packing, STANDARD_INPUT, Unpacking};
 use crate::format::{e57, las, npy, obj, pcd, ply, stl, text};
 use crate::storage::mapped::{Content, Mapped};
+use crate::storage::remote::is_remote;
 
 /// Bytes looked at: the longest signature, and enough to tell text from numbers.
 const HEAD: u64 = 4096;
@@ -48,6 +50,8 @@ const FOREIGN: [(&[u8], usize, &str, &str); 15] = [
 pub fn open(path: &Path, options: &InputOptions, unpacking: &mut Unpacking) -> Result<(Source, Arc<dyn PointFormat>)> {
     let (own, mut names) = if path == Path::new(STANDARD_INPUT) {
         (unpacking.standard_input()?, Vec::new())
+    } else if is_remote(path) {
+        (fetch::fetched(path, options, unpacking)?, vec![path.to_path_buf()])
     } else {
         (Content::named(path), vec![path.to_path_buf()])
     };

@@ -14,11 +14,13 @@ use std::path::{Component, Path, PathBuf};
 use glob::{MatchOptions, Pattern};
 
 use super::detect;
+use super::objects::{self, Stands};
 use crate::error::{Error, Result};
 use crate::format::options::Depth;
 use crate::format::unpack::{Packing, STANDARD_INPUT};
 use crate::format::write::tiles::INDEX;
 use crate::format::{e57, las, npy, pcd, ply};
+use crate::storage::remote::{Meta, is_remote, note};
 use crate::system::{Entry, EntryKind, folder};
 
 /// Extensions that are taken for point files when a whole folder is given; also with that of a compressed file behind them. Files that are
@@ -69,7 +71,7 @@ pub fn find(inputs: &[PathBuf], depth: Depth) -> Result<Found> {
         for file in stands_for(input, depth, &mut strays)? {
             // Links and `./` must not let a file count twice. A file by the name of standard input is `./-`.
             let standard_input = file == Path::new(STANDARD_INPUT);
-            let one = if standard_input { Ok(file.clone()) } else { file.canonicalize() };
+            let one = if standard_input || is_remote(&file) { Ok(file.clone()) } else { file.canonicalize() };
             if seen.insert(one.map_err(Error::io(&file, "open"))?) {
                 found.files.push(file);
             }
@@ -80,6 +82,9 @@ pub fn find(inputs: &[PathBuf], depth: Depth) -> Result<Found> {
 }
 
 fn stands_for(input: &Path, depth: Depth, strays: &mut Strays) -> Result<Vec<PathBuf>> {
+    if is_remote(input) {
+        return objects_of(input, depth, strays);
+    }
     if input == Path::new(STANDARD_INPUT) {
         return Ok(vec![input.to_path_buf()]);
     }
@@ -104,6 +109,43 @@ fn stands_for(input: &Path, depth: Depth, strays: &mut Strays) -> Result<Vec<Pat
     match files.is_empty() {
         true => none(input, "the pattern matches no file"),
         false => Ok(files),
+    }
+}
+
+/// The objects that an address in an object store stands for, as files and folders are told.
+fn objects_of(input: &Path, depth: Depth, strays: &mut Strays) -> Result<Vec<PathBuf>> {
+    let (found, is_folder) = match objects::stands_for(input, depth)? {
+        Stands::One(meta) => {
+            note(input, meta);
+            return Ok(vec![input.to_path_buf()]);
+        }
+        Stands::Matching(found) => (found, false),
+        Stands::In(found) => (found, true),
+    };
+    let is_own_mesh = |path: &Path, meta: &Meta| -> Result<bool> {
+        let bare = bare(path);
+        let is_named = bare.to_str().is_some_and(|name| name.ends_with(".mesh.ply"));
+        Ok(is_named || has_extension(path, &["ply"]) && tells_own_mesh(&objects::head(path, meta)?))
+    };
+    let mut files = Vec::new();
+    for (path, meta) in found {
+        if is_folder && !has_extension(&bare(&path), &POINT_FILES) {
+            strays.others.push((path, None));
+        } else if is_folder && meta.bytes == 0 {
+            strays.others.push((path, Some("empty")));
+        } else if has_extension(&path, &["json"]) {
+            continue;
+        } else if is_own_mesh(&path, &meta)? {
+            strays.meshes.push(path);
+        } else {
+            note(&path, meta);
+            files.push(path);
+        }
+    }
+    match (files.is_empty(), is_folder) {
+        (false, _) => Ok(files),
+        (true, false) => none(input, "the pattern matches no object"),
+        (true, true) => none(input, "there is no such object, and no point cloud in a folder of that name"),
     }
 }
 

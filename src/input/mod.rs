@@ -14,9 +14,11 @@
 
 mod blocks;
 mod detect;
+mod fetch;
 mod files;
 mod headers;
 mod memory;
+mod objects;
 mod places;
 mod spooled;
 pub mod tally;
@@ -36,6 +38,7 @@ use crate::points::unit::{Measure, Unit, measured};
 use crate::points::{Batch, Precision};
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::mapped;
+use crate::storage::remote::is_remote;
 use crate::storage::spool::Workspace;
 use crate::storage::steady::{Stamp, settle};
 
@@ -72,6 +75,8 @@ pub struct Cloud<'a> {
     crs: Option<Crs>,
     unpacked: u64,
     unpacked_later: u64,
+    /// Bytes that were fetched from object stores, of so many.
+    fetched: (u64, u64),
 }
 
 impl<'a> Cloud<'a> {
@@ -120,6 +125,7 @@ impl<'a> Cloud<'a> {
             crs: None,
             unpacked: 0,
             unpacked_later: 0,
+            fetched: (0, 0),
         };
         let mut unpacking = Unpacking::new(opening);
         let known: Vec<_> = (0..files.len()).map(known).collect();
@@ -156,6 +162,8 @@ impl<'a> Cloud<'a> {
             clip.check(cloud.crs())?;
         }
         (cloud.unpacked, cloud.unpacked_later) = (unpacking.bytes(), unpacking.later());
+        let remote = cloud.sources.iter().filter(|source| is_remote(&source.path));
+        cloud.fetched = (unpacking.fetched(), remote.map(|source| source.bytes).sum());
         cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
         cloud.check_places()?;
         Ok(cloud)
@@ -195,6 +203,7 @@ impl<'a> Cloud<'a> {
             crs,
             unpacked: 0,
             unpacked_later: 0,
+            fetched: (0, 0),
         };
         cloud.check_places()?;
         Ok(cloud)
@@ -218,6 +227,11 @@ impl<'a> Cloud<'a> {
     /// Bytes of temporary disk that a whole run takes for decompressed files beyond [`Cloud::unpacked`].
     pub fn unpacked_later(&self) -> u64 {
         self.unpacked_later
+    }
+
+    /// Bytes that were fetched from object stores, and those of all objects.
+    pub fn fetched(&self) -> (u64, u64) {
+        self.fetched
     }
 
     /// What its coordinates are, as its reference system tells; without one, those of E57 files are metres, as their standard says.

@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::input::{Cloud, InputOptions};
 use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
+use crate::storage::remote::{Meta, is_remote, known};
 use crate::storage::work::Difference;
 use crate::storage::work::WorkFolder;
 use crate::system::FileAt;
@@ -213,8 +214,14 @@ fn of_grid(surveyed: &Surveyed) -> Value {
     })
 }
 
-/// What tells one state of a file from another: its length, when it was changed, and a sample of its content.
+/// What tells one state of a file from another: its length, when it was changed, and a sample of its content; of an object, what its store tells its states apart by.
 pub(super) fn of_file(path: &Path) -> Result<Value> {
+    if is_remote(path) {
+        let Meta { bytes, changed, tag } = known(path)?;
+        // Not all requests tell times alike.
+        let changed = if tag.is_none() { Some(changed) } else { None };
+        return Ok(json!({ "bytes": bytes, "changed": changed, "sample": tag }));
+    }
     let there = path.metadata().map_err(Error::io(path, "read"))?;
     let file = File::open(path).map_err(Error::io(path, "open"))?;
     let length = there.len();

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::error::words::thousands;
 use crate::error::{Error, Result};
 use crate::format::write::tiles;
 use crate::grid::context::Context;
@@ -23,7 +24,7 @@ use crate::run::surveyed::{Sampling, Surveyed, rehearsed, survey_cloud, survey_w
 use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::open::Kind;
-use crate::storage::remote::is_remote;
+use crate::storage::remote::{self, is_remote};
 use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
 
@@ -188,6 +189,9 @@ fn opened(
         progress.learn(|known| known.packed = 0);
     }
     let cloud = cloud?;
+    if let (fetched, all @ 1..) = cloud.fetched() {
+        progress.note(&format!("fetched {} of {} bytes", thousands(fetched), thousands(all)));
+    }
     let points = forecast::records(&cloud);
     progress.learn(|known| {
         (known.points, known.triangles) = (points, forecast::triangles(points));
@@ -213,7 +217,11 @@ pub(crate) fn open_all(
 
 /// What is known of the work that a job is, before its files are opened.
 pub(super) fn known(job: &Job, files: &[PathBuf], passes: Passes) -> Known {
-    let bytes = files.iter().filter_map(|file| std::fs::metadata(file).ok()).map(|there| there.len()).sum();
+    let length = |file: &PathBuf| match remote::noted(file) {
+        Some(meta) => Some(meta.bytes),
+        None => std::fs::metadata(file).ok().map(|there| there.len()),
+    };
+    let bytes = files.iter().filter_map(length).sum();
     // Half of the bytes may be packed; it is known as soon as the first file is opened.
     Known { packed: bytes / 2, ..known_of_points(job, forecast::points(bytes, bytes / 2), passes) }
 }

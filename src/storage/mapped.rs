@@ -29,6 +29,26 @@ pub const FAULT_WINDOW: usize = 64 << 10;
 pub struct Content {
     name: PathBuf,
     unpacked: Option<Unpacked>,
+    absent: Option<Arc<Absent>>,
+}
+
+/// What of a point file was not fetched, since none of its points counts; in its place are zeros.
+#[derive(Debug)]
+pub enum Absent {
+    /// All points.
+    All,
+    /// Those of the chunks that begin at these bytes, in order.
+    Chunks(Vec<u64>),
+}
+
+impl Absent {
+    /// Whether the points of a chunk are absent.
+    pub fn has(&self, at: u64) -> bool {
+        match self {
+            Absent::All => true,
+            Absent::Chunks(chunks) => chunks.binary_search(&at).is_ok(),
+        }
+    }
 }
 
 /// A stretch of a temporary file.
@@ -43,12 +63,22 @@ struct Unpacked {
 impl Content {
     /// What lies under `path`.
     pub fn named(path: &Path) -> Content {
-        Content { name: path.to_path_buf(), unpacked: None }
+        Content { name: path.to_path_buf(), unpacked: None, absent: None }
     }
 
     /// What was unpacked from the file that messages call `name`: `len` bytes from `start` on, a multiple of [`FAULT_WINDOW`].
     pub fn unpacked(name: &Path, file: Arc<ScratchFile>, start: u64, len: u64) -> Content {
-        Content { name: name.to_path_buf(), unpacked: Some(Unpacked { file, start, len }) }
+        Content { name: name.to_path_buf(), unpacked: Some(Unpacked { file, start, len }), absent: None }
+    }
+
+    /// The same content, of which something is absent.
+    pub fn without(self, absent: Absent) -> Content {
+        Content { absent: Some(Arc::new(absent)), ..self }
+    }
+
+    /// What is absent.
+    pub fn absent(&self) -> Option<&Arc<Absent>> {
+        self.absent.as_ref()
     }
 
     /// The file's name, as the user knows it.

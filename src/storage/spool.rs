@@ -425,6 +425,14 @@ impl ScratchFile {
         Ok(())
     }
 
+    /// Lets the file reach to a position, with zeros that take no room.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the work directory fails.
+    pub fn reach(&self, end: u64) -> Result<()> {
+        self.file.set_len(end).map_err(self.workspace.failed("write temporary data"))
+    }
+
     /// Another handle of the file, to read from.
     ///
     /// # Errors

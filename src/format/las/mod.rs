@@ -13,6 +13,7 @@
 mod extra;
 pub(crate) mod fields;
 pub(crate) mod header;
+pub(crate) mod partial;
 #[cfg(test)]
 mod tests;
 pub(crate) mod window;
@@ -118,6 +119,9 @@ impl LasFile {
     /// The same points without compression, if several passes over them are to come and there is room.
     fn unpacked(self, options: &InputOptions, unpacking: &mut Unpacking) -> Result<LasFile> {
         let Packing::Laz(packed) = &self.packing else { return Ok(self) };
+        if self.content.absent().is_some() {
+            return Ok(self);
+        }
         let Some(workers) = unpacking.for_all_passes(self.count.saturating_mul(self.record as u64))? else {
             return Ok(self);
         };
@@ -160,6 +164,7 @@ impl PointFormat for LasFile {
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let decoding = Arc::new(Decoding::new(self.record, self.transform, &self.fields, schema));
         Ok(match &self.packing {
+            Packing::Plain if self.content.absent().is_some() => Box::new(Nowhere { left: self.count }),
             Packing::Plain => Box::new(Cutter { file: self.opened()?, at: self.start, left: self.count, decoding }),
             Packing::Laz(packed) => Box::new(pieces::Blocks { cutter: self.pieces(packed, schema)?, decoding }),
         })
@@ -184,6 +189,28 @@ impl<'a> BlockCutter<'a> for Cutter {
         self.at = end;
         self.left -= records;
         Ok(Some(Box::new(Block { bytes, decoding: Arc::clone(&self.decoding) })))
+    }
+}
+
+/// Points that are not there, as none of them counts.
+struct Nowhere {
+    left: u64,
+}
+
+impl<'a> BlockCutter<'a> for Nowhere {
+    fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
+        let points = std::mem::take(&mut self.left);
+        Ok((points > 0).then(|| Box::new(Uncounted(points)) as Box<dyn Decode + 'a>))
+    }
+}
+
+/// So many points that do not count.
+pub(in crate::format) struct Uncounted(pub u64);
+
+impl Decode for Uncounted {
+    fn decode(&self, batch: &mut Batch) -> Result<()> {
+        batch.filtered += self.0;
+        Ok(())
     }
 }
 

@@ -155,6 +155,19 @@ impl Packed {
         if right().unwrap_or(false) { Chunks::Listed { first, table, size } } else { unlisted }
     }
 
+    /// Tells of each chunk that holds some of `count` points where it begins, its bytes and its points; where the first begins, or None if no table lists them.
+    pub fn each_chunk(&self, file: &Arc<Mapped>, count: u64, tell: &mut dyn FnMut(u64, u64, u64)) -> Option<u64> {
+        let Chunks::Listed { first, table, size } = self.chunks else { return None };
+        let mut entries = Entries::open(file, table, size).ok()?;
+        let (mut at, mut left) = (first, count);
+        while left > 0 {
+            let Entry { points, bytes } = entries.next().ok().flatten()?;
+            tell(at, bytes, points.min(left));
+            (at, left) = (at.checked_add(bytes)?, left - points.min(left));
+        }
+        Some(first)
+    }
+
     /// What a chunk that begins with `head` says of itself that the decompressor would believe. `at` gives four bytes so far from the chunk's beginning.
     fn check(&self, length: u64, at: impl Fn(u64) -> Result<Option<u32>>) -> Result<std::result::Result<(), String>> {
         const NO_STREAM: Option<u32> = Some(u32::MAX);

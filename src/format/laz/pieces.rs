@@ -9,6 +9,7 @@ use laz::record::RecordDecompressor;
 use super::table::{Chunk, Entries, Entry};
 use super::{Chunks, Packed, stopped};
 use crate::error::{Error, Result};
+use crate::format::las::Uncounted;
 use crate::format::las::fields::Decoding;
 use crate::format::las::window::Window;
 use crate::format::point_format::{BLOCK_RECORDS, BlockCutter, Decode, records_of_a_block};
@@ -43,6 +44,8 @@ enum State {
     Parted { chunk: Chunk, bytes: u64, given: u64 },
     /// A chunk is decompressed here.
     Running(Running),
+    /// A chunk of so many points is not there.
+    Absent(u64),
 }
 
 impl Cutter {
@@ -88,6 +91,10 @@ impl Cutter {
         };
         self.number += 1;
         self.left -= chunk.points;
+        if listed.is_some() && self.file.content().absent().is_some_and(|absent| absent.has(chunk.at)) {
+            self.at = end;
+            return Ok(State::Absent(chunk.points));
+        }
         let bytes = end - self.at;
         if listed.is_some() && chunk.points == 0 {
             self.at = end;
@@ -123,6 +130,11 @@ impl Cutter {
                     let packed = Arc::clone(&self.packed);
                     let part = Part { bytes, packed, wanted: self.wanted, chunk: *chunk, skip, take };
                     return Ok(Some(Piece::Packed(part)));
+                }
+                State::Absent(points) => {
+                    let points = *points;
+                    self.state = State::Between;
+                    return Ok(Some(Piece::Absent(points)));
                 }
                 State::Running(running) if running.done == running.chunk.points => {
                     self.at = running.end();
@@ -188,6 +200,8 @@ enum Piece {
     Records(Vec<u8>),
     /// To be decompressed.
     Packed(Part),
+    /// So many that are not there, as their points do not count.
+    Absent(u64),
 }
 
 impl Piece {
@@ -200,6 +214,7 @@ impl Piece {
                 Ok(())
             }
             Piece::Packed(part) => part.records(sink),
+            Piece::Absent(_) => Ok(()),
         }
     }
 }
@@ -234,6 +249,9 @@ pub struct Blocks {
 impl<'a> BlockCutter<'a> for Blocks {
     fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         let Some(piece) = self.cutter.next_piece()? else { return Ok(None) };
+        if let Piece::Absent(points) = piece {
+            return Ok(Some(Box::new(Uncounted(points))));
+        }
         Ok(Some(Box::new(Block { piece, decoding: Arc::clone(&self.decoding) })))
     }
 }

@@ -9,6 +9,8 @@
 //! Once for all passes, on one thread, before anything else is known. No claim of a header is believed: what comes out is counted, and
 //! stops before the disk is full. Memory: two pieces, and for Zstandard the window, which the budget bounds.
 
+mod sparse;
+
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,6 +21,7 @@ use flate2::bufread::GzDecoder;
 use crate::error::{Error, Result};
 use crate::resources::workers::Workers;
 use crate::storage::mapped::{Content, FAULT_WINDOW, Mapped};
+use crate::storage::remote::{self, is_remote};
 use crate::storage::spool::{ScratchFile, Workspace};
 use crate::system::StandardInput;
 
@@ -67,12 +70,26 @@ pub struct Unpacking<'a> {
     finished: u64,
     reading: u64,
     total: Option<u64>,
+    /// Bytes that were fetched from object stores, before the file under way, too.
+    fetched: u64,
+    fetched_before: u64,
 }
 
 impl<'a> Unpacking<'a> {
     /// Nothing is unpacked yet.
     pub fn new(opening: Opening<'a>) -> Unpacking<'a> {
-        Unpacking { opening, file: None, end: 0, bytes: 0, later: 0, finished: 0, reading: 0, total: None }
+        Unpacking {
+            opening,
+            file: None,
+            end: 0,
+            bytes: 0,
+            later: 0,
+            finished: 0,
+            reading: 0,
+            total: None,
+            fetched: 0,
+            fetched_before: 0,
+        }
     }
 
     /// Says which files are going to be opened, one after the other, so that it can be told how much of them is unpacked.
@@ -85,6 +102,12 @@ impl<'a> Unpacking<'a> {
     pub fn finished(&mut self, path: &Path) {
         self.finished += if self.total.is_some() { packed_bytes(path) } else { 0 };
         self.reading = 0;
+        self.fetched_before = self.fetched;
+    }
+
+    /// Bytes that were fetched from object stores.
+    pub fn fetched(&self) -> u64 {
+        self.fetched
     }
 
     /// Bytes of temporary disk that are taken.
@@ -183,11 +206,14 @@ impl Stretch<'_, '_> {
     }
 }
 
-/// The bytes of a file, if it is packed by its first bytes: gzip, Zstandard or LAZ. A file that cannot be looked at has none here; opening it says why.
+/// The bytes of a file, if it is packed by its first bytes: gzip, Zstandard or LAZ; or if it is an object that is fetched. A file that cannot be looked at has none here; opening it says why.
 fn packed_bytes(path: &Path) -> u64 {
     /// The place of a LAS file's point format, whose highest bit says that points are compressed.
     const POINT_FORMAT: usize = 104;
     let look = || -> std::io::Result<u64> {
+        if is_remote(path) {
+            return Ok(remote::noted(path).map_or(0, |meta| meta.bytes));
+        }
         if !std::fs::metadata(path)?.is_file() {
             return Ok(0);
         }

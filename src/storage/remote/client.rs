@@ -25,7 +25,7 @@ use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
 use super::errors::told;
-use super::{BUFFERS, Meta, Put};
+use super::{BUFFERS, Changed, Meta, Put};
 use crate::error::{Error, Result};
 
 /// How long is tried again what fails, and how often.
@@ -54,18 +54,6 @@ pub struct Place {
     bucket: Arc<Bucket>,
     key: Key,
 }
-
-/// An object that is not what was expected.
-#[derive(Debug)]
-pub struct Changed(pub String);
-
-impl std::fmt::Display for Changed {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "it has changed meanwhile: found {}", self.0)
-    }
-}
-
-impl std::error::Error for Changed {}
 
 fn runtime() -> io::Result<&'static Runtime> {
     static RUNTIME: OnceLock<io::Result<Runtime>> = OnceLock::new();

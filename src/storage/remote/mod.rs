@@ -16,10 +16,12 @@ pub mod store;
 #[cfg(feature = "object-store")]
 mod upload;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 #[cfg(not(feature = "object-store"))]
 pub use self::absent::Place;
@@ -75,6 +77,18 @@ impl std::fmt::Display for Meta {
     }
 }
 
+/// What was found where another object was expected.
+#[derive(Debug)]
+pub struct Changed(pub String);
+
+impl std::fmt::Display for Changed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "it has changed meanwhile: found {}", self.0)
+    }
+}
+
+impl std::error::Error for Changed {}
+
 /// Whether an object replaces another of its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Put {
@@ -82,6 +96,21 @@ pub enum Put {
     Create,
     /// It does.
     Replace,
+}
+
+/// Bytes of an object that is to be as it was noted.
+///
+/// # Errors
+/// [`Error::Changed`] if it is not; [`Error::Io`].
+pub fn read(place: &Place, path: &Path, range: Range<u64>, expected: &Meta) -> Result<Vec<u8>> {
+    place.read(range, Some(expected)).map_err(|error| {
+        match error.get_ref().and_then(|inner| inner.downcast_ref::<Changed>()) {
+            Some(Changed(found)) => {
+                Error::Changed { path: path.to_path_buf(), expected: expected.to_string(), found: found.clone() }
+            }
+            None => Error::io(path, "read")(error),
+        }
+    })
 }
 
 /// What an address's object is like; None if there is none.
@@ -94,6 +123,32 @@ pub fn look(path: &Path) -> Result<Option<Meta>> {
         Err(error) if error.kind() == io::ErrorKind::NotFound && !is_of_bucket(&error) => Ok(None),
         Err(error) => Err(Error::io(path, "look at")(error)),
     }
+}
+
+/// What objects are like that this process has found, by their addresses.
+static NOTED: Mutex<BTreeMap<PathBuf, Meta>> = Mutex::new(BTreeMap::new());
+
+/// Takes note of what an object is like that is going to be read: what is read then is to be the same.
+pub fn note(path: &Path, meta: Meta) {
+    NOTED.lock().unwrap_or_else(PoisonError::into_inner).insert(path.to_path_buf(), meta);
+}
+
+/// What was noted of an object.
+pub fn noted(path: &Path) -> Option<Meta> {
+    NOTED.lock().unwrap_or_else(PoisonError::into_inner).get(path).cloned()
+}
+
+/// What an object is like that is there, as it was noted, or as it is.
+///
+/// # Errors
+/// [`Error::Io`] if there is none, or that cannot be told.
+pub fn known(path: &Path) -> Result<Meta> {
+    if let Some(meta) = noted(path) {
+        return Ok(meta);
+    }
+    let meta = Place::of(path)?.look().map_err(Error::io(path, "open"))?;
+    note(path, meta.clone());
+    Ok(meta)
 }
 
 /// Whether it is not the object that is missing, but the bucket.
