@@ -38,7 +38,6 @@ use crate::points::unit::{Measure, Unit, measured};
 use crate::points::{Batch, Precision};
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::mapped;
-use crate::storage::remote::is_remote;
 use crate::storage::spool::Workspace;
 use crate::storage::steady::{Stamp, settle};
 
@@ -162,8 +161,7 @@ impl<'a> Cloud<'a> {
             clip.check(cloud.crs())?;
         }
         (cloud.unpacked, cloud.unpacked_later) = (unpacking.bytes(), unpacking.later());
-        let remote = cloud.sources.iter().filter(|source| is_remote(&source.path));
-        cloud.fetched = (unpacking.fetched(), remote.map(|source| source.bytes).sum());
+        cloud.fetched = unpacking.fetched();
         cloud.schema = options.attributes.of(cloud.formats.iter().map(|format| format.attributes()))?;
         cloud.check_places()?;
         Ok(cloud)
@@ -229,7 +227,7 @@ impl<'a> Cloud<'a> {
         self.unpacked_later
     }
 
-    /// Bytes that were fetched from object stores, and those of all objects.
+    /// Bytes that were fetched from object stores, and those of the objects that were opened.
     pub fn fetched(&self) -> (u64, u64) {
         self.fetched
     }

@@ -73,6 +73,8 @@ pub struct Unpacking<'a> {
     /// Bytes that were fetched from object stores, before the file under way, too.
     fetched: u64,
     fetched_before: u64,
+    /// Bytes of the objects that are opened so far.
+    objects: u64,
 }
 
 impl<'a> Unpacking<'a> {
@@ -89,6 +91,7 @@ impl<'a> Unpacking<'a> {
             total: None,
             fetched: 0,
             fetched_before: 0,
+            objects: 0,
         }
     }
 
@@ -105,9 +108,9 @@ impl<'a> Unpacking<'a> {
         self.fetched_before = self.fetched;
     }
 
-    /// Bytes that were fetched from object stores.
-    pub fn fetched(&self) -> u64 {
-        self.fetched
+    /// Bytes that were fetched from object stores, and those of the objects that were opened.
+    pub fn fetched(&self) -> (u64, u64) {
+        (self.fetched, self.objects)
     }
 
     /// Bytes of temporary disk that are taken.

@@ -40,6 +40,7 @@ impl Unpacking<'_> {
         let stretch = self.begin()?;
         let (file, start) = (Arc::clone(&stretch.file), stretch.start);
         self.end = (start + len).next_multiple_of(FAULT_WINDOW as u64);
+        self.objects += len;
         // What is missing is read as zeros, behind the last that is there, too.
         file.reach(self.end)?;
         Ok(Sparse { file, start, len })

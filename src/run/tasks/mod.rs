@@ -261,7 +261,7 @@ impl Tasks {
             let (task, needed) = ("every task".to_owned(), PLAN.to_owned());
             return Err(Error::NotReady { path: work.path().to_path_buf(), task, needed });
         };
-        let files = plan.files.iter().map(|file| base.join(file)).collect();
+        let files = plan.files.iter().map(|file| based_at(base, file)).collect();
         let job = job.based_at(base);
         Ok(Tasks { work: Arc::new(work), plan, files, job })
     }
