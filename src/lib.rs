@@ -52,6 +52,7 @@
 //! * `cli` (default): the command, as a library call. Without it, a dependant gets neither clap nor signal handlers.
 //! * `allocator` (default): the command's allocator. A library should leave it out.
 //! * `render`, `compare`, `generate`: what the command needs for pictures, distances and test clouds.
+//! * `object-store`: inputs, folders of tasks and meshes in S3, Google Cloud Storage, Azure and on web servers, by their addresses.
 //! * `internals`: the modules below this face, for this project's own tests and benchmarks. They change without notice.
 //!
 //! Most dependants want `default-features = false`.

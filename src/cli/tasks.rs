@@ -64,6 +64,9 @@ pub struct Listed {
     finished: bool,
     /// Bytes of memory that a process needs at the least, with as many threads as this one.
     least_memory: u64,
+    /// The report of the run, once the mesh is finished.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    report: Option<serde_json::Value>,
     /// The tasks.
     tasks: Vec<TaskState>,
 }
@@ -75,7 +78,8 @@ impl Listed {
         let finished = states.iter().all(|task| task.state == State::Done);
         states.retain(|task| !ready || task.state == State::Ready);
         let (folder, least_memory) = (tasks.path().to_path_buf(), tasks.least_memory(threads));
-        Ok(Listed { folder, finished, least_memory, tasks: states })
+        let report = if finished { tasks.report()? } else { None };
+        Ok(Listed { folder, finished, least_memory, report, tasks: states })
     }
 }
 

@@ -374,9 +374,12 @@ def reconstruct(
     client : distributed.Client
         A client of any cluster, which is not asynchronous.
     inputs, output
-        As of :func:`asra_stream.run`. The client's machine and all workers must reach them, and the work folder, by the same absolute paths.
+        As of :func:`asra_stream.run`. The client's machine and all workers must reach them, and the work folder, by the same absolute paths. Addresses in object stores,
+        as ``s3://bucket/tiles/*.laz``, are handed to the program as they are, and nothing looks whether something is there: the ``program`` has to be one that is built
+        for them, and its settings stand in the workers' environment.
     work : path, optional
-        The work folder. By default it is the output's name with ``.work``, and is removed at the end; one that is named here stays, with all that it holds.
+        The work folder. By default it is the output's name with ``.work``, and is removed at the end; one that is named here stays, with all that it holds. For an output
+        in an object store it must be named.
         The same call made again from the same folder, after a client was killed, goes on from what is done there.
     processes : int, optional
         For so many tasks at a time the work is cut. By default the threads of all workers: a thread of a worker waits for one process. Decides no bytes.
@@ -408,11 +411,16 @@ def reconstruct(
     command = None if program is None else [os.path.abspath(program)] if isinstance(program, (str, os.PathLike)) else [os.fspath(word) for word in program]
     whole = [_whole(path) for path in as_paths(inputs)]
     to = _whole(os.fsdecode(output))
+    if work is None and _is_remote(to):
+        raise ValueError(f"{to}: name the folder for the work of an output in an object store: work=")
     folder = _whole(os.fsdecode(work)) if work is not None else f"{to}.work"
     report = options.pop("report", None)
-    # Beside the manifests, whose folder is there as long as it may be asked for.
-    report = _whole(os.fsdecode(report)) if report is not None else os.path.join(folder, "report.json")
-    given = {**options, "output": to, "report": report}
+    if report is not None:
+        report = _whole(os.fsdecode(report))
+    elif not _is_remote(folder):
+        # Beside the manifests, whose folder is there as long as it may be asked for.
+        report = os.path.join(folder, "report.json")
+    given = {**options, "output": to, **({} if report is None else {"report": report})}
     with _shown(progress) as shown:
         tell = _updates(shown, lambda: job.tasks())
         job = _Job(folder, command, tell)
@@ -431,8 +439,14 @@ def reconstruct(
         finally:
             if shown is not None:
                 client.unsubscribe_topic(run.name)
-    with open(report, encoding="utf-8") as file:
-        told = cast(dict[str, Any], json.load(file))
+    if report is None or _is_remote(report):
+        listed = job.tasks("--ready")
+        if listed is None:
+            raise _errors.TemporaryError(f"{folder}: the report cannot be read", code=75)
+        told = cast(dict[str, Any], listed["report"])
+    else:
+        with open(report, encoding="utf-8") as file:
+            told = cast(dict[str, Any], json.load(file))
     if work is None:
         # Nothing is at work here any more but what nobody waits for.
         shutil.rmtree(folder, ignore_errors=True)
@@ -441,7 +455,11 @@ def reconstruct(
 
 def _whole(path: str) -> str:
     """The path from the root; the address of an object store as it is."""
-    return path if "://" in path else os.path.abspath(path)
+    return path if _is_remote(path) else os.path.abspath(path)
+
+
+def _is_remote(path: str) -> bool:
+    return "://" in path
 
 
 def _shown(progress: Any) -> Any:

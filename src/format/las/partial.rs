@@ -278,3 +278,79 @@ fn cube(Cubes { center, half, .. }: &Cubes, level: i32, at: [i32; 3]) -> Option<
     let low = |axis: usize| center[axis] - half + side * f64::from(at[axis]);
     Some(Bounds { min: [0, 1, 2].map(|axis| low(axis) - more), max: [0, 1, 2].map(|axis| low(axis) + side + more) })
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn entry(level: i32, at: [i32; 3], chunk: u64, bytes: i32, points: i32) -> Vec<u8> {
+        let mut out = Vec::new();
+        [level, at[0], at[1], at[2]].iter().for_each(|number| out.extend(number.to_le_bytes()));
+        out.extend(chunk.to_le_bytes());
+        [bytes, points].iter().for_each(|number| out.extend(number.to_le_bytes()));
+        out
+    }
+
+    proptest! {
+        /// The chunks that are left out are those of cubes which a look at all of them finds apart from the box.
+        #[test]
+        fn cubes_are_chosen_as_by_a_look_at_all(
+            nodes in prop::collection::vec((0..5i32, [0..16i32, 0..16, 0..16], 0..9i32), 1..60),
+            low in [0.0..90.0f64, 0.0..90.0, 0.0..90.0],
+            side in 0.1..60.0f64,
+            paged in 1..20usize,
+        ) {
+            let bounds = Bounds { min: low, max: low.map(|low| low + side) };
+            let meets = |of: &Bounds| (0..3).all(|a| of.min[a] <= bounds.max[a] && of.max[a] >= bounds.min[a]);
+            let nodes: Vec<_> = nodes.into_iter().map(|(level, at, points)| (level, at.map(|place| place % (1 << level)), points)).collect();
+            // Pages, each but the last with the next one as its last entry.
+            let (mut file, mut root) = (vec![0; 1000], 0..0);
+            for (number, of_page) in nodes.chunks(paged).enumerate().rev() {
+                let mut page = Vec::new();
+                for (within, (level, at, points)) in of_page.iter().enumerate() {
+                    page.extend(entry(*level, *at, (number * paged + within) as u64, 40, *points));
+                }
+                if !root.is_empty() {
+                    page.extend(entry(0, [0; 3], root.start, (root.end - root.start) as i32, -1));
+                }
+                root = file.len() as u64..(file.len() + page.len()) as u64;
+                file.extend(page);
+            }
+            let cubes = Cubes { center: [50.0; 3], half: 50.0, root };
+            let mut read = |range: Range<u64>| Ok(file[range.start as usize..range.end as usize].to_vec());
+            let found: Vec<u64> = hierarchy(&cubes, &meets, &mut read).unwrap().unwrap().into_keys().collect();
+            let apart = |(_, (level, at, points)): &(usize, &(i32, [i32; 3], i32))| {
+                let side = 100.0 / f64::from(1 << level);
+                *points > 0 && (0..3).any(|a| f64::from(at[a]) * side > bounds.max[a] + side * 1e-6 || f64::from(at[a] + 1) * side < bounds.min[a] - side * 1e-6)
+            };
+            let expected: Vec<u64> = nodes.iter().enumerate().filter(apart).map(|(number, _)| number as u64).collect();
+            prop_assert_eq!(found, expected);
+        }
+
+        /// Whatever a hierarchy holds, looking at it ends.
+        #[test]
+        fn no_hierarchy_makes_it_panic_or_go_on_for_ever(bytes in prop::collection::vec(any::<u8>(), 64..640), loops: bool) {
+            let mut file = bytes;
+            file.truncate(file.len() / ENTRY * ENTRY);
+            if loops {
+                file[..ENTRY].copy_from_slice(&entry(0, [0; 3], 0, 32, -1));
+            }
+            let cubes = Cubes { center: [0.0; 3], half: 1.0, root: 0..file.len() as u64 };
+            let mut read = |range: Range<u64>| {
+                file.get(range.start as usize..range.end as usize).map(<[u8]>::to_vec).ok_or_else(|| crate::Error::Usage("none".into()))
+            };
+            let found = hierarchy(&cubes, &|_| false, &mut read);
+            prop_assert!(!loops || !matches!(found, Ok(Some(_))));
+        }
+
+        /// Nor a file of which this is the beginning.
+        #[test]
+        fn no_header_makes_it_panic(bytes in prop::collection::vec(any::<u8>(), 600), length in 131_072u64..1 << 40) {
+            let mut head = [b"LASF".as_slice(), &bytes].concat();
+            head[94..96].copy_from_slice(&375u16.to_le_bytes());
+            drop((layout(&head, length), box_of(&head)));
+        }
+    }
+}

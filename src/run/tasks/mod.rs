@@ -352,6 +352,14 @@ impl Tasks {
         self.work.path()
     }
 
+    /// The report of the run, once the mesh is finished.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn report(&self) -> Result<Option<Value>> {
+        Ok(self.work.manifest(&self.phase(Task::Finish))?.map(|manifest| manifest.rest))
+    }
+
     /// Whether the folder lies in an object store, where nothing can be claimed.
     pub fn is_remote(&self) -> bool {
         self.work.is_remote()

@@ -9,7 +9,8 @@ use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, mpsc};
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use futures_util::StreamExt;
 use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
@@ -35,8 +36,9 @@ const TRIES: usize = 20;
 /// How long a request may take, as the client reads it: the largest has 8 MiB.
 const TIMEOUT: &str = "60 seconds";
 
-/// How often an object is created whose creation was not answered.
-const CREATIONS: u32 = 5;
+/// How often is begun anew what no answer came to, or half of one, beside what the client does by itself; and the pause before the first time.
+const ANEW: u32 = 6;
+const PAUSE: Duration = Duration::from_millis(200);
 
 /// A bucket.
 #[derive(Debug)]
@@ -82,6 +84,27 @@ fn wait<T: Send + 'static>(
     hear.recv().unwrap_or_else(|_| Err(failed("the request was given up".into())))
 }
 
+/// Does again what failed for no reason that stays, for as long as there is patience. It has to be the same how often it is done.
+pub(super) fn again<T>(mut work: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    let start = Instant::now();
+    let mut tries = 0;
+    loop {
+        match work() {
+            Err(error) if passes(&error) && tries < ANEW && start.elapsed() < PATIENCE => {
+                thread::sleep(PAUSE * 2u32.pow(tries));
+                tries += 1;
+            }
+            done => return done,
+        }
+    }
+}
+
+/// Whether an error is none that the store means.
+fn passes(error: &io::Error) -> bool {
+    let is_changed = error.get_ref().is_some_and(|inner| inner.is::<Changed>());
+    matches!(error.kind(), io::ErrorKind::Other | io::ErrorKind::UnexpectedEof) && !is_changed
+}
+
 /// Bytes of buffers that are taken.
 static TAKEN: Mutex<u64> = Mutex::new(0);
 static GIVEN_BACK: Condvar = Condvar::new();
@@ -115,7 +138,7 @@ fn buckets() -> MutexGuard<'static, BTreeMap<String, Arc<Bucket>>> {
 }
 
 /// For tests: a store by an address of the scheme `memory`, from now on.
-#[cfg(any(test, feature = "internals"))]
+#[cfg(test)]
 pub fn in_memory(root: &str, store: Arc<dyn ObjectStore>) {
     let bucket = Bucket { store, root: root.to_owned(), encoded: false };
     buckets().insert(root.to_owned(), Arc::new(bucket));
@@ -216,9 +239,11 @@ impl Place {
     /// # Errors
     /// `NotFound`, and what the store says.
     pub fn look(&self) -> io::Result<Meta> {
-        let (bucket, key) = (Arc::clone(&self.bucket), self.key.clone());
-        let meta = wait(async move { bucket.store.head(&key).await }).map_err(|error| told(&error))?;
-        Ok(meta_of(&meta))
+        again(|| {
+            let (bucket, key) = (Arc::clone(&self.bucket), self.key.clone());
+            let meta = wait(async move { bucket.store.head(&key).await }).map_err(|error| told(&error))?;
+            Ok(meta_of(&meta))
+        })
     }
 
     /// The objects below it, as below a folder, by their names: those in it, or, if it is to be `deep`, those in folders in it, too.
@@ -226,6 +251,10 @@ impl Place {
     /// # Errors
     /// What the store says.
     pub fn below(&self, deep: bool) -> io::Result<Vec<(PathBuf, Meta)>> {
+        again(|| self.listed(deep))
+    }
+
+    fn listed(&self, deep: bool) -> io::Result<Vec<(PathBuf, Meta)>> {
         let (bucket, key) = (Arc::clone(&self.bucket), self.key.clone());
         let listed = async move {
             let prefix = Some(&key).filter(|key| !key.as_ref().is_empty());
@@ -250,6 +279,10 @@ impl Place {
     /// # Errors
     /// [`Changed`] if it is not; `UnexpectedEof`, and what the store says.
     pub fn read(&self, range: Range<u64>, expected: Option<&Meta>) -> io::Result<Vec<u8>> {
+        again(|| self.read_once(range.clone(), expected))
+    }
+
+    fn read_once(&self, range: Range<u64>, expected: Option<&Meta>) -> io::Result<Vec<u8>> {
         let asked = range.end - range.start;
         if asked == 0 {
             return Ok(Vec::new());
@@ -278,6 +311,10 @@ impl Place {
     /// # Errors
     /// `NotFound`, `FileTooLarge`, and what the store says.
     pub fn whole(&self, most: u64) -> io::Result<Vec<u8>> {
+        again(|| self.whole_once(most))
+    }
+
+    fn whole_once(&self, most: u64) -> io::Result<Vec<u8>> {
         let (meta, bytes) = self.got(GetOptions::default(), most + 1).map_err(|error| told(&error))?;
         match (bytes.len() as u64 > most, bytes.len() as u64 == meta.bytes) {
             (true, _) => Err(io::ErrorKind::FileTooLarge.into()),
@@ -310,35 +347,26 @@ impl Place {
     /// # Errors
     /// `AlreadyExists` if another is there, and is not to be replaced; what the store says.
     pub fn put(&self, bytes: &[u8], put: Put) -> io::Result<()> {
-        let bytes: Arc<[u8]> = bytes.into();
-        let mut tries = 0;
-        loop {
+        again(|| {
             let (bucket, key, payload) = (Arc::clone(&self.bucket), self.key.clone(), PutPayload::from(bytes.to_vec()));
             let mode = match put {
                 Put::Create => PutMode::Create,
                 Put::Replace => PutMode::Overwrite,
             };
             let made = wait(async move { bucket.store.put_opts(&key, payload, mode.into()).await });
-            let error = match made {
-                Ok(_) => return Ok(()),
-                Err(error) if put == Put::Replace => return Err(told(&error)),
-                Err(error) => told(&error),
-            };
-            // It may have been made by a request whose answer was lost; then what is there is this.
-            let unanswered = error.kind() == io::ErrorKind::Other;
-            if !unanswered && error.kind() != io::ErrorKind::AlreadyExists {
-                return Err(error);
-            }
-            match self.whole(bytes.len() as u64) {
-                Ok(there) if there == *bytes => return Ok(()),
-                Ok(_) => return Err(io::ErrorKind::AlreadyExists.into()),
-                Err(other) if other.kind() == io::ErrorKind::FileTooLarge => {
-                    return Err(io::ErrorKind::AlreadyExists.into());
+            match made.map_err(|error| told(&error)) {
+                // It may have been made by a request whose answer was lost: then what is there is this.
+                Err(error) if put == Put::Create && error.kind() == io::ErrorKind::AlreadyExists => {
+                    match self.whole(bytes.len() as u64) {
+                        Ok(there) if there == bytes => Ok(()),
+                        Ok(_) => Err(error),
+                        Err(larger) if larger.kind() == io::ErrorKind::FileTooLarge => Err(error),
+                        Err(other) => Err(other),
+                    }
                 }
-                Err(other) if other.kind() == io::ErrorKind::NotFound && tries < CREATIONS => tries += 1,
-                Err(_) => return Err(error),
+                made => made.map(drop),
             }
-        }
+        })
     }
 
     /// Removes the object.
@@ -346,8 +374,10 @@ impl Place {
     /// # Errors
     /// What the store says; some say nothing if there is none.
     pub fn remove(&self) -> io::Result<()> {
-        let (bucket, key) = (Arc::clone(&self.bucket), self.key.clone());
-        wait(async move { bucket.store.delete(&key).await }).map_err(|error| told(&error))
+        again(|| {
+            let (bucket, key) = (Arc::clone(&self.bucket), self.key.clone());
+            wait(async move { bucket.store.delete(&key).await }).map_err(|error| told(&error))
+        })
     }
 
     /// A multipart upload, or what was said against it.

@@ -8,6 +8,17 @@ use object_store::Error;
 /// The most letters of an answer that are told.
 const MOST: usize = 300;
 
+/// What stores say where no bucket is, and to whom they do not know.
+const MISSING: [&str; 2] = ["NoSuchBucket", "ContainerNotFound"];
+const DENIED: [&str; 6] = [
+    "AccessDenied",
+    "InvalidAccessKeyId",
+    "SignatureDoesNotMatch",
+    "ExpiredToken",
+    "InvalidToken",
+    "AuthenticationFailed",
+];
+
 /// An error of a store as one of the system.
 pub fn told(error: &Error) -> io::Error {
     let kind = match error {
@@ -20,7 +31,15 @@ pub fn told(error: &Error) -> io::Error {
         Error::NotSupported { .. } | Error::NotImplemented { .. } => io::ErrorKind::Unsupported,
         _ => io::ErrorKind::Other,
     };
-    io::Error::new(kind, words(error))
+    let words = words(error);
+    // Not all requests tell these apart from failures.
+    let says = |codes: &[&str]| kind == io::ErrorKind::Other && codes.iter().any(|code| words.starts_with(code));
+    let kind = match () {
+        () if says(&MISSING) => io::ErrorKind::NotFound,
+        () if says(&DENIED) => io::ErrorKind::PermissionDenied,
+        () => kind,
+    };
+    io::Error::new(kind, words)
 }
 
 /// What is said of an error by whoever knows most of it, on one line.

@@ -13,6 +13,8 @@ mod client;
 mod errors;
 #[cfg(feature = "object-store")]
 pub mod store;
+#[cfg(all(test, feature = "object-store"))]
+mod tests;
 #[cfg(feature = "object-store")]
 mod upload;
 
@@ -39,8 +41,7 @@ const SCHEMES: [&str; 10] = ["s3", "s3a", "gs", "az", "adl", "azure", "abfs", "a
 /// Whether a path is an address in an object store.
 pub fn is_remote(path: &Path) -> bool {
     let scheme = path.to_str().and_then(|text| text.split_once("://")).map(|(scheme, _)| scheme);
-    scheme
-        .is_some_and(|scheme| SCHEMES.contains(&scheme) || cfg!(any(test, feature = "internals")) && scheme == "memory")
+    scheme.is_some_and(|scheme| SCHEMES.contains(&scheme) || cfg!(test) && scheme == "memory")
 }
 
 /// The folder for files that lie on this machine on behalf of objects, unless another is named: `TMPDIR`, or else the system's.
