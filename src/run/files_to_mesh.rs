@@ -139,18 +139,20 @@ fn refuse_remote_work(folder: &Path) -> Result<()> {
 /// Of what a run writes, the mesh alone can go to an object store, if it is one file; and its report.
 fn refuse_remote(job: &Job, output: &Path) -> Result<()> {
     let is_folder = job.tile.is_some() || job.batch || is_named(output);
-    let mut others = vec![("dtm", job.dtm.as_deref()), ("dsm", job.dsm.as_deref())];
-    others.push(("write_classes", job.write_classes.as_deref()));
-    #[cfg(feature = "render")]
-    {
-        others.extend([("html", job.html.as_deref())]);
-    }
+    let of_all = [
+        ("dtm", job.dtm.as_deref()),
+        ("dsm", job.dsm.as_deref()),
+        ("write_classes", job.write_classes.as_deref()),
+        ("output", Some(output).filter(|_| is_folder)),
+    ];
     #[cfg(feature = "render")]
     let picture = job.preview.path(output);
     #[cfg(feature = "render")]
-    others.push(("preview", picture.as_deref()));
-    others.push(("output", Some(output).filter(|_| is_folder)));
-    match others.into_iter().find_map(|(setting, path)| Some((setting, path.filter(|path| is_remote(path))?))) {
+    let drawn = [("html", job.html.as_deref()), ("preview", picture.as_deref())];
+    #[cfg(not(feature = "render"))]
+    let drawn: [(&str, Option<&Path>); 0] = [];
+    let mut others = of_all.into_iter().chain(drawn);
+    match others.find_map(|(setting, path)| Some((setting, path.filter(|path| is_remote(path))?))) {
         None => Ok(()),
         Some((setting, path)) => Err(Error::setting(
             setting,

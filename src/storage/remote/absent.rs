@@ -73,3 +73,23 @@ impl Place {
         match self.0 {}
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::storage::remote::{is_remote, look};
+
+    #[test]
+    fn an_address_names_the_feature() {
+        for address in ["s3://bucket/a.laz", "gs://bucket/tiles/*.laz", "https://host/a.laz"] {
+            let path = Path::new(address);
+            assert!(is_remote(path));
+            let error = look(path).unwrap_err();
+            assert!(
+                matches!(&error, Error::Usage(words) if words.contains(address) && words.contains("`object-store`")),
+                "{error}"
+            );
+        }
+        assert!(!is_remote(Path::new("s3:/bucket")) && !is_remote(Path::new("/data/s3://x")));
+    }
+}

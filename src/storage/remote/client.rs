@@ -1,6 +1,6 @@
 //! Requests to object stores, each waited for: nothing else of the program knows of futures.
 //!
-//! A thread of its own drives all requests. What fails and may pass (5xx, 429, lost connections, no answer in time) is tried again for three minutes at the most, with pauses that grow.
+//! A thread of its own drives all requests. What fails and may pass (5xx, 429, lost connections, no answer in time) is tried again for some three minutes at the most, with pauses that grow.
 //! Nothing that an answer claims is believed: what is read has the length that was asked for, and no more is held.
 
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ use super::{BUFFERS, Changed, Meta, Put};
 use crate::error::{Error, Result};
 
 /// How long is tried again what fails, and how often.
-const PATIENCE: Duration = Duration::from_secs(170);
+const PATIENCE: Duration = Duration::from_secs(120);
 const TRIES: usize = 20;
 
 /// How long a request may take, as the client reads it: the largest has 8 MiB.
@@ -90,7 +90,7 @@ pub(super) fn again<T>(mut work: impl FnMut() -> io::Result<T>) -> io::Result<T>
     let mut tries = 0;
     loop {
         match work() {
-            Err(error) if passes(&error) && tries < ANEW && start.elapsed() < PATIENCE => {
+            Err(error) if passes(&error) && tries < ANEW && start.elapsed() < PATIENCE / 2 => {
                 thread::sleep(PAUSE * 2u32.pow(tries));
                 tries += 1;
             }
