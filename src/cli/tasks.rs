@@ -204,7 +204,7 @@ fn tell(report: &Report, plan: &PlanArguments, base: &Path, progress: &mut Progr
         report.warnings.iter().for_each(|warning| progress.warn(warning));
         progress.summarise(&report.output);
     }
-    let path = plan.run.report.as_ref().map(|path| based_at(&base, path));
+    let path = plan.run.report.as_ref().map(|path| based_at(base, path));
     match json_file(path.as_deref())? {
         Some(file) => write_json(file, report),
         None => Ok(()),

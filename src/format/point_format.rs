@@ -75,3 +75,13 @@ pub(crate) trait Decode: Send + Sync {
         None
     }
 }
+
+/// So many points that do not count.
+pub(crate) struct Uncounted(pub u64);
+
+impl Decode for Uncounted {
+    fn decode(&self, batch: &mut Batch) -> Result<()> {
+        batch.filtered += self.0;
+        Ok(())
+    }
+}

@@ -19,13 +19,13 @@ pub fn fetched(path: &Path, options: &InputOptions, unpacking: &mut Unpacking) -
     let sparse = unpacking.sparse(meta.bytes)?;
     let content = sparse.content(path);
     let Some(bounds) = options.filter.bounds.filter(|_| options.skip_bytes.is_none()) else {
-        unpacking.fetch(&sparse, &[0..meta.bytes], &read)?;
+        unpacking.fetch(&sparse, std::slice::from_ref(&(0..meta.bytes)), &read)?;
         return Ok(content);
     };
-    let mut fetch = |range| unpacking.fetch(&sparse, &[range], &read).map(drop);
+    let mut fetch = |range| unpacking.fetch(&sparse, std::slice::from_ref(&range), &read).map(drop);
     match partial::choose(&content, &bounds, &mut fetch)? {
         Choice::Whole { there } => {
-            unpacking.fetch(&sparse, &[there..meta.bytes], &read)?;
+            unpacking.fetch(&sparse, std::slice::from_ref(&(there..meta.bytes)), &read)?;
             Ok(content)
         }
         Choice::Part { absent, wanted } => {

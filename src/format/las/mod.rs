@@ -29,7 +29,7 @@ use crate::error::{Error, Result};
 use crate::format::laz::{self, pieces};
 use crate::format::options::InputOptions;
 use crate::format::point_format::records_of_a_block;
-use crate::format::point_format::{BlockCutter, Decode, PointFormat, Source};
+use crate::format::point_format::{BlockCutter, Decode, PointFormat, Source, Uncounted};
 use crate::points::attribute::{Attribute, Schema, Wanted};
 use crate::points::filter::Sieve;
 use crate::points::{Batch, Precision};
@@ -201,16 +201,6 @@ impl<'a> BlockCutter<'a> for Nowhere {
     fn next(&mut self) -> Result<Option<Box<dyn Decode + 'a>>> {
         let points = std::mem::take(&mut self.left);
         Ok((points > 0).then(|| Box::new(Uncounted(points)) as Box<dyn Decode + 'a>))
-    }
-}
-
-/// So many points that do not count.
-pub(in crate::format) struct Uncounted(pub u64);
-
-impl Decode for Uncounted {
-    fn decode(&self, batch: &mut Batch) -> Result<()> {
-        batch.filtered += self.0;
-        Ok(())
     }
 }
 

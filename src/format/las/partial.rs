@@ -217,7 +217,8 @@ fn cubes(head: &[u8], length: u64) -> Option<Cubes> {
 /// A page of the hierarchy, if it can be one.
 fn page(at: u64, bytes: u64, length: u64) -> Option<Range<u64>> {
     let end = at.checked_add(bytes)?;
-    (bytes > 0 && end <= length && bytes % ENTRY as u64 == 0 && bytes <= (ENTRIES * ENTRY) as u64).then_some(at..end)
+    (bytes > 0 && end <= length && bytes.is_multiple_of(ENTRY as u64) && bytes <= (ENTRIES * ENTRY) as u64)
+        .then_some(at..end)
 }
 
 /// The chunks whose cubes do not meet a box, by where they begin, with their bytes and points; None if the hierarchy is not as it should be.
@@ -350,7 +351,7 @@ mod tests {
         fn no_header_makes_it_panic(bytes in prop::collection::vec(any::<u8>(), 600), length in 131_072u64..1 << 40) {
             let mut head = [b"LASF".as_slice(), &bytes].concat();
             head[94..96].copy_from_slice(&375u16.to_le_bytes());
-            drop((layout(&head, length), box_of(&head)));
+            let _ = (layout(&head, length), box_of(&head));
         }
     }
 }

@@ -94,7 +94,8 @@ impl Unpacking<'_> {
                     };
                     // The first that failed says why.
                     if told.is_err() && outcome.is_ok() {
-                        (outcome, _) = (told, stopped.store(true, Ordering::Relaxed));
+                        stopped.store(true, Ordering::Relaxed);
+                        outcome = told;
                     }
                 }
             })

@@ -25,6 +25,11 @@ impl Place {
         Err(Error::Usage(format!("{}: {message}", path.display())))
     }
 
+    /// Its address.
+    pub fn path(&self) -> PathBuf {
+        match self.0 {}
+    }
+
     /// What is there.
     ///
     /// # Errors

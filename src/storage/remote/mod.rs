@@ -60,6 +60,7 @@ pub struct Meta {
     pub tag: Option<String>,
 }
 
+#[cfg(feature = "object-store")]
 impl Meta {
     /// Whether both are of one state of an object. Requests tell times more or less exactly, so tags count where both have them.
     pub fn is_of_same(&self, other: &Meta) -> bool {
