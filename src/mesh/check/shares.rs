@@ -21,7 +21,7 @@ use crate::error::Result;
 use crate::mesh::measure::Sums;
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::resources::workers::{Spares, Workers};
-use crate::storage::spool::Workspace;
+use crate::storage::spool::{Extent, Spool, Workspace};
 
 /// One of so many shares of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,6 +37,9 @@ impl Share {
         end(self.number)..end(self.number + 1)
     }
 }
+
+/// Pairs that are read at a time.
+const TOGETHER: usize = 1 << 14;
 
 /// What a share's triangles have shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,8 +59,8 @@ pub(crate) struct Looked {
     /// Bits, as a box of nothing is infinite.
     bounds: [[u64; 3]; 2],
     sets: u64,
-    boundary: Vec<[u32; 2]>,
-    joins: Vec<[u32; 2]>,
+    /// Where pairs of vertices lie, in a file each: those that hang together, and edges of one triangle.
+    pub pairs: [Extent; 2],
 }
 
 /// What a check takes: memory, workers, a folder.
@@ -94,7 +97,8 @@ pub(crate) fn measure(
     Ok(Measured { spans: survey.blocks.all().to_vec(), degenerate: survey.degenerate, sums })
 }
 
-/// Looks at a share's vertices. `progress` is told the vertices that are looked at.
+/// Looks at a share's vertices. Pairs of vertices, which may be many, are appended to `out`: those that hang together, and edges of one triangle. `progress` is told the vertices
+/// that are looked at.
 ///
 /// # Errors
 /// The same as [`super::check`].
@@ -103,6 +107,7 @@ pub(crate) fn look(
     share: Share,
     measured: &[Measured],
     means: Means<'_>,
+    out: &mut [Spool; 2],
     progress: &mut dyn FnMut(u64),
 ) -> Result<Looked> {
     let (check, scratch) = (means.check(mesh), Spares::default());
@@ -113,33 +118,45 @@ pub(crate) fn look(
     let (vertices, ranges) = (within.end - within.start, check.ranges(&blocks, within.end - within.start) as u64);
     check.vertices(&blocks, within, &scratch, |found| {
         all.add(&found);
-        all.joins.extend(found.joins);
-        all.boundary.extend(found.boundary);
+        for (out, pairs) in out.iter_mut().zip([&found.joins, &found.boundary]) {
+            out.append(bytemuck::cast_slice(pairs))?;
+        }
         done += 1;
         progress(vertices * done / ranges);
         Ok(())
     })?;
-    let Found { tally, nonfinite, bounds: Bounds(low, high), sets, boundary, joins, .. } = all;
+    let Found { tally, nonfinite, bounds: Bounds(low, high), sets, .. } = all;
     let bounds = [low, high].map(|corner| corner.to_array().map(f64::to_bits));
-    Ok(Looked { tally, nonfinite, bounds, sets, boundary, joins })
+    let [joins, boundary] = out;
+    Ok(Looked { tally, nonfinite, bounds, sets, pairs: [joins.extent(), boundary.extent()] })
 }
 
-/// What all shares have shown together, which is what [`super::check`] finds.
+/// What all shares have shown together, which is what [`super::check`] finds; with each share's files.
 ///
 /// # Errors
 /// The same as [`super::check`]; those of reading what shares have shown.
 pub(crate) fn conclude(
     mesh: &dyn MeshSource,
     measured: &[Measured],
-    looked: impl Iterator<Item = Result<Looked>>,
+    looked: impl Iterator<Item = Result<(Looked, [Spool; 2])>>,
     means: Means<'_>,
 ) -> Result<CheckReport> {
     let check = means.check(mesh);
     let found = check.together(|hand| {
         for looked in looked {
-            let Looked { tally, nonfinite, bounds, sets, boundary, joins } = looked?;
+            let (Looked { tally, nonfinite, bounds, sets, pairs }, files) = looked?;
             let [low, high] = bounds.map(|corner| DVec3::from_array(corner.map(f64::from_bits)));
-            hand(Found { tally, nonfinite, bounds: Bounds(low, high), sets, loops: 0, boundary, joins })?;
+            let found = Found::nothing();
+            hand(Found { tally, nonfinite, bounds: Bounds(low, high), sets, ..found })?;
+            for (kind, (file, Extent { from, to, .. })) in files.iter().zip(pairs).enumerate() {
+                for first in (from..to).step_by(TOGETHER * size_of::<[u32; 2]>()) {
+                    let count = ((to - first) as usize / size_of::<[u32; 2]>()).min(TOGETHER);
+                    let mut some = vec![[0; 2]; count];
+                    file.read_at(first, bytemuck::cast_slice_mut(&mut some))?;
+                    let found = Found::nothing();
+                    hand(if kind == 0 { Found { joins: some, ..found } } else { Found { boundary: some, ..found } })?;
+                }
+            }
         }
         Ok(())
     })?;

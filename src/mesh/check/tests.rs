@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::mesh::measure::GROUP;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Precision;
+use crate::storage::work::store::{Folder, NamedFile, Store};
 
 type Faces = Vec<[u32; 3]>;
 
@@ -50,8 +51,18 @@ fn report(positions: &[[f64; 3]], faces: &[[u32; 3]]) -> CheckReport {
         let share = |number| shares::Share { number, of };
         let measure = |number| shares::measure(&mesh, share(number), means(number), &mut |_| ()).unwrap();
         let measured: Vec<shares::Measured> = (0..of).map(measure).map(through_text).collect();
-        let look = |number| shares::look(&mesh, share(number), &measured, means(number + 1), &mut |_| ());
-        let looked = (0..of).map(|number| look(number).map(through_text));
+        let looked = (0..of).map(|number| {
+            // Files of a folder that tasks share, read again by their names.
+            let store = Folder::open(dir.path(), &[]).unwrap();
+            let named = ["joins", "boundary"].map(|what| {
+                let name = format!("{what}-{number}-{of}");
+                NamedFile { file: store.create(&name).unwrap(), name: name.into() }
+            });
+            let mut out = named.clone().map(|file| workspace.spool_in(file, 0));
+            let looked = shares::look(&mesh, share(number), &measured, means(number + 1), &mut out, &mut |_| ())?;
+            let files = [0, 1].map(|kind| workspace.spool_in(named[kind].clone(), looked.pairs[kind].to));
+            Ok((through_text(looked), files))
+        });
         reports.push(shares::conclude(&mesh, &measured, looked, means(of)).unwrap());
     }
     for other in &reports[1..] {

@@ -12,7 +12,7 @@ use crate::grid::bucket::Compared;
 use crate::grid::context::Context;
 use crate::input::Cloud;
 use crate::mesh::check::CheckReport;
-use crate::mesh::check::shares::{self, Measured, Share};
+use crate::mesh::check::shares::{self, Looked, Measured, Share};
 use crate::mesh::spool::MeshSpool;
 use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
@@ -28,6 +28,7 @@ use crate::stitch::Stitched;
 use crate::stitch::apart::{Link, Of, chain};
 use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
+use crate::storage::work::store::NamedFile;
 
 impl Premade for Tasks {
     fn folder(&self) -> &Arc<WorkFolder> {
@@ -81,7 +82,13 @@ impl Premade for Tasks {
             return Ok(None);
         }
         let measured = self.measured(Task::Finish)?;
-        let looked = self.shares().map(|number| self.shown(Task::Finish, Task::Check(number)));
+        let looked = self.shares().map(|number| {
+            let needed = Task::Check(number);
+            let looked: Looked = self.shown(Task::Finish, needed)?;
+            let file = |kind: usize| self.spool_of((needed, kind), &[looked.pairs[kind]], (workers, workspace));
+            let files = [file(0)?, file(1)?];
+            Ok((looked, files))
+        });
         shares::conclude(mesh, &measured, looked, means(workers, workspace, budget)).map(Some)
     }
 }
@@ -131,7 +138,15 @@ impl Tasks {
         // Whoever finishes compares all of the mesh with its checksums, and has what was found in a damaged one looked for again.
         let mesh = self.stitched::<T>(task, Compared::AsRead, context)?.mesh;
         progress.begin(Phase::Check, None);
-        let rest = match self.looked(task, &mesh, context, progress) {
+        let phase = self.phase(task);
+        let named = match task {
+            Task::Check(_) => ["joins", "boundary"]
+                .map(|what| self.work.create(&format!("{what}-{phase}")))
+                .into_iter()
+                .collect::<Result<_>>()?,
+            _ => Vec::new(),
+        };
+        let rest = match self.looked(task, (&mesh, &named), context, progress) {
             Err(error @ Error::CheckFailed(_)) => {
                 self.stitched::<T>(task, Compared::Now, context)?;
                 return Err(error);
@@ -139,10 +154,16 @@ impl Tasks {
             looked => looked?,
         };
         progress.end();
-        self.work.commit(&self.phase(task), Vec::new(), rest)
+        self.work.commit(&phase, named, rest)
     }
 
-    fn looked(&self, task: Task, mesh: &MeshSpool, context: &Context, progress: &mut Progress) -> Result<Value> {
+    fn looked(
+        &self,
+        task: Task,
+        (mesh, named): (&MeshSpool, &[NamedFile]),
+        context: &Context,
+        progress: &mut Progress,
+    ) -> Result<Value> {
         let means = means(&context.workers, &context.workspace, context.memory.working);
         let of = self.shares().len();
         let told = &mut |done| progress.set(done);
@@ -150,7 +171,9 @@ impl Tasks {
             Task::Measure(number) => serde_json::to_value(shares::measure(mesh, Share { number, of }, means, told)?),
             Task::Check(number) => {
                 let measured = self.measured(task)?;
-                serde_json::to_value(shares::look(mesh, Share { number, of }, &measured, means, told)?)
+                let [joins, boundary] = named else { return Err(Error::Internal("two files of pairs".into())) };
+                let mut out = [joins, boundary].map(|file| context.workspace.spool_in(file.clone(), 0));
+                serde_json::to_value(shares::look(mesh, Share { number, of }, &measured, means, &mut out, told)?)
             }
             task => return Err(Error::Internal(format!("{task} is no task of the check"))),
         };

@@ -178,7 +178,7 @@ impl Tasks {
     /// What a task has left.
     fn left(&self, task: Task, needed: Task, context: &Context) -> Result<(Left, Spool)> {
         let left: Left = self.shown(task, needed)?;
-        let spool = self.spool_of(needed, &[left.extent], (&context.workers, &context.workspace))?;
+        let spool = self.spool_of((needed, 0), &[left.extent], (&context.workers, &context.workspace))?;
         Ok((left, spool))
     }
 
@@ -186,19 +186,19 @@ impl Tasks {
     fn dealt(&self, task: Task, needed: Task, rows: &Range<usize>, context: &Context) -> Result<(Vec<Extent>, Spool)> {
         let Dealt { rows: extents } = self.shown(task, needed)?;
         let needed_rows = extents.get(rows.clone()).unwrap_or_default();
-        let spool = self.spool_of(needed, needed_rows, (&context.workers, &context.workspace))?;
+        let spool = self.spool_of((needed, 0), needed_rows, (&context.workers, &context.workspace))?;
         Ok((extents, spool))
     }
 
-    /// The file of a task of which stretches are read, once these are found to be what was written.
-    fn spool_of(
+    /// A task's file of that number of which stretches are read, once these are found to be what was written.
+    pub(super) fn spool_of(
         &self,
-        needed: Task,
+        (needed, number): (Task, usize),
         extents: &[Extent],
         (workers, workspace): (&Workers, &Workspace),
     ) -> Result<Spool> {
         let phase = self.phase(needed);
-        let name = self.work.manifest(&phase)?.and_then(|manifest| manifest.files.first().cloned());
+        let name = self.work.manifest(&phase)?.and_then(|manifest| manifest.files.get(number).cloned());
         let name = name.ok_or_else(|| self.missing(Task::Finish, needed))?;
         let file = self.work.open_file(&name)?;
         for extent in extents {
@@ -230,7 +230,7 @@ impl Tasks {
         let mut left = Vec::new();
         for needed in self.simplifies(pass, &planes) {
             let saved: Left = self.shown(Task::Finish, needed)?;
-            left.push((saved, self.spool_of(needed, &[saved.extent], (workers, workspace))?));
+            left.push((saved, self.spool_of((needed, 0), &[saved.extent], (workers, workspace))?));
         }
         let options = self.options(mesh)?;
         let given = Given { mesh, options: &options, budget, workers, workspace };
