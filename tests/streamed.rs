@@ -485,7 +485,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, max_global_rejects: 100_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 72, max_global_rejects: 100_000, ..ProptestConfig::default() })]
 
     #[test]
     fn the_stream_gives_the_twins_mesh(cloud in twin::clouds::cloud(), settings in settings()) {
@@ -552,7 +552,7 @@ fn far_apart() -> impl Strategy<Value = Vec<[f64; 3]>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 18, ..ProptestConfig::default() })]
 
     // The field itself has twins in the crate.
     #[test]

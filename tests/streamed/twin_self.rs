@@ -192,7 +192,7 @@ fn context(cloud: &Cloud, params: &Params) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 192, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 144, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn every_cloud_gives_a_sound_mesh(cloud in cloud(), setting in setting()) {

@@ -155,11 +155,12 @@ enum Tail {
     Table,
 }
 
-/// The cube of a COPC file, and where its root page lies.
+/// The cube of a COPC file, where its root page lies, and the file's length.
 struct Cubes {
     center: [f64; 3],
     half: f64,
     root: Range<u64>,
+    length: u64,
 }
 
 fn triple(head: &[u8], at: usize, step: usize) -> [f64; 3] {
@@ -211,7 +212,7 @@ fn cubes(head: &[u8], length: u64) -> Option<Cubes> {
     let (center, half) = (triple(content, 0, 8), LE::read_f64(&content[24..]));
     let root = page(LE::read_u64(&content[40..]), LE::read_u64(&content[48..]), length)?;
     let is_sound = half.is_finite() && half > 0.0 && center.iter().all(|place| place.is_finite());
-    is_sound.then_some(Cubes { center, half, root })
+    is_sound.then_some(Cubes { center, half, root, length })
 }
 
 /// A page of the hierarchy, if it can be one.
@@ -246,7 +247,7 @@ fn hierarchy(
                 let (at, length, points) = (LE::read_u64(&entry[16..]), number(24), number(28));
                 let (Ok(length), level) = (u64::try_from(length), number(0)) else { return Ok(None) };
                 match points {
-                    -1 => match page(at, length, u64::MAX) {
+                    -1 => match page(at, length, cubes.length) {
                         Some(next) => waiting.push(next),
                         None => return Ok(None),
                     },
@@ -319,7 +320,7 @@ mod tests {
                 root = file.len() as u64..(file.len() + page.len()) as u64;
                 file.extend(page);
             }
-            let cubes = Cubes { center: [50.0; 3], half: 50.0, root };
+            let cubes = Cubes { center: [50.0; 3], half: 50.0, root, length: file.len() as u64 };
             let mut read = |range: Range<u64>| Ok(file[range.start as usize..range.end as usize].to_vec());
             let found: Vec<u64> = hierarchy(&cubes, &meets, &mut read).unwrap().unwrap().into_keys().collect();
             let apart = |(_, (level, at, points)): &(usize, &(i32, [i32; 3], i32))| {
@@ -338,12 +339,14 @@ mod tests {
             if loops {
                 file[..ENTRY].copy_from_slice(&entry(0, [0; 3], 0, 32, -1));
             }
-            let cubes = Cubes { center: [0.0; 3], half: 1.0, root: 0..file.len() as u64 };
+            let length = file.len() as u64;
+            let cubes = Cubes { center: [0.0; 3], half: 1.0, root: 0..length, length };
             let mut read = |range: Range<u64>| {
-                file.get(range.start as usize..range.end as usize).map(<[u8]>::to_vec).ok_or_else(|| crate::Error::Usage("none".into()))
+                // Nothing is asked for that is not there.
+                Ok(file[range.start as usize..range.end as usize].to_vec())
             };
-            let found = hierarchy(&cubes, &|_| false, &mut read);
-            prop_assert!(!loops || !matches!(found, Ok(Some(_))));
+            let found = hierarchy(&cubes, &|_| false, &mut read).unwrap();
+            prop_assert!(!loops || found.is_none());
         }
 
         /// Nor a file of which this is the beginning.
