@@ -281,6 +281,15 @@ fn of_a_changed_input_what_it_touches_is_made_again() {
         let (first, made) = tiles.updated();
         assert_eq!(first, ["bucket/2".to_owned()].into(), "{name}");
         assert!(made > 0 && made < all, "{name}: {made} of {all} pieces for a tile of {TILES}");
+        // Two points that are near each other have each other's: the same numbers, but for whose they are.
+        let [a, b] = [4, 5].map(|number| tiles.all[4 * tiles.all.len() / TILES + number]);
+        assert!(a[3] != b[3]);
+        tiles.write(4, |point| match point {
+            _ if point == a => Some([a[0], a[1], a[2], b[3]]),
+            _ if point == b => Some([b[0], b[1], b[2], a[3]]),
+            [x, y, z, i] => Some([x, y, z, if i == 5.0 { 6.0 } else { i }]),
+        });
+        assert!(tiles.updated().1 > 0, "{name}: attributes that were exchanged");
         tiles.write(1, |[x, y, z, i]| Some([x, y, if i == 7.0 { 1.01 * z } else { z }, i]));
         let (first, made) = tiles.updated();
         assert_eq!(first, ["bucket/0".to_owned()].into(), "{name}");

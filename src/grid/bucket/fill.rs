@@ -10,9 +10,6 @@ use crate::grid::trace::{Trace, digest};
 use crate::points::{Batch, Coordinate};
 use crate::storage::spool::PageFile;
 
-/// Odd, so that sums of products are of all bits.
-const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
-
 /// The same, lent.
 #[derive(Clone, Copy)]
 struct Lent<'a, T> {
@@ -184,15 +181,16 @@ impl<T: Coordinate> Chunk<T> {
 }
 
 impl<T: Coordinate> Lent<'_, T> {
-    /// The sum of all points' digests.
+    /// The sum of all points' digests, each of its coordinates and its record together: what one has must not pass for another's.
     fn digest(&self, stride: usize) -> u64 {
-        let mut sum = 0u64;
-        for (number, point) in self.points.iter().enumerate() {
-            let record = &self.attributes[number * stride..][..stride];
-            let of_record = if stride > 0 { digest(record).rotate_left(32) } else { 0 };
-            sum = sum.wrapping_add(digest(bytemuck::bytes_of(point)).wrapping_add(of_record).wrapping_mul(SPREAD));
-        }
-        sum
+        let mut whole = Vec::with_capacity(size_of::<[T; 3]>() + stride);
+        let of_point = |(number, point): (usize, &[T; 3])| {
+            whole.clear();
+            whole.extend_from_slice(bytemuck::bytes_of(point));
+            whole.extend_from_slice(&self.attributes[number * stride..][..stride]);
+            digest(&whole)
+        };
+        self.points.iter().enumerate().map(of_point).fold(0, u64::wrapping_add)
     }
 }
 

@@ -236,6 +236,12 @@ impl<T: Coordinate> Buckets<T> {
         self.parts.iter().map(|part| part.buckets[bucket].points).sum()
     }
 
+    /// Number of points in a bucket, for whoever reads nothing where there are none.
+    pub fn read_count(&self, bucket: usize) -> u64 {
+        self.trace.read(bucket);
+        self.points_in(bucket)
+    }
+
     /// Number of points in all buckets.
     pub fn point_count(&self) -> u64 {
         (0..self.count).map(|bucket| self.points_in(bucket)).sum()

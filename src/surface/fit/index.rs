@@ -71,7 +71,7 @@ pub struct SlicePoints<'a, T> {
 
 /// How often a bucket's points near a slab are taken, `share` at a time, until all were.
 pub fn shares<T: Coordinate>(sampled: &Sampled<'_, T>, slices: Range<u32>, share: u64) -> u64 {
-    let points = buckets_of(slices).map(|bucket| sampled.buckets.points_in(bucket as usize));
+    let points = buckets_of(slices).map(|bucket| sampled.buckets.read_count(bucket as usize));
     points.max().unwrap_or(0).div_ceil(share)
 }
 
