@@ -105,8 +105,15 @@ pub(super) fn compare<'a>(work: &WorkFolder, files: impl IntoIterator<Item = (&'
         let mut parts = here.as_object().into_iter().flatten();
         if let Some((what, here)) = parts.find(|(what, here)| there[what] != **here) {
             let folder = work.path().display();
-            let expected = format!("what the tasks in {folder} were planned for, of {what} {}", there[what]);
-            return Err(Error::Changed { path: path.clone(), expected, found: format!("{what} {here}") });
+            let expected = format!(
+                "the file for which the tasks in {folder} were planned; the same `asra-stream plan` plans anew what has changed"
+            );
+            let found = match what.as_str() {
+                "bytes" => format!("one of {here} bytes"),
+                "changed" => "one that was written to since".to_owned(),
+                _ => "other content".to_owned(),
+            };
+            return Err(Error::Changed { path: path.clone(), expected, found });
         }
     }
     Ok(())

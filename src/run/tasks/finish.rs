@@ -46,7 +46,7 @@ impl Premade for Tasks {
         workers: &Workers,
         progress: &mut Progress,
     ) -> Result<Cloud<'static>> {
-        self.unread(job, workspace, workers, progress)
+        self.opened(|_| false, job, workspace, workers, progress)
     }
 
     fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings) {

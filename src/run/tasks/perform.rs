@@ -152,7 +152,7 @@ impl Tasks {
 
     /// The cloud of all files, of which those that are read are opened, and are what they were when tasks were planned. Nothing is read more than once, so nothing is
     /// decompressed for later; and blocks are those that segments were made of.
-    fn opened(
+    pub(super) fn opened(
         &self,
         is_read: impl Fn(usize) -> bool,
         job: &Job,
@@ -163,17 +163,6 @@ impl Tasks {
         let files = self.files.iter().zip(&self.plan.states).enumerate();
         identity::compare(&self.work, files.filter(|(number, _)| is_read(*number)).map(|(_, file)| file))?;
         open_known(job, (&self.files, &self.plan.headers), is_read, (workspace, workers), progress)
-    }
-
-    /// The cloud of all files, of which none is read.
-    pub(super) fn unread(
-        &self,
-        job: &Job,
-        workspace: &Workspace,
-        workers: &Workers,
-        progress: &mut Progress,
-    ) -> Result<Cloud<'static>> {
-        self.opened(|_| false, job, workspace, workers, progress)
     }
 
     /// Waits whether the output that is there is another process's that has done the same task meanwhile.
