@@ -19,6 +19,9 @@ const DENIED: [&str; 6] = [
     "AuthenticationFailed",
 ];
 
+/// Where clients ask the machine for its credentials when the environment has none.
+const OF_MACHINE: [&str; 3] = ["169.254.169.254", "169.254.170.2", "metadata.google"];
+
 /// An error of a store as one of the system.
 pub fn told(error: &Error) -> io::Error {
     let kind = match error {
@@ -31,7 +34,12 @@ pub fn told(error: &Error) -> io::Error {
         Error::NotSupported { .. } | Error::NotImplemented { .. } => io::ErrorKind::Unsupported,
         _ => io::ErrorKind::Other,
     };
-    let words = words(error);
+    let words = match words(error) {
+        words if OF_MACHINE.iter().any(|address| words.contains(address)) => {
+            format!("no credentials are set in the environment, and the machine has none to give: {words}")
+        }
+        words => words,
+    };
     // Not all requests tell these apart from failures.
     let says = |codes: &[&str]| kind == io::ErrorKind::Other && codes.iter().any(|code| words.starts_with(code));
     let kind = match () {
