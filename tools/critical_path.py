@@ -59,20 +59,19 @@ def listed(program, folder, *which):
     return json.loads(subprocess.run([program, "tasks", folder, *which, "--json"], check=True, stdout=subprocess.PIPE).stdout)
 
 
-def planned(program, points, folder, processes, cloud=None):
+def planned(program, points, folder, processes, budget, cloud=None):
     """A run of so many points of a knot, cut into tasks; what planning took."""
     cloud = cloud or folder / "knot.bin"
     if not cloud.exists():
         subprocess.run([program, "generate", "knot", str(points), "-o", cloud, "--quiet"], check=True)
-    return call([program, "plan", cloud, "-o", folder / "m.ply", "--k", "4", "--work", folder / "work", "--processes", processes, "-j", 1, "--quiet"])
+    return call([program, "plan", cloud, "-o", folder / "m.ply", "--k", "4", "--work", folder / "work", "--processes", processes, "-j", 1, "--quiet", *budget])
 
 
 def shape(folder):
     """Slices and triangles of a run that is done."""
-    grid = json.loads((folder / "work/job.json").read_text())["value"]["job"]["grid"]["cells"]
     with open(folder / "m.ply", "rb") as file:
         head = file.read(4096).split(b"end_header")[0].decode(errors="replace")
-    return grid[1], int(head.split("element face ")[1].split()[0])
+    return int(head.split(" slices ")[1].split()[0]), int(head.split("element face ")[1].split()[0])
 
 
 def measure(options, program):
@@ -80,14 +79,14 @@ def measure(options, program):
     for points in options.sizes:
         with tempfile.TemporaryDirectory(dir=options.folder) as name:
             folder = Path(name)
-            kinds = {"plan": [planned(program, points, folder, PROCESSES)]}
+            kinds = {"plan": [planned(program, points, folder, PROCESSES, options.budget)]}
             first = None
             while not (now := listed(program, folder / "work", "--ready"))["finished"]:
                 for task in (entry["task"] for entry in now["tasks"]):
-                    kinds.setdefault(task.split("/")[0], []).append(call([program, "work", folder / "work", task, "-j", 1, "--quiet"]))
+                    kinds.setdefault(task.split("/")[0], []).append(call([program, "work", folder / "work", task, "-j", 1, "--quiet", *options.budget]))
                     first = first or task
             # A task that is done already costs what every task costs beside its work.
-            nothing = min((call([program, "work", folder / "work", first, "-j", 1, "--quiet"]) for _ in range(5)), key=lambda one: one["cpu"])
+            nothing = min((call([program, "work", folder / "work", first, "-j", 1, "--quiet", *options.budget]) for _ in range(5)), key=lambda one: one["cpu"])
             slices, triangles = shape(folder)
             runs.append({"points": points, "triangles": triangles, "slices": slices, "processes": PROCESSES, "nothing": nothing, "kinds": kinds})
             print(f"{points:,} points, {triangles:,} triangles: " + ", ".join(f"{kind} {sum(t['cpu'] for t in tasks):.1f} s" for kind, tasks in kinds.items()), flush=True)
@@ -216,10 +215,10 @@ def run(options, program):
     model = Model(options.measured)
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
         folder = Path(name)
-        plan = planned(program, options.points, folder, options.processes)
+        plan = planned(program, options.points, folder, options.processes, options.budget)
         # What any task costs at this moment on this machine, which others use, too: all processes report their processors' seconds.
         begin = time.monotonic()
-        command = [program, "work", folder / "work", "--any", "-j", "1", "--quiet"]
+        command = [program, "work", folder / "work", "--any", "-j", "1", "--quiet", *options.budget]
         processes = [subprocess.Popen([*map(str, command), "--shard", f"{number}/{options.workers}"]) for number in range(options.workers)]
         busy = 0.0
         for process in processes:
@@ -310,6 +309,7 @@ def main():
     parser.add_argument("--processes", type=int, default=PROCESSES, help="for how many at a time the run is cut [default: 8]")
     parser.add_argument("--alone", type=int, default=16, help="processors of a task that is alone [default: 16; in tables 1, too; in a run 1]")
     parser.add_argument("--scale", type=float, default=1000, help="how much faster tasks sleep than they would work [default: 1000]")
+    parser.add_argument("--max-memory", help="of every process that is measured or run [default: the program's own]")
     parser.add_argument("--program", type=Path)
     parser.add_argument("--folder", type=Path, help="where runs lie [default: the system's folder for temporary files]")
     options = parser.parse_args()
@@ -317,6 +317,7 @@ def main():
         parser.error("measure wants --output, all else what that has written")
     if options.what != "measure":
         environment("critical-path", ["distributed", "numpy"])
+    options.budget = ["--max-memory", options.max_memory] if options.max_memory else []
     options.alones = [1, options.alone]
     options.points = options.points or (10**12 if options.what == "sleep" else 10**7)
     options.workers = options.workers or (1000 if options.what == "sleep" else 2)

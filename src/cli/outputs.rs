@@ -10,7 +10,8 @@ use crate::error::{Error, Result};
 use crate::format::tiles3d::{TREE, is_named};
 use crate::format::write;
 use crate::format::write::Format;
-use crate::format::write::tiles::{self, Tiles};
+use crate::format::write::tiles::INDEX;
+use crate::format::write::tiling::Tiling;
 use crate::input::{STANDARD_INPUT, Sidecar, expand, find};
 use crate::render::page::is_page;
 use crate::run;
@@ -122,7 +123,7 @@ impl Output {
                 AtomicFile::report(&self.path).map(drop)
             }
             Kind::Tiles | Kind::Tileset => {
-                let index = if self.kind == Kind::Tiles { tiles::INDEX } else { TREE };
+                let index = if self.kind == Kind::Tiles { INDEX } else { TREE };
                 let (there, path) = (self.path.symlink_metadata().is_ok(), self.path.display());
                 if there && self.overwrite == Overwrite::Refuse {
                     return Err(Error::OutputExists(self.path.clone()));
@@ -160,7 +161,7 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             if let Some(output) = &output {
                 match arguments.tile.map(|_| ()).or(arguments.batch.then_some(())) {
                     Some(()) if matches!(Format::from_path(output), Ok(Format::Ply | Format::Glb)) => {
-                        put(Tiles::path(output), "tiles", Kind::Tiles, overwrite);
+                        put(Tiling::path(output), "tiles", Kind::Tiles, overwrite);
                     }
                     Some(()) => {}
                     None if is_named(output) => {

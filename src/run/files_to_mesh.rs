@@ -9,7 +9,8 @@ use crate::error::words::thousands;
 use crate::error::{Error, Result, defect};
 use crate::format::tiles3d::is_named;
 use crate::format::write::territory::Territories;
-use crate::format::write::tiles::{Division, Tiles};
+use crate::format::write::tiles::Tiles;
+use crate::format::write::tiling::{Division, Tiling};
 use crate::format::write::{Filled, Positions, Target, Written};
 use crate::grid::bucket;
 use crate::grid::context::Context;
@@ -45,7 +46,7 @@ use crate::simplify::Figures;
 use crate::storage::atomic_file::AtomicFile;
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::remote::is_remote;
-use crate::storage::spool::Workspace;
+use crate::storage::spool::{Spool, Workspace};
 use crate::storage::work::WorkFolder;
 
 /// Seconds from which on a run is told that it need not begin anew.
@@ -205,12 +206,7 @@ pub(super) trait Premade {
     ///
     /// # Errors
     /// Whatever is in the way of reading that.
-    fn simplified(
-        &self,
-        mesh: &MeshSpool,
-        budget: u64,
-        means: (&Workers, &Workspace),
-    ) -> Result<Option<(MeshSpool, Figures)>>;
+    fn simplified(&self, context: &Context) -> Result<Option<(MeshSpool, Figures)>>;
 
     /// What its check found, if that was made, too.
     ///
@@ -223,6 +219,15 @@ pub(super) trait Premade {
         workers: &Workers,
         workspace: &Workspace,
     ) -> Result<Option<CheckReport>>;
+
+    /// The files of its tiles, a spool of them for each run of tiles and one that tells what they are, if these were written, too.
+    ///
+    /// # Errors
+    /// Whatever is in the way of reading that.
+    fn tiles(&self, context: &Context) -> Result<Option<Vec<[Spool; 2]>>>;
+
+    /// What is to be told of a run of tiles that is not what was written.
+    fn damaged_tiles(&self, run: usize) -> Error;
 }
 
 /// The output's name, which is no input's.
@@ -315,7 +320,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         surveyed.workload = surveyed.workload.with_levels();
     }
     if let Some(tiles) = expected_tiles(job, &surveyed)? {
-        progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiles::path(&output).display()));
+        progress.note(&format!("about {} tiles in {}", thousands(tiles), Tiling::path(&output).display()));
     }
     if let (Place::Tiles(tiles), true) = (&mut target, job.batch) {
         tiles.divide_by(Division::Inputs(territories(&cloud, workers, progress)?));
@@ -363,7 +368,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         let (budget, means) = (made.memory.working, (workers, &workspace));
         let before = match source {
             Source::Points(_) => None,
-            Source::Made(before) => before.simplified(&made.mesh, budget, means)?,
+            Source::Made(before) => before.simplified(&context)?,
         };
         let (fewer, figures) = match before {
             Some(before) => before,
@@ -448,9 +453,16 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         Place::Filled(filled) => (output, filled.finish()?),
         Place::Tiles(tiles) => {
             let memory = made.memory.working;
-            let (written, count) = tiles.write(&made.mesh, &header, memory, workers, &workspace, &mut told)?;
+            let before = if let Source::Made(before) = source { Some(before) } else { None };
+            let runs = before.map(|before| before.tiles(&context)).transpose()?.flatten();
+            let (written, count) = match (before, runs) {
+                (Some(before), Some(runs)) => {
+                    tiles.take(&header, &runs, workers, &mut told)?.map_err(|run| before.damaged_tiles(run))?
+                }
+                _ => tiles.write(&made.mesh, &header, memory, workers, &workspace, &mut told)?,
+            };
             files = Some(count);
-            (Tiles::path(&output), written)
+            (Tiling::path(&output), written)
         }
     };
     beside.finish()?;
@@ -490,6 +502,16 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         page.write(&report)?;
     }
     Ok(report)
+}
+
+/// How a job's mesh becomes tiles, of a job whose lengths are in the input's units; none if it is to be one file, or a mesh of each input.
+///
+/// # Errors
+/// Those of [`Tiling::of`].
+pub(super) fn tiling(job: &Job, files: &[PathBuf]) -> Result<Option<Tiling>> {
+    let Some(side) = job.tile else { return Ok(None) };
+    let output = output_of(job, files)?;
+    Tiling::of(&output, Division::Squares(side), positions_of(&output, job)?).map(Some)
 }
 
 /// What a job wants its mesh divided by, as far as it is known before files are opened.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::error::words::thousands;
 use crate::error::{Error, Result};
-use crate::format::write::tiles;
+use crate::format::write::tiling;
 use crate::grid::context::Context;
 use crate::input::tally::Tally;
 use crate::input::{Cloud, Headers, InputOptions, Opening, Unpacked, find};
@@ -92,7 +92,7 @@ pub(super) fn expected_tiles(job: &Job, surveyed: &Surveyed) -> Result<Option<u6
     let Some(side) = job.tile else { return Ok(None) };
     // Each has a triangle at least.
     let tiles = surveyed.coarse_grid.squares(&surveyed.survey.bounds, side).min(surveyed.workload.triangles().max(1));
-    tiles::check_number(side, tiles).map(|()| Some(tiles))
+    tiling::check_number(side, tiles).map(|()| Some(tiles))
 }
 
 /// Looks at the input and surveys it; asks for no memory beyond that, and for no temporary disk unless something must be unpacked.

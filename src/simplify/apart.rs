@@ -233,20 +233,26 @@ fn rows_as<T: Coordinate, M: Mark>(
     Ok(Left { extent: left.extent(), most: [left.reached, left.recoloured].map(f64::to_bits) })
 }
 
-/// The mesh of what the last pass has left.
+/// The mesh of what the last pass has left, in spools of vertices, attributes and triangles, which are empty.
 ///
 /// # Errors
 /// Those of [`super::simplify`].
-pub fn numbered(given: Given<'_>, passes: usize, left: Vec<(Left, Spool)>) -> Result<(MeshSpool, Figures)> {
-    typed!(given.extent(), numbered_as(given, passes, left))
+pub fn numbered(
+    given: Given<'_>,
+    passes: usize,
+    left: Vec<(Left, Spool)>,
+    out: [Spool; 3],
+) -> Result<(MeshSpool, Figures)> {
+    typed!(given.extent(), numbered_as(given, passes, left, out))
 }
 
 fn numbered_as<T: Coordinate, M: Mark>(
     given: Given<'_>,
     passes: usize,
     left: Vec<(Left, Spool)>,
+    out: [Spool; 3],
 ) -> Result<(MeshSpool, Figures)> {
     let of = given.passes::<T, M>()?;
     of.made.set(passes as u64);
-    super::finished(given.mesh, given.options, &joined::<T, M>(left), given.colours::<M>(), &of)
+    super::finished(given.mesh, given.options, &joined::<T, M>(left), given.colours::<M>(), &of, Some(out))
 }

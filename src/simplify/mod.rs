@@ -68,7 +68,7 @@ use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
-use crate::storage::spool::Workspace;
+use crate::storage::spool::{Spool, Workspace};
 
 /// What is asked of a simplification.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,7 +89,7 @@ pub struct Options {
 const LESS: f64 = 1.0 - 1e-6;
 
 /// What came of a simplification.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Figures {
     /// Triangles before.
     pub before: u64,
@@ -208,7 +208,7 @@ fn simplify_as<T: Coordinate, M: Mark>(
         }
         _ => passes.simplified(&from, within, told)?,
     };
-    let finished = finished(mesh, options, &soup, colours, &passes)?;
+    let finished = finished(mesh, options, &soup, colours, &passes, None)?;
     progress(1.0);
     Ok(finished)
 }
@@ -234,9 +234,10 @@ fn finished<T: Coordinate, M: Mark>(
     soup: &Soup<T, M>,
     colours: Option<Colours>,
     passes: &Passes,
+    out: Option<[Spool; 3]>,
 ) -> Result<(MeshSpool, Figures)> {
     let placed = if options.moves { Placed::Anew(colours) } else { Placed::AsBefore };
-    let whole = number::numbered(mesh, soup, placed, passes)?;
+    let whole = number::numbered(mesh, soup, placed, passes, out)?;
     let Options { tolerance: asked, most, .. } = *options;
     let recoloured = options.colours.map(|_| colours.map_or(0.0, |colours| soup.recoloured / colours.step));
     let figures = Figures {

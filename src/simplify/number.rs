@@ -11,6 +11,7 @@ use crate::points::Coordinate;
 use crate::points::attribute::Attribute;
 use crate::points::scalar::Scalar;
 use crate::storage::partitions::Partitions;
+use crate::storage::spool::Spool;
 
 /// Vertices that are read along with a group of corners if its numbers span no more.
 const WINDOW: usize = 1 << 16;
@@ -80,12 +81,13 @@ struct Corner<T> {
     blend: Blend,
 }
 
-/// Numbers what is left of `mesh` anew.
+/// Numbers what is left of `mesh` anew. Its vertices, attributes and triangles go to the spools `out`, which are empty, or to new ones.
 pub(super) fn numbered<T: Coordinate, M: Mark>(
     mesh: &dyn MeshSource,
     soup: &Soup<T, M>,
     placed: Placed,
     passes: &Passes,
+    out: Option<[Spool; 3]>,
 ) -> Result<MeshSpool> {
     let mut left = Left::of(mesh.vertex_count());
     each(soup, |record| {
@@ -96,7 +98,11 @@ pub(super) fn numbered<T: Coordinate, M: Mark>(
     let vertices = left.count();
 
     let quota = passes.room.quota;
-    let whole = MeshSpool::with_attributes(passes.workspace, T::PRECISION, mesh.schema().clone(), quota);
+    let schema = mesh.schema().clone();
+    let whole = match out {
+        Some(out) => MeshSpool::in_spools(T::PRECISION, schema, out),
+        None => MeshSpool::with_attributes(passes.workspace, T::PRECISION, schema, quota),
+    };
     let mut whole = whole.placed(mesh.origin());
     match placed {
         Placed::AsBefore => copy_vertices(mesh, &left, &mut whole)?,

@@ -13,6 +13,11 @@ fn listed(f: &Folder, line: &str) -> Value {
     serde_json::from_str(&f.ok(line).out).unwrap()
 }
 
+/// Whether `tasks` says that a task is done.
+fn is_done(told: &str, task: &str) -> bool {
+    told.lines().any(|line| line.split_whitespace().collect::<Vec<_>>() == [task, "done"])
+}
+
 #[test]
 fn several_processes_make_the_mesh_of_one_run() {
     let f = Folder::new();
@@ -80,9 +85,53 @@ fn simplification_is_tasks() {
     assert!(f.read("m.ply") == f.read("whole.ply"));
     let tasks = f.ok("tasks w");
     assert!(tasks.out.contains("planes/0     done") && tasks.out.contains("simplify/0.0 done"), "{}", tasks.out);
-    assert!(!tasks.out.contains("measure"), "{}", tasks.out);
+    assert!(is_done(&tasks.out, "number") && is_done(&tasks.out, "check/0"), "{}", tasks.out);
     f.fails("work w simplify/9.0", 2, &["has no task simplify/9.0"]);
     f.fails("work w deal/0.77", 2, &["has no task deal/0.77"]);
+}
+
+/// Tiles are made by tasks, too, of a simplified mesh as of a whole one; a damaged one is made again.
+#[test]
+fn tiles_are_tasks() {
+    let f = Folder::new();
+    f.knot(60_000);
+    for (number, more) in
+        ["", " --simplify 0.3c", " --simplify 0.3c --move-vertices --glb", " --simplify 0.3c --max-triangles 9000"]
+            .into_iter()
+            .enumerate()
+    {
+        let (kind, more) = if more.ends_with("--glb") { ("glb", &more[..more.len() - 6]) } else { ("ply", more) };
+        f.ok(&format!("k.ply -o whole{number}.{kind} --tile 0.1{more}"));
+        f.ok(&format!("plan k.ply -o m{number}.{kind} --tile 0.1{more} --work w{number} --processes 2"));
+        if number == 1 {
+            while !listed(&f, "tasks w1 --json --ready")["tasks"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .any(|t| t["task"] == "finish")
+            {
+                let tasks = listed(&f, "tasks w1 --json --ready");
+                let next = tasks["tasks"][0]["task"].as_str().unwrap().to_owned();
+                f.ok(&format!("work w1 {next} -q"));
+            }
+            let files = f.names("w1/data").into_iter().find(|name| name.starts_with("files-tile-0")).unwrap();
+            let mut bytes = f.read(&format!("w1/data/{files}"));
+            *bytes.last_mut().unwrap() ^= 1;
+            std::fs::write(f.path(&format!("w1/data/{files}")), bytes).unwrap();
+        }
+        f.ok(&format!("work w{number} --any -q"));
+        let names = f.names(&format!("whole{number}.tiles"));
+        assert!(names.len() > 20 && names == f.names(&format!("m{number}.tiles")), "{names:?}");
+        for name in names {
+            assert!(
+                f.read(&format!("whole{number}.tiles/{name}")) == f.read(&format!("m{number}.tiles/{name}")),
+                "{number} {name}"
+            );
+        }
+        let tasks = f.ok(&format!("tasks w{number}"));
+        assert_eq!(is_done(&tasks.out, "tile/0"), number != 3, "{}", tasks.out);
+    }
+    f.fails("work w0 tile/9", 2, &["has no task tile/9"]);
 }
 
 #[test]

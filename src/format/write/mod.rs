@@ -21,7 +21,9 @@ pub mod territory;
 #[cfg(test)]
 mod tests;
 pub mod tiles;
+pub mod tiling;
 
+use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -33,6 +35,7 @@ use crate::mesh::spool::MeshSpool;
 use crate::resources::workers::Workers;
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
 use crate::storage::remote::{is_remote, remove};
+use crate::storage::spool::Workspace;
 
 /// The names of the side-cars that a mesh may have beside it, by its format.
 pub fn beside(mesh: &Path) -> Vec<PathBuf> {
@@ -98,6 +101,12 @@ impl Target {
         Ok(Target { format, file: AtomicFile::within(path)?, overwrite: Overwrite::Refuse, positions })
     }
 
+    /// Creates a temporary file that never gets a name: what is written is to be read from it ([`Filled::file`]).
+    fn aside(workspace: &Workspace, format: Format, positions: Positions) -> Result<Target> {
+        let file = AtomicFile::aside(workspace.dir())?;
+        Ok(Target { format, file, overwrite: Overwrite::Refuse, positions })
+    }
+
     /// Writes the mesh; the file has no name yet. `progress` is told the number of vertices and triangles written so far.
     ///
     /// # Errors
@@ -145,6 +154,11 @@ pub struct Filled {
 }
 
 impl Filled {
+    /// The file.
+    fn file(&self) -> &File {
+        self.file.file()
+    }
+
     /// Gives the file, and those beside it, their names.
     ///
     /// # Errors

@@ -12,8 +12,16 @@ const BLOCK: usize = 1 << 15;
 /// Vertices read at once where numbers have gaps: reading what is between costs less than another read.
 const GAP: u32 = 64;
 
-/// Where some triangles of a part lie in a spool: the first's byte, and how many.
-pub type Stretch = (u64, u32);
+/// Where some triangles of a part lie.
+#[derive(Debug, Clone, Copy)]
+pub struct Stretch<'a> {
+    /// The spool that they lie in.
+    pub spool: &'a Spool,
+    /// The first one's byte.
+    pub at: u64,
+    /// How many there are.
+    pub count: u64,
+}
 
 /// A part.
 pub struct Part {
@@ -23,20 +31,19 @@ pub struct Part {
     pub bounds: [[f64; 3]; 2],
 }
 
-/// Makes a mesh of the triangles that lie at `stretches` of a spool. Of `memory` bytes, half are for what is used of the vertices, and half for the part; what is
+/// Makes a mesh of the triangles that lie at `stretches`. Of `memory` bytes, half are for what is used of the vertices, and half for the part; what is
 /// beyond that goes to temporary files. What is used takes a fifth of a byte for each vertex of the mesh from the part's first to its last.
 ///
 /// # Errors
 /// How many bytes it takes, if what is used does not fit; [`crate::Error::Io`].
 pub fn part(
     mesh: &MeshSpool,
-    spool: &Spool,
-    stretches: &[Stretch],
+    stretches: &[Stretch<'_>],
     memory: u64,
     workspace: &Workspace,
 ) -> Result<std::result::Result<Part, u64>> {
     let (mut low, mut high) = (u32::MAX, 0);
-    each(spool, stretches, |faces| {
+    each(stretches, |faces| {
         (low, high) = faces.as_flattened().iter().fold((low, high), |(low, high), v| (low.min(*v), high.max(*v)));
         Ok(())
     })?;
@@ -45,7 +52,7 @@ pub fn part(
         return Ok(Err(2 * needed));
     }
     let mut used = Used::none(low, high);
-    each(spool, stretches, |faces| {
+    each(stretches, |faces| {
         faces.as_flattened().iter().for_each(|v| used.add(*v));
         Ok(())
     })?;
@@ -87,7 +94,7 @@ pub fn part(
     if let Some([first, last]) = run {
         take(first, last)?;
     }
-    each(spool, stretches, |faces| {
+    each(stretches, |faces| {
         let records: Vec<FaceRecord> = faces.iter().map(|face| FaceRecord::new(face.map(|v| used.rank(v)))).collect();
         out.append_faces(&records)
     })?;
@@ -95,18 +102,17 @@ pub fn part(
 }
 
 /// Reads the triangles at `stretches`, a piece at a time.
-fn each(spool: &Spool, stretches: &[Stretch], mut visit: impl FnMut(&[[u32; 3]]) -> Result<()>) -> Result<()> {
+fn each(stretches: &[Stretch<'_>], mut visit: impl FnMut(&[[u32; 3]]) -> Result<()>) -> Result<()> {
     let mut faces = Vec::new();
-    for (at, count) in stretches {
-        let mut at = *at;
-        let mut left = *count as usize;
+    for Stretch { spool, at, count } in stretches {
+        let (mut at, mut left) = (*at, *count);
         while left > 0 {
-            let now = left.min(BLOCK);
+            let now = left.min(BLOCK as u64) as usize;
             faces.resize(now, [0; 3]);
             spool.read_at(at, bytemuck::cast_slice_mut(&mut faces))?;
             visit(&faces)?;
             at += (now * size_of::<[u32; 3]>()) as u64;
-            left -= now;
+            left -= now as u64;
         }
     }
     Ok(())
@@ -201,9 +207,10 @@ mod tests {
             // What another part has lies between the stretches.
             let mut spool = workspace.spool(0);
             let (first, rest) = faces.split_at(cut.min(faces.len()));
-            let mut append = |faces: &[[u32; 3]]| (spool.append(bytemuck::cast_slice(faces)).unwrap(), faces.len() as u32);
+            let mut append = |faces: &[[u32; 3]]| (spool.append(bytemuck::cast_slice(faces)).unwrap(), faces.len() as u64);
             let stretches = [append(first), append(&[[7; 3]]), append(rest)];
-            let made = part(&mesh, &spool, &[stretches[0], stretches[2]], memory, &workspace).unwrap().ok().unwrap();
+            let stretches = stretches.map(|(at, count)| Stretch { spool: &spool, at, count });
+            let made = part(&mesh, &[stretches[0], stretches[2]], memory, &workspace).unwrap().ok().unwrap();
             let used: BTreeSet<u32> = faces.as_flattened().iter().copied().collect();
             let mut places = vec![[0.0; 3]; made.mesh.vertex_count() as usize];
             made.mesh.read_vertices(0, &mut places).unwrap();
@@ -224,7 +231,8 @@ mod tests {
         let mesh = MeshSpool::new(&workspace, Precision::Single, 0);
         let mut spool = workspace.spool(0);
         let faces = [[0, 1, 6_400_000u32]];
-        let stretch = (spool.append(bytemuck::cast_slice(&faces)).unwrap(), 1);
-        assert_eq!(part(&mesh, &spool, &[stretch], 1 << 20, &workspace).unwrap().err(), Some(2 * 100_001 * 12));
+        let at = spool.append(bytemuck::cast_slice(&faces)).unwrap();
+        let stretch = Stretch { spool: &spool, at, count: 1 };
+        assert_eq!(part(&mesh, &[stretch], 1 << 20, &workspace).unwrap().err(), Some(2 * 100_001 * 12));
     }
 }

@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
-use super::tiles::{Division, Tiles};
+use super::tiles::Tiles;
+use super::tiling::{Division, Tiling};
 use super::*;
 use crate::format::read::open;
 use crate::mesh::MeshSource;
 use crate::mesh::spool::FaceRecord;
 use crate::points::Precision;
-use crate::storage::spool::Workspace;
+use crate::storage::spool::{Spool, Workspace};
 
 const ORIGIN: [f64; 3] = [500_000.25, -0.1, 0.0];
 
@@ -391,6 +392,47 @@ fn tiles_hold_every_triangle_once_with_the_same_bits() {
     assert!(error.contains("make `max_memory` larger"), "{error}");
     assert!(contents() == first, "what was there stays");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "nothing else is left");
+
+    // By several processes, of any number of shares and of runs of tiles.
+    for (shares, runs) in [(1, 1), (2, 3), (5, 2), (40, 50)] {
+        let workers = Workers::new(2).unwrap();
+        let means = (&workers, &workspace);
+        let tiling = Tiling::of(&output, Division::Squares(1e3), Positions::Shifted).unwrap();
+        let spools = || [workspace.spool(1 << 12), workspace.spool(0)];
+        let sorted: Vec<[Spool; 2]> = (0..shares)
+            .map(|share| {
+                let [mut triangles, mut index] = spools();
+                let out = [&mut triangles, &mut index];
+                tiling.sort_apart((&mesh, &header), (share, shares), out, means, &mut |_| ()).unwrap();
+                [triangles, index]
+            })
+            .collect();
+        let mut written: Vec<[Spool; 2]> = (0..runs)
+            .map(|run| {
+                let [mut files, mut index] = spools();
+                let (of, out) = ((&sorted[..], (run, runs)), [&mut files, &mut index]);
+                tiling.write_apart((&mesh, &header), of, out, 1 << 20, means, &mut |_| ()).unwrap();
+                [files, index]
+            })
+            .collect();
+        let take = |written: &[[Spool; 2]]| {
+            let tiles = Tiles::prepare(&output, Division::Squares(1e3), Overwrite::Replace, Positions::Shifted)?;
+            tiles.take(&header, written, &workers, &mut |_| ())
+        };
+        std::fs::remove_dir_all(&folder).unwrap();
+        let taken = take(&written).unwrap().unwrap();
+        assert!(contents() == first, "{shares} shares, {runs} runs");
+        assert_eq!(taken.0.bytes, first.values().map(|bytes| bytes.len() as u64).sum::<u64>());
+        // A run whose files are not what was written is told by its number.
+        let last = runs - 1 - written.iter().rev().position(|[files, _]| !files.is_empty()).unwrap();
+        let mut bytes = vec![0; written[last][0].len() as usize];
+        written[last][0].read_at(0, &mut bytes).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        written[last][0] = workspace.spool(0);
+        written[last][0].append(&bytes).unwrap();
+        assert_eq!(take(&written).unwrap().unwrap_err(), last);
+        assert!(contents() == first, "what was there stays");
+    }
     let obj = Tiles::prepare(&dir.path().join("a.obj"), Division::Squares(1.0), Overwrite::Refuse, Positions::Shifted);
     assert!(matches!(obj, Err(Error::InvalidSetting { name: "tile", .. })));
 }

@@ -10,22 +10,18 @@
 //!
 //! Of a batch, the tile of an input has the triangles whose middles lie in the box of its points, or nearer to it than to the others' ([`super::territory`]).
 //!
-//! Triangles are sorted by tile, a block at a time, into temporary storage; then each tile is put together ([`super::part`]). The folder appears under its name
-//! when it is whole.
+//! The folder appears under its name when it is whole.
 
-use std::collections::BTreeMap;
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
 
 use serde_json::json;
 
-use super::part::{Stretch, part};
-use super::territory::Territories;
-use super::{Format, Overwrite, Positions, Target, Written};
-use crate::error::words::short;
-use crate::error::words::thousands;
+use super::part::{Part, Stretch};
+use super::tiling::{Division, Tiling, WrittenTile, each_record};
+use super::{Overwrite, Positions, Target, Written};
 use crate::error::{Error, Result};
-use crate::mesh::measure::Corners;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::resources::workers::Workers;
@@ -35,104 +31,30 @@ use crate::storage::spool::{Spool, Workspace};
 /// The file of a folder of tiles that lists them.
 pub const INDEX: &str = "index.json";
 
-/// Triangles sorted at a time.
-const BLOCK: usize = 1 << 15;
-/// The most tiles: more files than that in one folder serve nobody.
-pub const MOST_TILES: u64 = 100_000;
-/// Vertices that a block's triangles may span for all of them to be read.
-const WINDOW: usize = 1 << 16;
-/// A tile: the whole numbers [y, x] of a square's lower corner, in sides; or 0 and the number of an input.
-type Key = [i64; 2];
-
-/// What a mesh is divided by.
-#[derive(Debug)]
-pub enum Division {
-    /// Squares of this side, in the input's units.
-    Squares(f64),
-    /// What lies where each input's points do.
-    Inputs(Territories),
-}
-
-impl Division {
-    /// The setting that asks for it.
-    fn setting(&self) -> &'static str {
-        match self {
-            Division::Squares(_) => "tile",
-            Division::Inputs(_) => "batch",
-        }
-    }
-}
-
-/// Refuses tiles that are too many by far.
-///
-/// # Errors
-/// [`Error::InvalidSetting`], with the side that would do.
-pub fn check_number(side: f64, tiles: u64) -> Result<()> {
-    if tiles <= MOST_TILES {
-        return Ok(());
-    }
-    let least = side * (tiles as f64 / MOST_TILES as f64).sqrt();
-    // Rounded up to two digits.
-    let step = libm::pow(10.0, libm::log10(least).floor() - 1.0);
-    let (least, tiles, most) = (short((least / step).ceil() * step), thousands(tiles), thousands(MOST_TILES));
-    Err(Error::setting(
-        "tile",
-        format!("`tile` {side}: makes about {tiles} tiles, and {most} is the limit; pass `tile` {least} or more"),
-    ))
-}
-
-/// The number of the square that a coordinate lies in.
-///
-/// # Errors
-/// [`Error::Usage`] if there are so many up to there that numbers do not tell them apart.
-fn numbered(coordinate: f64, side: f64) -> Result<i64> {
-    /// All whole numbers up to here are numbers of 64 bits.
-    const MOST: f64 = (1u64 << 53) as f64;
-    let number = (coordinate / side).floor();
-    if number.abs() < MOST {
-        return Ok(number as i64);
-    }
-    let (at, least) = (short(coordinate), short(coordinate.abs() / MOST * 2.0));
-    Err(Error::Usage(format!("--tile {side}: is too small to number squares at {at}; pass --tile {least} or more")))
-}
+/// Bytes copied at a time.
+const PIECE: usize = 1 << 16;
 
 /// A folder of tiles that is going to be.
 #[derive(Debug)]
 pub struct Tiles {
-    format: Format,
-    division: Division,
+    tiling: Tiling,
     folder: WholeFolder,
-    positions: Positions,
 }
 
 impl Tiles {
-    /// The folder that takes the place of the mesh file `output`: `city.tiles` for `city.ply`.
-    pub fn path(output: &Path) -> PathBuf {
-        output.with_extension("tiles")
-    }
-
     /// Creates a temporary folder beside the tiles' own.
     ///
     /// # Errors
-    /// [`Error::InvalidSetting`] for formats that cannot be tiles; [`Error::OutputExists`]; [`Error::Io`].
+    /// Those of [`Tiling::of`]; [`Error::OutputExists`]; [`Error::Io`].
     pub fn prepare(output: &Path, division: Division, overwrite: Overwrite, positions: Positions) -> Result<Tiles> {
-        let format = Format::from_path(output)?;
-        if !matches!(format, Format::Ply | Format::Glb) {
-            let setting = division.setting();
-            return Err(Error::setting(
-                setting,
-                format!("`{setting}`: {} names no PLY or GLB files", output.display()),
-            ));
-        }
-        let positions = Positions::of(output, Some(positions))?;
-        let path = Self::path(output);
-        let folder = WholeFolder::create(&path, overwrite)?;
-        Ok(Tiles { format, division, folder, positions })
+        let tiling = Tiling::of(output, division, positions)?;
+        let folder = WholeFolder::create(&Tiling::path(output), overwrite)?;
+        Ok(Tiles { tiling, folder })
     }
 
     /// Changes the division, once the input's unit is known, or where its points lie.
     pub fn divide_by(&mut self, division: Division) {
-        self.division = division;
+        self.tiling.division = division;
     }
 
     /// Writes all tiles and their index, and gives the folder its name; returns the number of tiles, too. `memory` bounds what of a tile stays in memory; `progress` is told how many triangles are
@@ -150,164 +72,147 @@ impl Tiles {
         progress: &mut dyn FnMut(u64),
     ) -> Result<(Written, u64)> {
         let mut done = 0;
-        let (spool, tiles) = self.sort(mesh, header, workers, workspace, &mut |triangles| {
+        let (spool, tiles) = self.tiling.sort((mesh, header), (0, 1), (workers, workspace), &mut |triangles| {
             done += triangles;
             progress(done);
         })?;
-        let mut entries = Vec::new();
-        let mut written = Written { bytes: 0 };
-        // By y, then by x, as pictures are read.
-        for (key, stretches) in tiles {
+        let mut index = self.index(header)?;
+        for (key, places) in tiles {
             workers.check_cancelled()?;
-            let triangles: u64 = stretches.iter().map(|(_, count)| u64::from(*count)).sum();
-            let tile = part(mesh, &spool, &stretches, memory, workspace)?.map_err(|needed| {
-                let (setting, needed) = (self.division.setting(), bytesize::ByteSize(needed));
-                let words = format!(
-                    "`{setting}`: the numbers of a tile's vertices take {needed} of memory; make `max_memory` larger"
-                );
-                Error::setting(setting, words)
-            })?;
-            let (stem, mut entry) = self.named(key);
-            let name = format!("{stem}.{}", if self.format == Format::Ply { "ply" } else { "glb" });
-            let target = Target::within(&self.folder.within(&name), self.format, self.positions)?;
-            let file = target.fill(&tile.mesh, header, workers, &mut |_| ())?.finish()?;
-            written.bytes += file.bytes;
-            done += triangles;
+            let stretches: Vec<Stretch<'_>> =
+                places.iter().map(|&(at, count)| Stretch { spool: &spool, at, count }).collect();
+            let Part { mesh: tile, bounds } = self.tiling.part(mesh, &stretches, memory, workspace)?;
+            let path = self.folder.within(&self.tiling.named(key).0);
+            let target = Target::within(&path, self.tiling.format, self.tiling.positions)?;
+            let bytes = target.fill(&tile, header, workers, &mut |_| ())?.finish()?.bytes;
+            let counts = [tile.vertex_count(), tile.face_count()];
+            index.add(&self.tiling, &WrittenTile { key, counts, bounds, bytes, at: 0, crc: 0 })?;
+            done += tile.face_count();
             progress(done);
-            let [low, high] = tile.bounds.map(|p| [0, 1, 2].map(|a| p[a] + header.origin[a]));
-            let vertices = tile.mesh.vertex_count();
-            for (key, value) in [
-                ("file", json!(name)),
-                ("vertices", json!(vertices)),
-                ("triangles", json!(triangles)),
-                ("bytes", json!(file.bytes)),
-                ("min", json!(low)),
-                ("max", json!(high)),
-            ] {
-                entry[key] = value;
-            }
-            entries.push(entry);
         }
-        let origin = if self.positions == Positions::Absolute { [0.0; 3] } else { header.origin };
-        let count = entries.len() as u64;
-        let mut index = json!({
-            "version": 1, "origin": origin, "crs": header.crs, "comments": header.comments, "tiles": entries,
-        });
-        if let Division::Squares(side) = self.division {
-            index["side"] = json!(side);
-        }
-        let path = self.folder.within(INDEX);
-        let text = serde_json::to_vec_pretty(&index).expect("numbers and text are JSON");
-        written.bytes += text.len() as u64;
-        std::fs::File::create_new(&path)
-            .and_then(|mut file| file.write_all(&text))
-            .map_err(Error::io(&path, "write"))?;
-        self.folder.finish()?;
-        Ok((written, count))
+        self.finish(index)
     }
 
-    /// The name of a tile's file without its extension, and how the index tells which it is.
-    fn named(&self, [y, x]: Key) -> (String, serde_json::Value) {
-        match &self.division {
-            Division::Squares(_) => (format!("{x}_{y}"), json!({ "x": x, "y": y })),
-            Division::Inputs(inputs) => {
-                let input = inputs.of_number(x as usize);
-                (input.stem.clone(), json!({ "input": input.path.to_string_lossy() }))
-            }
-        }
-    }
-
-    /// Sorts all triangles by tile, those of a tile in the mesh's order.
-    fn sort(
-        &self,
-        mesh: &MeshSpool,
+    /// Takes the tiles that others have written ([`Tiling::write_apart`]), and does the rest. `progress` is told how many triangles there are in the files so far.
+    ///
+    /// # Errors
+    /// The number of the run of tiles whose files are not what was written; [`Error::Io`].
+    pub fn take(
+        mut self,
         header: &MeshHeader,
+        runs: &[[Spool; 2]],
         workers: &Workers,
-        workspace: &Workspace,
         progress: &mut dyn FnMut(u64),
-    ) -> Result<(Spool, BTreeMap<Key, Vec<Stretch>>)> {
-        let mut spool = workspace.spool(0);
-        let mut tiles: BTreeMap<Key, Vec<Stretch>> = BTreeMap::new();
-        let blocks = mesh.face_count().div_ceil(BLOCK as u64) as usize;
-        let place = |number: usize| {
-            let first = number as u64 * BLOCK as u64;
-            let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
-            mesh.read_faces(first, &mut faces)?;
-            let keys = self.keys(mesh, header, &faces)?;
-            let mut order: Vec<u32> = (0..faces.len() as u32).collect();
-            order.sort_by_key(|&i| keys[i as usize]);
-            let sorted: Vec<[u32; 3]> = order.iter().map(|&i| faces[i as usize]).collect();
-            let mut counts: Vec<(Key, u32)> = Vec::new();
-            for key in order.iter().map(|&i| keys[i as usize]) {
-                match counts.last_mut() {
-                    Some((last, count)) if *last == key => *count += 1,
-                    _ => counts.push((key, 1)),
+    ) -> Result<std::result::Result<(Written, u64), usize>> {
+        let mut index = self.index(header)?;
+        let mut bytes = vec![0; PIECE];
+        let mut done = 0;
+        for (number, [files, records]) in runs.iter().enumerate() {
+            let mut tiles: Vec<WrittenTile> = Vec::new();
+            each_record(records, |tile| tiles.push(tile))?;
+            for tile in tiles {
+                workers.check_cancelled()?;
+                let path = self.folder.within(&self.tiling.named(tile.key).0);
+                let mut out = File::create_new(&path).map_err(Error::io(&path, "create"))?;
+                let mut hasher = crc32fast::Hasher::new();
+                let (mut at, end) = (tile.at, tile.at.saturating_add(tile.bytes).min(files.len()));
+                while at < end {
+                    let now = (end - at).min(PIECE as u64) as usize;
+                    files.read_at(at, &mut bytes[..now])?;
+                    hasher.update(&bytes[..now]);
+                    out.write_all(&bytes[..now]).map_err(Error::io(&path, "write"))?;
+                    at += now as u64;
                 }
-            }
-            Ok((sorted, counts))
-        };
-        workers.in_order_range(workers.threads() + 1, blocks, place, |(sorted, counts)| {
-            let mut at = spool.append(bytemuck::cast_slice(&sorted))?;
-            progress(sorted.len() as u64);
-            for (key, count) in counts {
-                tiles.entry(key).or_default().push((at, count));
-                at += u64::from(count) * size_of::<[u32; 3]>() as u64;
-            }
-            match self.division {
-                Division::Squares(side) if tiles.len() as u64 > MOST_TILES => Err(Error::setting(
-                    "tile",
-                    format!(
-                        "`tile` {side}: makes more than {} tiles, which is the limit; make tiles larger",
-                        thousands(MOST_TILES)
-                    ),
-                )),
-                _ => Ok(()),
-            }
-        })?;
-        Ok((spool, tiles))
-    }
-
-    /// The tiles of the triangles' middles.
-    fn keys(&self, mesh: &MeshSpool, header: &MeshHeader, faces: &[[u32; 3]]) -> Result<Vec<Key>> {
-        let (mut local, mut corners) = (faces.to_vec(), Corners::default());
-        corners.fill(mesh, &mut local, WINDOW)?;
-        let middle = |face: &[u32; 3]| {
-            let corners = face.map(|v| corners.table[v as usize]);
-            [0, 1].map(|a| (corners[0][a] + corners[1][a] + corners[2][a]) / 3.0 + header.origin[a])
-        };
-        let middles = local.iter().map(middle);
-        match &self.division {
-            Division::Squares(side) => middles.map(|[x, y]| Ok([numbered(y, *side)?, numbered(x, *side)?])).collect(),
-            Division::Inputs(inputs) => {
-                let numbers = inputs.nearest(&middles.collect::<Vec<_>>());
-                Ok(numbers.into_iter().map(|number| [0, number as i64]).collect())
+                if u64::from(hasher.finalize()) != tile.crc {
+                    return Ok(Err(number));
+                }
+                index.add(&self.tiling, &tile)?;
+                done += tile.counts[1];
+                progress(done);
             }
         }
+        self.finish(index).map(Ok)
+    }
+
+    fn index(&mut self, header: &MeshHeader) -> Result<Index> {
+        let mut head = json!({
+            "version": 1, "origin": self.origin(header), "crs": header.crs, "comments": header.comments, "tiles": [],
+        });
+        if let Division::Squares(side) = self.tiling.division {
+            head["side"] = json!(side);
+        }
+        Index::create(self.folder.within(INDEX), head, header.origin)
+    }
+
+    fn origin(&self, header: &MeshHeader) -> [f64; 3] {
+        if self.tiling.positions == Positions::Absolute { [0.0; 3] } else { header.origin }
+    }
+
+    fn finish(self, index: Index) -> Result<(Written, u64)> {
+        let done = index.finish()?;
+        self.folder.finish()?;
+        Ok(done)
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// The index in the making: tiles are written as they come, so that those of 100,000 are never in memory together.
+struct Index {
+    out: BufWriter<File>,
+    path: std::path::PathBuf,
+    /// Before the first tile, and behind the last.
+    text: [String; 2],
+    origin: [f64; 3],
+    tiles: u64,
+    bytes: u64,
+}
 
-    #[test]
-    fn the_side_that_is_advised_would_do() {
-        assert!(check_number(1.0, MOST_TILES).is_ok());
-        for (side, tiles) in [(0.01, 643_843), (2.0, 100_001), (1e-9, 1 << 60)] {
-            let error = check_number(side, tiles).unwrap_err().to_string();
-            let advised: f64 = error.split("pass `tile` ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-            let made = tiles as f64 * (side / advised).powi(2);
-            assert!(made <= MOST_TILES as f64 && made > 0.8 * MOST_TILES as f64, "{error}");
-        }
+impl Index {
+    /// An index that tells `head`, whose `tiles` are none yet.
+    fn create(path: std::path::PathBuf, head: serde_json::Value, origin: [f64; 3]) -> Result<Index> {
+        let out = BufWriter::new(File::create_new(&path).map_err(Error::io(&path, "write"))?);
+        let text = serde_json::to_string_pretty(&head).expect("numbers and text are JSON");
+        // Text has no line breaks, so this is the list itself.
+        let (before, behind) = text.split_once("\n  \"tiles\": []").expect("the head has tiles");
+        let text = [format!("{before}\n  \"tiles\": ["), format!("]{behind}")];
+        let mut index = Index { out, path, text, origin, tiles: 0, bytes: 0 };
+        index.put(&index.text[0].clone())?;
+        Ok(index)
     }
 
-    #[test]
-    fn squares_that_numbers_do_not_tell_apart_are_refused() {
-        assert_eq!(numbered(-0.5, 1e-12).unwrap(), -500_000_000_000);
-        for (coordinate, side) in [(0.5, 1e-300), (-0.5, 1e-300), (5e6, 1e-12), (1.0, f64::MIN_POSITIVE)] {
-            let error = numbered(coordinate, side).unwrap_err().to_string();
-            let advised: f64 = error.split("pass --tile ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-            assert!(numbered(coordinate, advised).is_ok(), "{error}");
+    fn put(&mut self, text: &str) -> Result<()> {
+        self.bytes += text.len() as u64;
+        self.out.write_all(text.as_bytes()).map_err(Error::io(&self.path, "write"))
+    }
+
+    fn add(&mut self, tiling: &Tiling, tile: &WrittenTile) -> Result<()> {
+        let (name, mut entry) = tiling.named(tile.key);
+        let [low, high] = tile.bounds.map(|p| [0, 1, 2].map(|a| p[a] + self.origin[a]));
+        let [vertices, triangles] = tile.counts;
+        for (key, value) in [
+            ("file", json!(name)),
+            ("vertices", json!(vertices)),
+            ("triangles", json!(triangles)),
+            ("bytes", json!(tile.bytes)),
+            ("min", json!(low)),
+            ("max", json!(high)),
+        ] {
+            entry[key] = value;
         }
+        let text = serde_json::to_string_pretty(&entry).expect("numbers and text are JSON").replace('\n', "\n    ");
+        let comma = if self.tiles > 0 { "," } else { "" };
+        self.put(&format!("{comma}\n    {text}"))?;
+        self.tiles += 1;
+        self.bytes += tile.bytes;
+        Ok(())
+    }
+
+    /// The bytes of the index and of all tiles, and how many tiles there are.
+    fn finish(mut self) -> Result<(Written, u64)> {
+        if self.tiles > 0 {
+            self.put("\n  ")?;
+        }
+        self.put(&self.text[1].clone())?;
+        self.out.flush().map_err(Error::io(&self.path, "write"))?;
+        Ok((Written { bytes: self.bytes }, self.tiles))
     }
 }

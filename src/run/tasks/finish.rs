@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::renew::SavedApart;
 use super::{Task, Tasks};
 use crate::error::{Error, Result};
 use crate::grid::bucket::Compared;
@@ -26,7 +27,7 @@ use crate::settings::Settings;
 use crate::simplify::Figures;
 use crate::stitch::Stitched;
 use crate::stitch::apart::{Link, Of, chain};
-use crate::storage::spool::Workspace;
+use crate::storage::spool::{Extent, Spool, Workspace};
 use crate::storage::work::WorkFolder;
 use crate::storage::work::store::NamedFile;
 
@@ -56,19 +57,30 @@ impl Premade for Tasks {
     }
 
     fn reconstructed(&self, settings: &Settings, context: &Context, progress: &mut Progress) -> Result<Reconstructed> {
+        let (task, compared) = (Task::Finish, Compared::Now);
         match self.plan.surveyed.workload.precision {
-            Precision::Single => self.reconstructed_as::<f32>(settings, context, progress),
-            Precision::Double => self.reconstructed_as::<f64>(settings, context, progress),
+            Precision::Single => self.reconstructed_as::<f32>(task, settings, compared, context, progress),
+            Precision::Double => self.reconstructed_as::<f64>(task, settings, compared, context, progress),
         }
     }
 
-    fn simplified(
-        &self,
-        mesh: &MeshSpool,
-        budget: u64,
-        (workers, workspace): (&Workers, &Workspace),
-    ) -> Result<Option<(MeshSpool, Figures)>> {
-        self.simplified_mesh(mesh, budget, (workers, workspace))
+    fn simplified(&self, context: &Context) -> Result<Option<(MeshSpool, Figures)>> {
+        if !self.is_simplified() {
+            return Ok(None);
+        }
+        match self.plan.surveyed.workload.precision {
+            Precision::Single => self.numbered::<f32>(Task::Finish, Compared::Now, context),
+            Precision::Double => self.numbered::<f64>(Task::Finish, Compared::Now, context),
+        }
+        .map(Some)
+    }
+
+    fn tiles(&self, context: &Context) -> Result<Option<Vec<[Spool; 2]>>> {
+        self.written_tiles(Task::Finish, context)
+    }
+
+    fn damaged_tiles(&self, run: usize) -> Error {
+        self.damaged_run(run)
     }
 
     fn checked(
@@ -94,14 +106,17 @@ impl Premade for Tasks {
 }
 
 impl Tasks {
-    fn reconstructed_as<T: Coordinate>(
+    /// The mesh before it is simplified, and how it came to be.
+    pub(super) fn reconstructed_as<T: Coordinate>(
         &self,
+        task: Task,
         settings: &Settings,
+        compared: Compared,
         context: &Context,
         progress: &mut Progress,
     ) -> Result<Reconstructed> {
-        let stitched = self.stitched::<T>(Task::Finish, Compared::Now, context)?;
-        let of = (&self.buckets::<T>(Task::Finish, context)?, self.cells(Task::Finish, context)?);
+        let stitched = self.stitched::<T>(task, compared, context)?;
+        let of = (&self.buckets::<T>(task, context)?, self.cells(task, context)?);
         let memory = context.memory.clone();
         reconstructed(stitched, &self.plan.surveyed, settings, of, memory, context, progress)
     }
@@ -133,10 +148,18 @@ impl Tasks {
         Ok(Stitched { mesh, counts: chain.counts, seams: chain.seams })
     }
 
+    /// The mesh that is checked and written.
+    pub(super) fn mesh<T: Coordinate>(&self, task: Task, compared: Compared, context: &Context) -> Result<MeshSpool> {
+        match self.is_simplified() {
+            true => Ok(self.numbered::<T>(task, compared, context)?.0),
+            false => Ok(self.stitched::<T>(task, compared, context)?.mesh),
+        }
+    }
+
     /// Does a task of the check.
     pub(super) fn look<T: Coordinate>(&self, task: Task, context: &Context, progress: &mut Progress) -> Result<()> {
         // Whoever finishes compares all of the mesh with its checksums, and has what was found in a damaged one looked for again.
-        let mesh = self.stitched::<T>(task, Compared::AsRead, context)?.mesh;
+        let mesh = self.mesh::<T>(task, Compared::AsRead, context)?;
         progress.begin(Phase::Check, None);
         let phase = self.phase(task);
         let named = match task {
@@ -148,7 +171,7 @@ impl Tasks {
         };
         let rest = match self.looked(task, (&mesh, &named), context, progress) {
             Err(error @ Error::CheckFailed(_)) => {
-                self.stitched::<T>(task, Compared::Now, context)?;
+                self.mesh::<T>(task, Compared::Now, context)?;
                 return Err(error);
             }
             looked => looked?,
@@ -201,12 +224,25 @@ impl Tasks {
         compared: Compared,
         context: &Context,
     ) -> Result<MeshSpool> {
-        let (saved, files) = self.saved_apart(task, needed)?;
+        let SavedApart { apart, extents, .. } = self.saved_apart(task, needed)?.0;
+        self.mesh_in_files::<T>(needed, (apart.sizes, extents), compared, context)
+    }
+
+    /// The mesh of so many vertices and triangles whose three files a task has written.
+    pub(super) fn mesh_in_files<T: Coordinate>(
+        &self,
+        of: Task,
+        (sizes, extents): ([u64; 2], [Extent; 3]),
+        compared: Compared,
+        context: &Context,
+    ) -> Result<MeshSpool> {
+        let manifest = format!("done/{}.json", self.phase(of));
+        let files = self.work.manifest(&self.phase(of))?.map(|manifest| manifest.files).unwrap_or_default();
         let [vertices, attributes, faces] = files.as_slice() else {
-            return Err(self.work.damaged(&format!("done/{}.json", self.phase(needed)), "a file is missing"));
+            return Err(self.work.damaged(&manifest, "a file is missing"));
         };
         let mut spools = Vec::with_capacity(3);
-        for (name, extent) in [vertices, attributes, faces].into_iter().zip(saved.extents) {
+        for (name, extent) in [vertices, attributes, faces].into_iter().zip(extents) {
             let file = self.work.open_file(name)?;
             if compared == Compared::Now && !self.work.is_as_written(&file, extent, &context.workers)? {
                 return Err(self.work.damaged(name, "its bytes are not what was written"));
@@ -215,12 +251,10 @@ impl Tasks {
         }
         let spools = spools.try_into().map_err(|_| Error::Internal("three files".into()))?;
         let mesh = MeshSpool::in_spools(T::PRECISION, self.plan.schema.clone(), spools);
-        let [vertices, faces] = saved.apart.sizes;
+        let [vertices, faces] = sizes;
         match mesh.holds(vertices, faces) {
             true => Ok(mesh),
-            false => Err(self
-                .work
-                .damaged(&format!("done/{}.json", self.phase(needed)), "it does not tell how long files are")),
+            false => Err(self.work.damaged(&manifest, "it does not tell how long files are")),
         }
     }
 }

@@ -7,12 +7,20 @@
 //!          …        ─┘           …       ─┘               …         ─┘  …       ─┘
 //! ```
 //!
-//! A mesh of which triangles are to be left out is not measured and checked in shares, but simplified, pass after pass, and checked in the end:
+//! A mesh of which triangles are to be left out is simplified first, pass after pass, and numbered anew:
 //!
 //! ```text
-//!      ─► planes/0 ─► deal/0.0 ─┬► simplify/0.0 ─┬► planes/1 ─► … ─► finish
-//!                     deal/0.1 ─┤  simplify/0.1 ─┤
-//!                     …        ─┘  …            ─┘
+//!      ─► planes/0 ─► deal/0.0 ─┬► simplify/0.0 ─┬► planes/1 ─► … ─► number ─┬► measure/0
+//!                     deal/0.1 ─┤  simplify/0.1 ─┤                           └► measure/1
+//!                     …        ─┘  …            ─┘                              …
+//! ```
+//!
+//! One that becomes tiles is sorted by tile beside the check:
+//!
+//! ```text
+//!      ─► sort/0 ─┬► tile/0 ─┬► finish
+//!         sort/1 ─┤  tile/1 ─┤
+//!         …      ─┘  …      ─┘
 //! ```
 //!
 //! Where files of the input have changed, the same plan makes another *generation* of tasks ([`renew`]): what they do not touch stays.
@@ -25,6 +33,7 @@ mod perform;
 mod plan;
 mod renew;
 mod simplify;
+mod tiles;
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -66,10 +75,16 @@ pub enum Task {
     Deal(usize, usize),
     /// Simplifies a run of a pass's rows.
     Simplify(usize, usize),
+    /// Numbers what the last pass has left.
+    Number,
     /// Looks at a share of the mesh's triangles, for the check.
     Measure(usize),
     /// Checks the mesh at a share of its vertices.
     Check(usize),
+    /// Sorts a share of the mesh's triangles by tile.
+    Sort(usize),
+    /// Writes a run of tiles.
+    Tile(usize),
     /// Tells what the check found, and writes all that is to be written.
     Finish,
 }
@@ -84,8 +99,11 @@ impl fmt::Display for Task {
             Task::Planes(pass) => write!(f, "planes/{pass}"),
             Task::Deal(pass, number) => write!(f, "deal/{pass}.{number}"),
             Task::Simplify(pass, number) => write!(f, "simplify/{pass}.{number}"),
+            Task::Number => f.write_str("number"),
             Task::Measure(number) => write!(f, "measure/{number}"),
             Task::Check(number) => write!(f, "check/{number}"),
+            Task::Sort(number) => write!(f, "sort/{number}"),
+            Task::Tile(number) => write!(f, "tile/{number}"),
             Task::Finish => f.write_str("finish"),
         }
     }
@@ -97,8 +115,8 @@ impl FromStr for Task {
     fn from_str(text: &str) -> std::result::Result<Task, String> {
         let wrong = || {
             let kinds =
-                "bucket/N, close, piece/N, bridge/N, planes/P, deal/P.N, simplify/P.N, measure/N, check/N or finish";
-            format!("expected {kinds}, found {text:?}")
+                "bucket/N, close, piece/N, bridge/N, planes/P, deal/P.N, simplify/P.N, number, measure/N, check/N";
+            format!("expected {kinds}, sort/N, tile/N or finish, found {text:?}")
         };
         let (kind, numbers) = text.split_once('/').map_or((text, Vec::new()), |(kind, numbers)| {
             (kind, numbers.split('.').map(str::parse::<usize>).collect())
@@ -112,8 +130,11 @@ impl FromStr for Task {
             ("planes", [pass]) => Ok(Task::Planes(*pass)),
             ("deal", [pass, number]) => Ok(Task::Deal(*pass, *number)),
             ("simplify", [pass, number]) => Ok(Task::Simplify(*pass, *number)),
+            ("number", []) => Ok(Task::Number),
             ("measure", [number]) => Ok(Task::Measure(*number)),
             ("check", [number]) => Ok(Task::Check(*number)),
+            ("sort", [number]) => Ok(Task::Sort(*number)),
+            ("tile", [number]) => Ok(Task::Tile(*number)),
             ("finish", []) => Ok(Task::Finish),
             _ => Err(wrong()),
         }
@@ -307,18 +328,29 @@ impl Tasks {
                 break;
             }
         }
+        if self.is_simplified() {
+            simplified = stage(vec![Task::Number], simplified);
+        }
         let measured = stage(self.shares().map(Task::Measure).collect(), simplified);
         let checked = stage(self.shares().map(Task::Check).collect(), measured);
-        stage(vec![Task::Finish], checked);
+        let sorted = stage(self.tilings().map(Task::Sort).collect(), simplified);
+        let tiled = stage(self.tilings().map(Task::Tile).collect(), sorted);
+        stage(vec![Task::Finish], checked && tiled);
         Ok(tasks)
     }
 
-    /// The shares that the check is made in: none where the mesh is not checked, or another one is made of it first.
-    fn shares(&self) -> Range<usize> {
+    /// Whether tasks make the mesh that is written. They do not where a number of triangles is to be searched for, or where the mesh becomes another one in the end.
+    fn is_whole(&self) -> bool {
         let settings = &self.job.settings;
-        let is_changed = settings.simplify.is_some() || settings.bridged || settings.trim.is_some();
+        !settings.bridged
+            && settings.trim.is_none()
+            && settings.simplify.is_none_or(|asked| asked.max_triangles.is_none())
+    }
+
+    /// The shares that the check is made in: none where the mesh is not checked, or tasks do not make it.
+    fn shares(&self) -> Range<usize> {
         match self.job.check {
-            Check::Always if !is_changed => 0..self.plan.pieces.len(),
+            Check::Always if self.is_whole() => 0..self.plan.pieces.len(),
             _ => 0..0,
         }
     }

@@ -65,8 +65,9 @@ impl Tasks {
             if task == Task::Finish {
                 // The check may have looked at what is damaged.
                 let looked = self.shares().flat_map(|number| [Task::Measure(number), Task::Check(number)]);
+                let tiled = self.tilings().flat_map(|number| [Task::Sort(number), Task::Tile(number)]);
                 let simplified = self.simplifying()?;
-                looked.chain(simplified).try_for_each(|task| self.work.set_aside(&self.phase(task)))?;
+                looked.chain(tiled).chain(simplified).try_for_each(|task| self.work.set_aside(&self.phase(task)))?;
             }
         }
         match done {
@@ -84,19 +85,29 @@ impl Tasks {
             Task::Piece(number) if number < self.plan.pieces.len() => self.wait_for(task, [Task::Close], workers)?,
             Task::Bridge(number) if number + 1 < self.plan.pieces.len() => self.wait_for(task, pieces(), workers)?,
             Task::Measure(number) | Task::Check(number) if self.shares().contains(&number) => {
-                self.wait_for_mesh(task, workers)?;
+                self.wait_for_whole(task, workers)?;
                 if let Task::Check(_) = task {
                     self.wait_for(task, self.shares().map(Task::Measure), workers)?;
+                }
+            }
+            Task::Sort(number) | Task::Tile(number) if self.tilings().contains(&number) => {
+                self.wait_for_whole(task, workers)?;
+                if let Task::Tile(_) = task {
+                    self.wait_for(task, self.tilings().map(Task::Sort), workers)?;
                 }
             }
             Task::Planes(pass) | Task::Deal(pass, _) | Task::Simplify(pass, _) if self.passes().contains(&pass) => {
                 self.wait_for_mesh(task, workers)?;
                 self.wait_for_pass(task, pass, workers)?;
             }
-            Task::Finish => {
+            Task::Number if self.is_simplified() => {
                 self.wait_for_mesh(task, workers)?;
-                self.wait_for_simplified(task, workers)?;
+                self.wait_for_last_pass(task, workers)?;
+            }
+            Task::Finish => {
+                self.wait_for_whole(task, workers)?;
                 self.wait_for(task, self.shares().map(Task::Check), workers)?;
+                self.wait_for(task, self.tilings().map(Task::Tile), workers)?;
             }
             task => return Err(self.unknown(task)),
         }
@@ -143,8 +154,11 @@ impl Tasks {
             Task::Bucket(number) => self.sort::<T>(number, &cloud, context, progress)?,
             Task::Close => self.close::<T>(&cloud, &settings, context, progress)?,
             Task::Piece(_) | Task::Bridge(_) => self.stitch::<T>(task, &settings, context, progress)?,
-            Task::Planes(_) | Task::Deal(..) | Task::Simplify(..) => self.simplify::<T>(task, context, progress)?,
+            Task::Planes(_) | Task::Deal(..) | Task::Simplify(..) | Task::Number => {
+                self.simplify::<T>(task, context, progress)?
+            }
             Task::Measure(_) | Task::Check(_) => self.look::<T>(task, context, progress)?,
+            Task::Sort(_) | Task::Tile(_) => self.tile::<T>(task, (&cloud, job, &settings), context, progress)?,
             Task::Finish => {}
         }
         Ok(None)
@@ -182,6 +196,13 @@ impl Tasks {
         self.wait_for(task, (0..self.plan.pieces.len()).map(Task::Piece), workers)?;
         let bridges = apart::bridges(&self.pieces(task)?);
         self.wait_for(task, bridges.into_iter().map(Task::Bridge), workers)
+    }
+
+    /// Waits a while for the mesh that is checked and written.
+    fn wait_for_whole(&self, task: Task, workers: &Workers) -> Result<()> {
+        self.wait_for_mesh(task, workers)?;
+        let number = self.is_simplified().then_some(Task::Number);
+        self.wait_for(task, number, workers)
     }
 
     /// Waits a while for tasks to be done.

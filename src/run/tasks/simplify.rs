@@ -18,6 +18,7 @@ use crate::run::simplification::{Lengths, options};
 use crate::simplify::apart::{self, Given, Left, PASSES, Planes};
 use crate::simplify::{Figures, Options};
 use crate::storage::spool::{Extent, Spool, Workspace};
+use crate::storage::work::store::NamedFile;
 
 /// What a task that deals has left: where the triangles of each row lie.
 #[derive(Debug, Serialize, Deserialize)]
@@ -25,15 +26,25 @@ struct Dealt {
     rows: Vec<Extent>,
 }
 
+/// What is saved of a simplified mesh beside its vertices, attributes and triangles.
+#[derive(Debug, Serialize, Deserialize)]
+struct Numbered {
+    figures: Figures,
+    /// Vertices and triangles.
+    sizes: [u64; 2],
+    /// Of the three files.
+    extents: [Extent; 3],
+}
+
 impl Tasks {
-    /// The passes that there may be: none where nothing is left out, where a number of triangles is to be searched for, or where the mesh becomes another one before.
+    /// Whether tasks leave triangles out.
+    pub(super) fn is_simplified(&self) -> bool {
+        self.job.settings.simplify.is_some() && self.is_whole()
+    }
+
+    /// The passes that there may be.
     pub(super) fn passes(&self) -> Range<usize> {
-        let settings = &self.job.settings;
-        let is_other = settings.bridged || settings.trim.is_some();
-        match settings.simplify {
-            Some(asked) if asked.max_triangles.is_none() && !is_other => 0..PASSES,
-            _ => 0..0,
-        }
+        if self.is_simplified() { 0..PASSES } else { 0..0 }
     }
 
     /// The planes of a pass.
@@ -71,6 +82,7 @@ impl Tasks {
             tasks.extend(self.deals(Task::Finish, pass)?);
             tasks.extend(self.simplifies(pass, &self.planes(Task::Finish, pass)?));
         }
+        tasks.push(Task::Number);
         Ok(tasks)
     }
 
@@ -98,8 +110,8 @@ impl Tasks {
         self.wait_for(task, dealing, workers)
     }
 
-    /// Waits a while for the last pass, if there is any.
-    pub(super) fn wait_for_simplified(&self, task: Task, workers: &Workers) -> Result<()> {
+    /// Waits a while for the last pass.
+    pub(super) fn wait_for_last_pass(&self, task: Task, workers: &Workers) -> Result<()> {
         for pass in self.passes() {
             self.wait_for(task, [Task::Planes(pass)], workers)?;
             let planes = self.planes(task, pass)?;
@@ -162,6 +174,7 @@ impl Tasks {
                 let rest = serde_json::to_value(left).expect("a manifest can be written");
                 self.work.commit(&phase, vec![named], rest)?;
             }
+            Task::Number => self.number(given, context)?,
             _ => return Err(self.unknown(task)),
         }
         progress.end();
@@ -197,10 +210,7 @@ impl Tasks {
         extents: &[Extent],
         (workers, workspace): (&Workers, &Workspace),
     ) -> Result<Spool> {
-        let phase = self.phase(needed);
-        let name = self.work.manifest(&phase)?.and_then(|manifest| manifest.files.get(number).cloned());
-        let name = name.ok_or_else(|| self.missing(Task::Finish, needed))?;
-        let file = self.work.open_file(&name)?;
+        let (name, file) = self.file_of((needed, number))?;
         for extent in extents {
             if !self.work.is_as_written(&file, *extent, workers)? {
                 return Err(self.work.damaged(&name, "its bytes are not what was written"));
@@ -210,30 +220,51 @@ impl Tasks {
         Ok(workspace.spool_in(file, length))
     }
 
-    /// The mesh that all passes have left of `mesh`, if there are tasks for that.
-    pub(super) fn simplified_mesh(
-        &self,
-        mesh: &MeshSpool,
-        budget: u64,
-        (workers, workspace): (&Workers, &Workspace),
-    ) -> Result<Option<(MeshSpool, Figures)>> {
+    /// The same of a file of so many bytes, which whoever reads them compares with what was written.
+    pub(super) fn spool_as_long(&self, of: (Task, usize), length: u64, workspace: &Workspace) -> Result<Spool> {
+        Ok(workspace.spool_in(self.file_of(of)?.1, length))
+    }
+
+    fn file_of(&self, (needed, number): (Task, usize)) -> Result<(String, NamedFile)> {
+        let name = self.work.manifest(&self.phase(needed))?.and_then(|manifest| manifest.files.get(number).cloned());
+        let name = name.ok_or_else(|| self.missing(Task::Finish, needed))?;
+        let file = self.work.open_file(&name)?;
+        Ok((name, file))
+    }
+
+    /// Numbers what the last pass has left.
+    fn number(&self, given: Given<'_>, context: &Context) -> Result<()> {
         let mut last = None;
         for pass in self.passes() {
-            let planes = self.planes(Task::Finish, pass)?;
+            let planes = self.planes(Task::Number, pass)?;
             let is_last = planes.are_last();
             last = Some((pass, planes));
             if is_last {
                 break;
             }
         }
-        let Some((pass, planes)) = last else { return Ok(None) };
-        let mut left = Vec::new();
-        for needed in self.simplifies(pass, &planes) {
-            let saved: Left = self.shown(Task::Finish, needed)?;
-            left.push((saved, self.spool_of((needed, 0), &[saved.extent], (workers, workspace))?));
-        }
-        let options = self.options(mesh)?;
-        let given = Given { mesh, options: &options, budget, workers, workspace };
-        apart::numbered(given, pass + 1, left).map(Some)
+        let (pass, planes) = last.ok_or_else(|| self.unknown(Task::Number))?;
+        let needed = self.simplifies(pass, &planes);
+        let left = needed.into_iter().map(|needed| self.left(Task::Number, needed, context)).collect::<Result<_>>()?;
+        let phase = self.phase(Task::Number);
+        let name = |what: &str| self.work.create(&format!("{what}-{phase}"));
+        let named = [name("vertices")?, name("attributes")?, name("faces")?];
+        let out = named.clone().map(|file| context.workspace.spool_in(file, 0));
+        let (mut mesh, figures) = apart::numbered(given, pass + 1, left, out)?;
+        let sizes = [mesh.vertex_count(), mesh.face_count()];
+        let rest = serde_json::to_value(Numbered { figures, sizes, extents: mesh.extents() });
+        self.work.commit(&phase, named.into(), rest.expect("a manifest can be written"))
+    }
+
+    /// The mesh that all passes have left, and how many triangles that is.
+    pub(super) fn numbered<T: Coordinate>(
+        &self,
+        task: Task,
+        compared: Compared,
+        context: &Context,
+    ) -> Result<(MeshSpool, Figures)> {
+        let Numbered { figures, sizes, extents } = self.shown(task, Task::Number)?;
+        let mesh = self.mesh_in_files::<T>(Task::Number, (sizes, extents), compared, context)?;
+        Ok((mesh, figures))
     }
 }

@@ -54,7 +54,7 @@ fn by_tasks(given: Given<'_>, shares: usize, runs: usize) -> (Mesh, Figures, Vec
             break;
         }
     }
-    let (mesh, figures) = apart::numbered(given, rows.len(), left).unwrap();
+    let (mesh, figures) = apart::numbered(given, rows.len(), left, [0; 3].map(|_| given.workspace.spool(0))).unwrap();
     (Mesh::of(&mesh), figures, rows)
 }
 

@@ -148,6 +148,24 @@ impl AtomicFile {
         })
     }
 
+    /// Creates a file in a folder that never gets a name: what is written is to be read from it.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn aside(folder: &Path) -> Result<AtomicFile> {
+        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "create a temporary file"))?;
+        let path = folder.to_path_buf();
+        Ok(AtomicFile {
+            file,
+            hidden: None,
+            path,
+            overwrite: Overwrite::Refuse,
+            synced: false,
+            through: true,
+            remote: false,
+        })
+    }
+
     /// The name it is going to have.
     pub fn path(&self) -> &Path {
         &self.path
