@@ -15,7 +15,7 @@
 //!
 //! Then every value that seam k met is the one that slab k − 1 has by itself, so seam k comes out the same where slab k − 1 has no slab below it. What boxes leave out
 //! unread is the same, too: boxes only grow, and a block whose box seam k − 1 widened holds something touched, which seam k reads if it looks into that block. A triangle of
-//! slab k − 1 that names a vertex of slab k − 2 was named anew: if it is read, the seam is not clean, wherever its other corners lie.
+//! slab k − 1 that names a vertex of slab k − 2 was named anew by seam k − 1, so its other corners are touched: who reads it reads these.
 
 use std::cell::Cell;
 use std::ops::RangeInclusive;
@@ -63,18 +63,17 @@ impl Reach {
     #[inline]
     pub fn change(&self, v: u32) {
         self.changed.set(with(self.changed.get(), v));
-        self.touch(v, Part::Changed);
+        self.touch(v);
     }
 
-    /// For one of these reasons.
-    pub fn touch(&self, v: u32, why: Part) {
-        if why.is_on() {
+    pub fn touch(&self, v: u32) {
+        if Part::Touched.is_on() {
             self.touched.set(self.touched.get().max(Some(v)));
         }
     }
 
     pub fn read_beyond(&self) {
-        self.beyond.set(Part::Beyond.is_on());
+        self.beyond.set(true);
     }
 
     /// Whether a triangle of the lower slab was read that names a vertex of the slab before it.
@@ -97,18 +96,12 @@ impl Reach {
     }
 }
 
-/// The parts of what makes a seam clean. Tests switch each off and see that it is missed.
+/// The parts of what makes a seam clean. Tests switch each off and see what is missed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Part {
-    /// Nothing is read that the seam before changed,
-    Changed,
-    /// or a corner of a triangle that it named anew,
-    Named,
-    /// or of one for which it widened a block's box;
-    Widened,
-    /// no triangle is read that names a vertex of the slab before;
-    Beyond,
-    /// nothing is read that the slab before names.
+    /// Nothing is read that the seam before touched: a vertex that it changed, a corner of a triangle that it named anew or for which it widened a block's box;
+    Touched,
+    /// nor what the slab before names.
     Settled,
 }
 
@@ -128,8 +121,6 @@ thread_local! {
 
 #[cfg(test)]
 impl Part {
-    pub const ALL: [Part; 5] = [Part::Changed, Part::Named, Part::Widened, Part::Beyond, Part::Settled];
-
     pub fn is_on(self) -> bool {
         OFF.get() != Some(self)
     }

@@ -68,12 +68,16 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         let [read, changed] = [self.reach.all_read(), self.reach.all_changed()];
         let apart = read.as_ref().is_none_or(|read| settled <= *read.start());
         let touched = self.reach.highest_touched().and_then(|v| v.checked_sub(self.lower.own())).map_or(0, |v| v + 1);
+        debug_assert!(
+            !apart || !self.reach.has_read_beyond() || !Part::Touched.is_on(),
+            "what names the slab before is touched"
+        );
         let report = SeamReport {
             plane: self.upper.slices.start,
             read: read.map(planes),
             changed: changed.map(planes),
             rounds,
-            clean: apart && !self.reach.has_read_beyond(),
+            clean: apart,
         };
         (report, touched)
     }
@@ -352,7 +356,7 @@ impl<T: Coordinate> TriangleSet for Seam<'_, T> {
     }
 
     fn widened(&self, triangle: [u32; 3]) {
-        triangle.into_iter().for_each(|v| self.reach.touch(v, Part::Widened));
+        triangle.into_iter().for_each(|v| self.reach.touch(v));
     }
 }
 
@@ -408,14 +412,11 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
     fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState) {
         self.reach.change(v);
         let first = 3 * self.upper_triangles();
-        self.reach.touch(survivor, Part::Named);
+        self.reach.touch(survivor);
         let corners: Vec<u32> = self.corners(v).collect();
         for corner in corners {
             // Vertices of the slab beyond have the highest numbers: all of the upper slab counts as touched then.
-            self.triangle(corner / 3)
-                .into_iter()
-                .filter(|v| *v < BEFORE)
-                .for_each(|v| self.reach.touch(v, Part::Named));
+            self.triangle(corner / 3).into_iter().filter(|v| *v < BEFORE).for_each(|v| self.reach.touch(v));
             if corner < first {
                 self.lower.triangles.as_flattened_mut()[corner as usize] = survivor;
             } else {
