@@ -10,6 +10,7 @@ pub mod scalar;
 pub mod seen_from;
 pub mod unit;
 pub mod vector;
+mod wkt;
 
 use bytemuck::Pod;
 

@@ -1,24 +1,20 @@
 //! The whole run: files in, mesh file out. What the command does, as a call.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
+use std::sync::Arc;
 use std::time::Instant;
 
 use crate::error::words::thousands;
-use crate::error::{Error, Result, defect};
+use crate::error::{Error, Result};
 use crate::format::tiles3d::is_named;
-use crate::format::write::territory::Territories;
-use crate::format::write::tiles::Tiles;
 use crate::format::write::tiling::{Division, Tiling};
-use crate::format::write::{Filled, Positions, Target, Written};
+use crate::format::write::{Positions, Written};
 use crate::grid::bucket;
 use crate::grid::context::Context;
-use crate::grid::survey::boxes_of_sources;
 use crate::input::{Cloud, STANDARD_INPUT};
+use crate::mesh::MeshSource;
 use crate::mesh::check::{CheckReport, check_near};
 use crate::mesh::spool::MeshSpool;
-use crate::mesh::{MeshHeader, MeshSource};
 #[cfg(feature = "render")]
 use crate::render;
 use crate::resources::workers::Workers;
@@ -27,10 +23,11 @@ use crate::run::finished::{Finished, refuse_unsound, report};
 #[cfg(feature = "render")]
 use crate::run::html::PlannedPage;
 use crate::run::identity;
-use crate::run::job::{Check, Job, default_output_of};
+use crate::run::job::{Check, Job};
 use crate::run::mesh_header::header_of;
 use crate::run::phase::Phase;
 use crate::run::pipeline::{context, reconstruct};
+use crate::run::place::{Place, output_of, refuse_input_as_output, territories};
 use crate::run::prepare::{Passes, describe, expected_tiles, files, known, open, planned, surveyed};
 #[cfg(feature = "render")]
 use crate::run::preview::{self, DrawnPreview, PlannedPreview};
@@ -61,39 +58,6 @@ fn has_output_of(work: &WorkFolder, output: &Path) -> bool {
     // Tasks name it from the root.
     let named = [Some(output.to_path_buf()), std::path::absolute(output).ok()];
     manifest.is_some_and(|manifest| named.iter().flatten().any(|named| manifest.rest == named.display().to_string()))
-}
-
-/// Which coordinates an output has.
-///
-/// # Errors
-/// Those of [`Positions::of`]; [`Error::InvalidSetting`] for the input's own in a tileset, or one of tiles of another kind.
-fn positions_of(output: &Path, job: &Job) -> Result<Positions> {
-    if !is_named(output) {
-        return Positions::of(output, job.positions);
-    }
-    let setting = match job {
-        Job { positions: Some(Positions::Absolute), .. } => "coordinates",
-        Job { tile: Some(_), .. } => "tile",
-        Job { batch: true, .. } => "batch",
-        _ => return Ok(Positions::Shifted),
-    };
-    let words = format!("`{setting}`: does not go with a tileset, whose tiles and places are its own");
-    Err(Error::setting(setting, words))
-}
-
-/// No mesh takes the place of the points it is made from.
-fn refuse_input_as_output(files: &[PathBuf], output: &Path) -> Result<()> {
-    let same = |path: &Path| {
-        matches!((path.canonicalize(), output.canonicalize()), (Ok(a), Ok(b)) if a == b)
-            || path == output && is_remote(path)
-    };
-    match files.iter().find(|file| same(file)) {
-        Some(file) => Err(Error::Usage(format!(
-            "{}: is an input, which the mesh would replace; choose another `output`",
-            file.display()
-        ))),
-        None => Ok(()),
-    }
 }
 
 /// Reconstructs: reads the input, makes the mesh, checks it, writes it.
@@ -132,34 +96,6 @@ fn refuse_remote_work(folder: &Path) -> Result<()> {
             format!(
                 "`work` {}: a run by itself adds to its files as it goes on, which objects do not allow; choose a folder of this machine, or do the run as tasks, with `asra-stream plan` and `asra-stream work`",
                 folder.display()
-            ),
-        )),
-    }
-}
-
-/// Of what a run writes, the mesh alone can go to an object store, if it is one file; and its report.
-fn refuse_remote(job: &Job, output: &Path) -> Result<()> {
-    let is_folder = job.tile.is_some() || job.batch || is_named(output);
-    let of_all = [
-        ("dtm", job.dtm.as_deref()),
-        ("dsm", job.dsm.as_deref()),
-        ("write_classes", job.write_classes.as_deref()),
-        ("output", Some(output).filter(|_| is_folder)),
-    ];
-    #[cfg(feature = "render")]
-    let picture = job.preview.path(output);
-    #[cfg(feature = "render")]
-    let drawn = [("html", job.html.as_deref()), ("preview", picture.as_deref())];
-    #[cfg(not(feature = "render"))]
-    let drawn: [(&str, Option<&Path>); 0] = [];
-    let mut others = of_all.into_iter().chain(drawn);
-    match others.find_map(|(setting, path)| Some((setting, path.filter(|path| is_remote(path))?))) {
-        None => Ok(()),
-        Some((setting, path)) => Err(Error::setting(
-            setting,
-            format!(
-                "`{setting}` {}: only meshes in one file are written to object stores; write this to a folder of this machine, and copy it from there",
-                path.display()
             ),
         )),
     }
@@ -228,15 +164,6 @@ pub(super) trait Premade {
 
     /// What is to be told of a run of tiles that is not what was written.
     fn damaged_tiles(&self, run: usize) -> Error;
-}
-
-/// The output's name, which is no input's.
-fn output_of(job: &Job, files: &[PathBuf]) -> Result<PathBuf> {
-    let output = match &job.output {
-        Some(output) => output.clone(),
-        None => default_output_of(&job.inputs, files)?,
-    };
-    refuse_input_as_output(files, &output).map(|()| output)
 }
 
 /// Refuses an output that a run of an opened cloud could not write; not one that tasks of this folder have written.
@@ -502,108 +429,4 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         page.write(&report)?;
     }
     Ok(report)
-}
-
-/// How a job's mesh becomes tiles, of a job whose lengths are in the input's units; none if it is to be one file, or a mesh of each input.
-///
-/// # Errors
-/// Those of [`Tiling::of`].
-pub(super) fn tiling(job: &Job, files: &[PathBuf]) -> Result<Option<Tiling>> {
-    let Some(side) = job.tile else { return Ok(None) };
-    let output = output_of(job, files)?;
-    Tiling::of(&output, Division::Squares(side), positions_of(&output, job)?).map(Some)
-}
-
-/// What a job wants its mesh divided by, as far as it is known before files are opened.
-///
-/// # Errors
-/// [`Error::InvalidSetting`] if it wants two things, or inputs have no names that tell their meshes apart.
-fn division(job: &Job, files: &[PathBuf]) -> Result<Option<Division>> {
-    match (job.tile, job.batch) {
-        (Some(_), true) => Err(Error::setting(
-            "batch",
-            "`batch`: makes a mesh of each input, and `tile` of each square; pass one".into(),
-        )),
-        (Some(side), false) => Ok(Some(Division::Squares(side))),
-        (None, true) => Territories::of(files).map(|inputs| Some(Division::Inputs(inputs))),
-        (None, false) => Ok(None),
-    }
-}
-
-/// Where the points of each input lie that count; those without any get no mesh, and are told.
-fn territories(cloud: &Cloud, workers: &Workers, progress: &mut Progress) -> Result<Territories> {
-    let paths: Vec<PathBuf> = cloud.sources().iter().map(|source| source.path.clone()).collect();
-    let mut inputs = Territories::of(&paths)?;
-    progress.begin(Phase::Survey, cloud.sources().iter().map(|source| source.records).sum());
-    let boxes = boxes_of_sources(cloud, workers, 2 * workers.threads(), |records| progress.add(records))?;
-    progress.end();
-    paths.iter().zip(&boxes).for_each(|(path, bounds)| inputs.put(path, bounds));
-    for input in inputs.without_points() {
-        progress.note(&format!("{}: no points that count, and so no mesh", input.path.display()));
-    }
-    Ok(inputs)
-}
-
-/// Where the mesh goes.
-enum Place {
-    File(Target),
-    Filled(Filled),
-    Tiles(Tiles),
-    Tileset(TilesetTarget),
-}
-
-impl Place {
-    /// The output of this name, prepared, and which coordinates it has.
-    fn of(job: &Job, files: &[PathBuf], output: &Path) -> Result<(Place, Positions)> {
-        refuse_remote(job, output)?;
-        let positions = positions_of(output, job)?;
-        if !is_named(output)
-            && let Some(setting) = job.tileset.first_set()
-        {
-            let words =
-                format!("`{setting}`: is for a tileset; its `output` is named tileset.json, in a folder of its own");
-            return Err(Error::setting(setting, words));
-        }
-        let place = match division(job, files)? {
-            None if is_named(output) => Place::Tileset(TilesetTarget::prepare(output, job.overwrite)?),
-            None => {
-                let local = job.resources.temp_dir.as_deref();
-                Place::File(Target::prepare_with(output, job.overwrite, positions, local)?)
-            }
-            Some(division) => Place::Tiles(Tiles::prepare(output, division, job.overwrite, positions)?),
-        };
-        Ok((place, positions))
-    }
-
-    /// A tileset stands on Earth where the cloud's reference system says.
-    fn stand_where(&mut self, cloud: &Cloud, job: &Job) -> Result<()> {
-        match self {
-            Place::Tileset(tileset) => tileset.georeference(cloud.crs(), &job.tileset),
-            _ => Ok(()),
-        }
-    }
-
-    /// Does some work; a file is filled meanwhile.
-    fn filled_meanwhile<R>(
-        self,
-        mesh: &MeshSpool,
-        header: &MeshHeader,
-        workers: &Workers,
-        work: impl FnOnce() -> R,
-    ) -> (R, Result<Place>) {
-        let Place::File(target) = self else { return (work(), Ok(self)) };
-        let waiting = Mutex::new(Some(target));
-        let fill = || {
-            let target = waiting.lock().unwrap_or_else(PoisonError::into_inner).take();
-            target.map(|target| defect::caught(|| target.fill(mesh, header, workers, &mut |_| ())))
-        };
-        thread::scope(|scope| {
-            let filling = thread::Builder::new().name("asra-writer".into()).spawn_scoped(scope, fill);
-            let done = work();
-            // A thread that the system refuses costs time only: then nobody has taken the target yet.
-            let filled = filling.ok().and_then(|filling| filling.join().ok().flatten()).or_else(fill);
-            let lost = || Err(Error::Internal("the writer is gone, and the mesh's file with it".into()));
-            (done, filled.unwrap_or_else(lost).map(Place::Filled))
-        })
-    }
 }

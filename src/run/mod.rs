@@ -29,6 +29,7 @@ mod mesh_header;
 pub mod observer;
 pub mod phase;
 pub mod pipeline;
+mod place;
 pub mod planner;
 mod prepare;
 #[cfg(feature = "render")]

@@ -217,16 +217,8 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     pub fn add(&mut self, mut slab: SlabMesh<T>) -> Result<Option<SlabMesh<T>>> {
         let mut lower = self.waiting.take();
         if let Some(lower) = &mut lower {
-            let settled = if Part::Settled.is_on() { self.touched.max(self.frozen) } else { self.touched };
-            let mut seam = Seam::of(lower, &mut slab, self.frozen, self.mesh.frame, self.broad_phase.quantizer());
-            let mut changed = seam.close();
-            changed.extend(seam.choose_fitted(self.grid, self.halo));
-            changed.extend(seam.strayed(self.grid));
-            let dirty = seam.triangles_around(changed);
-            let Untangled { tangled, rounds } = untangle(&mut seam, &mut self.broad_phase, Some(dirty));
-            let (report, touched) = seam.report(rounds, settled);
+            let (report, touched, tangled) = self.close(lower, &mut slab);
             (self.touched, self.clean) = (touched, report.clean);
-            seam.give_back_blocks();
             if self.next == self.written {
                 // Stitching began in the middle: the seam and the slab below it were counted, and written, where the checkpoint was made.
                 self.pass_over(lower, &slab);
@@ -239,6 +231,20 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
         self.waiting = Some(slab);
         self.next += 1;
         Ok(lower)
+    }
+
+    /// Closes the seam between two slabs: how, how many of the upper one's first vertices are touched now, and how many pairs of triangles still intersect.
+    fn close(&mut self, lower: &mut SlabMesh<T>, upper: &mut SlabMesh<T>) -> (SeamReport, u32, u64) {
+        let settled = if Part::Settled.is_on() { self.touched.max(self.frozen) } else { self.touched };
+        let mut seam = Seam::of(lower, upper, self.frozen, self.mesh.frame, self.broad_phase.quantizer());
+        let mut changed = seam.close();
+        changed.extend(seam.choose_fitted(self.grid, self.halo));
+        changed.extend(seam.strayed(self.grid));
+        let dirty = seam.triangles_around(changed);
+        let Untangled { tangled, rounds } = untangle(&mut seam, &mut self.broad_phase, Some(dirty));
+        let (report, touched) = seam.report(rounds, settled);
+        seam.give_back_blocks();
+        (report, touched, tangled)
     }
 
     /// Writes the last slab and gives the mesh.

@@ -15,7 +15,7 @@
 //!
 //! Then every value that seam k met is the one that slab k − 1 has by itself, so seam k comes out the same where slab k − 1 has no slab below it. What boxes leave out
 //! unread is the same, too: boxes only grow, and a block whose box seam k − 1 widened holds something touched, which seam k reads if it looks into that block. A triangle of
-//! slab k − 1 that names a vertex of slab k − 2 was named anew by seam k − 1, so its other corners are touched: who reads it reads these.
+//! slab k − 1 that names a vertex of slab k − 2 was named anew by seam k − 1. Where all its corners were, none is left to be touched; so if such a triangle is read, the seam is not clean.
 
 use std::cell::Cell;
 use std::ops::RangeInclusive;
@@ -73,7 +73,7 @@ impl Reach {
     }
 
     pub fn read_beyond(&self) {
-        self.beyond.set(true);
+        self.beyond.set(Part::Beyond.is_on());
     }
 
     /// Whether a triangle of the lower slab was read that names a vertex of the slab before it.
@@ -101,8 +101,10 @@ impl Reach {
 pub(super) enum Part {
     /// Nothing is read that the seam before touched: a vertex that it changed, a corner of a triangle that it named anew or for which it widened a block's box;
     Touched,
-    /// nor what the slab before names.
+    /// nor what the slab before names;
     Settled,
+    /// nor a triangle that names a vertex of the slab before.
+    Beyond,
 }
 
 impl Part {

@@ -11,7 +11,7 @@ use crate::grid::partition::TRAVEL;
 use crate::mesh::spool::Frame;
 use crate::points::{Coordinate, bits};
 use crate::stitch::numbers::{BEFORE, InSlab, Named};
-use crate::stitch::reach::{Part, Reach, SeamReport};
+use crate::stitch::reach::{Reach, SeamReport};
 use crate::stitch::slab::SlabMesh;
 use crate::storage::seeds::SeededMap;
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_gone};
@@ -68,16 +68,12 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         let [read, changed] = [self.reach.all_read(), self.reach.all_changed()];
         let apart = read.as_ref().is_none_or(|read| settled <= *read.start());
         let touched = self.reach.highest_touched().and_then(|v| v.checked_sub(self.lower.own())).map_or(0, |v| v + 1);
-        debug_assert!(
-            !apart || !self.reach.has_read_beyond() || !Part::Touched.is_on(),
-            "what names the slab before is touched"
-        );
         let report = SeamReport {
             plane: self.upper.slices.start,
             read: read.map(planes),
             changed: changed.map(planes),
             rounds,
-            clean: apart,
+            clean: apart && !self.reach.has_read_beyond(),
         };
         (report, touched)
     }

@@ -26,6 +26,7 @@ use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::close::{ClosingOptions, close, close_below};
 use crate::stitch::apart::{self, Apart, Chain, Link, Of};
 use crate::stitch::checkpoint::Checkpoint;
+use crate::stitch::numbers::BEFORE;
 use crate::stitch::pieces::{self, Means};
 use crate::stitch::reach::{OFF, Part};
 use crate::stitch::slab::Making;
@@ -450,12 +451,13 @@ fn unnoticed(fresh: &SlabMesh<f32>, closed: &SlabMesh<f32>, touched: u32) -> usi
     vertices + renamed + widened
 }
 
-/// Nothing that a seam leaves otherwise goes unnoticed, and a seam that reads anything which was touched or must stay is not clean. With either part of that switched off, something is missed.
+/// Nothing that a seam leaves otherwise goes unnoticed; and a seam that reads what must stay, or whose outcome depends on a triangle that names the slab before, is not clean. With any part of
+/// that switched off, something is missed.
 #[test]
 fn each_part_of_the_certificate_is_needed() {
-    let (mut missed, mut settled, mut seams) = ([0; 2], [0; 2], 0);
+    let (mut missed, mut settled, mut beyond, mut seams) = ([0; 2], [0; 2], [0; 2], 0);
     for slab_slices in [None, Some(12)] {
-        for case in cases(8..12, slab_slices) {
+        for case in cases(8..10, slab_slices) {
             Stitching::of(&case, |stitching| {
                 // All that is left otherwise, with the first part and without it.
                 for (off, missed) in [None, Some(Part::Touched)].into_iter().zip(&mut missed) {
@@ -473,22 +475,39 @@ fn each_part_of_the_certificate_is_needed() {
                 for (number, report) in (1..).zip(&whole.seams) {
                     let Some([lowest, _]) = report.read.filter(|_| report.clean && number > 1) else { continue };
                     seams += 1;
-                    for (off, settled) in [None, Some(Part::Settled)].into_iter().zip(&mut settled) {
-                        let mut stitcher = stitching.stitcher(&Checkpoint::at(0));
-                        stitching.slabs[..number].iter().for_each(|slab| drop(stitcher.add(slab.clone()).unwrap()));
-                        let lower = stitcher.waiting.as_ref().unwrap();
-                        stitcher.frozen = stitcher.frozen.max(lower.planes[(lowest + 1 - lower.slices.start) as usize]);
+                    let mut stitcher = stitching.stitcher(&Checkpoint::at(0));
+                    stitching.slabs[..number].iter().for_each(|slab| drop(stitcher.add(slab.clone()).unwrap()));
+                    let lower = stitcher.waiting.clone().unwrap();
+                    let frozen = stitcher.frozen;
+                    let closed = |stitcher: &mut Stitcher<'_, f32>, mut lower: SlabMesh<f32>, off| {
+                        let mut upper = stitching.slabs[number].clone();
                         OFF.set(off);
-                        stitcher.add(stitching.slabs[number].clone()).unwrap();
+                        let (report, ..) = stitcher.close(&mut lower, &mut upper);
                         OFF.set(None);
-                        *settled += usize::from(stitcher.clean);
+                        (report.clean, changeable(&upper))
+                    };
+                    stitcher.frozen = frozen.max(lower.planes[(lowest + 1 - lower.slices.start) as usize]);
+                    for (off, settled) in [None, Some(Part::Settled)].into_iter().zip(&mut settled) {
+                        *settled += usize::from(closed(&mut stitcher, lower.clone(), off).0);
+                    }
+                    // All corners of a triangle are made to be vertices of the slab before.
+                    stitcher.frozen = frozen;
+                    let (_, expected) = closed(&mut stitcher, lower.clone(), None);
+                    for t in (0..lower.triangles.len()).rev().step_by(11).take(12) {
+                        let mut named = lower.clone();
+                        named.triangles[t] = [0, 1, 2].map(|v| BEFORE + v);
+                        for (off, beyond) in [None, Some(Part::Beyond)].into_iter().zip(&mut beyond) {
+                            let (clean, found) = closed(&mut stitcher, named.clone(), off);
+                            *beyond += usize::from(clean && found != expected);
+                        }
                     }
                 }
             });
         }
     }
-    assert_eq!((missed[0], settled[0]), (0, 0));
-    assert!(missed[1] > 50 && settled[1] > 20, "{missed:?}, {settled:?} of {seams} seams");
+    assert_eq!((missed[0], settled[0], beyond[0]), (0, 0, 0));
+    let missed = [missed[1], settled[1], beyond[1]];
+    assert!(missed.iter().all(|missed| *missed > 20), "{missed:?} of {seams} seams");
 }
 
 /// All of a slab that going back may change.

@@ -403,7 +403,7 @@ fn tiles_hold_every_triangle_once_with_the_same_bits() {
             .map(|share| {
                 let [mut triangles, mut index] = spools();
                 let out = [&mut triangles, &mut index];
-                tiling.sort_apart((&mesh, &header), (share, shares), out, means, &mut |_| ()).unwrap();
+                tiling.sort_apart((&mesh, header.origin), (share, shares), out, means, &mut |_| ()).unwrap();
                 [triangles, index]
             })
             .collect();

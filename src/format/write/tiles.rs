@@ -72,10 +72,11 @@ impl Tiles {
         progress: &mut dyn FnMut(u64),
     ) -> Result<(Written, u64)> {
         let mut done = 0;
-        let (spool, tiles) = self.tiling.sort((mesh, header), (0, 1), (workers, workspace), &mut |triangles| {
-            done += triangles;
-            progress(done);
-        })?;
+        let (spool, tiles) =
+            self.tiling.sort((mesh, header.origin), (0, 1), (workers, workspace), &mut |triangles| {
+                done += triangles;
+                progress(done);
+            })?;
         let mut index = self.index(header)?;
         for (key, places) in tiles {
             workers.check_cancelled()?;

@@ -158,13 +158,13 @@ impl Tiling {
         (format!("{stem}.{}", if self.format == Format::Ply { "ply" } else { "glb" }), entry)
     }
 
-    /// Sorts triangles by tile, those of a tile in the mesh's order: all of share number `share.0` of `share.1` equal ones. `progress` is told how many were sorted since it was told last.
+    /// Sorts the triangles of a mesh at an origin by tile, those of a tile in the mesh's order: all of share number `share.0` of `share.1` equal ones. `progress` is told how many were sorted since it was told last.
     ///
     /// # Errors
     /// [`Error::InvalidSetting`] if squares are so small that there are too many; those of reading the mesh; [`Error::Io`].
     pub(super) fn sort(
         &self,
-        (mesh, header): (&MeshSpool, &MeshHeader),
+        (mesh, origin): (&MeshSpool, [f64; 3]),
         share: (usize, usize),
         (workers, workspace): (&Workers, &Workspace),
         progress: &mut dyn FnMut(u64),
@@ -176,7 +176,7 @@ impl Tiling {
             let first = (blocks.start + number) as u64 * BLOCK as u64;
             let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
             mesh.read_faces(first, &mut faces)?;
-            let keys = self.keys(mesh, header, &faces)?;
+            let keys = self.keys(mesh, origin, &faces)?;
             let mut order: Vec<u32> = (0..faces.len() as u32).collect();
             order.sort_by_key(|&i| keys[i as usize]);
             let sorted: Vec<[u32; 3]> = order.iter().map(|&i| faces[i as usize]).collect();
@@ -214,12 +214,12 @@ impl Tiling {
     }
 
     /// The tiles of the triangles' middles.
-    fn keys(&self, mesh: &MeshSpool, header: &MeshHeader, faces: &[[u32; 3]]) -> Result<Vec<Key>> {
+    fn keys(&self, mesh: &MeshSpool, origin: [f64; 3], faces: &[[u32; 3]]) -> Result<Vec<Key>> {
         let (mut local, mut corners) = (faces.to_vec(), Corners::default());
         corners.fill(mesh, &mut local, WINDOW)?;
         let middle = |face: &[u32; 3]| {
             let corners = face.map(|v| corners.table[v as usize]);
-            [0, 1].map(|a| (corners[0][a] + corners[1][a] + corners[2][a]) / 3.0 + header.origin[a])
+            [0, 1].map(|a| (corners[0][a] + corners[1][a] + corners[2][a]) / 3.0 + origin[a])
         };
         let middles = local.iter().map(middle);
         match &self.division {
@@ -257,13 +257,13 @@ impl Tiling {
     /// Those of [`super::tiles::Tiles::write`].
     pub fn sort_apart(
         &self,
-        (mesh, header): (&MeshSpool, &MeshHeader),
+        (mesh, origin): (&MeshSpool, [f64; 3]),
         share: (usize, usize),
         [triangles, index]: [&mut Spool; 2],
         (workers, workspace): (&Workers, &Workspace),
         progress: &mut dyn FnMut(u64),
     ) -> Result<()> {
-        let (spool, tiles) = self.sort((mesh, header), share, (workers, workspace), progress)?;
+        let (spool, tiles) = self.sort((mesh, origin), share, (workers, workspace), progress)?;
         let mut bytes = Vec::new();
         for (key, places) in tiles {
             let count = places.iter().map(|(_, count)| count).sum();

@@ -220,9 +220,13 @@ impl Tasks {
         Ok(workspace.spool_in(file, length))
     }
 
-    /// The same of a file of so many bytes, which whoever reads them compares with what was written.
-    pub(super) fn spool_as_long(&self, of: (Task, usize), length: u64, workspace: &Workspace) -> Result<Spool> {
-        Ok(workspace.spool_in(self.file_of(of)?.1, length))
+    /// The same of a file that is as long as it was; whoever reads its bytes compares them with what was written.
+    pub(super) fn spool_as_long(&self, of: (Task, usize), extent: Extent, workspace: &Workspace) -> Result<Spool> {
+        let (name, file) = self.file_of(of)?;
+        if file.file.length().map_err(self.work.failed("read"))? < extent.to {
+            return Err(self.work.damaged(&name, "it is shorter than what was written"));
+        }
+        Ok(workspace.spool_in(file, extent.to))
     }
 
     fn file_of(&self, (needed, number): (Task, usize)) -> Result<(String, NamedFile)> {

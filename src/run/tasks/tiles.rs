@@ -10,10 +10,10 @@ use crate::grid::context::Context;
 use crate::input::Cloud;
 use crate::mesh::MeshSource;
 use crate::points::Coordinate;
-use crate::run::files_to_mesh::tiling;
 use crate::run::job::Job;
 use crate::run::mesh_header::header_of;
 use crate::run::phase::Phase;
+use crate::run::place::tiling;
 use crate::run::progress::Progress;
 use crate::run::surface::Reconstructed;
 use crate::settings::Settings;
@@ -37,10 +37,8 @@ impl Tasks {
         let made = self.reconstructed_as::<T>(task, settings, Compared::AsRead, context, progress)?;
         let mesh = if self.is_simplified() { self.mesh::<T>(task, Compared::AsRead, context)? } else { made.mesh };
         let made = Reconstructed { mesh, ..made };
-        let header = header_of(cloud, &self.plan.surveyed, settings, &made, &job.input.attributes, &context.workers)?;
         let tiling: Tiling = tiling(job, &self.files)?.ok_or_else(|| self.unknown(task))?;
         let of = self.tilings().len();
-        let whole = (&made.mesh, &header);
         let means = (&context.workers, &context.workspace);
         progress.begin(Phase::Write, Some(made.mesh.face_count() / of as u64));
         let phase = self.phase(task);
@@ -51,11 +49,16 @@ impl Tasks {
         let mut out = named.clone().map(|file| context.workspace.spool_in(file, 0));
         let [first, second] = &mut out;
         match task {
-            Task::Sort(number) => tiling.sort_apart(whole, (number, of), [first, second], means, told)?,
+            Task::Sort(number) => {
+                tiling.sort_apart((&made.mesh, made.origin), (number, of), [first, second], means, told)?;
+            }
             Task::Tile(number) => {
                 let shares = self.tilings().map(|share| self.two_files(task, Task::Sort(share), context));
                 let shares = shares.collect::<Result<Vec<_>>>()?;
                 let memory = context.memory.working;
+                let attributes = &job.input.attributes;
+                let header = header_of(cloud, &self.plan.surveyed, settings, &made, attributes, &context.workers)?;
+                let whole = (&made.mesh, &header);
                 tiling.write_apart(whole, (&shares, (number, of)), [first, second], memory, means, told)?;
             }
             task => return Err(self.unknown(task)),
@@ -82,7 +85,7 @@ impl Tasks {
             let [files, index]: [Extent; 2] = self.shown(task, needed)?;
             let means = (&context.workers, &context.workspace);
             let index = self.spool_of((needed, 1), &[index], means)?;
-            Ok([self.spool_as_long((needed, 0), files.to, &context.workspace)?, index])
+            Ok([self.spool_as_long((needed, 0), files, &context.workspace)?, index])
         };
         self.tilings().map(run).collect::<Result<Vec<_>>>().map(Some)
     }

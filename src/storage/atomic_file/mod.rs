@@ -43,6 +43,11 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
+    /// A file without a name, which need not reach the disk before it has one.
+    fn unsynced(file: File, path: PathBuf, overwrite: Overwrite) -> AtomicFile {
+        AtomicFile { file, hidden: None, path, overwrite, synced: false, through: false, remote: false }
+    }
+
     /// A report: it replaces an older one, and is written to a pipe or a device as it is.
     ///
     /// # Errors
@@ -54,15 +59,7 @@ impl AtomicFile {
         }
         let file = system::open_pipe(path).map_err(Error::io(path, "write to"))?;
         let path = path.to_path_buf();
-        Ok(AtomicFile {
-            file,
-            hidden: None,
-            path,
-            overwrite: Overwrite::Replace,
-            synced: false,
-            through: true,
-            remote: false,
-        })
+        Ok(AtomicFile { through: true, ..AtomicFile::unsynced(file, path, Overwrite::Replace) })
     }
 
     /// Creates the temporary file, with the permissions any new file gets. What a link leads to is replaced, and the link stays.
@@ -86,7 +83,7 @@ impl AtomicFile {
             let local = local.map_or_else(remote::local_folder, Path::to_path_buf);
             let file = tempfile::tempfile_in(&local).map_err(Error::io(local, "create a temporary file"))?;
             let path = path.to_path_buf();
-            return Ok(AtomicFile { file, hidden: None, path, overwrite, synced: false, through: false, remote: true });
+            return Ok(AtomicFile { remote: true, ..AtomicFile::unsynced(file, path, overwrite) });
         }
         let linked;
         let mut path = path;
@@ -117,15 +114,7 @@ impl AtomicFile {
                 (file, Some(hidden))
             }
         };
-        Ok(AtomicFile {
-            file,
-            hidden,
-            path: path.to_path_buf(),
-            overwrite,
-            synced: true,
-            through: false,
-            remote: false,
-        })
+        Ok(AtomicFile { hidden, synced: true, ..AtomicFile::unsynced(file, path.to_path_buf(), overwrite) })
     }
 
     /// Creates a file in a folder of this process's own, where nothing else is and nobody looks before the folder has its name. Whoever gives it that sees to
@@ -137,15 +126,7 @@ impl AtomicFile {
         let file = OpenOptions::new().read(true).write(true).create_new(true).open(path);
         let file = file.map_err(Error::io(path, "create"))?;
         let hidden = Some(TempPath::try_from_path(path).map_err(Error::io(path, "create"))?);
-        Ok(AtomicFile {
-            file,
-            hidden,
-            path: path.to_path_buf(),
-            overwrite: Overwrite::Replace,
-            synced: false,
-            through: false,
-            remote: false,
-        })
+        Ok(AtomicFile { hidden, ..AtomicFile::unsynced(file, path.to_path_buf(), Overwrite::Replace) })
     }
 
     /// Creates a file in a folder that never gets a name: what is written is to be read from it.
@@ -155,15 +136,7 @@ impl AtomicFile {
     pub fn aside(folder: &Path) -> Result<AtomicFile> {
         let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "create a temporary file"))?;
         let path = folder.to_path_buf();
-        Ok(AtomicFile {
-            file,
-            hidden: None,
-            path,
-            overwrite: Overwrite::Refuse,
-            synced: false,
-            through: true,
-            remote: false,
-        })
+        Ok(AtomicFile { through: true, ..AtomicFile::unsynced(file, path, Overwrite::Refuse) })
     }
 
     /// The name it is going to have.
