@@ -3,6 +3,7 @@
 //! A mesh is a sequence of vertices and a sequence of triangles of vertex numbers; nothing here knows of slices.
 
 pub mod check;
+pub mod copy;
 pub mod intersect;
 pub(crate) mod intersections;
 pub mod measure;

@@ -34,6 +34,7 @@ use crate::run::preview::{self, DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
 use crate::run::pyramid::TilesetTarget;
 use crate::run::report::{OutputReport, Report};
+use crate::run::saved_mesh::{Kept, Means};
 use crate::run::simplification::{Lengths, simplified};
 use crate::run::surface::Reconstructed;
 use crate::run::surveyed::Surveyed;
@@ -113,6 +114,9 @@ pub(super) enum Source<'a> {
 pub(super) trait Premade {
     /// The folder in which it is said what gets its name.
     fn folder(&self) -> &Arc<WorkFolder>;
+
+    /// What the names of phases end with that come of them.
+    fn ending(&self) -> String;
 
     /// The files of the points.
     fn files(&self) -> &[PathBuf];
@@ -288,18 +292,25 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     if job.settings.may_be_empty() && made.mesh.face_count() == 0 {
         return Err(Error::NoSurface);
     }
+    let ending = if let Source::Made(before) = source { before.ending() } else { String::new() };
+    let kept = match source {
+        Source::Points(work) => work.map(|work| Kept { work, ending: &ending, alone: true }),
+        // What is read again while it waits to be an object is not there.
+        Source::Made(before) if before.folder().is_remote() => None,
+        Source::Made(before) => Some(Kept { work: before.folder(), ending: &ending, alone: false }),
+    };
     let mut simplification = None;
     if let Some(asked) = &settings.simplify {
         let longest = surveyed.survey.bounds.longest_side();
         let lengths = Lengths { cell: Some(surveyed.grid.cell_size()), longest };
-        let (budget, means) = (made.memory.working, (workers, &workspace));
+        let means = Means { memory: made.memory.working, workers, workspace: &workspace, kept };
         let before = match source {
             Source::Points(_) => None,
             Source::Made(before) => before.simplified(&context)?,
         };
         let (fewer, figures) = match before {
             Some(before) => before,
-            None => simplified(&made.mesh, asked, lengths, budget, means, progress)?,
+            None => simplified(&made.mesh, asked, lengths, means, progress)?,
         };
         made.mesh = fewer;
         simplification = Some(figures);
@@ -370,8 +381,8 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     let (path, written) = match target {
         Place::File(target) => (output, target.fill(&made.mesh, &header, workers, &mut told)?.finish()?),
         Place::Tileset(target) => {
-            let (memory, means) = (made.memory.working, (workers, &workspace));
-            let figures = target.write(&made.mesh, &header, &job.tileset, memory, means, progress)?;
+            let means = Means { memory: made.memory.working, workers, workspace: &workspace, kept };
+            let figures = target.write(&made.mesh, &header, &job.tileset, means, progress)?;
             let bytes = figures.bytes;
             files = Some(figures.tiles());
             tileset = Some(figures);

@@ -20,8 +20,9 @@ use crate::resources::workers::Workers;
 use crate::run::job::Resources;
 use crate::run::phase::{Forecast, Phase};
 use crate::run::progress::{Progress, Warning};
+use crate::run::saved_mesh::Means;
 use crate::settings::simplification::{Borders, Simplification, Tolerance};
-use crate::simplify::{Extent, Figures, Options, simplify};
+use crate::simplify::{Extent, Figures, Given, Options, simplify};
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
 use crate::storage::steady::Steady;
@@ -45,6 +46,10 @@ pub(super) fn options(asked: &Simplification, lengths: Lengths, schema: &Schema)
     Ok(Options { tolerance, most: asked.max_triangles, borders, colours, moves })
 }
 
+/// The step that leaves out triangles, as the work folder names it, and what its passes' names begin with.
+const STEP: &str = "simplified";
+const PASS: &str = "simplify";
+
 /// The mesh of a run with fewer triangles, and how many.
 ///
 /// # Errors
@@ -53,14 +58,28 @@ pub(super) fn simplified(
     mesh: &MeshSpool,
     asked: &Simplification,
     lengths: Lengths,
-    budget: u64,
-    (workers, workspace): (&Workers, &Workspace),
+    Means { memory: budget, workers, workspace, kept }: Means<'_>,
     progress: &mut Progress,
 ) -> Result<(MeshSpool, Figures)> {
     let options = options(asked, lengths, mesh.schema())?;
+    let means = (workers, workspace);
+    // Within a tolerance it is kept pass by pass; a search for it as a whole.
+    let whole = kept.filter(|_| options.most.is_some());
+    if let Some(kept) = whole
+        && let Some(found) = kept.found(STEP, (mesh.precision(), mesh.schema()), means)?
+    {
+        return Ok(found);
+    }
     progress.begin(Phase::Simplify, Some(mesh.face_count()));
     let triangles = mesh.face_count() as f64;
-    simplify(mesh, &options, budget, workers, workspace, &mut |part| progress.set((part * triangles) as u64))
+    let passes = kept.and_then(|kept| kept.passes(PASS));
+    let of = passes.as_ref().map(|(work, name)| (*work, name.as_str()));
+    let given = Given { mesh, options: &options, budget, workers, workspace, kept: of };
+    let (fewer, figures) = simplify(given, &mut |part| progress.set((part * triangles) as u64))?;
+    match whole {
+        None => Ok((fewer, figures)),
+        Some(kept) => Ok((kept.keep(STEP, &fewer, figures, means)?, figures)),
+    }
 }
 
 /// What is to be told where there are more triangles than were asked for.
@@ -227,7 +246,8 @@ fn checked_and_simplified(
     progress.begin(Phase::Simplify, Some(mesh.face_count()));
     let triangles = mesh.face_count() as f64;
     let told = &mut |part: f64| progress.set((part * triangles) as u64);
-    let (simplified, figures) = simplify(mesh, &options, share, workers, workspace, told)?;
+    let given = Given { mesh, options: &options, budget: share, workers, workspace, kept: None };
+    let (simplified, figures) = simplify(given, told)?;
     progress.begin(Phase::Check, Some(simplified.face_count()));
     let after = check(&simplified, share / 2, workers, workspace, &mut |done| progress.set(done))?;
     refuse_changed(&before, &after)?;

@@ -8,63 +8,23 @@
 //!
 //! A pass first finds the planes that cut space. Each share of the triangles is then dealt to the rows of parts that these lie in, and each run of rows is simplified by itself.
 
-use std::cell::Cell;
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::mark::{Colours, Mark, Marks};
-use super::number;
-use super::passes::{self, Passes, Room, SHARES, Triangles, Wanted, meeting_rows};
+use super::mark::{Mark, Marks};
+use super::passes::{self, SHARES, Triangles, meeting_rows};
 use super::soup::{Record, Soup, each_block};
 use super::space::Space;
-use super::{Extent, Figures, Options, class_of, limits};
+use super::{Figures, Given, limits};
 use crate::error::Result;
-use crate::mesh::MeshSource;
 use crate::mesh::spool::MeshSpool;
 use crate::points::{Coordinate, Precision};
-use crate::resources::workers::Workers;
 use crate::storage::partitions::Partitions;
-use crate::storage::spool::{self, Spool, Workspace};
+use crate::storage::spool::{self, Spool};
 
 /// The most passes that a simplification makes.
 pub const PASSES: usize = SHARES.len();
-
-/// What every task is given.
-#[derive(Clone, Copy)]
-pub struct Given<'a> {
-    /// The mesh that is simplified.
-    pub mesh: &'a dyn MeshSource,
-    /// What is asked: a tolerance, and no number of triangles.
-    pub options: &'a Options,
-    /// Bytes of memory, no less than [`Extent::least_memory`].
-    pub budget: u64,
-    /// Who does it.
-    pub workers: &'a Workers,
-    /// Where temporary files go.
-    pub workspace: &'a Workspace,
-}
-
-impl Given<'_> {
-    fn extent(&self) -> Extent {
-        Extent::of(self.mesh, self.options.moves, self.options.colours.is_some())
-    }
-
-    fn passes<T: Coordinate, M: Mark>(&self) -> Result<Passes<'_>> {
-        let (workers, workspace, before) = (self.workers, self.workspace, self.mesh.face_count());
-        let numbering = number::bytes::<T, M>(self.mesh.vertex_count());
-        Ok(Passes { workers, workspace, room: Room::of::<T, M>(before, self.budget, numbering)?, made: Cell::new(0) })
-    }
-
-    fn colours<M: Mark>(&self) -> Option<Colours> {
-        if M::CARRIED { Colours::of(self.mesh) } else { None }
-    }
-
-    fn wanted<M: Mark>(&self) -> Result<Wanted> {
-        let classes = self.options.borders.as_ref().map(|name| class_of(self.mesh, name)).transpose()?;
-        Ok(Wanted { classes, colours: self.colours::<M>() })
-    }
-}
 
 /// The planes of a pass.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]

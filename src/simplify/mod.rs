@@ -69,6 +69,7 @@ use crate::mesh::{MeshSource, check_vertex_count};
 use crate::points::{Coordinate, Precision};
 use crate::resources::workers::Workers;
 use crate::storage::spool::{Spool, Workspace};
+use crate::storage::work::WorkFolder;
 
 /// What is asked of a simplification.
 #[derive(Debug, Clone, PartialEq)]
@@ -148,46 +149,74 @@ impl Extent {
     }
 }
 
+/// What a simplification is given.
+#[derive(Clone, Copy)]
+pub struct Given<'a> {
+    /// The mesh that is simplified.
+    pub mesh: &'a dyn MeshSource,
+    /// What is asked.
+    pub options: &'a Options,
+    /// Bytes of memory, no less than [`Extent::least_memory`].
+    pub budget: u64,
+    /// Who does it.
+    pub workers: &'a Workers,
+    /// Where temporary files go.
+    pub workspace: &'a Workspace,
+    /// Where it is kept how far it is, for a run that goes on: the folder, and what the names of its phases begin with.
+    pub kept: Option<(&'a WorkFolder, &'a str)>,
+}
+
+impl<'a> Given<'a> {
+    fn extent(&self) -> Extent {
+        Extent::of(self.mesh, self.options.moves, self.options.colours.is_some())
+    }
+
+    fn passes<T: Coordinate, M: Mark>(&self) -> Result<Passes<'a>> {
+        let (workers, workspace, before) = (self.workers, self.workspace, self.mesh.face_count());
+        let numbering = number::bytes::<T, M>(self.mesh.vertex_count());
+        let room = Room::of::<T, M>(before, self.budget, numbering)?;
+        // Trials of other tolerances are passes like those that count.
+        let kept = self.kept.filter(|_| self.options.most.is_none());
+        Ok(Passes { workers, workspace, room, kept, made: Cell::new(0) })
+    }
+
+    fn colours<M: Mark>(&self) -> Option<Colours> {
+        if M::CARRIED { Colours::of(self.mesh) } else { None }
+    }
+
+    fn wanted<M: Mark>(&self) -> Result<Wanted> {
+        let classes = self.options.borders.as_ref().map(|name| class_of(self.mesh, name)).transpose()?;
+        Ok(Wanted { classes, colours: self.colours::<M>() })
+    }
+}
+
 /// Simplifies a mesh. `progress` is told the part that is done.
 ///
 /// Triangles that name a vertex twice are left out, and vertices that no triangle names. Where the mesh is no manifold, it stays as it is; triangles that
-/// intersect may stay, but no more come.
+/// intersect may stay, but no more come. What is kept of a simplification within a tolerance is each pass, row of parts by row; of one to a number of triangles, nothing is.
 ///
-/// Memory: `budget`, no less than [`Extent::least_memory`]. Disk: [`Extent::disk`].
+/// Memory: the budget. Disk: [`Extent::disk`].
 ///
 /// # Errors
-/// [`Error::Budget`]; [`Error::Usage`] if the attribute is not there; what reading the mesh or the work directory gives; [`Error::Interrupted`].
-pub fn simplify(
-    mesh: &dyn MeshSource,
-    options: &Options,
-    budget: u64,
-    workers: &Workers,
-    workspace: &Workspace,
-    progress: &mut dyn FnMut(f64),
-) -> Result<(MeshSpool, Figures)> {
-    check_vertex_count(mesh.vertex_count())?;
-    let extent = Extent::of(mesh, options.moves, options.colours.is_some());
-    typed!(extent, simplify_as(mesh, options, budget, workers, workspace, progress))
+/// [`Error::Budget`]; [`Error::Usage`] if the attribute is not there; what reading the mesh or the work directory gives; [`Error::Damaged`] for what was kept;
+/// [`Error::Interrupted`].
+pub fn simplify(given: Given<'_>, progress: &mut dyn FnMut(f64)) -> Result<(MeshSpool, Figures)> {
+    check_vertex_count(given.mesh.vertex_count())?;
+    typed!(given.extent(), simplify_as(given, progress))
 }
 
 fn simplify_as<T: Coordinate, M: Mark>(
-    mesh: &dyn MeshSource,
-    options: &Options,
-    budget: u64,
-    workers: &Workers,
-    workspace: &Workspace,
+    given: Given<'_>,
     progress: &mut dyn FnMut(f64),
 ) -> Result<(MeshSpool, Figures)> {
-    let classes = options.borders.as_ref().map(|name| class_of(mesh, name)).transpose()?;
-    let before = mesh.face_count();
-    let numbering = number::bytes::<T, M>(mesh.vertex_count());
-    let passes = Passes { workers, workspace, room: Room::of::<T, M>(before, budget, numbering)?, made: Cell::new(0) };
-    let colours = if M::CARRIED { Colours::of(mesh) } else { None };
-    let from = Triangles::Mesh(mesh, Wanted { classes, colours });
+    let Given { mesh, options, .. } = given;
+    let passes = given.passes::<T, M>()?;
+    let colours = given.colours::<M>();
+    let from = Triangles::Mesh(mesh, given.wanted::<M>()?);
     let told = &mut |part: f64| progress(0.95 * part);
     let within = limits(options, colours);
     let soup: Soup<T, M> = match options.most {
-        Some(most) if most < before => {
+        Some(most) if most < mesh.face_count() => {
             let scale = passes::scale(mesh)?;
             let search = match options.tolerance {
                 None => (Knob::Tolerance, 0.05 * scale.edge, 2.0 * scale.diagonal),

@@ -4,6 +4,7 @@ use std::cell::Cell;
 use std::ops::Range;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::collapse::Limits;
 use super::gap::Drift;
@@ -18,6 +19,8 @@ use crate::points::Coordinate;
 use crate::resources::workers::Workers;
 use crate::storage::partitions::Partitions;
 use crate::storage::spool::Workspace;
+use crate::storage::work::WorkFolder;
+use crate::storage::work::log::{Log, Reached};
 
 /// Triangles of a part, about: what one thread works on at a time. Fixed, since it shows in the bytes.
 const PART: u64 = 1 << 15;
@@ -79,8 +82,21 @@ pub(super) struct Passes<'a> {
     pub(super) workers: &'a Workers,
     pub(super) workspace: &'a Workspace,
     pub(super) room: Room,
+    /// Where passes are kept, and what the names of their phases begin with.
+    pub(super) kept: Option<(&'a WorkFolder, &'a str)>,
     /// Passes that were made.
     pub(super) made: Cell<u64>,
+}
+
+/// How far a pass is, as its log says.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct RowsLeft {
+    /// Rows of parts that were simplified.
+    rows: usize,
+    /// Parts in all.
+    parts: usize,
+    /// The bits of how far any place has drifted, and of how much any channel of a colour has changed.
+    most: [u64; 2],
 }
 
 /// The budget, shared out. Nothing of it shows in the bytes.
@@ -181,7 +197,7 @@ impl Passes<'_> {
             // The first pass has by far the most to do.
             let (before, after) = [(0.0, 0.7), (0.7, 0.9), (0.9, 1.0)][number];
             let told = &mut |part: f64| progress(before + part * (after - before));
-            let (left, parts) = self.pass(again.as_ref().unwrap_or(from), limits, share, told)?;
+            let (left, parts) = self.pass(again.as_ref().unwrap_or(from), limits, (number, share), told)?;
             soup = Some(left);
             if parts == 1 {
                 break;
@@ -221,15 +237,32 @@ impl Passes<'_> {
         Ok(Space::of(sample, from.count(), part(), share))
     }
 
-    /// One pass: the triangles that are left, and the number of parts.
+    /// One pass, with its number and the share of its planes: the triangles that are left, and the number of parts.
     fn pass<T: Coordinate, M: Mark>(
         &self,
         from: &Triangles<T, M>,
         limits: Limits,
-        share: f64,
+        (number, share): (usize, f64),
         progress: &mut dyn FnMut(f64),
     ) -> Result<(Soup<T, M>, usize)> {
         self.made.set(self.made.get() + 1);
+        let (mut left, mut log, before) = match self.kept {
+            None => (Soup::new(self.workspace, self.room.quota), None, RowsLeft::default()),
+            Some((work, name)) => {
+                let phase = format!("{name}-{number}");
+                let (log, reached) = Log::open::<RowsLeft>(work, &phase, ["triangles"], self.workers)?;
+                let Reached { files: [file], ends: [end], last } = reached;
+                let spool = self.workspace.spool_in(file, end);
+                let left = match &last {
+                    None => Soup::in_spool(spool),
+                    Some(rows) => Soup::joined(vec![spool], rows.most.map(f64::from_bits)),
+                };
+                (left, Some(log), last.unwrap_or_default())
+            }
+        };
+        if before.parts > 0 && before.rows == before.parts.div_ceil(ROW) {
+            return Ok((left, before.parts));
+        }
         let count = from.count();
         let space = self.space(from, share)?;
         // Parts in rows, so that records are sorted to few partitions at a time, in large pages: first to rows, then to the parts of a row.
@@ -249,9 +282,8 @@ impl Passes<'_> {
             Ok(())
         })?;
 
-        let mut left = Soup::new(self.workspace, self.room.quota);
-        let mut finished = 0;
-        for row in 0..rows {
+        let mut finished = before.rows * ROW;
+        for row in before.rows..rows {
             let fine = match only.take() {
                 Some(only) => only,
                 None => self.parts_of_row(&space, row, |push| coarse.read(row, push))?,
@@ -259,9 +291,15 @@ impl Passes<'_> {
             self.row(&space, row, &fine, limits, |records| {
                 left.append(&records)?;
                 finished += 1;
-                progress(0.2 + 0.8 * f64::from(finished) / space.parts() as f64);
+                progress(0.2 + 0.8 * finished as f64 / space.parts() as f64);
                 Ok(())
             })?;
+            if let Some(log) = &mut log
+                && (log.is_due() || row + 1 == rows)
+            {
+                let most = [left.reached, left.recoloured].map(f64::to_bits);
+                log.append([left.extent()], &RowsLeft { rows: row + 1, parts: space.parts(), most })?;
+            }
         }
         Ok((left, space.parts()))
     }

@@ -16,6 +16,7 @@ use crate::points::attribute::{Attribute, Schema};
 use crate::points::scalar::Scalar;
 
 mod apart;
+mod kept;
 mod moved;
 
 type Triangle = [DVec3; 3];
@@ -75,7 +76,15 @@ impl Mesh {
         let (workspace, workers) = (Workspace::new(dir.path()).unwrap(), Workers::new(threads).unwrap());
         let spool = self.spool(precision, &workspace);
         let least = Extent::of(&spool, options.moves, options.colours.is_some()).least_memory();
-        let (left, figures) = simplify(&spool, options, budget.max(least), &workers, &workspace, &mut |_| ()).unwrap();
+        let given = Given {
+            mesh: &spool,
+            options,
+            budget: budget.max(least),
+            workers: &workers,
+            workspace: &workspace,
+            kept: None,
+        };
+        let (left, figures) = simplify(given, &mut |_| ()).unwrap();
         (Mesh::of(&left), figures)
     }
 }
@@ -457,7 +466,9 @@ fn too_little_memory_is_refused_with_the_figure_that_does() {
     let (workspace, workers) = (Workspace::new(dir.path()).unwrap(), Workers::new(2).unwrap());
     let spool = shape.mesh().spool(Precision::Double, &workspace);
     let options = Options { tolerance: Some(0.01), ..WITHIN };
-    let with = |budget: u64| simplify(&spool, &options, budget, &workers, &workspace, &mut |_| ());
+    let given =
+        Given { mesh: &spool, options: &options, budget: 0, workers: &workers, workspace: &workspace, kept: None };
+    let with = |budget: u64| simplify(Given { budget, ..given }, &mut |_| ());
     let refused = with(1 << 20).unwrap_err();
     let crate::error::Error::Budget { needed, .. } = refused else { panic!("{refused}") };
     with(needed.0).unwrap();

@@ -19,7 +19,7 @@ use crate::error::Result;
 use crate::mesh::MeshSource;
 use crate::points::scalar::Scalar;
 use crate::resources::workers::Workers;
-use crate::simplify::{Extent, Options, simplify};
+use crate::simplify::{Extent, Given, Options, simplify};
 use crate::storage::spool::Workspace;
 
 /// The most triangles of a page's mesh.
@@ -81,7 +81,8 @@ impl PageMesh {
             return if whole == 0 { Ok(None) } else { packed(mesh, origin, whole, 0.0).map(Some) };
         }
         let options = Options { tolerance: None, most: Some(MOST), borders: None, colours: None, moves: false };
-        let (fewer, figures) = simplify(mesh, &options, budget, workers, workspace, progress)?;
+        let given = Given { mesh, options: &options, budget, workers, workspace, kept: None };
+        let (fewer, figures) = simplify(given, progress)?;
         if figures.after > MOST + MOST / 4 {
             return Ok(None);
         }

@@ -17,6 +17,7 @@ use crate::resources::workers::Workers;
 use crate::run::job::Resources;
 use crate::run::phase::{Forecast, Phase};
 use crate::run::progress::{Progress, Warning};
+use crate::run::saved_mesh::Means;
 use crate::settings::tileset::TilesetOptions;
 use crate::simplify::Extent;
 use crate::storage::atomic_file::Overwrite;
@@ -123,7 +124,8 @@ pub fn tileset_file(job: &TilesetJob, workers: &Workers, progress: &mut Progress
     let comments = vec![format!("asra-stream {}", env!("CARGO_PKG_VERSION"))];
     let header =
         MeshHeader { origin: opened.origin(), comments, crs, sheet: found.boundary_edges > 0, constant: Vec::new() };
-    let made = target.write(&*opened, &header, &job.options, share, (workers, &workspace), progress);
+    let means = Means { memory: share, workers, workspace: &workspace, kept: None };
+    let made = target.write(&*opened, &header, &job.options, means, progress);
     let tileset = steady.settle(made)?;
     progress.end();
     let (mesh, output, version) = (job.mesh.clone(), job.output.clone(), env!("CARGO_PKG_VERSION"));

@@ -6,15 +6,17 @@
 
 use super::tree::MOST;
 use crate::error::{Error, Result};
+use crate::mesh::MeshSource;
+use crate::mesh::copy::copy;
 use crate::mesh::measure::{Corners, is_degenerate};
-use crate::mesh::spool::{FaceRecord, MeshSpool};
-use crate::mesh::{MeshSource, check_vertex_count};
+use crate::mesh::spool::MeshSpool;
 use crate::points::Precision;
 use crate::points::attribute::Schema;
 use crate::resources::workers::Workers;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
-use crate::simplify::{Extent, Options, simplify};
+use crate::run::saved_mesh::Means;
+use crate::simplify::{Extent, Given, Options, simplify};
 use crate::storage::spool::Workspace;
 
 /// The first tolerance, in mean edges of the mesh.
@@ -126,100 +128,82 @@ pub(super) fn copied(
     workers: &Workers,
     workspace: &Workspace,
 ) -> Result<MeshSpool> {
-    check_vertex_count(mesh.vertex_count())?;
     let schema: Schema = mesh.schema().clone();
-    let mut out = MeshSpool::with_attributes(workspace, Precision::Single, schema.clone(), in_memory);
-    let in_flight = workers.threads() + 1;
-    let blocks = |count: u64| count.div_ceil(BLOCK as u64) as usize;
-    let block = |count: u64, number: usize| {
-        let first = number as u64 * BLOCK as u64;
-        (first, (count - first).min(BLOCK as u64) as usize)
-    };
-    let vertices = |number: usize| {
-        let (first, len) = block(mesh.vertex_count(), number);
-        let mut places = vec![[0.0; 3]; len];
-        mesh.read_vertices(first, &mut places)?;
-        for at in &mut places {
-            *at = place(*at)?;
-        }
-        let stride = schema.stride();
-        let mut records = Vec::with_capacity(len * stride);
-        if stride > 0 {
-            let mut columns = Vec::new();
-            for (attribute, _) in schema.attributes().iter().enumerate() {
-                let mut values = vec![0.0; len];
-                mesh.read_attribute(attribute, first, &mut values)?;
-                columns.push(values);
-            }
-            for vertex in 0..len {
-                for (attribute, values) in schema.attributes().iter().zip(&columns) {
-                    attribute.scalar.put(values[vertex], &mut records);
-                }
-            }
-        }
-        Ok((places, records))
-    };
-    workers.in_order_range(in_flight, blocks(mesh.vertex_count()), vertices, |(places, records)| {
-        out.append_vertices(&places)?;
-        out.append_attributes(&records)
-    })?;
-    let faces = |number: usize| {
-        let (first, len) = block(mesh.face_count(), number);
-        let mut faces = vec![[0; 3]; len];
-        mesh.read_faces(first, &mut faces)?;
-        Ok(faces.into_iter().map(FaceRecord::new).collect::<Vec<_>>())
-    };
-    workers.in_order_range(in_flight, blocks(mesh.face_count()), faces, |faces| out.append_faces(&faces))?;
+    let mut out = MeshSpool::with_attributes(workspace, Precision::Single, schema, in_memory);
+    copy(mesh, &mut out, place, workers)?;
     Ok(out)
 }
 
-/// The coarser levels of a mesh, until one fits in a tile, or no triangle more can go.
+/// The coarser levels of a mesh, until one fits in a tile, or no triangle more can go. Steps are kept under names that begin with `name`.
 ///
 /// # Errors
 /// Those of [`simplify`].
 pub(super) fn coarser(
     mesh: &MeshSpool,
     extents: &Extents,
-    budget: u64,
-    (workers, workspace): (&Workers, &Workspace),
+    name: &str,
+    means: Means<'_>,
     progress: &mut Progress,
 ) -> Result<Vec<Level>> {
     let mut levels: Vec<Level> = Vec::new();
     // A step that is no level.
     let mut step: Option<MeshSpool> = None;
     let (mut tolerance, mut error) = (FIRST * extents.edge, 0.0);
-    loop {
+    for number in 0.. {
         let last = levels.last().map_or(mesh, |level| &level.mesh);
         if last.face_count() <= MOST || tolerance == 0.0 {
-            return Ok(levels);
+            break;
         }
         let from = step.as_ref().unwrap_or(last);
-        let least = Extent::of(from, false, false).least_memory();
-        let room = (budget / 4 * 3).max(least);
-        let options = Options { tolerance: Some(tolerance), most: None, borders: None, colours: None, moves: false };
-        let triangles = from.face_count() as f64;
-        progress.begin(Phase::Simplify, Some(from.face_count()));
-        let told = &mut |part: f64| progress.set((part * triangles) as u64);
-        let (fewer, figures) = simplify(from, &options, room, workers, workspace, told)?;
-        error += figures.reached;
+        let (fewer, reached) = fewer(from, tolerance, &format!("{name}-{number}"), means, progress)?;
+        error += reached;
         let exhausted = tolerance > 2.0 * extents.diagonal();
         tolerance *= 2.0;
         let worth = fewer.face_count() as f64 <= WORTH * last.face_count() as f64 || fewer.face_count() <= MOST;
         if fewer.face_count() == 0 || exhausted && !worth {
-            return Ok(levels);
+            break;
         }
-        // What levels keep in memory together must not grow.
-        let kept = if budget > 2 * least { budget / 64 } else { 0 };
-        let fewer = match fewer.bytes() > kept {
-            true => copied(&fewer, Ok, 0, workers, workspace)?,
-            false => fewer,
-        };
         if worth {
             levels.push(Level { mesh: fewer, error });
             step = None;
         } else {
             step = Some(fewer);
         }
+    }
+    Ok(levels)
+}
+
+/// A mesh with fewer triangles, within a tolerance, and how far it is from the mesh.
+fn fewer(
+    mesh: &MeshSpool,
+    tolerance: f64,
+    name: &str,
+    Means { memory, workers, workspace, kept }: Means<'_>,
+    progress: &mut Progress,
+) -> Result<(MeshSpool, f64)> {
+    let means = (workers, workspace);
+    if let Some(kept) = kept
+        && let Some((mesh, bits)) = kept.found::<u64>(name, (mesh.precision(), mesh.schema()), means)?
+    {
+        return Ok((mesh, f64::from_bits(bits)));
+    }
+    let least = Extent::of(mesh, false, false).least_memory();
+    let budget = (memory / 4 * 3).max(least);
+    let options = Options { tolerance: Some(tolerance), most: None, borders: None, colours: None, moves: false };
+    let triangles = mesh.face_count() as f64;
+    progress.begin(Phase::Simplify, Some(mesh.face_count()));
+    let told = &mut |part: f64| progress.set((part * triangles) as u64);
+    let passes = kept.and_then(|kept| kept.passes(&format!("{name}-simplify")));
+    let of = passes.as_ref().map(|(work, name)| (*work, name.as_str()));
+    let (fewer, figures) = simplify(Given { mesh, options: &options, budget, workers, workspace, kept: of }, told)?;
+    if let Some(kept) = kept {
+        return Ok((kept.keep(name, &fewer, figures.reached.to_bits(), means)?, figures.reached));
+    }
+    // What levels keep in memory together must not grow.
+    let in_memory = if memory > 2 * least { memory / 64 } else { 0 };
+    match fewer.bytes() > in_memory {
+        true => Ok((copied(&fewer, Ok, 0, workers, workspace)?, figures.reached)),
+        false => Ok((fewer, figures.reached)),
     }
 }
 
@@ -232,4 +216,112 @@ pub(super) fn finite(place: [f64; 3], path: &std::path::Path) -> Result<[f64; 3]
         return Ok(place);
     }
     Err(Error::malformed(path, "the mesh", "vertices with finite coordinates", format!("{place:?}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::mesh::spool::FaceRecord;
+    use crate::run::progress::Show;
+    use crate::run::saved_mesh::Kept;
+    use crate::storage::work::WorkFolder;
+    use crate::storage::work::simulated::{Crash, Fault, Simulated};
+
+    /// A level: its vertices, its triangles, and the bits of its distance.
+    type Bits = (Vec<[f64; 3]>, Vec<[u32; 3]>, u64);
+
+    /// A square of waves.
+    fn waves(workspace: &Workspace) -> MeshSpool {
+        const SIDE: u32 = 48;
+        let mut mesh = MeshSpool::new(workspace, Precision::Single, 1 << 30);
+        let place = |v: u32| {
+            let [x, y] = [v % (SIDE + 1), v / (SIDE + 1)].map(f64::from);
+            [x, y, 2.0 * (x / 5.0).sin() * (y / 7.0).cos() + 0.1 * f64::from(v * 7919 % 13)]
+        };
+        mesh.append_vertices(&(0..(SIDE + 1) * (SIDE + 1)).map(place).collect::<Vec<_>>()).unwrap();
+        let at = |i: u32, j: u32| i * (SIDE + 1) + j;
+        let faces = (0..SIDE * SIDE).flat_map(|n| {
+            let (i, j) = (n / SIDE, n % SIDE);
+            [[at(i, j), at(i, j + 1), at(i + 1, j)], [at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]]
+        });
+        mesh.append_faces(&faces.map(FaceRecord::new).collect::<Vec<_>>()).unwrap();
+        mesh
+    }
+
+    fn levels(
+        mesh: &MeshSpool,
+        workspace: &Workspace,
+        (threads, memory): (usize, u64),
+        kept: Option<Kept>,
+    ) -> Result<Vec<Bits>> {
+        let workers = Workers::new(threads)?;
+        let means = Means { memory, workers: &workers, workspace, kept };
+        let extents = Extents::of(mesh, &workers)?;
+        let levels = coarser(mesh, &extents, "level", means, &mut Progress::new(Show::Nothing))?;
+        let bits = |level: Level| {
+            let mut vertices = vec![[0.0; 3]; level.mesh.vertex_count() as usize];
+            level.mesh.read_vertices(0, &mut vertices)?;
+            let mut faces = vec![[0; 3]; level.mesh.face_count() as usize];
+            level.mesh.read_faces(0, &mut faces)?;
+            Ok((vertices, faces, level.error.to_bits()))
+        };
+        levels.into_iter().map(bits).collect()
+    }
+
+    /// In the folder of a run by itself, and in one that processes share: at every operation, and with every file damaged.
+    #[test]
+    fn levels_are_gone_on_with_at_every_operation() {
+        let dir = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(dir.path()).unwrap();
+        let mesh = waves(&workspace);
+        let expected = levels(&mesh, &workspace, (2, 1 << 30), None).unwrap();
+        assert!(expected.len() > 1, "{} levels", expected.len());
+        for alone in [true, false] {
+            let kept_in = |store: &Simulated, means| {
+                let store = Arc::new(store.clone());
+                let work = match alone {
+                    true => WorkFolder::in_store(store)?,
+                    false => WorkFolder::shared_store(store, Path::new("work")),
+                };
+                let found = levels(&mesh, &workspace, means, Some(Kept { work: &work, ending: ".3", alone }))?;
+                work.settle(false).map(|()| found)
+            };
+            let whole = Simulated::default();
+            assert_eq!(kept_in(&whole, (1, 1 << 30)).unwrap(), expected);
+            let files = whole.files();
+            // What is there is read, not made again.
+            let again = whole.after(Crash::Kill);
+            assert_eq!(kept_in(&again, (2, 0)).unwrap(), expected);
+            assert_eq!(again.files(), files);
+            for at in 0..whole.operations() {
+                let store = Simulated::default();
+                store.plant(Fault::CrashAt(at));
+                if let Ok(found) = kept_in(&store, (1, 1 << 30)) {
+                    assert_eq!(found, expected, "{at}");
+                }
+                for crash in [Crash::Kill, Crash::PowerCut(at)] {
+                    let store = store.after(crash);
+                    let mut found = kept_in(&store, (2, 0));
+                    for _ in 0..3 {
+                        if matches!(found, Err(Error::Damaged { .. })) {
+                            found = kept_in(&store, (2, 0));
+                        }
+                    }
+                    assert_eq!(found.unwrap(), expected, "{at} {crash:?}");
+                }
+            }
+            for (name, length) in files.into_iter().filter(|(_, length)| *length > 0) {
+                let damaged = whole.after(Crash::Kill);
+                damaged.damage(&name, length / 2);
+                let mut found = kept_in(&damaged, (1, 1 << 30));
+                if matches!(found, Err(Error::Damaged { .. })) {
+                    found = kept_in(&damaged, (1, 1 << 30));
+                }
+                assert_eq!(found.unwrap(), expected, "{name}");
+            }
+        }
+    }
 }

@@ -38,6 +38,7 @@ use crate::points::earth::{Earth, Frame, Site};
 use crate::resources::workers::Workers;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
+use crate::run::saved_mesh::Means;
 use crate::settings::tileset::{Compression, TilesetOptions};
 use crate::storage::atomic_file::{Overwrite, WholeFolder};
 use crate::storage::spool::{Spool, Workspace};
@@ -128,25 +129,27 @@ impl TilesetTarget {
         Ok(())
     }
 
-    /// Makes all levels and tiles of a mesh, writes them, and gives the folder its name. Of `memory` bytes, as many as simplification needs are there at least.
+    /// Makes all levels and tiles of a mesh, writes them, and gives the folder its name. Of memory, as much as simplification needs is there at least.
     ///
     /// # Errors
     /// Those of simplification; [`Error::Io`]; [`Error::Interrupted`].
-    pub fn write(
+    pub(super) fn write(
         mut self,
         mesh: &dyn MeshSource,
         header: &MeshHeader,
         options: &TilesetOptions,
-        memory: u64,
-        (workers, workspace): (&Workers, &Workspace),
+        means: Means<'_>,
         progress: &mut Progress,
     ) -> Result<TilesetFigures> {
+        let Means { memory, workers, workspace, .. } = means;
         let (finest, transform, site) = match &self.earth {
             Some(earth) => on_earth(mesh, header.origin, earth, &self.path, (memory, workers, workspace))?,
             None => placed(mesh, header.origin, &self.path, (memory, workers, workspace))?,
         };
         let extents = Extents::of(&finest, workers)?;
-        let coarser = coarser(&finest, &extents, memory, (workers, workspace), progress)?;
+        // What lifts the mesh is no part of the run that a folder is of.
+        let lifted = options.height_offset.map_or(0, |offset| (offset + 0.0).to_bits());
+        let coarser = coarser(&finest, &extents, &format!("level-{lifted:x}"), means, progress)?;
         let mut levels = vec![Level { mesh: finest, error: 0.0 }];
         levels.extend(coarser);
 

@@ -20,6 +20,7 @@ use crate::run::observer::{Observer, watched};
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::report::Report;
+use crate::run::saved_mesh::Means;
 use crate::run::simplification::{Lengths, simplified};
 use crate::settings::simplification::Simplification;
 #[cfg(feature = "internals")]
@@ -279,7 +280,8 @@ impl Mesh {
         let Report { grid, points, memory, parameters, .. } = &self.report;
         let lengths = Lengths { cell: Some(grid.cell_size), longest: points.bounds.longest_side() };
         let memory = memory.plan.working;
-        let (spool, figures) = simplified(&self.spool, asked, lengths, memory, (workers, &self.workspace), progress)?;
+        let means = Means { memory, workers, workspace: &self.workspace, kept: None };
+        let (spool, figures) = simplified(&self.spool, asked, lengths, means, progress)?;
         progress.begin(Phase::Check, Some(spool.face_count()));
         let found = check(&spool, memory, workers, &self.workspace, &mut |done| progress.set(done))?;
         if !found.is_sound(parameters.trim.is_some() || parameters.open.is_some_and(|open| open.base.is_none())) {

@@ -27,6 +27,7 @@ use crate::run::pipeline::reconstruct;
 use crate::run::prepare::{Passes, describe, known_of_points, open_all, planned, surveyed};
 use crate::run::progress::Progress;
 use crate::run::report::{OutputReport, Report};
+use crate::run::saved_mesh::Means;
 use crate::run::simplification::{Lengths, simplified};
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
@@ -426,8 +427,8 @@ fn made(
     if let Some(asked) = &settings.simplify {
         let longest = surveyed.survey.bounds.longest_side();
         let lengths = Lengths { cell: Some(surveyed.grid.cell_size()), longest };
-        let (fewer, figures) =
-            simplified(&made.mesh, asked, lengths, made.memory.working, (workers, workspace), progress)?;
+        let means = Means { memory: made.memory.working, workers, workspace, kept: None };
+        let (fewer, figures) = simplified(&made.mesh, asked, lengths, means, progress)?;
         made.mesh = fewer;
         simplification = Some(figures);
     }

@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::renew::SavedApart;
-use super::{Task, Tasks};
+use super::{Task, Tasks, of_generation};
 use crate::error::{Error, Result};
 use crate::grid::bucket::Compared;
 use crate::grid::context::Context;
@@ -21,19 +21,24 @@ use crate::run::files_to_mesh::Premade;
 use crate::run::job::Job;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
+use crate::run::saved_mesh::SavedMesh;
 use crate::run::surface::{Reconstructed, reconstructed};
 use crate::run::surveyed::Surveyed;
 use crate::settings::Settings;
 use crate::simplify::Figures;
 use crate::stitch::Stitched;
 use crate::stitch::apart::{Link, Of, chain};
-use crate::storage::spool::{Extent, Spool, Workspace};
+use crate::storage::spool::{Spool, Workspace};
 use crate::storage::work::WorkFolder;
 use crate::storage::work::store::NamedFile;
 
 impl Premade for Tasks {
     fn folder(&self) -> &Arc<WorkFolder> {
         &self.work
+    }
+
+    fn ending(&self) -> String {
+        of_generation("", self.plan.generation)
     }
 
     fn files(&self) -> &[PathBuf] {
@@ -225,37 +230,21 @@ impl Tasks {
         context: &Context,
     ) -> Result<MeshSpool> {
         let SavedApart { apart, extents, .. } = self.saved_apart(task, needed)?.0;
-        self.mesh_in_files::<T>(needed, (apart.sizes, extents), compared, context)
+        self.mesh_in_files::<T>(needed, SavedMesh { sizes: apart.sizes, extents }, compared, context)
     }
 
-    /// The mesh of so many vertices and triangles whose three files a task has written.
+    /// A mesh whose three files a task has written.
     pub(super) fn mesh_in_files<T: Coordinate>(
         &self,
         of: Task,
-        (sizes, extents): ([u64; 2], [Extent; 3]),
+        saved: SavedMesh,
         compared: Compared,
         context: &Context,
     ) -> Result<MeshSpool> {
-        let manifest = format!("done/{}.json", self.phase(of));
-        let files = self.work.manifest(&self.phase(of))?.map(|manifest| manifest.files).unwrap_or_default();
-        let [vertices, attributes, faces] = files.as_slice() else {
-            return Err(self.work.damaged(&manifest, "a file is missing"));
-        };
-        let mut spools = Vec::with_capacity(3);
-        for (name, extent) in [vertices, attributes, faces].into_iter().zip(extents) {
-            let file = self.work.open_file(name)?;
-            if compared == Compared::Now && !self.work.is_as_written(&file, extent, &context.workers)? {
-                return Err(self.work.damaged(name, "its bytes are not what was written"));
-            }
-            spools.push(context.workspace.spool_in(file, extent.to));
-        }
-        let spools = spools.try_into().map_err(|_| Error::Internal("three files".into()))?;
-        let mesh = MeshSpool::in_spools(T::PRECISION, self.plan.schema.clone(), spools);
-        let [vertices, faces] = sizes;
-        match mesh.holds(vertices, faces) {
-            true => Ok(mesh),
-            false => Err(self.work.damaged(&manifest, "it does not tell how long files are")),
-        }
+        let phase = self.phase(of);
+        let manifest = self.work.manifest(&phase)?.ok_or_else(|| self.missing(Task::Finish, of))?;
+        let form = (T::PRECISION, &self.plan.schema);
+        saved.open((&self.work, &phase, &manifest), form, compared, (&context.workers, &context.workspace))
     }
 }
 

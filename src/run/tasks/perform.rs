@@ -26,6 +26,7 @@ use crate::run::pipeline::context;
 use crate::run::prepare::open_known;
 use crate::run::progress::Progress;
 use crate::run::report::Report;
+use crate::run::saved_mesh::SavedMesh;
 use crate::run::surface::{Slabwise, surface_options, with_slabs};
 use crate::settings::Settings;
 use crate::stitch::apart;
@@ -280,8 +281,7 @@ impl Tasks {
             _ => 0..self.plan.slabs,
         };
         let phase = self.phase(task);
-        let name = |what: &str| self.work.create(&format!("{what}-{phase}"));
-        let named = [name("vertices")?, name("attributes")?, name("faces")?];
+        let named = SavedMesh::files(&self.work, &phase)?;
         let surveyed = &self.plan.surveyed;
         let fit = surface_options(settings, &cells).fit;
         let workload = cells.counted_workload(&surveyed.workload, fit, &buckets, context)?;

@@ -14,9 +14,10 @@ use crate::points::Coordinate;
 use crate::resources::workers::Workers;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
+use crate::run::saved_mesh::SavedMesh;
 use crate::run::simplification::{Lengths, options};
-use crate::simplify::apart::{self, Given, Left, PASSES, Planes};
-use crate::simplify::{Figures, Options};
+use crate::simplify::apart::{self, Left, PASSES, Planes};
+use crate::simplify::{Figures, Given, Options};
 use crate::storage::spool::{Extent, Spool, Workspace};
 use crate::storage::work::store::NamedFile;
 
@@ -30,10 +31,7 @@ struct Dealt {
 #[derive(Debug, Serialize, Deserialize)]
 struct Numbered {
     figures: Figures,
-    /// Vertices and triangles.
-    sizes: [u64; 2],
-    /// Of the three files.
-    extents: [Extent; 3],
+    mesh: SavedMesh,
 }
 
 impl Tasks {
@@ -138,7 +136,8 @@ impl Tasks {
         let mesh = self.stitched::<T>(task, Compared::AsRead, context)?.mesh;
         let options = self.options(&mesh)?;
         let (workers, workspace) = (&context.workers, &context.workspace);
-        let given = Given { mesh: &mesh, options: &options, budget: context.memory.working, workers, workspace };
+        let budget = context.memory.working;
+        let given = Given { mesh: &mesh, options: &options, budget, workers, workspace, kept: None };
         let triangles = mesh.face_count();
         progress.begin(Phase::Simplify, Some(triangles));
         let phase = self.phase(task);
@@ -251,12 +250,10 @@ impl Tasks {
         let needed = self.simplifies(pass, &planes);
         let left = needed.into_iter().map(|needed| self.left(Task::Number, needed, context)).collect::<Result<_>>()?;
         let phase = self.phase(Task::Number);
-        let name = |what: &str| self.work.create(&format!("{what}-{phase}"));
-        let named = [name("vertices")?, name("attributes")?, name("faces")?];
+        let named = SavedMesh::files(&self.work, &phase)?;
         let out = named.clone().map(|file| context.workspace.spool_in(file, 0));
         let (mut mesh, figures) = apart::numbered(given, pass + 1, left, out)?;
-        let sizes = [mesh.vertex_count(), mesh.face_count()];
-        let rest = serde_json::to_value(Numbered { figures, sizes, extents: mesh.extents() });
+        let rest = serde_json::to_value(Numbered { figures, mesh: SavedMesh::of(&mut mesh) });
         self.work.commit(&phase, named.into(), rest.expect("a manifest can be written"))
     }
 
@@ -267,8 +264,8 @@ impl Tasks {
         compared: Compared,
         context: &Context,
     ) -> Result<(MeshSpool, Figures)> {
-        let Numbered { figures, sizes, extents } = self.shown(task, Task::Number)?;
-        let mesh = self.mesh_in_files::<T>(Task::Number, (sizes, extents), compared, context)?;
+        let Numbered { figures, mesh } = self.shown(task, Task::Number)?;
+        let mesh = self.mesh_in_files::<T>(Task::Number, mesh, compared, context)?;
         Ok((mesh, figures))
     }
 }

@@ -1,6 +1,6 @@
 //! Tasks that processes do apart, against one simplification.
 
-use super::super::apart::{self, Given, Left, PASSES};
+use super::super::apart::{self, Left, PASSES};
 use super::super::passes::with_parts_of;
 use super::*;
 use crate::storage::spool::Spool;
@@ -84,9 +84,9 @@ proptest! {
         let dir = tempfile::tempdir().unwrap();
         let (workspace, workers) = (Workspace::new(dir.path()).unwrap(), Workers::new(2).unwrap());
         let spool = mesh.spool(precision, &workspace);
-        let given = Given { mesh: &spool, options: &options, budget: 64 << 20, workers: &workers, workspace: &workspace };
+        let given = Given { mesh: &spool, options: &options, budget: 64 << 20, workers: &workers, workspace: &workspace, kept: None };
         let (expected, found, rows) = with_parts_of(parts, || {
-            let (left, figures) = simplify(&spool, &options, 64 << 20, &workers, &workspace, &mut |_| ()).unwrap();
+            let (left, figures) = simplify(given, &mut |_| ()).unwrap();
             let (by_tasks, of_tasks, rows) = by_tasks(given, shares, runs);
             ((Mesh::of(&left), figures), (by_tasks, of_tasks), rows)
         });

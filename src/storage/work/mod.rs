@@ -16,6 +16,7 @@
 
 pub mod committer;
 pub mod journal;
+pub mod log;
 pub mod objects;
 mod sealed;
 pub mod sections;
