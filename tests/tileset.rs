@@ -13,6 +13,7 @@ use asra_stream::internals::points::crs::Crs;
 use asra_stream::internals::resources::workers::Workers;
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::pyramid::{TilesetFigures, TilesetTarget};
+use asra_stream::internals::run::saved_mesh::Means;
 use asra_stream::internals::settings::tileset::{Compression, TilesetOptions};
 use asra_stream::internals::storage::spool::Workspace;
 use asra_stream::{Attribute, Error, Overwrite, Precision, Scalar};
@@ -80,7 +81,8 @@ fn written_as(
     let workspace = Workspace::new(folder.parent().unwrap()).unwrap();
     let mut target = TilesetTarget::prepare(&folder.join("tileset.json"), Overwrite::Refuse)?;
     target.georeference(header.crs.as_ref(), options)?;
-    target.write(mesh, header, options, memory, (&workers, &workspace), &mut Progress::new(Show::Nothing))
+    let means = Means { memory, workers: &workers, workspace: &workspace, kept: None };
+    target.write(mesh, header, options, means, &mut Progress::new(Show::Nothing))
 }
 
 /// A stream as a reader decodes it.

@@ -39,7 +39,7 @@ pub mod pyramid;
 mod rasters;
 pub mod reconstruction;
 pub mod report;
-mod saved_mesh;
+pub mod saved_mesh;
 pub mod simplification;
 mod slab_jobs;
 mod summary;

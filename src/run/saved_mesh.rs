@@ -77,7 +77,7 @@ impl SavedMesh {
 
 /// Where steps that come after the surface are kept, for a run that goes on.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Kept<'a> {
+pub struct Kept<'a> {
     /// The folder.
     pub work: &'a WorkFolder,
     /// What the names of its phases end with.
@@ -87,11 +87,13 @@ pub(super) struct Kept<'a> {
 }
 
 /// What steps that come after the surface may use.
-#[derive(Clone, Copy)]
-pub(super) struct Means<'a> {
+#[derive(Debug, Clone, Copy)]
+pub struct Means<'a> {
     /// Bytes.
     pub memory: u64,
+    /// Who takes them.
     pub workers: &'a Workers,
+    /// Where temporary files go.
     pub workspace: &'a Workspace,
     /// Where they are kept, if they are.
     pub kept: Option<Kept<'a>>,

@@ -147,13 +147,13 @@ fn deal_as<T: Coordinate, M: Mark>(
         .collect()
 }
 
-/// Simplifies some rows of a pass: of each share that was dealt, in order, `dealt` has where the triangles of each row lie, and the file. `out` is empty, and gets what is left.
+/// Simplifies some rows of a pass, with its planes and those of the one before, if there is one: of each share that was dealt, in order, `dealt` has where the triangles of each row lie, and the file. `out` is empty, and gets what is left.
 ///
 /// # Errors
 /// Those of [`super::simplify`].
 pub fn rows(
     given: Given<'_>,
-    planes: &Planes,
+    planes: (&Planes, Option<&Planes>),
     rows: Range<usize>,
     dealt: &[(Vec<spool::Extent>, Spool)],
     out: Spool,
@@ -164,7 +164,7 @@ pub fn rows(
 
 fn rows_as<T: Coordinate, M: Mark>(
     given: Given<'_>,
-    planes: &Planes,
+    (planes, before_it): (&Planes, Option<&Planes>),
     rows: Range<usize>,
     dealt: &[(Vec<spool::Extent>, Spool)],
     out: Spool,
@@ -187,7 +187,8 @@ fn rows_as<T: Coordinate, M: Mark>(
             }
         };
         let fine: Partitions<Record<T, M>> = passes.parts_of_row(&planes.space, row, read)?;
-        passes.row(&planes.space, row, &fine, limits, |records| left.append(&records))?;
+        let space = (&planes.space, before_it.map(|planes| &planes.space));
+        passes.row(space, row, &fine, limits, |records| left.append(&records))?;
         progress((row + 1 - first) as f64 / count as f64);
     }
     Ok(Left { extent: left.extent(), most: [left.reached, left.recoloured].map(f64::to_bits) })

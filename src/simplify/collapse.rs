@@ -229,7 +229,7 @@ impl<'a> Simplifier<'a> {
 
     fn run_through(&mut self) {
         for vertex in 0..self.piece.positions.len() as u32 {
-            if !self.piece.star(vertex).is_empty() {
+            if !self.piece.star(vertex).is_empty() && !self.piece.settled[vertex as usize] {
                 self.push(vertex);
             }
         }
@@ -365,9 +365,20 @@ impl<'a> Simplifier<'a> {
         let relative = (0..n).map(|k| self.piece.position(place(k)) - own);
         let seen = self.overlay.look(if length > 0.0 { axis / length } else { DVec3::Z }, relative, ring.closed)
             && length > 0.0;
+        let covered = seen && n > 2;
+        if !covered {
+            let way = if seen { self.overlay.moved() } else { self.piece.position(target) - own };
+            let bound = used.along(way, [-1.0, 0.0]).wider(ROUNDING * way.length());
+            if bound.most() > self.limits.tolerance {
+                return false;
+            }
+            self.bounds.clear();
+            self.bounds.resize(n - 1, bound);
+        }
         self.fan.spread(&self.piece, place, n, mirrored, &self.overlay);
-        let least_old = ring.triangles.iter().map(|t| shape(self.piece.corners(*t))).fold(1.0, f64::min);
-        if self.fan.shape() < SHAPE.min(least_old) {
+        let worst = self.fan.shape();
+        // Whatever was there before, a good shape will do.
+        if worst < SHAPE && ring.triangles.iter().all(|t| worst < shape(self.piece.corners(*t))) {
             return false;
         }
         // Old triangles in the order of `place`.
@@ -379,13 +390,8 @@ impl<'a> Simplifier<'a> {
             };
             t as usize
         };
-        if seen && n > 2 {
+        if covered {
             self.overlay.bounds(axis / length, |j| self.piece.drift[old(j)], &mut self.bounds);
-        } else {
-            let way = if seen { self.overlay.moved() } else { self.piece.position(target) - own };
-            let bound = used.along(way, [-1.0, 0.0]).wider(ROUNDING * way.length());
-            self.bounds.clear();
-            self.bounds.resize(n - 1, bound);
         }
         // Where a triangle goes whose vertex has no other, the edge that it stood on has all of it; so does the triangle on the edge's other side.
         let inner = if n == 2 { self.across(target, place(1), ring.triangles[0]) } else { None };
@@ -396,7 +402,7 @@ impl<'a> Simplifier<'a> {
             return false;
         }
         let tinted = self.limits.tint < f64::INFINITY;
-        if tinted && !self.tints_are_kept(vertex, target, ring, (axis / length, seen && n > 2), old) {
+        if tinted && !self.tints_are_kept(vertex, target, ring, (axis / length, covered), old) {
             return false;
         }
         let axes = seen.then(|| self.overlay.axes());

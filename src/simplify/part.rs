@@ -8,6 +8,7 @@ use super::mark::{Mark, Marks, inwards, outwards};
 use super::merging::Corner;
 use super::piece::{NONE, Piece};
 use super::soup::Record;
+use super::space::Space;
 use super::{boxes, piece, queue};
 use crate::points::Coordinate;
 
@@ -59,11 +60,13 @@ impl Gathered {
         }
     }
 
-    /// Collapses what can be, and gives the triangles that are the part's own. `inside` tells whether a place lies in the part.
+    /// Collapses what can be, and gives the triangles that are the part's own. `inside` tells whether a place lies in the part. Where a pass was made within the same limits
+    /// before, and space cut as `before` tells, vertices are tried that it could not, and those round which something changes.
     pub(super) fn simplified<T: Coordinate, M: Mark>(
         self,
         limits: Limits,
         inside: impl Fn([f64; 3]) -> bool,
+        before: Option<&Space>,
     ) -> Vec<Record<T, M>> {
         let Gathered { mut triangles, classes, places, drift, marks } = self;
         let mut keys: Vec<u64> = Vec::with_capacity(3 * triangles.len());
@@ -93,8 +96,18 @@ impl Gathered {
                 triangle.iter().for_each(|v| fixed[*v as usize] = true);
             }
         }
+        // Those of triangles that reached out of a part had to stay then; all others were tried, and could not go.
+        let mut settled = vec![before.is_some(); positions.len()];
+        if let Some(before) = before {
+            for triangle in &triangles {
+                let [a, b, c] = triangle.map(|v| before.part(positions[v as usize].to_array()));
+                if a != b || a != c {
+                    triangle.iter().for_each(|v| settled[*v as usize] = false);
+                }
+            }
+        }
         let mut piece = Piece::new(positions, numbers, triangles, drift);
-        piece.fixed = fixed;
+        (piece.fixed, piece.settled) = (fixed, settled);
         (piece.classes, piece.blends, piece.tints) = (class, blends, tints);
         // Where a vertex comes to lie, as it is written; none if that is not in the part.
         let placed = |place: DVec3| {

@@ -93,10 +93,10 @@ pub(super) struct Passes<'a> {
 struct RowsLeft {
     /// Rows of parts that were simplified.
     rows: usize,
-    /// Parts in all.
-    parts: usize,
     /// The bits of how far any place has drifted, and of how much any channel of a colour has changed.
     most: [u64; 2],
+    /// The planes, once it is whole.
+    space: Option<Space>,
 }
 
 /// The budget, shared out. Nothing of it shows in the bytes.
@@ -192,16 +192,19 @@ impl Passes<'_> {
         progress: &mut dyn FnMut(f64),
     ) -> Result<Soup<T, M>> {
         let mut soup: Option<Soup<T, M>> = None;
-        for (number, share) in SHARES.into_iter().enumerate() {
+        let mut before_it: Option<Space> = None;
+        for number in 0..SHARES.len() {
             let again = soup.as_ref().map(Triangles::Soup);
             // The first pass has by far the most to do.
             let (before, after) = [(0.0, 0.7), (0.7, 0.9), (0.9, 1.0)][number];
             let told = &mut |part: f64| progress(before + part * (after - before));
-            let (left, parts) = self.pass(again.as_ref().unwrap_or(from), limits, (number, share), told)?;
+            let pass = (number, before_it.as_ref());
+            let (left, space) = self.pass(again.as_ref().unwrap_or(from), limits, pass, told)?;
             soup = Some(left);
-            if parts == 1 {
+            if space.parts() == 1 {
                 break;
             }
+            before_it = Some(space);
         }
         Ok(soup.expect("there is a first pass"))
     }
@@ -237,16 +240,16 @@ impl Passes<'_> {
         Ok(Space::of(sample, from.count(), part(), share))
     }
 
-    /// One pass, with its number and the share of its planes: the triangles that are left, and the number of parts.
+    /// One pass, with its number and the planes of the one before: the triangles that are left, and the planes.
     fn pass<T: Coordinate, M: Mark>(
         &self,
         from: &Triangles<T, M>,
         limits: Limits,
-        (number, share): (usize, f64),
+        (number, before_it): (usize, Option<&Space>),
         progress: &mut dyn FnMut(f64),
-    ) -> Result<(Soup<T, M>, usize)> {
+    ) -> Result<(Soup<T, M>, Space)> {
         self.made.set(self.made.get() + 1);
-        let (mut left, mut log, before) = match self.kept {
+        let (mut left, mut log, mut before) = match self.kept {
             None => (Soup::new(self.workspace, self.room.quota), None, RowsLeft::default()),
             Some((work, name)) => {
                 let phase = format!("{name}-{number}");
@@ -260,11 +263,11 @@ impl Passes<'_> {
                 (left, Some(log), last.unwrap_or_default())
             }
         };
-        if before.parts > 0 && before.rows == before.parts.div_ceil(ROW) {
-            return Ok((left, before.parts));
+        if let Some(space) = before.space.take() {
+            return Ok((left, space));
         }
         let count = from.count();
-        let space = self.space(from, share)?;
+        let space = self.space(from, SHARES[number])?;
         // Parts in rows, so that records are sorted to few partitions at a time, in large pages: first to rows, then to the parts of a row.
         let rows = rows(&space);
         let mut coarse = self.rows_of(rows);
@@ -288,7 +291,7 @@ impl Passes<'_> {
                 Some(only) => only,
                 None => self.parts_of_row(&space, row, |push| coarse.read(row, push))?,
             };
-            self.row(&space, row, &fine, limits, |records| {
+            self.row((&space, before_it), row, &fine, limits, |records| {
                 left.append(&records)?;
                 finished += 1;
                 progress(0.2 + 0.8 * finished as f64 / space.parts() as f64);
@@ -298,10 +301,11 @@ impl Passes<'_> {
                 && (log.is_due() || row + 1 == rows)
             {
                 let most = [left.reached, left.recoloured].map(f64::to_bits);
-                log.append([left.extent()], &RowsLeft { rows: row + 1, parts: space.parts(), most })?;
+                let whole = (row + 1 == rows).then(|| space.clone());
+                log.append([left.extent()], &RowsLeft { rows: row + 1, most, space: whole })?;
             }
         }
-        Ok((left, space.parts()))
+        Ok((left, space))
     }
 
     /// The triangles of a row, which `read` hands over, by the row's parts.
@@ -325,10 +329,11 @@ impl Passes<'_> {
         Ok(fine)
     }
 
-    /// Simplifies the parts of a row, whose triangles lie in a partition each; `sink` is given what is left of one after the other.
+    /// Simplifies the parts of a row, whose triangles lie in a partition each; `sink` is given what is left of one after the other. The planes are this pass's, and those of
+    /// the one before, if there is one.
     pub(super) fn row<T: Coordinate, M: Mark>(
         &self,
-        space: &Space,
+        (space, before_it): (&Space, Option<&Space>),
         row: usize,
         fine: &Partitions<Record<T, M>>,
         limits: Limits,
@@ -343,7 +348,8 @@ impl Passes<'_> {
                 gathered.push(record);
                 Ok(())
             })?;
-            Ok(gathered.simplified::<T, M>(limits, |place| space.part(place) as usize == parts.start + number))
+            let inside = |place| space.part(place) as usize == parts.start + number;
+            Ok(gathered.simplified::<T, M>(limits, inside, before_it))
         };
         self.workers.in_order_range(in_flight, parts.len(), simplify, sink)
     }

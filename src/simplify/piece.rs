@@ -9,7 +9,7 @@ use super::mark::Blend;
 pub(super) const TRIANGLE_BYTES: u64 = (size_of::<[u32; 3]>() + size_of::<Drift>() + 2 * 3 * size_of::<u32>()) as u64;
 /// Bytes for each vertex of a piece.
 pub(super) const VERTEX_BYTES: u64 =
-    (size_of::<DVec3>() + size_of::<u32>() + size_of::<Star>() + size_of::<u16>() + 3) as u64;
+    (size_of::<DVec3>() + size_of::<u32>() + size_of::<Star>() + size_of::<u16>() + 4) as u64;
 /// Bytes more for each triangle and each vertex of a piece with marks.
 pub(super) const MARKED_TRIANGLE_BYTES: u64 = size_of::<Drift>() as u64;
 pub(super) const MARKED_VERTEX_BYTES: u64 = size_of::<Blend>() as u64;
@@ -30,6 +30,8 @@ pub(super) struct Piece {
     pub(super) drift: Vec<Drift>,
     /// Vertices that have to stay: not all of their triangles are here, or they are not a disc or half of one.
     pub(super) fixed: Vec<bool>,
+    /// Vertices that a pass before has tried in vain: they are tried again where something changes round them.
+    pub(super) settled: Vec<bool>,
     /// Vertices' classes, which triangles do not join across; none if all are one.
     pub(super) classes: Vec<u16>,
     /// What vertices' attributes are made of; none if no marks are carried.
@@ -86,9 +88,9 @@ impl Piece {
                 star.len += 1;
             }
         }
-        let fixed = vec![false; positions.len()];
+        let [fixed, settled] = [0, 1].map(|_| vec![false; positions.len()]);
         let (classes, blends, tints) = (Vec::new(), Vec::new(), Vec::new());
-        Piece { positions, numbers, triangles, drift, fixed, classes, blends, tints, stars, around }
+        Piece { positions, numbers, triangles, drift, fixed, settled, classes, blends, tints, stars, around }
     }
 
     /// The triangles round a vertex, in no order that means anything.

@@ -31,7 +31,7 @@ mod bits {
 }
 
 /// A tree of planes (Bentley 1975). Every place lies in one part; parts are boxes, so that triangles between places of a part stay in it.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Space {
     nodes: Vec<Node>,
     parts: u32,

@@ -133,7 +133,7 @@ impl TilesetTarget {
     ///
     /// # Errors
     /// Those of simplification; [`Error::Io`]; [`Error::Interrupted`].
-    pub(super) fn write(
+    pub fn write(
         mut self,
         mesh: &dyn MeshSource,
         header: &MeshHeader,

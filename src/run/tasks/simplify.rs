@@ -169,7 +169,8 @@ impl Tasks {
                 let named = file()?;
                 let out = context.workspace.spool_in(named.clone(), 0);
                 let told = &mut |part: f64| progress.set((part * triangles as f64) as u64);
-                let left = apart::rows(given, &planes, rows, &dealt, out, told)?;
+                let before = pass.checked_sub(1).map(|before| self.planes(task, before)).transpose()?;
+                let left = apart::rows(given, (&planes, before.as_ref()), rows, &dealt, out, told)?;
                 let rest = serde_json::to_value(left).expect("a manifest can be written");
                 self.work.commit(&phase, vec![named], rest)?;
             }

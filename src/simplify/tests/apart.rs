@@ -21,6 +21,7 @@ fn by_tasks(given: Given<'_>, shares: usize, runs: usize) -> (Mesh, Figures, Vec
         left.iter().map(|(left, spool)| (*left, again(spool, given.workspace))).collect()
     };
     let (mut left, mut rows): (Vec<(Left, Spool)>, Vec<usize>) = (Vec::new(), Vec::new());
+    let mut before_it = None;
     for pass in 0..PASSES {
         let planes = apart::planes(given, pass, copies(&left)).unwrap();
         let text = serde_json::to_string(&planes).unwrap();
@@ -46,13 +47,15 @@ fn by_tasks(given: Given<'_>, shares: usize, runs: usize) -> (Mesh, Figures, Vec
                 let file = crate::storage::work::store::Store::create(&store, &name).unwrap();
                 let named = crate::storage::work::store::NamedFile { file, name: name.into() };
                 let out = given.workspace.spool_in(named.clone(), 0);
-                let left = apart::rows(given, &planes, within, &dealt, out, &mut |_| ()).unwrap();
+                let both = (&planes, before_it.as_ref());
+                let left = apart::rows(given, both, within, &dealt, out, &mut |_| ()).unwrap();
                 (left, given.workspace.spool_in(named, left.extent.to))
             })
             .collect();
         if planes.are_last() {
             break;
         }
+        before_it = Some(planes);
     }
     let (mesh, figures) = apart::numbered(given, rows.len(), left, [0; 3].map(|_| given.workspace.spool(0))).unwrap();
     (Mesh::of(&mesh), figures, rows)
