@@ -15,6 +15,7 @@ What must hold, or else the exit code is 1:
 
 * `view`: the first picture comes; no error or warning in the console; no request leaves the page's own address; no hole while tiles load.
 * The mesh's outline, from several directions in parallel view, is that of `render` (intersection over union of what is covered, and the height and width of both).
+* With `--compress meshopt` as many triangles are shown, and the outline is the same.
 * Turning turns, `h` goes back to the bit, colours by class are those of the classes that are there, wires show, a click tells a vertex within the mesh's box,
   two clicks a distance, the narrow page does not scroll sideways, and a browser without WebGL 2 is told so.
 * Every tile loads in three.js with 3d-tiles-renderer and in CesiumJS, and has as many triangles there as its file; by level they are those of tileset.json.
@@ -145,15 +146,17 @@ def main():
         else:
             land(work / "land.ply")
             cloud = [work / "land.ply", "--surface", "terrain", "--cell-size", "1"]
+        packed = work / "packed/tileset.json"
         tree, mesh, hostile = work / "land/tileset.json", work / "mesh.ply", work / "<img src=x onerror=alert(1)>.ply"
         pages = [work / f"{name}.html" for name in ("run", "check", "compare")]
         run(program, *cloud, "-o", tree)
+        run(program, *cloud, "-o", packed, "--compress", "meshopt")
         run(program, *cloud, "-o", mesh, "--html", pages[0])
         shutil.copy(mesh, hostile)
         run(program, "check", hostile, "--open", "--html", pages[1])
         run(program, "compare", mesh, cloud[0], "--html", pages[2])
         asked = {
-            "program": str(program), "chromium": arguments.chromium, "pictures": str(pictures), "tileset": str(tree.parent), "tree": str(tree), "mesh": str(mesh),
+            "program": str(program), "chromium": arguments.chromium, "pictures": str(pictures), "tileset": str(tree.parent), "tree": str(tree), "packed": str(packed), "mesh": str(mesh),
             "pages": [str(page) for page in pages], "directions": DIRECTIONS, "closeness": CLOSENESS, "built": str(folder / "built"),
             "cesium": str(folder / "node_modules/cesium/Build/Cesium"),
         }
@@ -185,6 +188,14 @@ def main():
             must(both > 0.98, f"from {azimuth}:{elevation} only {100 * both:.2f} % is covered by both")
             must(proportions < 0.015, f"from {azimuth}:{elevation} proportions differ by {100 * proportions:.2f} %")
         print(table(["view", "covered by both", "proportions differ by", "triangles", "levels"], rows), "\n")
+
+        # Encoded, it is seen as it is.
+        encoded, plain = seen["packed"], seen["directions"][0]
+        both, proportions = overlap(mask(pictures / plain["name"], numpy, Image), mask(pictures / encoded["name"], numpy, Image), Image, numpy)
+        must(not encoded["errors"] and encoded["stats"]["failed"] == 0, f"encoded: {encoded['errors'][:3]}")
+        must(encoded["stats"]["triangles"] == plain["stats"]["triangles"], f"encoded, there are {encoded['stats']['triangles']:,} triangles, not {plain['stats']['triangles']:,}")
+        must(both > 0.998 and proportions < 0.005, f"encoded, only {100 * both:.2f} % is covered by both")
+        print(f"With `--compress meshopt` {encoded['stats']['triangles']:,} triangles are shown; {100 * both:.2f} % is covered by both.\n")
 
         # What the page does.
         host = urlparse(seen["address"]).netloc

@@ -140,6 +140,22 @@ const out = {};
     out.code = await ended();
 }
 
+// The same mesh, encoded.
+{
+    const { address, ended } = await viewed(asked.packed);
+    const { page, heard, context } = await opened();
+    await page.goto(address);
+    await idle(page);
+    const [azimuth, elevation] = asked.directions[0];
+    await page.evaluate(([azimuth, elevation]) => { viewer.set({ colour: '', detail: 100 }); viewer.look({ azimuth, elevation, parallel: true, fit: true }); }, [azimuth, elevation]);
+    await page.waitForTimeout(100);
+    await idle(page);
+    await canvas(page, 'packed.png');
+    out.packed = { stats: await stats(page), errors: heard.errors, name: 'packed.png' };
+    await context.close();
+    await ended();
+}
+
 // 2. A mesh file by itself.
 if (asked.mesh) {
     const { address, ended, start, ready } = await viewed(asked.mesh);

@@ -8,7 +8,7 @@ pub use self::report::{Chart, Document, is_page};
 use serde_json::{Value, json};
 
 /// What the viewer is made of: it makes its own elements within the one it is given.
-const SCRIPT: &str = include_str!("viewer.js");
+const SCRIPT: &str = concat!(include_str!("meshopt.js"), include_str!("viewer.js"));
 const STYLE: &str = include_str!("viewer.css");
 
 /// A page that shows the tileset whose tree has this name, beside the page.

@@ -165,28 +165,42 @@ void main() {
   // GLB: what is drawn of it, in typed arrays.
   const READ = {5120: Int8Array, 5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array};
   const WIDE = {SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4};
-  const KNOWN = ["KHR_mesh_quantization", "KHR_materials_unlit", "EXT_mesh_features", "EXT_structural_metadata"];
+  const KNOWN = ["KHR_mesh_quantization", "KHR_materials_unlit", "EXT_mesh_features", "EXT_structural_metadata", "EXT_meshopt_compression"];
   const parsed = (buffer, name) => {
     const head = new DataView(buffer), magic = buffer.byteLength < 20 ? 0 : head.getUint32(0, true);
     if (magic !== 0x46546c67) throw new Error(`${name}: is no GLB, the only content that is shown here`);
     const length = head.getUint32(12, true), start = 28 + length;
     const json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 20, length)));
     const strange = (json.extensionsRequired || []).filter(extension => !KNOWN.includes(extension));
-    if (strange.length) throw new Error(`${name}: needs ${strange.join(", ")}, which is not shown here. A tileset without compression, or with --compress quantize, is.`);
+    if (strange.length) throw new Error(`${name}: needs ${strange.join(", ")}, which is not shown here. A tileset of asra-stream is.`);
+    // The bytes of a view: its buffer, and where in it they begin.
+    const decoded = new Map();
+    const bytesOf = number => {
+      const view = json.bufferViews[number], told = (view.extensions || {}).EXT_meshopt_compression;
+      if (!told) return {held: buffer, from: start + (view.byteOffset || 0), stride: view.byteStride};
+      if (!decoded.has(number)) {
+        try {
+          decoded.set(number, asraMeshopt(new Uint8Array(buffer, start + (told.byteOffset || 0), told.byteLength), told).buffer);
+        } catch (error) {
+          throw new Error(`${name}: ${error.message}`);
+        }
+      }
+      return {held: decoded.get(number), from: 0, stride: view.byteStride};
+    };
     const accessors = new Map();
     const values = number => {
       if (accessors.has(number)) return accessors.get(number);
       const accessor = json.accessors[number], type = READ[accessor.componentType], wide = WIDE[accessor.type];
       if (accessor.sparse || accessor.bufferView === undefined || !type || !wide) throw new Error(`${name}: has values that are not shown here`);
-      const view = json.bufferViews[accessor.bufferView], size = type.BYTES_PER_ELEMENT;
-      const step = view.byteStride || wide * size, first = start + (view.byteOffset || 0) + (accessor.byteOffset || 0), count = wide * accessor.count;
+      const {held, from: begin, stride} = bytesOf(accessor.bufferView), size = type.BYTES_PER_ELEMENT;
+      const step = stride || wide * size, first = begin + (accessor.byteOffset || 0), count = wide * accessor.count;
       let data;
       if (step === wide * size && first % size === 0) {
         // A copy: the file's own buffer is let go.
-        data = new type(buffer, first, count).slice();
+        data = new type(held, first, count).slice();
       } else {
         data = new type(count);
-        const from = new Uint8Array(buffer), to = new Uint8Array(data.buffer);
+        const from = new Uint8Array(held), to = new Uint8Array(data.buffer);
         for (let i = 0; i < accessor.count; i++) to.set(from.subarray(first + i * step, first + i * step + wide * size), i * wide * size);
       }
       const most = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}[accessor.componentType];
