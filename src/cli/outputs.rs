@@ -153,8 +153,8 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
             let overwrite = may(arguments.overwrite);
             let files = find(&arguments.cloud.inputs, arguments.cloud.depth()).unwrap_or_default().files;
             // What is wrong with the arguments otherwise is told where they are used.
-            let output = match &arguments.output {
-                Some(output) => Some(output.clone()),
+            let output = match arguments.output().ok().flatten() {
+                Some(output) => Some(output),
                 None if files.is_empty() => None,
                 None => run::default_output_of(&arguments.cloud.inputs, &files).ok(),
             };

@@ -172,3 +172,31 @@ fn attributes_that_never_change_are_left_out_unless_they_are_named() {
     f.ok("k.csv -o named.ply --attributes classification");
     assert!(header(&f, "named.ply").contains("property uchar classification"));
 }
+
+#[test]
+fn a_format_names_what_nobody_has() {
+    let f = Folder::new();
+    f.ok("generate sphere 3k -o s.bin");
+    for (line, there) in [
+        ("s.bin --format glb", "s.mesh.glb"),
+        ("s.bin --format stl -o m", "m.stl"),
+        ("s.bin --format obj -o m.OBJ", "m.OBJ"),
+        ("s.bin --format 3dtiles", "s.3dtiles/tileset.json"),
+        ("s.bin --format 3dtiles -o city", "city/tileset.json"),
+        ("s.bin --format 3dtiles -o town/tileset.json", "town/tileset.json"),
+    ] {
+        f.ok(line);
+        assert!(!f.read(there).is_empty(), "{line}");
+    }
+    f.ok("s.bin -o b.glb");
+    assert_eq!(f.read("b.glb"), f.read("s.mesh.glb"));
+    f.ok("s.bin -o t/tileset.json");
+    for other in ["s.3dtiles", "city", "town"] {
+        assert_eq!(f.read("t/0-0.glb"), f.read(&format!("{other}/0-0.glb")));
+    }
+    f.fails("s.bin --format glb", 2, &["s.mesh.glb", "exists already"]);
+    f.fails("s.bin --format glb -o m.ply", 2, &["--format glb: m.ply is named as another"]);
+    f.fails("s.bin --format 3dtiles -o m.ply", 2, &["--format 3dtiles: m.ply is named as another"]);
+    f.fails("s.bin --format ply -o t/tileset.json", 2, &["--format ply: t/tileset.json is named as another"]);
+    f.fails("s.bin --format 3dtiles --report s.3dtiles --overwrite", 2, &["s.3dtiles"]);
+}

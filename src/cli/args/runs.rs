@@ -1,16 +1,18 @@
 //! Arguments of the commands that reconstruct, or tell what a reconstruction would be.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
 use super::cloud::CloudArguments;
 use super::shared::{InUnit, ProgressWord, ResourceArguments, TalkArguments, overwrite};
 use super::values::side;
-use crate::error::Result;
-use crate::format::write::Positions;
+use crate::error::{Error, Result};
+use crate::format::tiles3d::{TREE, is_named};
+use crate::format::write::{Format, Positions};
+use crate::input::find;
 use crate::run::preview::Preview;
-use crate::run::{Check, Job, Resources, Units};
+use crate::run::{Check, Job, Resources, Units, default_output_of};
 use crate::settings::tileset::{Compression, TilesetOptions};
 
 /// Which coordinates a mesh has.
@@ -20,6 +22,64 @@ pub enum CoordinatesWord {
     Input,
     /// Less an origin.
     Local,
+}
+
+/// What a mesh is written as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FormatWord {
+    /// Binary PLY.
+    Ply,
+    /// Binary STL.
+    Stl,
+    /// Wavefront OBJ.
+    Obj,
+    /// glTF 2.0 in one binary file.
+    Glb,
+    /// A tileset with levels of detail.
+    #[value(name = "3dtiles")]
+    Tileset,
+}
+
+impl FormatWord {
+    /// The extension of its files.
+    fn extension(self) -> &'static str {
+        match self {
+            FormatWord::Ply => "ply",
+            FormatWord::Stl => "stl",
+            FormatWord::Obj => "obj",
+            FormatWord::Glb => "glb",
+            FormatWord::Tileset => "3dtiles",
+        }
+    }
+
+    /// The output of this format that a path names: that file, or the tileset in that folder.
+    fn named(self, path: &Path) -> Result<PathBuf> {
+        let is = |format: Format| format!("{format:?}").eq_ignore_ascii_case(self.extension());
+        let wrong = || {
+            let (path, word) = (path.display(), self.extension());
+            Err(Error::Usage(format!("--format {word}: {path} is named as another; pass one of the two")))
+        };
+        match (self, Format::from_path(path)) {
+            (FormatWord::Tileset, _) if is_named(path) => Ok(path.to_path_buf()),
+            (_, Ok(format)) if is(format) => Ok(path.to_path_buf()),
+            (_, Ok(_)) => wrong(),
+            (_, Err(_)) if is_named(path) => wrong(),
+            (FormatWord::Tileset, Err(_)) => Ok(path.join(TREE)),
+            (_, Err(_)) => {
+                let mut name = path.as_os_str().to_owned();
+                name.push(format!(".{}", self.extension()));
+                Ok(name.into())
+            }
+        }
+    }
+
+    /// The output of this format where nobody has named one, and PLY would be written to `path`.
+    fn instead(self, path: &Path) -> PathBuf {
+        match self {
+            FormatWord::Tileset => path.with_extension("").with_extension(self.extension()).join(TREE),
+            _ => path.with_extension(self.extension()),
+        }
+    }
 }
 
 /// Arguments of a reconstruction.
@@ -32,6 +92,9 @@ pub struct ReconstructArguments {
     /// input's name with .mesh.ply]
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// What the mesh is written as, where its name does not say; with 3dtiles, the output is the tileset's folder
+    #[arg(long, value_name = "FORMAT", value_enum)]
+    pub format: Option<FormatWord>,
     /// Replace the output if it exists
     #[arg(long)]
     pub overwrite: bool,
@@ -129,13 +192,33 @@ pub struct InfoArguments {
 }
 
 impl ReconstructArguments {
+    /// The output, if one is named, or a format is.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the two contradict each other; those of [`default_output_of`].
+    pub fn output(&self) -> Result<Option<PathBuf>> {
+        match (self.format, &self.output) {
+            (None, output) => Ok(output.clone()),
+            (Some(format), Some(path)) => format.named(path).map(Some),
+            (Some(format), None) => {
+                let inputs = &self.cloud.inputs;
+                // That there is no input is told where it is opened.
+                let files = find(inputs, self.cloud.depth()).unwrap_or_default().files;
+                match files.is_empty() {
+                    true => Ok(None),
+                    false => default_output_of(inputs, &files).map(|path| Some(format.instead(&path))),
+                }
+            }
+        }
+    }
+
     /// The job they describe.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that contradict each other.
     pub fn job(&self) -> Result<Job> {
         let check = if self.no_check { Check::Never } else { Check::Always };
-        let output = self.output.clone();
+        let output = self.output()?;
         let positions = self.coordinates.map(|coordinates| match coordinates {
             CoordinatesWord::Input => Positions::Absolute,
             CoordinatesWord::Local => Positions::Shifted,
