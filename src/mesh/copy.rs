@@ -8,7 +8,7 @@ use crate::resources::workers::Workers;
 /// Elements of a block, which one thread reads at a time.
 const BLOCK: usize = 1 << 15;
 
-/// Appends a mesh's vertices, with their attributes, and its triangles to an empty mesh of the same attributes. `place` tells where a vertex lies in that.
+/// Appends a mesh's vertices, with their attributes, and its triangles to an empty mesh of the same attributes. `place` tells where a vertex lies in that; so many blocks are under way at a time.
 ///
 /// # Errors
 /// Those of `place` and of reading the mesh; [`crate::Error::Io`] if the work directory is full; an error of the mesh's if it has more vertices than numbers.
@@ -16,11 +16,10 @@ pub fn copy(
     mesh: &dyn MeshSource,
     out: &mut MeshSpool,
     place: impl Fn([f64; 3]) -> Result<[f64; 3]> + Sync,
-    workers: &Workers,
+    (workers, in_flight): (&Workers, usize),
 ) -> Result<()> {
     check_vertex_count(mesh.vertex_count())?;
     let schema = mesh.schema();
-    let in_flight = workers.threads() + 1;
     let blocks = |count: u64| count.div_ceil(BLOCK as u64) as usize;
     let block = |count: u64, number: usize| {
         let first = number as u64 * BLOCK as u64;

@@ -246,7 +246,9 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     }
     // The page's mesh is one of fewer triangles.
     #[cfg(feature = "render")]
-    let levels = levels || page.is_some();
+    if page.is_some() {
+        surveyed.workload = surveyed.workload.with_page();
+    }
     if levels {
         surveyed.workload = surveyed.workload.with_levels();
     }

@@ -20,6 +20,7 @@ use crate::mesh::check::job::Need;
 use crate::nearest::bridged;
 use crate::resources::memory::{Keepable, Kept, MemoryPlan, SlabJobs, THREAD};
 use crate::resources::workers::Workers;
+use crate::run::pyramid;
 use crate::run::slab_jobs::{HELD, held_in};
 use crate::run::workload::{SurveyWorkload, Workload};
 use crate::settings::surface::Fit;
@@ -227,6 +228,7 @@ impl MemoryPlan {
             check,
             held + standing + mesh + workload.bridging().map_or(0, |extent| extent.memory(self.working, self.threads)),
             mesh + workload.simplified().map_or(0, |extent| extent.memory(self.working, self.threads)),
+            mesh + workload.levels().map_or(0, |extent| extent.memory(self.working, self.threads).max(pyramid::LEAST)),
         ];
         let mut memory = process(self.threads) + workload.transfers() + passes.into_iter().max().unwrap_or(0);
         if self.is_roomy(memory) {
@@ -239,7 +241,8 @@ impl MemoryPlan {
         let standing = if self.store_quota > 0 { 0 } else { workload.standing_slice_bytes() };
         let surface = standing + workload.mesh_bytes() - mesh + workload.bridging().map_or(0, bridged::Extent::disk);
         let kept = if workload.bridging().is_some() { 0 } else { mesh };
-        let simplifying = workload.mesh_bytes() - kept + workload.simplified().map_or(0, Extent::disk);
+        let fewer = workload.simplified().or(workload.levels());
+        let simplifying = workload.mesh_bytes() - kept + fewer.map_or(0, Extent::disk);
         // Slices that are kept in the work folder, too.
         let saved = if workload.is_outlasting() { workload.standing_slice_bytes() } else { 0 };
         Ok((memory, bucketed + saved + sealing.max(surface).max(simplifying)))
@@ -254,7 +257,8 @@ impl MemoryPlan {
             + slab
                 .max(checking(workload, threads).jobs)
                 .max(workload.bridging().map_or(0, |_| bridged::Extent::least_memory(threads)))
-                .max(workload.simplified().map_or(0, Extent::least_memory));
+                .max(workload.simplified().map_or(0, Extent::least_memory))
+                .max(workload.levels().map_or(0, |extent| extent.least_memory().max(pyramid::LEAST)));
         after.max(Self::least_before_slabs(workload, threads))
     }
 

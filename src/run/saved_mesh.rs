@@ -99,6 +99,16 @@ pub struct Means<'a> {
     pub kept: Option<Kept<'a>>,
 }
 
+impl Means<'_> {
+    /// Bytes that a block of a mesh takes that is worked on: triangles, and the vertices that they span.
+    const BLOCK_BYTES: u64 = 4 << 20;
+
+    /// How many blocks of a mesh are worked on at a time.
+    pub(super) fn in_flight(&self) -> usize {
+        (self.memory / 8 / Self::BLOCK_BYTES).clamp(1, self.workers.threads() as u64 + 1) as usize
+    }
+}
+
 /// What is told of a kept mesh.
 #[derive(Debug, Serialize, Deserialize)]
 struct Step<R> {
@@ -141,12 +151,13 @@ impl<'a> Kept<'a> {
         mesh: &MeshSpool,
         rest: impl Serialize,
         (workers, workspace): (&Workers, &Workspace),
+        in_flight: usize,
     ) -> Result<MeshSpool> {
         let phase = self.phase(step);
         let files = SavedMesh::files(self.work, &phase)?;
         let spools = files.clone().map(|file| workspace.spool_in(file, 0));
         let mut kept = MeshSpool::in_spools(mesh.precision(), mesh.schema().clone(), spools);
-        copy(mesh, &mut kept, Ok, workers)?;
+        copy(mesh, &mut kept, Ok, (workers, in_flight))?;
         let told = Step { mesh: SavedMesh::of(&mut kept), rest };
         self.work.commit(&phase, files.into(), serde_json::to_value(told).expect("a manifest can be written"))?;
         Ok(kept)

@@ -58,9 +58,10 @@ pub(super) fn simplified(
     mesh: &MeshSpool,
     asked: &Simplification,
     lengths: Lengths,
-    Means { memory: budget, workers, workspace, kept }: Means<'_>,
+    by: Means<'_>,
     progress: &mut Progress,
 ) -> Result<(MeshSpool, Figures)> {
+    let Means { memory: budget, workers, workspace, kept } = by;
     let options = options(asked, lengths, mesh.schema())?;
     let means = (workers, workspace);
     // Within a tolerance it is kept pass by pass; a search for it as a whole.
@@ -78,7 +79,7 @@ pub(super) fn simplified(
     let (fewer, figures) = simplify(given, &mut |part| progress.set((part * triangles) as u64))?;
     match whole {
         None => Ok((fewer, figures)),
-        Some(kept) => Ok((kept.keep(STEP, &fewer, figures, means)?, figures)),
+        Some(kept) => Ok((kept.keep(STEP, &fewer, figures, means, by.in_flight())?, figures)),
     }
 }
 

@@ -47,6 +47,8 @@ pub struct Workload {
     pub(crate) columns: Option<ColumnWorkload>,
     /// Whether vertices may move, or colours count, as triangles are left out; none if all stay.
     simplified: Option<bool>,
+    /// Whether levels of fewer triangles are made of the mesh.
+    levels: bool,
     /// Whether distances from points are measured, and triangles left out by them.
     bridging: Option<bool>,
     /// Cells of the grid to a cell of the level that inside and outside are told apart on, along every axis, at the least.
@@ -150,6 +152,7 @@ impl Workload {
             means: None,
             columns: None,
             simplified: None,
+            levels: false,
             bridging: None,
             level: 1,
             sighted: false,
@@ -207,7 +210,13 @@ impl Workload {
     /// The same workload without a surface, as far as there are cells only, which carry no attributes.
     pub(crate) fn without_surface(self) -> Workload {
         let slabs = vec![0; self.slabs.len()];
-        Workload { attributes: 0, simplified: None, bridging: None, ..self.with_faces(slabs, self.falls) }
+        Workload {
+            attributes: 0,
+            simplified: None,
+            levels: false,
+            bridging: None,
+            ..self.with_faces(slabs, self.falls)
+        }
     }
 
     /// The same workload for a body that stands on a flat bottom: it is expected to have upright walls at either end of the slices.
@@ -239,9 +248,14 @@ impl Workload {
         Workload { simplified: asked.map(marked), ..self }
     }
 
+    /// The same workload for a mesh that one of fewer triangles is made of beside it, for a page.
+    pub fn with_page(self) -> Workload {
+        Workload { simplified: self.simplified.or(Some(false)), ..self }
+    }
+
     /// The same workload for a mesh that levels of fewer triangles are made of in the end.
     pub fn with_levels(self) -> Workload {
-        Workload { simplified: self.simplified.or(Some(false)), ..self }
+        Workload { levels: true, ..self }
     }
 
     /// The same workload for a mesh whose vertices' distances from points are `measured`; triangles may be `trimmed` by them.
@@ -322,6 +336,12 @@ impl Workload {
     pub fn simplified(&self) -> Option<Extent> {
         let (triangles, vertices, precision) = (self.triangles(), self.vertices(), self.precision);
         self.simplified.map(|marked| Extent { triangles, vertices, precision, marked })
+    }
+
+    /// The mesh that levels are made of, if they are.
+    pub fn levels(&self) -> Option<Extent> {
+        let (triangles, vertices, precision) = (self.triangles(), self.vertices(), Precision::Single);
+        self.levels.then_some(Extent { triangles, vertices, precision, marked: false })
     }
 
     /// What the measuring of distances depends on, if there is any.

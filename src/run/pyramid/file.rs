@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use bytesize::ByteSize;
 
-use super::{TilesetFigures, TilesetTarget};
+use super::{LEAST, TilesetFigures, TilesetTarget};
 use crate::error::words::{short, thousands};
 use crate::error::{Error, Result};
 use crate::format;
@@ -99,7 +99,7 @@ pub fn tileset_file(job: &TilesetJob, workers: &Workers, progress: &mut Progress
     let opened = steady.settle(format::read::open_with(&job.mesh, &workspace, budget / 8, &Wanted::All))?;
     let triangles = opened.face_count() as f64;
     let share = budget / 8 * 7;
-    let least = Extent::of(&*opened, false, false).least_memory() / 3 * 4;
+    let least = (Extent::of(&*opened, false, false).least_memory() / 3 * 4).max(LEAST);
     if share < least {
         let needed = ByteSize((least * 8).div_ceil(7).next_multiple_of(1 << 20));
         return Err(Error::Budget { given: ByteSize(budget), needed, what: "a tileset of the mesh" });

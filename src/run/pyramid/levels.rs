@@ -12,12 +12,10 @@ use crate::mesh::measure::{Corners, is_degenerate};
 use crate::mesh::spool::MeshSpool;
 use crate::points::Precision;
 use crate::points::attribute::Schema;
-use crate::resources::workers::Workers;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::saved_mesh::Means;
 use crate::simplify::{Extent, Given, Options, simplify};
-use crate::storage::spool::Workspace;
 
 /// The first tolerance, in mean edges of the mesh.
 const FIRST: f64 = 0.1;
@@ -50,7 +48,7 @@ impl Extents {
     ///
     /// # Errors
     /// Errors of reading the mesh; [`Error::Interrupted`].
-    pub fn of(mesh: &MeshSpool, workers: &Workers) -> Result<Extents> {
+    pub fn of(mesh: &MeshSpool, means: Means<'_>) -> Result<Extents> {
         let none = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         let (mut bounds, mut squares) = (none, 0.0);
         let look = |mut faces: Vec<[u32; 3]>| {
@@ -67,7 +65,7 @@ impl Extents {
             }
             Ok((bounds, squares))
         };
-        each_block(mesh, workers, look, |(more, sum)| {
+        each_block(mesh, means, look, |(more, sum)| {
             widen(&mut bounds, more);
             squares += sum;
             Ok(())
@@ -110,11 +108,11 @@ pub(super) fn block(mesh: &MeshSpool, number: usize) -> Result<Vec<[u32; 3]>> {
 /// Reads triangles block by block, works on each, and takes the results in order. Triangles that repeat a vertex are left out.
 pub(super) fn each_block<R: Send>(
     mesh: &MeshSpool,
-    workers: &Workers,
+    means: Means<'_>,
     work: impl Fn(Vec<[u32; 3]>) -> Result<R> + Sync,
     sink: impl FnMut(R) -> Result<()>,
 ) -> Result<()> {
-    workers.in_order_range(workers.threads() + 1, blocks(mesh), |number| work(block(mesh, number)?), sink)
+    means.workers.in_order_range(means.in_flight(), blocks(mesh), |number| work(block(mesh, number)?), sink)
 }
 
 /// A mesh in single precision, of which `place` tells where vertices lie.
@@ -125,12 +123,11 @@ pub(super) fn copied(
     mesh: &dyn MeshSource,
     place: impl Fn([f64; 3]) -> Result<[f64; 3]> + Sync,
     in_memory: u64,
-    workers: &Workers,
-    workspace: &Workspace,
+    means: Means<'_>,
 ) -> Result<MeshSpool> {
     let schema: Schema = mesh.schema().clone();
-    let mut out = MeshSpool::with_attributes(workspace, Precision::Single, schema, in_memory);
-    copy(mesh, &mut out, place, workers)?;
+    let mut out = MeshSpool::with_attributes(means.workspace, Precision::Single, schema, in_memory);
+    copy(mesh, &mut out, place, (means.workers, means.in_flight()))?;
     Ok(out)
 }
 
@@ -178,9 +175,10 @@ fn fewer(
     mesh: &MeshSpool,
     tolerance: f64,
     name: &str,
-    Means { memory, workers, workspace, kept }: Means<'_>,
+    by: Means<'_>,
     progress: &mut Progress,
 ) -> Result<(MeshSpool, f64)> {
+    let Means { memory, workers, workspace, kept } = by;
     let means = (workers, workspace);
     if let Some(kept) = kept
         && let Some((mesh, bits)) = kept.found::<u64>(name, (mesh.precision(), mesh.schema()), means)?
@@ -197,12 +195,12 @@ fn fewer(
     let of = passes.as_ref().map(|(work, name)| (*work, name.as_str()));
     let (fewer, figures) = simplify(Given { mesh, options: &options, budget, workers, workspace, kept: of }, told)?;
     if let Some(kept) = kept {
-        return Ok((kept.keep(name, &fewer, figures.reached.to_bits(), means)?, figures.reached));
+        return Ok((kept.keep(name, &fewer, figures.reached.to_bits(), means, by.in_flight())?, figures.reached));
     }
     // What levels keep in memory together must not grow.
     let in_memory = if memory > 2 * least { memory / 64 } else { 0 };
     match fewer.bytes() > in_memory {
-        true => Ok((copied(&fewer, Ok, 0, workers, workspace)?, figures.reached)),
+        true => Ok((copied(&fewer, Ok, 0, by)?, figures.reached)),
         false => Ok((fewer, figures.reached)),
     }
 }
@@ -225,8 +223,10 @@ mod tests {
 
     use super::*;
     use crate::mesh::spool::FaceRecord;
+    use crate::resources::workers::Workers;
     use crate::run::progress::Show;
     use crate::run::saved_mesh::Kept;
+    use crate::storage::spool::Workspace;
     use crate::storage::work::WorkFolder;
     use crate::storage::work::simulated::{Crash, Fault, Simulated};
 
@@ -259,7 +259,7 @@ mod tests {
     ) -> Result<Vec<Bits>> {
         let workers = Workers::new(threads)?;
         let means = Means { memory, workers: &workers, workspace, kept };
-        let extents = Extents::of(mesh, &workers)?;
+        let extents = Extents::of(mesh, means)?;
         let levels = coarser(mesh, &extents, "level", means, &mut Progress::new(Show::Nothing))?;
         let bits = |level: Level| {
             let mut vertices = vec![[0.0; 3]; level.mesh.vertex_count() as usize];

@@ -35,16 +35,17 @@ use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::Precision;
 use crate::points::crs::Crs;
 use crate::points::earth::{Earth, Frame, Site};
-use crate::resources::workers::Workers;
 use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::saved_mesh::Means;
 use crate::settings::tileset::{Compression, TilesetOptions};
 use crate::storage::atomic_file::{Overwrite, WholeFolder};
-use crate::storage::spool::{Spool, Workspace};
+use crate::storage::spool::Spool;
 
 /// Bytes that a tile in the making takes, about: its triangles, vertices and file.
 const TILE_BYTES: u64 = 16 << 20;
+/// The least memory of what comes beside simplification: a tile, and the counts of cells, of all levels.
+pub(super) const LEAST: u64 = TILE_BYTES + (12 << 20);
 /// Unwanted vertices that are read along rather than skipped by a new read.
 const GAP: u32 = 64;
 
@@ -141,12 +142,11 @@ impl TilesetTarget {
         means: Means<'_>,
         progress: &mut Progress,
     ) -> Result<TilesetFigures> {
-        let Means { memory, workers, workspace, .. } = means;
         let (finest, transform, site) = match &self.earth {
-            Some(earth) => on_earth(mesh, header.origin, earth, &self.path, (memory, workers, workspace))?,
-            None => placed(mesh, header.origin, &self.path, (memory, workers, workspace))?,
+            Some(earth) => on_earth(mesh, header.origin, earth, &self.path, means)?,
+            None => placed(mesh, header.origin, &self.path, means)?,
         };
-        let extents = Extents::of(&finest, workers)?;
+        let extents = Extents::of(&finest, means)?;
         // What lifts the mesh is no part of the run that a folder is of.
         let lifted = options.height_offset.map_or(0, |offset| (offset + 0.0).to_bits());
         let coarser = coarser(&finest, &extents, &format!("level-{lifted:x}"), means, progress)?;
@@ -159,11 +159,11 @@ impl TilesetTarget {
         let side = (0..axes).map(|a| high[a] - low[a]).fold(f64::MIN_POSITIVE, f64::max);
         let code = |place| division.code(place, low, side);
         let counts =
-            levels.iter().map(|level| counts(&level.mesh, division, code, workers)).collect::<Result<Vec<_>>>()?;
+            levels.iter().map(|level| counts(&level.mesh, division, code, means)).collect::<Result<Vec<_>>>()?;
         let tree = Tree::of(division, &counts);
         drop(counts);
 
-        let views = views(&properties(&levels[0].mesh, header, workers)?);
+        let views = views(&properties(&levels[0].mesh, header, means.workers)?);
         progress.begin(Phase::Write, Some(levels.iter().map(|level| level.mesh.face_count()).sum()));
         let mut nodes: Vec<Node> = (0..tree.tiles.len())
             .map(|number| Node {
@@ -177,8 +177,7 @@ impl TilesetTarget {
         let mut figures = TilesetFigures { site, levels: Vec::new(), bytes: 0 };
         for (number, level) in levels.iter().enumerate() {
             let cut = Cut { level, tree: &tree, number, views: &views, options, sheet: header.sheet };
-            let (made, on) =
-                cut.write(code, lattice, (&mut self.folder, &mut nodes), memory, (workers, workspace), progress)?;
+            let (made, on) = cut.write(code, lattice, (&mut self.folder, &mut nodes), means, progress)?;
             lattice = on;
             figures.bytes += made.bytes;
             figures.levels.push(made);
@@ -214,10 +213,10 @@ fn on_earth(
     own: [f64; 3],
     (crs, earth): &(Crs, Earth),
     path: &Path,
-    (memory, workers, workspace): (u64, &Workers, &Workspace),
+    means: Means<'_>,
 ) -> Result<Placed> {
     let whole = |place: [f64; 3]| std::array::from_fn(|a| place[a] + own[a]);
-    let [low, high] = bounds(mesh, path, workers)?.map(whole);
+    let [low, high] = bounds(mesh, path, means)?.map(whole);
     if let Some(expected) = crs.contradicted_by(low, high) {
         let words = format!(
             "`crs` {crs}: expects {expected}, but coordinates go from {low:?} to {high:?}; name the right one with `crs`, or `crs` none"
@@ -226,27 +225,22 @@ fn on_earth(
     }
     let frame = Frame::about(earth.centred(std::array::from_fn(|a| low[a].midpoint(high[a])))?);
     let place = |place: [f64; 3]| finite(frame.local(earth.centred(whole(place))?), path);
-    let mesh = copied(mesh, place, memory / 16, workers, workspace)?;
+    let mesh = copied(mesh, place, means.memory / 16, means)?;
     Ok((mesh, Some(frame.transform()), Some(frame.site)))
 }
 
 /// The mesh in single precision about a middle; the transform adds `own`, too.
-fn placed(
-    mesh: &dyn MeshSource,
-    own: [f64; 3],
-    path: &Path,
-    (memory, workers, workspace): (u64, &Workers, &Workspace),
-) -> Result<Placed> {
+fn placed(mesh: &dyn MeshSource, own: [f64; 3], path: &Path, means: Means<'_>) -> Result<Placed> {
     let middle = match mesh.precision() {
         Precision::Single => [0.0; 3],
         Precision::Double => {
-            let [low, high] = bounds(mesh, path, workers)?;
+            let [low, high] = bounds(mesh, path, means)?;
             // In whole units: numbers that are written without loss.
             std::array::from_fn(|a| low[a].midpoint(high[a]).round())
         }
     };
     let place = |place: [f64; 3]| finite(std::array::from_fn(|a| place[a] - middle[a]), path);
-    let mesh = copied(mesh, place, memory / 16, workers, workspace)?;
+    let mesh = copied(mesh, place, means.memory / 16, means)?;
     let origin: [f64; 3] = std::array::from_fn(|a| own[a] + middle[a]);
     let [x, y, z] = origin;
     let transform =
@@ -255,7 +249,7 @@ fn placed(
 }
 
 /// The box of all vertices.
-fn bounds(mesh: &dyn MeshSource, path: &Path, workers: &Workers) -> Result<[[f64; 3]; 2]> {
+fn bounds(mesh: &dyn MeshSource, path: &Path, means: Means<'_>) -> Result<[[f64; 3]; 2]> {
     let blocks = mesh.vertex_count().div_ceil(BLOCK as u64) as usize;
     let mut bounds = NOWHERE;
     let look = |number: usize| {
@@ -268,7 +262,7 @@ fn bounds(mesh: &dyn MeshSource, path: &Path, workers: &Workers) -> Result<[[f64
         }
         Ok(bounds)
     };
-    workers.in_order_range(workers.threads() + 1, blocks, look, |more| {
+    means.workers.in_order_range(means.in_flight(), blocks, look, |more| {
         widen(&mut bounds, more);
         Ok(())
     })?;
@@ -280,12 +274,12 @@ fn counts(
     mesh: &MeshSpool,
     division: Division,
     code: impl Fn([f64; 3]) -> u32 + Sync,
-    workers: &Workers,
+    means: Means<'_>,
 ) -> Result<Counts> {
     let mut counts = vec![0u32; division.cells()];
     each_block(
         mesh,
-        workers,
+        means,
         |faces| codes(mesh, faces, &code),
         |codes| {
             codes.iter().for_each(|code| counts[*code as usize] += 1);
@@ -332,12 +326,11 @@ impl Cut<'_> {
         code: impl Fn([f64; 3]) -> u32 + Sync,
         finer: Option<Lattice>,
         (folder, nodes): (&mut WholeFolder, &mut Vec<Node>),
-        memory: u64,
-        (workers, workspace): (&Workers, &Workspace),
+        means: Means<'_>,
         progress: &mut Progress,
     ) -> Result<(LevelFigures, Option<Lattice>)> {
-        let normals = normals::normals(&self.level.mesh, memory, workers, workspace)?;
-        let (spool, tiles, boxes) = self.sorted(code, workers, workspace)?;
+        let normals = normals::normals(&self.level.mesh, means)?;
+        let (spool, tiles, boxes) = self.sorted(code, means)?;
         let skirts = self.options.skirts && self.sheet && self.number > 0;
         let lattice = (self.options.compress != Compression::None).then(|| {
             let hung = if skirts { 2.0 * self.level.error } else { 0.0 };
@@ -370,7 +363,7 @@ impl Cut<'_> {
                 all.push((number, stretches));
             }
         }
-        let in_flight = (memory / 2 / TILE_BYTES).clamp(1, workers.threads() as u64 + 1) as usize;
+        let in_flight = (means.memory / 2 / TILE_BYTES).clamp(1, means.workers.threads() as u64 + 1) as usize;
         let stride = self.level.mesh.schema().stride();
         let make = |number: usize| {
             let (node, stretches) = &all[number];
@@ -388,7 +381,7 @@ impl Cut<'_> {
             Ok((*node, tile.bounds(), triangles, tile.glb(self.views, stride, self.sheet, &packing)))
         };
         let mut figures = LevelFigures { error, triangles: 0, tiles: 0, bytes: 0 };
-        workers.in_order_range(in_flight, all.len(), make, |(node, bounds, triangles, bytes)| {
+        means.workers.in_order_range(in_flight, all.len(), make, |(node, bounds, triangles, bytes)| {
             let name = format!("{}-{}.glb", self.number, figures.tiles);
             put(folder, &name, &bytes)?;
             nodes[node].bounds = bounds.map(|place| place.map(f64::from));
@@ -404,13 +397,8 @@ impl Cut<'_> {
     }
 
     /// All triangles by tile, those of a tile in the mesh's order, and each tile's box.
-    fn sorted(
-        &self,
-        code: impl Fn([f64; 3]) -> u32 + Sync,
-        workers: &Workers,
-        workspace: &Workspace,
-    ) -> Result<Sorted> {
-        let mut spool = workspace.spool(0);
+    fn sorted(&self, code: impl Fn([f64; 3]) -> u32 + Sync, means: Means<'_>) -> Result<Sorted> {
+        let mut spool = means.workspace.spool(0);
         let mut boxes: BTreeMap<usize, [[f64; 3]; 2]> = BTreeMap::new();
         let mut tiles: BTreeMap<usize, Vec<Stretch>> = BTreeMap::new();
         let places = self.tree.places(self.number);
@@ -437,7 +425,7 @@ impl Cut<'_> {
             }
             Ok((sorted, counts, boxes))
         };
-        each_block(mesh, workers, sort, |(sorted, counts, found)| {
+        each_block(mesh, means, sort, |(sorted, counts, found)| {
             found.into_iter().for_each(|(tile, bounds)| widen(boxes.entry(tile).or_insert(NOWHERE), bounds));
             let mut at = spool.append(bytemuck::cast_slice(&sorted))?;
             for (tile, count) in counts {

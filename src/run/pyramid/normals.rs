@@ -7,19 +7,20 @@ use crate::error::Result;
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, span};
 use crate::mesh::spool::MeshSpool;
-use crate::resources::workers::Workers;
-use crate::storage::spool::{Spool, Workspace};
+use crate::run::saved_mesh::Means;
+use crate::storage::spool::Spool;
 
 /// Bytes of a normal.
 pub(super) const BYTES: u64 = 12;
 
-/// The normals of all vertices, three `f32` each. Of `memory` bytes, half are for the sums: with less, triangles are read more often.
+/// The normals of all vertices, three `f32` each. An eighth of the memory is for the sums: with less, triangles are read more often.
 ///
 /// # Errors
 /// Errors of reading the mesh; [`crate::Error::Io`] if the work directory is full; [`crate::Error::Interrupted`].
-pub(super) fn normals(mesh: &MeshSpool, memory: u64, workers: &Workers, workspace: &Workspace) -> Result<Spool> {
+pub(super) fn normals(mesh: &MeshSpool, means: Means<'_>) -> Result<Spool> {
+    let Means { memory, workers, workspace, .. } = means;
     let vertices = mesh.vertex_count();
-    let together = (memory / 2 / BYTES).max(1 << 16).min(vertices.max(1));
+    let together = (memory / 8 / BYTES).max(1 << 16).min(vertices.max(1));
     let blocks = blocks(mesh);
     // The vertices of each block, from the first to the last.
     let mut spans = vec![Some((0, u32::MAX)); blocks];
@@ -27,7 +28,7 @@ pub(super) fn normals(mesh: &MeshSpool, memory: u64, workers: &Workers, workspac
         spans.clear();
         each_block(
             mesh,
-            workers,
+            means,
             |faces| Ok(span(&faces)),
             |span| {
                 spans.push(span);
@@ -52,7 +53,7 @@ pub(super) fn normals(mesh: &MeshSpool, memory: u64, workers: &Workers, workspac
             let across = local.iter().map(|face| across(face.map(|v| corners.table[v as usize]))).collect::<Vec<_>>();
             Ok((faces, across))
         };
-        workers.in_order_range(workers.threads() + 1, there.len(), work, |(faces, across)| {
+        workers.in_order_range(means.in_flight(), there.len(), work, |(faces, across)| {
             for (face, across) in faces.iter().zip(&across) {
                 for v in face.iter().filter(|v| range.contains(&u64::from(**v))) {
                     let sum = &mut sums[(u64::from(*v) - range.start) as usize];
