@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use crate::error::words::thousands;
 use crate::error::{Error, Result};
+use crate::format::tiles3d::is_named;
 use crate::format::write::tiling;
 use crate::grid::context::Context;
 use crate::input::tally::Tally;
@@ -237,7 +238,8 @@ pub(super) fn known_of_points(job: &Job, points: u64, passes: Passes) -> Known {
             triangles: forecast::triangles(points),
             open: job.settings.open.is_some(),
             bridged: job.settings.bridged || job.settings.trim.is_some(),
-            simplified: job.settings.simplify.is_some(),
+            // The first level of a tileset takes as long.
+            simplified: job.settings.simplify.is_some() || job.output.as_deref().is_some_and(is_named),
             checked: job.check == Check::Always,
             drawn: job.is_drawn(),
             write: match (job.tile.is_some() || job.batch, job.check) {

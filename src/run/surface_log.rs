@@ -85,6 +85,6 @@ impl<'a> SurfaceLog<'a> {
     /// [`crate::Error::Io`], of an earlier line, too.
     pub fn end(mut self, stitched: &mut Stitched, slabs: u32) -> Result<()> {
         let extents = stitched.mesh.extents();
-        self.0.append(extents, &Line { checkpoint: stitched.checkpoint(slabs), whole: true })
+        self.0.end(extents, &Line { checkpoint: stitched.checkpoint(slabs), whole: true })
     }
 }

@@ -42,7 +42,7 @@ impl Need {
         let group = triangles.min(GROUP as u64);
         let near = group * size_of::<[u32; 3]>() as u64 + vertices.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
         // A group can span more than a window only where there are more vertices.
-        let far = if vertices > WINDOW.0 as u64 { group * FAR_BYTES + measure::PIECE_BYTES } else { 0 };
+        let far = if vertices > WINDOW.1 as u64 { group * FAR_BYTES + measure::PIECE_BYTES } else { 0 };
         let surveying = jobs.min(triangles.div_ceil(GROUP as u64)) * near.max(far);
 
         let range = vertices.min(u64::from(NEAR_RANGE));
@@ -52,7 +52,8 @@ impl Need {
         let stars = Stars::<[u32; 2]>::bytes(range, corners, triangles.min(BLOCK as u64));
         let positions = range.min(PIECE as u64) * size_of::<[f64; 3]>() as u64;
         let looking = jobs.min(vertices.div_ceil(u64::from(NEAR_RANGE))) * (stars + range * of_vertex + positions);
-        Need { jobs: surveying + looking, components: components::bytes(vertices) }
+        // First one, then the other.
+        Need { jobs: surveying.max(looking), components: components::bytes(vertices) }
     }
 
     /// With a budget of so many bytes.
@@ -102,8 +103,15 @@ impl Plan {
 
     /// For a mesh whose triangles name vertices near each other: no more than it needs.
     pub(crate) fn for_near(budget: u64, mesh: &dyn MeshSource, threads: usize) -> Plan {
-        let need = Need::of(mesh.vertex_count(), mesh.face_count(), threads);
-        Plan::of(need.jobs.min(shares(budget).0), shares(budget).1, Plan::in_flight(threads))
+        let vertices = mesh.vertex_count();
+        let need = Need::of(vertices, mesh.face_count(), threads);
+        let (jobs, components) = shares(budget);
+        let plan = Plan::of(need.jobs.min(jobs), components, Plan::in_flight(threads));
+        if jobs < need.jobs {
+            return plan;
+        }
+        // What is needed is counted for windows as wide as the mesh.
+        Plan { window: (vertices as usize).clamp(WINDOW.0, WINDOW.1), ..plan }
     }
 
     fn of(jobs: u64, components: u64, in_flight: usize) -> Plan {

@@ -80,6 +80,9 @@ impl Check<'_> {
         let triangles = self.mesh.face_count();
         let mut survey = self.survey(0..self.groups(), &scratch, &mut |done| progress(done / 2))?;
         self.measure_far(0, &mut survey.sums, &scratch)?;
+        // What was read to measure triangles is not needed beside what vertices take.
+        drop(scratch);
+        let scratch = Spares::default();
         let vertices = self.mesh.vertex_count();
         let ranges = self.ranges(&survey.blocks, vertices);
         let mut done = 0;

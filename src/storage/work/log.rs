@@ -114,11 +114,25 @@ impl<'a, const N: usize> Log<'a, N> {
     /// # Errors
     /// [`crate::Error::Io`], of an earlier line, too.
     pub fn append(&mut self, extents: [Extent; N], rest: &impl Serialize) -> Result<()> {
+        self.put(extents, rest, true)
+    }
+
+    /// Appends the last line, without waiting for the disk: a power cut may take it, and what was appended since the line before, but no end of the process does. What a run
+    /// does after its last line would wait, too, for bytes that go when it ends.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], of an earlier line, too.
+    pub fn end(&mut self, extents: [Extent; N], rest: &impl Serialize) -> Result<()> {
+        self.put(extents, rest, false)
+    }
+
+    fn put(&mut self, extents: [Extent; N], rest: &impl Serialize, synced: bool) -> Result<()> {
         self.told = Instant::now();
         let line = Line { extents: extents.to_vec(), rest };
         let write = self.journal.line(&serde_json::to_value(line).expect("a line can be written"));
         let (files, failed) = (self.files.clone(), self.work.failed("write"));
         self.work.committer().give(Box::new(move |durable| {
+            let durable = durable && synced;
             let synced = if durable { files.iter().try_for_each(|file| file.file.sync()) } else { Ok(()) };
             synced.and_then(|()| write(durable)).map_err(failed)
         }))
