@@ -331,10 +331,10 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
             let here = || check_near(&made.mesh, budget, workers, &workspace, &mut |done| progress.set(done));
             by_tasks.map_or_else(here, Ok)
         };
-        // Neither needs the other, and only what is sound gets its name. Where the mesh lies in memory, there is room for both.
-        let (report, filled) = match made.memory.mesh_quota {
-            0 => (work(), Ok(target)),
-            _ => target.filled_meanwhile(&made.mesh, &header, workers, work),
+        // Neither needs the other, and only what is sound gets its name. Where there is room, both are done at once.
+        let (report, filled) = match made.memory.fills_meanwhile(made.mesh.vertex_count(), made.mesh.face_count()) {
+            false => (work(), Ok(target)),
+            true => target.filled_meanwhile(&made.mesh, &header, workers, work),
         };
         let mut report = report?;
         target = filled?;

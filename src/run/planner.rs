@@ -219,9 +219,7 @@ impl MemoryPlan {
         let mesh = self.mesh_quota.min(workload.mesh_bytes());
         let held = self.held(workload);
         let slabs = self.slab_jobs(workload)?.bytes(workload);
-        // A mesh that lies in memory is written meanwhile.
-        let filling = if mesh > 0 { (FILLING * jobs_of_all(self.threads)).min(mesh) } else { 0 };
-        let check = mesh + checking(workload, self.threads).within(self.working).bytes() + filling;
+        let check = mesh + self.checking(checking(workload, self.threads), (workload.mesh_bytes(), mesh));
         let passes = [
             self.before_slabs(workload),
             held + standing + mesh + slabs,
@@ -246,6 +244,25 @@ impl MemoryPlan {
         // Slices that are kept in the work folder, too.
         let saved = if workload.is_outlasting() { workload.standing_slice_bytes() } else { 0 };
         Ok((memory, bucketed + saved + sealing.max(surface).max(simplifying)))
+    }
+
+    /// Whether there is room to write a mesh of so many vertices and triangles while it is checked: where it lies in memory, or what the check leaves is enough.
+    pub(super) fn fills_meanwhile(&self, vertices: u64, triangles: u64) -> bool {
+        self.mesh_quota > 0 || self.fills_beside(Need::of(vertices, triangles, self.threads))
+    }
+
+    fn fills_beside(&self, check: Need) -> bool {
+        check.within(self.working).bytes() + FILLING * jobs_of_all(self.threads) <= self.working
+    }
+
+    /// What the check takes, and the writing of a mesh of so many bytes meanwhile, of which so many lie in memory.
+    fn checking(&self, check: Need, (mesh, in_memory): (u64, u64)) -> u64 {
+        let most = match self.mesh_quota {
+            0 if self.fills_beside(check) => mesh,
+            0 => 0,
+            _ => in_memory,
+        };
+        check.within(self.working).bytes() + most.min(FILLING * jobs_of_all(self.threads))
     }
 
     /// The least budget for a workload on `threads` threads, in bytes.

@@ -18,7 +18,7 @@ use crate::run::saved_mesh::Means;
 use crate::simplify::{Extent, Given, Options, simplify};
 
 /// The first tolerance, in mean edges of the mesh.
-const FIRST: f64 = 0.1;
+const FIRST: f64 = 0.2;
 /// A level has at most so much of the triangles of the one before it.
 const WORTH: f64 = 0.6;
 /// Elements of a block.
