@@ -31,6 +31,8 @@ window.look = async (url, closeness) => {
     const turned = Cesium.Matrix4.multiplyByPointAsVector(frame, way, new Cesium.Cartesian3());
     const position = Cesium.Cartesian3.add(sphere.center, Cesium.Cartesian3.multiplyByScalar(turned, far, new Cesium.Cartesian3()), new Cesium.Cartesian3());
     const up = Cesium.Matrix4.multiplyByPointAsVector(frame, Cesium.Cartesian3.UNIT_Z, new Cesium.Cartesian3());
+    // It is made for globes: a thing of a few centimetres would lie before the nearest that is drawn.
+    scene.camera.frustum.near = sphere.radius / 1000;
     scene.camera.lookAtTransform(Cesium.Matrix4.IDENTITY);
     scene.camera.setView({ destination: position, orientation: { direction: Cesium.Cartesian3.negate(turned, new Cesium.Cartesian3()), up } });
     // Once, from afar, where all of it is in view: every level comes.
