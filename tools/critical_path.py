@@ -8,7 +8,7 @@
 
 The model: a kind's processor seconds are so many for each point and triangle, and so are its bytes; both are fitted to what was measured. Tasks are dealt out, in their order, to workers of one
 processor, and weigh as unequally as measured ones. Kinds come one after the other. What a wave reads and writes takes no less than the shared file system needs for it. A task that is
-alone in its wave has --alone processors, of which it makes use of four fifths. That last figure and the fitted laws beyond the sizes measured are assumptions.
+alone in its wave has --alone processors, of which it makes use of four fifths; with --cold, computing and moving bytes add up instead. That last figure and the fitted laws beyond the sizes measured are assumptions.
 """
 
 import argparse
@@ -162,8 +162,8 @@ class Model:
         # The same bytes for each task are those of the program itself, which every machine has in its cache.
         return [total * weight / sum(weights) for weight in weights], (c * points + d * triangles) * more
 
-    def waves(self, points, workers, speed, alone, processes=None):
-        """Seconds of each kind, and what it waits for: `one` task, `processors` or the `files`."""
+    def waves(self, points, workers, speed, alone, processes=None, cold=False):
+        """Seconds of each kind, and what it waits for: `one` task, `processors` or the `files`. Where nothing stays in a cache (`cold`), a task waits for bytes and then computes."""
         told = {}
         for kind in self.kinds:
             seconds, amount = self.tasks(kind, points, processes or workers)
@@ -175,7 +175,7 @@ class Model:
                     heapq.heapreplace(free, free[0] + one + self.nothing)
                 busy, why = max(free), "processors"
             files = amount / speed if speed else 0.0
-            told[kind] = (max(busy, files) + BARRIER, "files" if files > busy else why)
+            told[kind] = ((busy + files if cold else max(busy, files)) + BARRIER, "files" if files > busy else why)
         return told
 
 
@@ -198,7 +198,7 @@ def tabled(options, _):
             for points in (10**9, 10**10, 10**11, 10**12):
                 cells = []
                 for count in workers:
-                    told = model.waves(points, count, speed, alone)
+                    told = model.waves(points, count, speed, alone, cold=options.cold)
                     total = sum(seconds for seconds, _ in told.values())
                     # What takes longest.
                     worst = max(told, key=lambda kind: told[kind][0])
@@ -228,7 +228,7 @@ def run(options, program):
         wall = time.monotonic() - begin
         if any(process.returncode for process in processes):
             sys.exit("a process failed")
-    told = model.waves(options.points, options.workers, None, 1, options.processes)
+    told = model.waves(options.points, options.workers, options.speed, 1, options.processes, options.cold)
     tasks = {kind: seconds for kind, (seconds, _) in told.items() if kind != "plan"}
     work = sum(sum(model.tasks(kind, options.points, options.processes)[0]) for kind in tasks)
     got = sum(tasks.values())
@@ -309,6 +309,8 @@ def main():
     parser.add_argument("--processes", type=int, default=PROCESSES, help="for how many at a time the run is cut [default: 8]")
     parser.add_argument("--alone", type=int, default=16, help="processors of a task that is alone [default: 16; in tables 1, too; in a run 1]")
     parser.add_argument("--scale", type=float, default=1000, help="how much faster tasks sleep than they would work [default: 1000]")
+    parser.add_argument("--speed", type=float, help="of a run: bytes a second of its file system [default: no limit]")
+    parser.add_argument("--cold", action="store_true", help="tables and runs where no file stays in a cache, as in control groups of little memory: computing and waiting for bytes add up")
     parser.add_argument("--max-memory", help="of every process that is measured or run [default: the program's own]")
     parser.add_argument("--program", type=Path)
     parser.add_argument("--folder", type=Path, help="where runs lie [default: the system's folder for temporary files]")
