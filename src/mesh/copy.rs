@@ -8,10 +8,11 @@ use crate::resources::workers::Workers;
 /// Elements of a block, which one thread reads at a time.
 const BLOCK: usize = 1 << 15;
 
-/// Appends a mesh's vertices, with their attributes, and its triangles to an empty mesh of the same attributes. `place` tells where a vertex lies in that; so many blocks are under way at a time.
+/// Appends a mesh's vertices, with their attributes, and its triangles to an empty mesh of the same attributes. `place` tells where a vertex lies in that.
+/// `in_flight` blocks are worked on at a time.
 ///
 /// # Errors
-/// Those of `place` and of reading the mesh; [`crate::Error::Io`] if the work directory is full; an error of the mesh's if it has more vertices than numbers.
+/// Those of `place` and of reading the mesh; [`crate::Error::Io`] if the work directory is full; those of a mesh with more vertices than 32 bits can number.
 pub fn copy(
     mesh: &dyn MeshSource,
     out: &mut MeshSpool,

@@ -34,7 +34,7 @@ use crate::run::preview::{self, DrawnPreview, PlannedPreview};
 use crate::run::progress::Progress;
 use crate::run::pyramid::TilesetTarget;
 use crate::run::report::{OutputReport, Report};
-use crate::run::saved_mesh::{Kept, Means};
+use crate::run::saved_mesh::{KeptSteps, Means};
 use crate::run::simplification::{Lengths, simplified};
 use crate::run::surface::Reconstructed;
 use crate::run::surveyed::Surveyed;
@@ -296,10 +296,10 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     }
     let ending = if let Source::Made(before) = source { before.ending() } else { String::new() };
     let kept = match source {
-        Source::Points(work) => work.map(|work| Kept { work, ending: &ending, alone: true }),
+        Source::Points(work) => work.map(|work| KeptSteps { work, ending: &ending, alone: true }),
         // What is read again while it waits to be an object is not there.
         Source::Made(before) if before.folder().is_remote() => None,
-        Source::Made(before) => Some(Kept { work: before.folder(), ending: &ending, alone: false }),
+        Source::Made(before) => Some(KeptSteps { work: before.folder(), ending: &ending, alone: false }),
     };
     let mut simplification = None;
     if let Some(asked) = &settings.simplify {

@@ -240,9 +240,9 @@ impl MemoryPlan {
         let surface = standing + workload.mesh_bytes() - mesh + workload.bridging().map_or(0, bridged::Extent::disk);
         let kept = if workload.bridging().is_some() { 0 } else { mesh };
         let fewer = workload.simplified().or(workload.levels());
-        let simplifying = workload.mesh_bytes() - kept + fewer.map_or(0, Extent::disk);
-        // Slices that are kept in the work folder, too.
-        let saved = if workload.is_outlasting() { workload.standing_slice_bytes() } else { 0 };
+        // Slices, and what passes leave, that are kept in the work folder, too.
+        let (saved, times) = if workload.is_outlasting() { (workload.standing_slice_bytes(), 2) } else { (0, 1) };
+        let simplifying = workload.mesh_bytes() - kept + times * fewer.map_or(0, Extent::disk);
         Ok((memory, bucketed + saved + sealing.max(surface).max(simplifying)))
     }
 

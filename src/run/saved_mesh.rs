@@ -77,7 +77,7 @@ impl SavedMesh {
 
 /// Where steps that come after the surface are kept, for a run that goes on.
 #[derive(Debug, Clone, Copy)]
-pub struct Kept<'a> {
+pub struct KeptSteps<'a> {
     /// The folder.
     pub work: &'a WorkFolder,
     /// What the names of its phases end with.
@@ -96,7 +96,7 @@ pub struct Means<'a> {
     /// Where temporary files go.
     pub workspace: &'a Workspace,
     /// Where they are kept, if they are.
-    pub kept: Option<Kept<'a>>,
+    pub kept: Option<KeptSteps<'a>>,
 }
 
 impl Means<'_> {
@@ -116,8 +116,8 @@ struct Step<R> {
     rest: R,
 }
 
-impl<'a> Kept<'a> {
-    /// Where passes of a simplification are kept, and what their names begin with.
+impl<'a> KeptSteps<'a> {
+    /// Where passes of a simplification are kept, if they can be, and what their names begin with.
     pub fn passes(&self, step: &str) -> Option<(&'a WorkFolder, String)> {
         self.alone.then(|| (self.work, self.phase(step)))
     }

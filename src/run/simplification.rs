@@ -61,7 +61,7 @@ pub(super) fn simplified(
     by: Means<'_>,
     progress: &mut Progress,
 ) -> Result<(MeshSpool, Figures)> {
-    let Means { memory: budget, workers, workspace, kept } = by;
+    let Means { workers, workspace, kept, .. } = by;
     let options = options(asked, lengths, mesh.schema())?;
     let means = (workers, workspace);
     // Within a tolerance it is kept pass by pass; a search for it as a whole.
@@ -71,16 +71,30 @@ pub(super) fn simplified(
     {
         return Ok(found);
     }
-    progress.begin(Phase::Simplify, Some(mesh.face_count()));
-    let triangles = mesh.face_count() as f64;
-    let passes = kept.and_then(|kept| kept.passes(PASS));
-    let of = passes.as_ref().map(|(work, name)| (*work, name.as_str()));
-    let given = Given { mesh, options: &options, budget, workers, workspace, kept: of };
-    let (fewer, figures) = simplify(given, &mut |part| progress.set((part * triangles) as u64))?;
+    let (fewer, figures) = passes(mesh, &options, PASS, by, progress)?;
     match whole {
         None => Ok((fewer, figures)),
         Some(kept) => Ok((kept.keep(STEP, &fewer, figures, means, by.in_flight())?, figures)),
     }
+}
+
+/// Simplifies a mesh as a step of a run. Passes are kept, where they can be, under names that begin with `name`.
+///
+/// # Errors
+/// Those of [`simplify`].
+pub(super) fn passes(
+    mesh: &MeshSpool,
+    options: &Options,
+    name: &str,
+    Means { memory: budget, workers, workspace, kept }: Means<'_>,
+    progress: &mut Progress,
+) -> Result<(MeshSpool, Figures)> {
+    progress.begin(Phase::Simplify, Some(mesh.face_count()));
+    let triangles = mesh.face_count() as f64;
+    let passes = kept.and_then(|kept| kept.passes(name));
+    let kept = passes.as_ref().map(|(work, name)| (*work, name.as_str()));
+    let given = Given { mesh, options, budget, workers, workspace, kept };
+    simplify(given, &mut |part| progress.set((part * triangles) as u64))
 }
 
 /// What is to be told where there are more triangles than were asked for.

@@ -96,7 +96,7 @@ impl Gathered {
                 triangle.iter().for_each(|v| fixed[*v as usize] = true);
             }
         }
-        // Those of triangles that reached out of a part had to stay then; all others were tried, and could not go.
+        // Those of triangles that reached out of a part had to stay then; all others were tried, and could not go, or cost too much.
         let mut settled = vec![before.is_some(); positions.len()];
         if let Some(before) = before {
             for triangle in &triangles {

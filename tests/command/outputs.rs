@@ -195,8 +195,8 @@ fn a_format_names_what_nobody_has() {
         assert_eq!(f.read("t/0-0.glb"), f.read(&format!("{other}/0-0.glb")));
     }
     f.fails("s.bin --format glb", 2, &["s.mesh.glb", "exists already"]);
-    f.fails("s.bin --format glb -o m.ply", 2, &["--format glb: m.ply is named as another"]);
-    f.fails("s.bin --format 3dtiles -o m.ply", 2, &["--format 3dtiles: m.ply is named as another"]);
-    f.fails("s.bin --format ply -o t/tileset.json", 2, &["--format ply: t/tileset.json is named as another"]);
+    f.fails("s.bin --format glb -o m.ply", 2, &["--format glb: m.ply names another format"]);
+    f.fails("s.bin --format 3dtiles -o m.ply", 2, &["--format 3dtiles: m.ply names another format"]);
+    f.fails("s.bin --format ply -o t/tileset.json", 2, &["--format ply: t/tileset.json names another format"]);
     f.fails("s.bin --format 3dtiles --report s.3dtiles --overwrite", 2, &["s.3dtiles"]);
 }

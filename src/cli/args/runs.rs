@@ -41,7 +41,7 @@ pub enum FormatWord {
 }
 
 impl FormatWord {
-    /// The extension of its files.
+    /// The extension of its files, or of its folder.
     fn extension(self) -> &'static str {
         match self {
             FormatWord::Ply => "ply",
@@ -54,18 +54,21 @@ impl FormatWord {
 
     /// The output of this format that a path names: that file, or the tileset in that folder.
     fn named(self, path: &Path) -> Result<PathBuf> {
-        let is = |format: Format| format!("{format:?}").eq_ignore_ascii_case(self.extension());
-        let wrong = || {
-            let (path, word) = (path.display(), self.extension());
-            Err(Error::Usage(format!("--format {word}: {path} is named as another; pass one of the two")))
+        let told = match Format::from_path(path).ok() {
+            Some(Format::Ply) => Some(FormatWord::Ply),
+            Some(Format::Stl) => Some(FormatWord::Stl),
+            Some(Format::Obj) => Some(FormatWord::Obj),
+            Some(Format::Glb) => Some(FormatWord::Glb),
+            None => is_named(path).then_some(FormatWord::Tileset),
         };
-        match (self, Format::from_path(path)) {
-            (FormatWord::Tileset, _) if is_named(path) => Ok(path.to_path_buf()),
-            (_, Ok(format)) if is(format) => Ok(path.to_path_buf()),
-            (_, Ok(_)) => wrong(),
-            (_, Err(_)) if is_named(path) => wrong(),
-            (FormatWord::Tileset, Err(_)) => Ok(path.join(TREE)),
-            (_, Err(_)) => {
+        match (told, self) {
+            (Some(told), own) if told == own => Ok(path.to_path_buf()),
+            (Some(_), _) => {
+                let (path, word) = (path.display(), self.extension());
+                Err(Error::Usage(format!("--format {word}: {path} names another format; leave one of the two out")))
+            }
+            (None, FormatWord::Tileset) => Ok(path.join(TREE)),
+            (None, _) => {
                 let mut name = path.as_os_str().to_owned();
                 name.push(format!(".{}", self.extension()));
                 Ok(name.into())

@@ -12,10 +12,10 @@ use crate::mesh::measure::{Corners, is_degenerate};
 use crate::mesh::spool::MeshSpool;
 use crate::points::Precision;
 use crate::points::attribute::Schema;
-use crate::run::phase::Phase;
 use crate::run::progress::Progress;
 use crate::run::saved_mesh::Means;
-use crate::simplify::{Extent, Given, Options, simplify};
+use crate::run::simplification::passes;
+use crate::simplify::{Extent, Options};
 
 /// The first tolerance, in mean edges of the mesh.
 const FIRST: f64 = 0.2;
@@ -134,7 +134,7 @@ pub(super) fn copied(
 /// The coarser levels of a mesh, until one fits in a tile, or no triangle more can go. Steps are kept under names that begin with `name`.
 ///
 /// # Errors
-/// Those of [`simplify`].
+/// Those of [`passes`].
 pub(super) fn coarser(
     mesh: &MeshSpool,
     extents: &Extents,
@@ -186,14 +186,9 @@ fn fewer(
         return Ok((mesh, f64::from_bits(bits)));
     }
     let least = Extent::of(mesh, false, false).least_memory();
-    let budget = (memory / 4 * 3).max(least);
     let options = Options { tolerance: Some(tolerance), most: None, borders: None, colours: None, moves: false };
-    let triangles = mesh.face_count() as f64;
-    progress.begin(Phase::Simplify, Some(mesh.face_count()));
-    let told = &mut |part: f64| progress.set((part * triangles) as u64);
-    let passes = kept.and_then(|kept| kept.passes(&format!("{name}-simplify")));
-    let of = passes.as_ref().map(|(work, name)| (*work, name.as_str()));
-    let (fewer, figures) = simplify(Given { mesh, options: &options, budget, workers, workspace, kept: of }, told)?;
+    let within = Means { memory: (memory / 4 * 3).max(least), ..by };
+    let (fewer, figures) = passes(mesh, &options, &format!("{name}-simplify"), within, progress)?;
     if let Some(kept) = kept {
         return Ok((kept.keep(name, &fewer, figures.reached.to_bits(), means, by.in_flight())?, figures.reached));
     }
@@ -225,7 +220,7 @@ mod tests {
     use crate::mesh::spool::FaceRecord;
     use crate::resources::workers::Workers;
     use crate::run::progress::Show;
-    use crate::run::saved_mesh::Kept;
+    use crate::run::saved_mesh::KeptSteps;
     use crate::storage::spool::Workspace;
     use crate::storage::work::WorkFolder;
     use crate::storage::work::simulated::{Crash, Fault, Simulated};
@@ -255,7 +250,7 @@ mod tests {
         mesh: &MeshSpool,
         workspace: &Workspace,
         (threads, memory): (usize, u64),
-        kept: Option<Kept>,
+        kept: Option<KeptSteps>,
     ) -> Result<Vec<Bits>> {
         let workers = Workers::new(threads)?;
         let means = Means { memory, workers: &workers, workspace, kept };
@@ -286,7 +281,7 @@ mod tests {
                     true => WorkFolder::in_store(store)?,
                     false => WorkFolder::shared_store(store, Path::new("work")),
                 };
-                let found = levels(&mesh, &workspace, means, Some(Kept { work: &work, ending: ".3", alone }))?;
+                let found = levels(&mesh, &workspace, means, Some(KeptSteps { work: &work, ending: ".3", alone }))?;
                 work.settle(false).map(|()| found)
             };
             let whole = Simulated::default();
