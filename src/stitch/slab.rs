@@ -281,9 +281,9 @@ impl<T: Coordinate> SlabMesh<T> {
         let slices = slices_of(number, Slabs::of(&options), solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
-        // Where memory is for one slab at a time, the plan does not count what a stage has given back.
+        // Where memory is for one slab at a time, the plan does not count what a stage has given back; where it is short, little of it.
         let end_stage = || {
-            if jobs.running == 1 {
+            if jobs.gives_back {
                 allocator::give_back();
             }
         };
