@@ -243,7 +243,7 @@ impl Case {
         };
         let counted = (MOST.load(Relaxed) - before) as u64;
         let report = report.map_err(|error| TestCaseError::fail(format!("with {least} bytes: {error}")))?;
-        let planned = report.memory.plan.predicted - beside_the_heap(self.threads);
+        let planned = report.memory.plan.heap();
         let mib = |bytes: u64| bytes as f64 / 1048576.0;
         let figures = format!(
             "{:.1} MiB counted, {:.1} planned, of {:.1}: {self:?}",

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::Cell;
 use super::dilate::Dilation;
 use super::slice::Bits;
-use crate::resources::memory::MemoryPlan;
+use crate::resources::memory::{Account, MemoryPlan};
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
 use crate::storage::work::WorkFolder;
@@ -21,6 +21,8 @@ pub struct Context {
     pub memory: MemoryPlan,
     /// Where finished phases stay, if they are to.
     pub work: Option<Arc<WorkFolder>>,
+    /// What its passes were found to take.
+    pub account: Arc<Account>,
 }
 
 impl Context {

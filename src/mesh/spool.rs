@@ -5,6 +5,7 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 
 use super::MeshSource;
+use super::measure::GROUP;
 use crate::error::Result;
 use crate::points::Precision;
 use crate::points::attribute::Schema;
@@ -62,6 +63,45 @@ pub struct MeshSpool {
     parts: Vec<Part>,
     /// Vertices on their way to their spool.
     narrowed: Vec<[f32; 3]>,
+    groups: Groups,
+}
+
+/// How far apart the vertices lie that groups of [`GROUP`] triangles name, while triangles are appended.
+#[derive(Debug, Clone, Copy)]
+struct Groups {
+    /// Triangles of the last group, and the least and the greatest vertex that they name.
+    last: (usize, u32, u32),
+    /// All that were appended.
+    triangles: u64,
+    /// Of all groups before, how many vertices lie between the two, at the most.
+    widest: u64,
+}
+
+impl Groups {
+    const NONE: Groups = Groups { last: (0, u32::MAX, 0), triangles: 0, widest: 0 };
+
+    fn add(&mut self, mut faces: &[FaceRecord]) {
+        self.triangles += faces.len() as u64;
+        while !faces.is_empty() {
+            let (count, mut low, mut high) = self.last;
+            let (now, rest) = faces.split_at(faces.len().min(GROUP - count));
+            for face in now {
+                let vertices = face.vertices;
+                for v in vertices {
+                    (low, high) = (low.min(v), high.max(v));
+                }
+            }
+            (self.last, faces) = ((count + now.len(), low, high), rest);
+            if self.last.0 == GROUP {
+                (self.widest, self.last) = (self.all(), Groups::NONE.last);
+            }
+        }
+    }
+
+    fn all(&self) -> u64 {
+        let (count, low, high) = self.last;
+        self.widest.max(if count > 0 { u64::from(high - low) + 1 } else { 0 })
+    }
 }
 
 /// Vertices and triangles that were made together.
@@ -100,7 +140,7 @@ impl MeshSpool {
         let [vertices, attributes] = [share * vertex, share * record].map(|quota| workspace.spool(quota));
         let faces = workspace.spool(in_memory - share * (vertex + record));
         let part = Part { vertices, attributes, faces, from: [0; 2], until: None, first: [0; 2] };
-        MeshSpool { precision, origin: [0.0; 3], schema, parts: vec![part], narrowed: Vec::new() }
+        MeshSpool { precision, origin: [0.0; 3], schema, parts: vec![part], narrowed: Vec::new(), groups: Groups::NONE }
     }
 
     /// The mesh without its first `vertices` and `faces`. Triangles keep their numbers: those that are left may name vertices before the first one, which are another
@@ -132,7 +172,7 @@ impl MeshSpool {
     /// The mesh in spools of its vertices, attributes and triangles, which may hold some already.
     pub fn in_spools(precision: Precision, schema: Schema, [vertices, attributes, faces]: [Spool; 3]) -> MeshSpool {
         let part = Part { vertices, attributes, faces, from: [0; 2], until: None, first: [0; 2] };
-        MeshSpool { precision, origin: [0.0; 3], schema, parts: vec![part], narrowed: Vec::new() }
+        MeshSpool { precision, origin: [0.0; 3], schema, parts: vec![part], narrowed: Vec::new(), groups: Groups::NONE }
     }
 
     /// Whether it holds so many vertices, their attributes, and so many triangles, and nothing else.
@@ -188,7 +228,14 @@ impl MeshSpool {
     /// [`crate::Error::Io`] if the work directory is full.
     pub fn append_faces(&mut self, faces: &[FaceRecord]) -> Result<()> {
         self.last().faces.append(bytemuck::cast_slice(faces))?;
+        self.groups.add(faces);
         Ok(())
+    }
+
+    /// How many vertices lie between the least and the greatest that a group of [`GROUP`] triangles names, at the most, if all its triangles were appended to it, and to nothing else.
+    pub fn widest_group(&self) -> Option<u64> {
+        let [Part { from: [0, 0], until: None, .. }] = &self.parts[..] else { return None };
+        (self.groups.triangles == self.face_count()).then(|| self.groups.all())
     }
 
     fn last(&mut self) -> &mut Part {
@@ -369,6 +416,26 @@ mod tests {
         let faces: Vec<FaceRecord> = faces.map(|t| FaceRecord::new(corners(t))).collect();
         mesh.append_faces(&faces).unwrap();
         mesh
+    }
+
+    #[test]
+    fn the_widest_group_is_known_of_triangles_that_were_appended_to_one_part() {
+        let folder = tempfile::tempdir().unwrap();
+        let workspace = Workspace::new(folder.path()).unwrap();
+        let mut mesh = MeshSpool::new(&workspace, Precision::Single, 0);
+        assert_eq!(mesh.widest_group(), Some(0));
+        let small = vec![FaceRecord::new([5, 6, 7]); GROUP - 1];
+        mesh.append_faces(&small).unwrap();
+        assert_eq!(mesh.widest_group(), Some(3));
+        // The first of these is the group's last, and the others are another's.
+        mesh.append_faces(&[FaceRecord::new([0, 6, 9]), FaceRecord::new([40, 30, 48]), FaceRecord::new([31, 30, 32])])
+            .unwrap();
+        assert_eq!(mesh.widest_group(), Some(19));
+        mesh.append_faces(&[FaceRecord::new([28, 30, 31])]).unwrap();
+        assert_eq!(mesh.widest_group(), Some(21));
+        let mut both = MeshSpool::new(&workspace, Precision::Single, 0);
+        both.join(mesh);
+        assert_eq!(both.widest_group(), None);
     }
 
     proptest! {

@@ -1,5 +1,7 @@
 //! Memory: how a budget is shared out among what a run holds. [`crate::run::planner`] makes the plan.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 /// Bytes of a thread: its stack, and its part of what the allocator keeps to itself.
 pub(crate) const THREAD: u64 = 1 << 20;
 
@@ -35,6 +37,24 @@ pub struct MemoryPlan {
     /// What would be kept in memory with another budget.
     #[serde(skip)]
     pub(crate) keepable: Keepable,
+    /// What makes up the most memory that is expected.
+    #[serde(skip)]
+    pub(crate) passes: Passes,
+}
+
+/// The most memory that passes are expected to take, in bytes; each is planned anew as more is known.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Passes {
+    /// What goes to an object store, beside all others.
+    pub(crate) transfers: u64,
+    /// Those before slabs are made.
+    pub(crate) before: u64,
+    /// The making of slabs.
+    pub(crate) slabs: u64,
+    /// Distances, simplification and levels, where they are asked for.
+    pub(crate) asked: u64,
+    /// The check, and the writing of the mesh.
+    pub(crate) check: u64,
 }
 
 /// What is kept in memory from pass to pass where a budget has room for it, in bytes.
@@ -70,6 +90,40 @@ impl MemoryPlan {
     /// Jobs of `bytes` each that the working share lets be in flight at a time: at least one, and no more than keep the threads busy.
     pub fn jobs_of(&self, bytes: u64) -> usize {
         ((self.working / bytes.max(1)) as usize).clamp(1, 2 * self.threads)
+    }
+}
+
+/// What passes before slabs were found to take at most when they began, in bytes: a plan that is made beforehand can only expect it.
+#[derive(Debug, Default)]
+pub struct Account {
+    field: AtomicU64,
+    reopening: AtomicU64,
+}
+
+/// What an account comes to when the cells are closed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Closing {
+    /// Telling inside and outside apart on a level of cells; none if nothing had to be told apart.
+    pub field: u64,
+    /// All jobs that open again what was filled; none if nothing was.
+    pub reopening: u64,
+}
+
+impl Account {
+    /// The sides of a level's cells are going to be found in so many bytes.
+    pub fn field(&self, bytes: u64) {
+        self.field.fetch_max(bytes, Ordering::Relaxed);
+    }
+
+    /// What was filled is going to be opened again in so many bytes.
+    pub fn reopening(&self, bytes: u64) {
+        self.reopening.fetch_max(bytes, Ordering::Relaxed);
+    }
+
+    /// The account so far.
+    pub fn closing(&self) -> Closing {
+        let [field, reopening] = [&self.field, &self.reopening].map(|bytes| bytes.load(Ordering::Relaxed));
+        Closing { field, reopening }
     }
 }
 

@@ -43,6 +43,8 @@ pub struct ClosedCells {
     pub sparse: u64,
     /// What counts for each slice's memory ([`vertices::weights`]), if that was looked at already.
     pub weights: Option<Vec<u32>>,
+    /// Whether this process closed them, so that its account tells what that took.
+    pub closed_here: bool,
 }
 
 /// What is kept of saved cells beside their slices.
@@ -137,7 +139,7 @@ impl ClosedCells {
             if weights.as_ref().is_some_and(|weights| weights.len() != closed.solid.cells[1] as usize) {
                 return Err(work.damaged(file, "it has not a weight for each slice"));
             }
-            Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights })
+            Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights, closed_here: false })
         })
     }
 }
@@ -221,7 +223,7 @@ pub(super) fn closed_cells<T: Coordinate>(
         How::Sign(parted) if parted.is_sealed() => closed.solid.narrow_handles(&closed.occupancy, context)?,
         _ => NarrowHandles::default(),
     };
-    Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights: None })
+    Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights: None, closed_here: true })
 }
 
 /// What was closed, with what that filled opened again where the points say so.

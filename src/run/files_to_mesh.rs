@@ -320,6 +320,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
     let header = header_of(&cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
     let origin = if positions == Positions::Absolute { [0.0; 3] } else { made.origin };
     let mut checked = None;
+    made.memory = made.memory.with_mesh(&made.mesh, job.check == Check::Always, target.filling(&made.mesh, workers));
     if job.check == Check::Always {
         progress.begin(Phase::Check, Some(made.mesh.face_count()));
         let budget = made.memory.working;

@@ -13,6 +13,7 @@ pub mod bridging;
 pub mod closed_cells;
 mod counted;
 mod estimate;
+mod expected;
 mod files_to_mesh;
 mod fineness;
 mod finished;

@@ -17,6 +17,7 @@ use crate::mesh::spool::MeshSpool;
 use crate::resources::workers::Workers;
 use crate::run::job::{Job, default_output_of};
 use crate::run::phase::Phase;
+use crate::run::planner::{FILLING, jobs_of_all};
 use crate::run::progress::Progress;
 use crate::run::pyramid::TilesetTarget;
 use crate::storage::remote::is_remote;
@@ -167,6 +168,15 @@ impl Place {
         match self {
             Place::Tileset(tileset) => tileset.georeference(cloud.crs(), &job.tileset),
             _ => Ok(()),
+        }
+    }
+
+    /// Bytes that filling it with a mesh takes: as much as a file may for what is not one.
+    pub fn filling(&self, mesh: &MeshSpool, workers: &Workers) -> u64 {
+        let jobs = jobs_of_all(workers.threads());
+        match self {
+            Place::File(target) => target.filling(mesh, jobs, FILLING),
+            _ => (jobs * FILLING).min(mesh.bytes()),
         }
     }
 

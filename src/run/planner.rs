@@ -9,16 +9,16 @@
 //! ```
 //!
 //! The plan is made twice. First from the number of points, the grid, and how many faces each slab is expected to have ([`crate::run::estimate`], or the box
-//! alone). Then, when the solid is known, its faces are counted, and what is not yet given out is shared out anew.
+//! alone). Then, when the solid is known, its faces are counted, and what is not yet given out is shared out anew. What is expected to be used of it all is told
+//! by [`crate::run::expected`].
 
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
-use crate::grid::context::{CHUNK_SLICES, job_bytes};
-use crate::input::BLOCK_RECORDS;
+use crate::grid::context::job_bytes;
 use crate::mesh::check::job::Need;
 use crate::nearest::bridged;
-use crate::resources::memory::{Keepable, Kept, MemoryPlan, SlabJobs, THREAD};
+use crate::resources::memory::{Closing, Keepable, Kept, MemoryPlan, Passes, SlabJobs, THREAD};
 use crate::resources::workers::Workers;
 use crate::run::pyramid;
 use crate::run::slab_jobs::{HELD, held_in};
@@ -31,7 +31,7 @@ use crate::solid::sign;
 use crate::surface::thickness;
 
 /// What the program takes from the heap whatever it does: the coarse grid, files, words.
-const HEAP: u64 = 3 << 20;
+pub(super) const HEAP: u64 = 3 << 20;
 
 /// What it has beside that: data, and what the allocator keeps to itself.
 const PROCESS: u64 = 5 << 20;
@@ -54,14 +54,14 @@ const ENOUGH_HELD: u64 = 128 << 10;
 /// A budget so many times as large as what is used is not one that anybody named: then the allocator keeps what slabs give back for the next (`main.rs`), this part
 /// of it all.
 const ROOMY: u64 = 4;
-const KEPT_BACK: u64 = 8;
+pub(super) const KEPT_BACK: u64 = 8;
 
 /// Slabs that take more than this part of what there is for them give back what they have freed between their stages. Else, of eight threads on two processors, each may hold what it
 /// freed until it is its turn to run again: 38 MiB beside slabs of 67 were seen, in a budget of 100.
 const GIVE_BACK_ABOVE: u64 = 2;
 
 /// What a job that writes a mesh file takes: of STL, 65,536 triangles, and its part of the vertices that are read together.
-const FILLING: u64 = 5 << 20;
+pub(super) const FILLING: u64 = 5 << 20;
 
 impl MemoryPlan {
     /// Shares out `budget` bytes for `load` on `threads` threads.
@@ -81,12 +81,12 @@ impl MemoryPlan {
         Self::share_out(budget, workload, (threads, threads.div_ceil(THREADS_OF_PIECE)), None)
     }
 
-    /// The same plan, when the faces of all slabs have been counted: what is not yet given out is shared out anew. Where slabs have no room beside what was kept in
+    /// The same plan, when the faces of all slabs have been counted, with what closing the cells was found to take, if they were closed here: what is not yet given out is shared out anew. Where slabs have no room beside what was kept in
     /// memory, the new plan's quotas for that are none: it must leave memory before slabs are made.
     ///
     /// # Errors
     /// [`Error::Budget`] if a slab is too much, with the least budget that would do.
-    pub fn with_surface(&self, workload: &Workload) -> Result<MemoryPlan> {
+    pub fn with_surface(&self, workload: &Workload, closing: Option<Closing>) -> Result<MemoryPlan> {
         let Kept { buckets, slices } = Kept { buckets: self.buckets_quota, slices: self.slices_quota() };
         let mut less = vec![Kept { buckets, slices }, Kept { buckets: 0, slices }, Kept { buckets: 0, slices: 0 }];
         less.dedup();
@@ -99,15 +99,18 @@ impl MemoryPlan {
             if made.is_ok() {
                 break;
             }
-            // Until now it lay in memory.
-            let before = process(self.threads) + workload.transfers() + self.before_slabs(workload);
-            made = share(*kept).map(|plan| MemoryPlan { predicted: plan.predicted.max(before), ..plan });
+            made = share(*kept);
         }
-        made
+        // Until now, what leaves memory lay in it.
+        let before = self.before_slabs(workload, closing);
+        made.map(|plan| {
+            let passes = Passes { before, ..plan.passes };
+            plan.with_passes(passes)
+        })
     }
 
     /// Bytes that all stores of slices together may take.
-    fn slices_quota(&self) -> u64 {
+    pub(super) fn slices_quota(&self) -> u64 {
         STORES * self.store_quota
     }
 
@@ -157,13 +160,15 @@ impl MemoryPlan {
             predicted: 0,
             predicted_disk: 0,
             keepable,
+            passes: Passes::default(),
         };
-        (plan.predicted, plan.predicted_disk) = plan.predict(workload)?;
-        Ok(plan)
+        plan.predicted_disk = plan.disk_of(workload);
+        let passes = plan.passes_of(workload)?;
+        Ok(plan.with_passes(passes))
     }
 
     /// Whether the budget is many times what is used.
-    fn is_roomy(&self, used: u64) -> bool {
+    pub(super) fn is_roomy(&self, used: u64) -> bool {
         used < self.budget / ROOMY
     }
 
@@ -174,99 +179,13 @@ impl MemoryPlan {
         }
     }
 
-    /// The most memory that the passes take before slabs are made, beside the process.
-    fn before_slabs(&self, workload: &Workload) -> u64 {
-        let blocks = self.blocks(workload);
-        let buckets = self.buckets_quota.min(workload.bucket_bytes());
-        let open = self.open_chunks(workload);
-        let bucketing = blocks * workload.block_job() + if buckets > 0 { open / 2 } else { open };
-
-        let sealing = workload.slice_bytes().min(self.slices_quota());
-        // A pass over few slices has no more jobs than chunks.
-        let of_pass =
-            |jobs: usize, slices_of_job: u32| (jobs as u64).min(u64::from(workload.cells[1].div_ceil(slices_of_job)));
-        let slices = of_pass(self.chunks_in_flight, CHUNK_SLICES) * job_bytes(1, workload.cells);
-        let columns = workload.columns.map_or(0, |columns| {
-            let (of_slice, bridge) = (columns.of_slice, columns.bridge);
-            heightfield::bytes_of_pass(of_slice, bridge, workload.smooth, workload.cells[1], self.chunks_in_flight)
-        });
-        let reopening = reopening(workload);
-        let slices = (slices + columns).max(of_pass(self.jobs_of(reopening), CHUNK_SLICES) * reopening);
-        let measuring = measuring(workload);
-        let measuring = measuring * of_pass(self.jobs_of(measuring).min(self.threads), 1);
-        let surveying = workload.surveying();
-        let surveyed = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, self.threads as u64);
-        let closing = slices.max(deciding(workload)).max(looking(workload, blocks)).max(measuring);
-        surveyed.max(buckets + bucketing).max(self.held(workload) + sealing + closing)
-    }
-
-    /// Blocks of the input that are in flight at the most.
-    fn blocks(&self, workload: &Workload) -> u64 {
-        (self.blocks_in_flight as u64).min(workload.points.div_ceil(BLOCK_RECORDS as u64))
-    }
-
-    /// Bytes of open chunks: one is whole as memory goes, once it was another's.
-    fn open_chunks(&self, workload: &Workload) -> u64 {
-        let chunks = workload.buckets() + self.blocks(workload);
-        (chunks * self.bucket_buffer / 15 * 16).min(workload.bucket_bytes())
-    }
-
-    /// Bytes of the buckets that stay in memory.
-    fn held(&self, workload: &Workload) -> u64 {
-        let buckets = self.buckets_quota.min(workload.bucket_bytes());
-        if buckets > 0 { buckets + self.open_chunks(workload) / 2 } else { 0 }
-    }
-
-    /// The most memory and the most temporary disk that are going to be used.
-    fn predict(&self, workload: &Workload) -> Result<(u64, u64)> {
-        let standing = workload.standing_slice_bytes().min(self.slices_quota());
-        let mesh = self.mesh_quota.min(workload.mesh_bytes());
-        let held = self.held(workload);
-        let slabs = self.slab_jobs(workload)?.bytes(workload);
-        let check = mesh + self.checking(checking(workload, self.threads), (workload.mesh_bytes(), mesh));
-        let passes = [
-            self.before_slabs(workload),
-            held + standing + mesh + slabs,
-            check,
-            held + standing + mesh + workload.bridging().map_or(0, |extent| extent.memory(self.working, self.threads)),
-            mesh + workload.simplified().map_or(0, |extent| extent.memory(self.working, self.threads)),
-            mesh + workload.levels().map_or(0, |extent| extent.memory(self.working, self.threads).max(pyramid::LEAST)),
-        ];
-        let mut memory = process(self.threads) + workload.transfers() + passes.into_iter().max().unwrap_or(0);
-        if self.is_roomy(memory) {
-            memory += memory / KEPT_BACK;
-        }
-
-        let bucketed = workload.bucket_bytes() - self.buckets_quota.min(workload.bucket_bytes());
-        let sealing = if self.store_quota > 0 { 0 } else { workload.slice_bytes() };
-        let sealing = sealing + reopening_records(workload).saturating_sub(self.store_quota);
-        let standing = if self.store_quota > 0 { 0 } else { workload.standing_slice_bytes() };
-        let surface = standing + workload.mesh_bytes() - mesh + workload.bridging().map_or(0, bridged::Extent::disk);
-        let kept = if workload.bridging().is_some() { 0 } else { mesh };
-        let fewer = workload.simplified().or(workload.levels());
-        // Slices, and what passes leave, that are kept in the work folder, too.
-        let (saved, times) = if workload.is_outlasting() { (workload.standing_slice_bytes(), 2) } else { (0, 1) };
-        let simplifying = workload.mesh_bytes() - kept + times * fewer.map_or(0, Extent::disk);
-        Ok((memory, bucketed + saved + sealing.max(surface).max(simplifying)))
-    }
-
     /// Whether there is room to write a mesh of so many vertices and triangles while it is checked: where it lies in memory, or what the check leaves is enough.
     pub(super) fn fills_meanwhile(&self, vertices: u64, triangles: u64) -> bool {
         self.mesh_quota > 0 || self.fills_beside(Need::of(vertices, triangles, self.threads))
     }
 
-    fn fills_beside(&self, check: Need) -> bool {
+    pub(super) fn fills_beside(&self, check: Need) -> bool {
         check.within(self.working).bytes() + FILLING * jobs_of_all(self.threads) <= self.working
-    }
-
-    /// What the check takes, and the writing of a mesh of so many bytes meanwhile, of which so many lie in memory.
-    fn checking(&self, check: Need, (mesh, in_memory): (u64, u64)) -> u64 {
-        let most = match self.mesh_quota {
-            0 if self.fills_beside(check) => mesh,
-            0 => 0,
-            _ => in_memory,
-        };
-        check.within(self.working).bytes() + most.min(FILLING * jobs_of_all(self.threads))
     }
 
     /// The least budget for a workload on `threads` threads, in bytes.
@@ -300,7 +219,7 @@ impl MemoryPlan {
     }
 
     /// Bytes of a job over a chunk of slices with the smallest ball, and with columns, if there are any.
-    fn chunk_job(workload: &Workload) -> u64 {
+    pub(super) fn chunk_job(workload: &Workload) -> u64 {
         job_bytes(1, workload.cells)
             + workload
                 .columns
@@ -345,18 +264,18 @@ impl MemoryPlan {
 /// The stores of slices that each have as large a share: more exist at a time, but most are smaller.
 const STORES: u64 = 3;
 
-/// Bytes of the process with its threads.
+/// Bytes of the process with its threads, as budgets are given out: more than most runs have.
 fn process(threads: usize) -> u64 {
     HEAP + beside_the_heap(threads)
 }
 
-/// Bytes of a plan that are not counted where the heap is: what the process, its threads and the allocator have to themselves.
+/// Bytes of a budget that are not given out for the heap: what the process, its threads and the allocator have to themselves.
 pub fn beside_the_heap(threads: usize) -> u64 {
     PROCESS + THREAD * threads.max(1) as u64
 }
 
 /// Jobs at a time of a pass that asks for little memory: one more than threads.
-fn jobs_of_all(threads: usize) -> u64 {
+pub(super) fn jobs_of_all(threads: usize) -> u64 {
     threads as u64 + 1
 }
 
@@ -366,13 +285,13 @@ pub(crate) fn survey_jobs(surveying: SurveyWorkload, budget: u64, threads: usize
 }
 
 /// Bytes of the one job at least that measures how noisy points are.
-fn measuring(workload: &Workload) -> u64 {
+pub(super) fn measuring(workload: &Workload) -> u64 {
     let measured = workload.fit == Fit::Auto || workload.columns.is_none();
     if measured { thickness::bytes(workload.cells) } else { 0 }
 }
 
 /// Bytes of a job that opens again what the closing filled; a surface that is not closed has none.
-fn reopening(workload: &Workload) -> u64 {
+pub(super) fn reopening(workload: &Workload) -> u64 {
     if workload.columns.is_some() {
         return 0;
     }
@@ -381,12 +300,12 @@ fn reopening(workload: &Workload) -> u64 {
 }
 
 /// Bytes that are handed from pass to pass meanwhile.
-fn reopening_records(workload: &Workload) -> u64 {
+pub(super) fn reopening_records(workload: &Workload) -> u64 {
     if workload.columns.is_some() { 0 } else { reopen::records_to_expect(workload.faces().min(workload.points)) }
 }
 
 /// Bytes of the level that inside and outside are told apart on, and of the first look at a finer one; a surface that is not closed needs none.
-fn deciding(workload: &Workload) -> u64 {
+pub(super) fn deciding(workload: &Workload) -> u64 {
     if workload.columns.is_some() {
         return 0;
     }
@@ -396,12 +315,12 @@ fn deciding(workload: &Workload) -> u64 {
 }
 
 /// Bytes of looking along lines of sight with so many blocks of points in flight, if there are any.
-fn looking(workload: &Workload, blocks: u64) -> u64 {
+pub(super) fn looking(workload: &Workload, blocks: u64) -> u64 {
     if workload.is_sighted() { sign::sights_bytes(workload.cells) + blocks * workload.block_job() } else { 0 }
 }
 
 /// What the check takes.
-fn checking(workload: &Workload, threads: usize) -> Need {
+pub(super) fn checking(workload: &Workload, threads: usize) -> Need {
     Need::of(workload.vertices(), workload.triangles(), threads)
 }
 
@@ -449,14 +368,14 @@ mod tests {
         let slabs = slab_count(1, 1085);
         let with = |faces: u64| workload.with_faces(vec![faces; slabs as usize], false);
         let plan = MemoryPlan::for_budget(400 << 20, &with(300_000), 2).unwrap();
-        let sharper = plan.with_surface(&with(250_000)).unwrap();
+        let sharper = plan.with_surface(&with(250_000), None).unwrap();
         assert!(sharper.predicted < plan.predicted && sharper.predicted_disk < plan.predicted_disk);
         assert_eq!((sharper.bucket_buffer, sharper.buckets_quota), (plan.bucket_buffer, plan.buckets_quota));
-        let Err(Error::Budget { needed, .. }) = plan.with_surface(&with(3_000_000)) else {
+        let Err(Error::Budget { needed, .. }) = plan.with_surface(&with(3_000_000), None) else {
             panic!("a slab of three million faces was accepted")
         };
         let roomier = MemoryPlan::for_budget(needed.0, &with(300_000), 2).unwrap();
-        roomier.with_surface(&with(3_000_000)).expect("the figure that was named does");
+        roomier.with_surface(&with(3_000_000), None).expect("the figure that was named does");
     }
 
     proptest! {
@@ -471,9 +390,9 @@ mod tests {
             let with = |faces: u64| load(points, s).with_faces(vec![faces; slab_count(1, s) as usize], false);
             let least = MemoryPlan::least(&with(expected), threads);
             let given = MemoryPlan::for_budget((least as f64 * factor) as u64, &with(expected), threads).unwrap();
-            if let Err(Error::Budget { needed, .. }) = given.with_surface(&with(counted)) {
+            if let Err(Error::Budget { needed, .. }) = given.with_surface(&with(counted), None) {
                 let roomier = MemoryPlan::for_budget(needed.0, &with(expected), threads).unwrap();
-                prop_assert!(roomier.with_surface(&with(counted)).is_ok(), "{}", needed);
+                prop_assert!(roomier.with_surface(&with(counted), None).is_ok(), "{}", needed);
             }
         }
     }
@@ -485,12 +404,12 @@ mod tests {
         let least = MemoryPlan::least(&counted, 2);
         let given = MemoryPlan::for_budget(least, &expected, 2).unwrap();
         assert!(given.buckets_quota > 0 && given.store_quota > 0);
-        let slabs = given.with_surface(&counted).expect("the least does, whatever was expected");
+        let slabs = given.with_surface(&counted, None).expect("the least does, whatever was expected");
         assert_eq!(slabs.buckets_quota, 0);
         // The points lay in memory until then, and do not any more.
         assert!(slabs.predicted >= given.buckets_quota && slabs.predicted <= least);
         assert!(slabs.predicted_disk >= counted.bucket_bytes());
-        let roomy = MemoryPlan::for_budget(8 << 30, &expected, 2).unwrap().with_surface(&counted).unwrap();
+        let roomy = MemoryPlan::for_budget(8 << 30, &expected, 2).unwrap().with_surface(&counted, None).unwrap();
         assert!(roomy.buckets_quota > 0);
     }
 

@@ -51,6 +51,11 @@ impl SlabJobs {
 
     /// The most bytes of all slabs of a workload at a time, with the points round a plane, as far as they are held at once.
     pub(super) fn bytes(&self, workload: &Workload) -> u64 {
+        self.bytes_beside(workload, 0)
+    }
+
+    /// The same with a mesh of so many bytes that grows meanwhile: while a slab is made, it has what came of those before.
+    pub(super) fn bytes_beside(&self, workload: &Workload, mesh_in_memory: u64) -> u64 {
         let (of, means) = (workload.made(), workload.means());
         let points = workload.fitting_raster() + held_bytes(workload, self.points_held as u64);
         let size = |slab: &Size| {
@@ -75,7 +80,7 @@ impl SlabJobs {
         };
         if self.pieces > 1 {
             let bytes = self.bytes_of_pieces(workload, &sizes, &seams) + given_back(slabs);
-            return bytes + bytes / LOST.1;
+            return bytes + bytes / LOST.1 + mesh_in_memory;
         }
         // Of slabs side by side, those that take the most are in the making.
         let mut making = Vec::new();
@@ -87,14 +92,18 @@ impl SlabJobs {
             let meshes: u64 = some.iter().map(|(mesh, _)| *mesh).sum();
             meshes + making.iter().take(self.running).sum::<u64>()
         };
-        let mut most = 0;
-        for first in 0..sizes.len() {
+        let all = slabs.iter().map(|slab| slab.faces).sum::<u64>().max(1);
+        let is_stand_in = slabs.len() < workload.slabs().len();
+        let (mut most, mut stitched) = (0, if is_stand_in { all } else { 0 });
+        for (first, slab) in slabs.iter().enumerate() {
+            let grown = (u128::from(mesh_in_memory) * u128::from(stitched.min(all)) / u128::from(all)) as u64;
+            stitched += slab.faces;
             // The slab before waits for its seam with this one: while this one is made, and while the calling thread is at that seam.
             let before = if first > 0 { mesh(first - 1) } else { 0 };
             let idle = before + beside(first..first + in_flight);
             let at_seam = first.checked_sub(1).map_or(0, |lower| seams[lower]);
             let busy = before + mesh(first) + at_seam + beside(first + 1..first + in_flight);
-            most = most.max(idle).max(busy);
+            most = most.max(grown + idle.max(busy));
         }
         let bytes = most + given_back(slabs);
         bytes + bytes / if self.running > 1 { LOST.1 } else { LOST.0 } + STITCHING

@@ -88,7 +88,8 @@ pub(super) fn surface_of<T: Coordinate>(
 ) -> Result<Reconstructed> {
     let fit = surface_options(settings, &cells).fit;
     let workload = cells.counted_workload(&surveyed.workload, fit, &buckets, context)?;
-    let memory = context.memory.with_surface(&workload)?;
+    let closing = cells.closed_here.then(|| context.account.closing());
+    let memory = context.memory.with_surface(&workload, closing)?;
     if memory.buckets_quota < context.memory.buckets_quota {
         buckets.leave_memory(context)?;
     }

@@ -91,6 +91,12 @@ impl SurveyWorkload {
         }
     }
 
+    /// The same when it is known in how many blocks the points came, and how many the largest had: of text, nobody knows before.
+    pub(crate) fn counted(self, (blocks, points): (u64, u64)) -> SurveyWorkload {
+        // Where it is not known how many come, they lie in a vector that grows by doubling.
+        SurveyWorkload { blocks: self.blocks.min(blocks), points: self.points.min(points.next_power_of_two()), ..self }
+    }
+
     /// Bytes with so many blocks in flight, of which as many as there are threads are looked at.
     pub(crate) fn bytes(&self, in_flight: u64, threads: u64) -> u64 {
         let in_flight = in_flight.min(self.blocks);

@@ -12,6 +12,15 @@ use crate::points::scalar::{Endian, Scalar};
 /// Bytes copied at once.
 const PIECE: usize = 1 << 20;
 
+/// Bytes that writing a mesh takes: a piece of it, or, where vertices are not as they lie in its spool, jobs with vertices' coordinates, as they are read and as they are moved, their
+/// records, and what is written.
+pub(crate) fn bytes(mesh: &MeshSpool, moves: bool, jobs: u64) -> u64 {
+    let stride = mesh.schema().stride() as u64;
+    let of_vertex = 3 * 3 * size_of::<f64>() as u64 + 3 * stride;
+    let made = if moves || stride > 0 { (jobs * BLOCK as u64).min(mesh.vertex_count()) * of_vertex } else { 0 };
+    made.max(mesh.bytes().min(PIECE as u64))
+}
+
 pub(crate) fn write(job: &mut Job) -> Result<()> {
     let (vertices, faces) = (job.mesh.vertex_count(), job.mesh.face_count());
     if vertices > i32::MAX as u64 {
@@ -79,7 +88,7 @@ fn made(
 
 /// Copies so many records of `stride` bytes, which `read` reads from a number on.
 fn copy(job: &mut Job, count: u64, stride: usize, read: impl Fn(u64, &mut [u8]) -> Result<()>) -> Result<()> {
-    let most = PIECE / stride;
+    let most = (PIECE / stride).min(count as usize);
     let mut piece = vec![0; most * stride];
     let mut first = 0;
     while first < count {

@@ -30,8 +30,9 @@ use std::path::{Path, PathBuf};
 use self::job::Job;
 use crate::error::{Error, Result};
 use crate::format::{glb, obj, ply, stl};
-use crate::mesh::MeshHeader;
 use crate::mesh::spool::MeshSpool;
+use crate::mesh::{MeshHeader, MeshSource};
+use crate::points::Precision;
 use crate::resources::workers::Workers;
 use crate::storage::atomic_file::{AtomicFile, Overwrite};
 use crate::storage::remote::{is_remote, remove};
@@ -66,6 +67,15 @@ pub struct Target {
 }
 
 impl Target {
+    /// Bytes that filling it with a mesh takes, with so many jobs at a time, each of which takes `most` in the formats of which nothing else is said.
+    pub fn filling(&self, mesh: &MeshSpool, jobs: u64, most: u64) -> u64 {
+        let moves = self.positions == Positions::Absolute && MeshSource::precision(mesh) == Precision::Double;
+        match self.format {
+            Format::Ply => ply::write::bytes(mesh, moves, jobs),
+            Format::Stl | Format::Obj | Format::Glb => (jobs * most).min(mesh.bytes()),
+        }
+    }
+
     /// Creates the temporary file beside `path`.
     ///
     /// # Errors

@@ -23,6 +23,9 @@ pub struct Survey {
     pub filtered: u64,
     /// The box of the points.
     pub bounds: Bounds,
+    /// The blocks that they came in, and the most records of one.
+    #[serde(default)]
+    pub blocks: (u64, u64),
 }
 
 impl Survey {
@@ -64,7 +67,7 @@ pub fn survey(
     in_flight: usize,
     mut progress: impl FnMut(u64),
 ) -> Result<(Survey, CoarseGrid, Option<Density>)> {
-    let mut total = Survey { points: 0, dropped: 0, filtered: 0, bounds: Bounds::EMPTY };
+    let mut total = Survey { points: 0, dropped: 0, filtered: 0, bounds: Bounds::EMPTY, blocks: (0, 0) };
     let sketching = Sketching::default();
     let records = cloud.sources().iter().map(|source| source.records).sum();
     let (mut levels, known) = (LevelSketching::new(records), Known::default());
@@ -84,13 +87,15 @@ pub fn survey(
                 (Points::Double(points), Wanted::Density) => known.levels_of(points, bounds),
             };
             let Batch { dropped, filtered, .. } = *batch;
-            Ok((Survey { points: batch.points.len() as u64, dropped, filtered, bounds }, levels))
+            let points = batch.points.len() as u64;
+            Ok((Survey { points, dropped, filtered, bounds, blocks: (1, points + dropped + filtered) }, levels))
         },
         |(part, of_part)| {
             total.points += part.points;
             total.dropped += part.dropped;
             total.filtered += part.filtered;
             total.bounds = total.bounds.union(part.bounds);
+            total.blocks = (total.blocks.0 + part.blocks.0, total.blocks.1.max(part.blocks.1));
             if let Some(of_part) = of_part {
                 levels.add(of_part, &known);
             }

@@ -38,11 +38,17 @@ pub(crate) struct Need {
 impl Need {
     /// What the check of a mesh of so many vertices and triangles needs.
     pub(crate) fn of(vertices: u64, triangles: u64, threads: usize) -> Need {
+        Need::of_groups(vertices, triangles, None, threads)
+    }
+
+    /// The same of a mesh of which it is known, or not, how many vertices lie between the least and the greatest that a group of its triangles names, at the most.
+    pub(crate) fn of_groups(vertices: u64, triangles: u64, widest: Option<u64>, threads: usize) -> Need {
+        let widest = widest.unwrap_or(vertices).min(vertices);
         let jobs = Plan::in_flight(threads) as u64;
         let group = triangles.min(GROUP as u64);
-        let near = group * size_of::<[u32; 3]>() as u64 + vertices.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
+        let near = group * size_of::<[u32; 3]>() as u64 + widest.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
         // A group can span more than a window only where there are more vertices.
-        let far = if vertices > WINDOW.1 as u64 { group * FAR_BYTES + measure::PIECE_BYTES } else { 0 };
+        let far = if widest > WINDOW.1 as u64 { group * FAR_BYTES + measure::PIECE_BYTES } else { 0 };
         let surveying = jobs.min(triangles.div_ceil(GROUP as u64)) * near.max(far);
 
         let range = vertices.min(u64::from(NEAR_RANGE));

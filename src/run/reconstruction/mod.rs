@@ -433,6 +433,7 @@ fn made(
         simplification = Some(figures);
     }
     let header = header_of(cloud, &surveyed, &settings, &made, &job.input.attributes, workers)?;
+    made.memory = made.memory.with_mesh(&made.mesh, job.check == Check::Always, 0);
     let checked = match job.check {
         Check::Never => None,
         Check::Always => {

@@ -287,7 +287,7 @@ impl Tasks {
         let workload = cells.counted_workload(&surveyed.workload, fit, &buckets, context)?;
         trace(&mut buckets, &mut cells);
         let of = (&buckets, &cells);
-        let counted = (&workload, &context.memory.with_surface(&workload)?);
+        let counted = (&workload, &context.memory.with_surface(&workload, None)?);
         let (mut mesh, apart) =
             with_slabs((Some(within.clone()), counted), surveyed, settings, of, context, progress, |slabwise| {
                 let Slabwise { slabs, begun, means, .. } = slabwise;

@@ -371,7 +371,9 @@ impl<'a> Slabs<'a> {
                 active.extend(&slices)
             },
         )?;
-        let jobs = context.memory.jobs_of(job_bytes(&in_slice, &solid.faces, cells));
+        let job = job_bytes(&in_slice, &solid.faces, cells);
+        let jobs = context.memory.jobs_of(job);
+        context.account.reopening(job * (jobs as u64).min(u64::from(cells[1].div_ceil(CHUNK_SLICES))));
         Ok(Some(Slabs { context, cells, active, allowed, jobs }))
     }
 

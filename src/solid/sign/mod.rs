@@ -164,6 +164,7 @@ impl Signed {
 
     fn found(seen: Seen, context: &Context) -> Result<Signed> {
         let Seen { block, occupied, walls, outliers: _, emptied } = seen;
+        context.account.field(bytes_of_block(&block, walls.len() as u64, context.workers.threads() as u64));
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
         let mut radius = (FIRST * longest).max(2.0);
@@ -198,7 +199,10 @@ impl Signed {
             }
         }
         let mut sides = field.sides();
-        membrane::stretch(&block, &two_sided, &field.lined, &emptied, &mut sides, &context.workers);
+        // What the field holds beside that would lie there while membranes have fields of their own.
+        let Field { lined, .. } = field;
+        membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
+        drop(lined);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
         let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
         let part_outside = two_sided.iter().map(of).filter(|both| *both == [Side::Outside; 2]).count() as u64;
@@ -234,6 +238,22 @@ const CELL: u64 = 6 + 4 + 8 + 20;
 
 /// The same before that: its flag and number.
 const CELL_SEEN: u64 = 1 + 4;
+
+/// Bytes for each cell of a block that is there: six flags, its u and how open it is, and what conjugate gradients hold.
+const CELL_FOUND: u64 = 6 + 2 * 4 + 4 * 4;
+
+/// Bytes for each of its walls: in two lists, with what is known of it, and its terms in two cells' equations, in vectors that grow.
+const WALL: u64 = 4 + size_of::<Wall>() as u64 + 48;
+
+/// Slices that a thread holds of what is known beside cells whose u is looked for: three, of two numbers for each cell.
+const BUFFERS: u64 = 3 * 2 * 4;
+
+/// The most memory that finding the sides of a block takes, with so many occupied cells.
+fn bytes_of_block(block: &Block, walls: u64, threads: u64) -> u64 {
+    let slice = (block.rows * block.width) as u64;
+    let finding = block.size() as u64 * CELL_FOUND + walls * WALL + threads * slice * BUFFERS;
+    finding.max(outliers::bytes(block.cells, walls))
+}
 
 /// The most memory that finding the sides of a grid of so many cells takes.
 pub fn bytes(cells: Cell) -> u64 {

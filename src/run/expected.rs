@@ -1,0 +1,175 @@
+//! Expectation: the most memory and disk that a plan lets a run take, pass by pass.
+//!
+//! Shares of a budget ([`crate::run::planner`]) are given out before anything is known, and are large enough for whatever comes. What is expected of a pass is told anew when more is
+//! known: blocks of the input when it was read, fields and what is opened again when cells are closed, the check when the mesh is there. So the figure of a report is that of
+//! each pass as it began.
+
+use crate::grid::context::{CHUNK_SLICES, job_bytes};
+use crate::input::BLOCK_RECORDS;
+use crate::mesh::MeshSource;
+use crate::mesh::check::job::Need;
+use crate::mesh::spool::MeshSpool;
+use crate::nearest::bridged;
+use crate::resources::memory::{Closing, MemoryPlan, Passes};
+use crate::run::planner::{
+    FILLING, HEAP, KEPT_BACK, checking, deciding, jobs_of_all, looking, measuring, reopening, reopening_records,
+    survey_jobs,
+};
+use crate::run::pyramid;
+use crate::run::workload::Workload;
+use crate::simplify::Extent;
+use crate::solid::heightfield;
+
+use crate::error::Result;
+
+/// What the process has beside the heap: data, and what the allocator needs to begin with.
+const OUTSIDE: u64 = 1 << 19;
+
+/// What each thread, and the allocator for it, has to itself. Where slabs are made, what was given back is counted with them; the check's jobs hand their memory on.
+/// As 200 runs of clouds of every kind had it resident; budgets are given out with more ([`MemoryPlan::least`]), as some runs had.
+const THREAD_BEFORE_SLABS: u64 = 1 << 20;
+const THREAD_OF_SLABS: u64 = 5 << 16;
+const THREAD_AFTER_SLABS: u64 = 1 << 19;
+
+impl Passes {
+    /// The most of the heap at a time.
+    fn heap(self) -> u64 {
+        self.beside_threads([0; 3], 0)
+    }
+
+    /// The most at a time, with so many threads.
+    fn most(self, threads: usize) -> u64 {
+        OUTSIDE + self.beside_threads([THREAD_BEFORE_SLABS, THREAD_OF_SLABS, THREAD_AFTER_SLABS], threads as u64)
+    }
+
+    fn beside_threads(self, [before, slabs, after]: [u64; 3], threads: u64) -> u64 {
+        let passes = [self.before + threads * before, self.slabs + threads * slabs];
+        let passes = passes.into_iter().chain([self.asked, self.check].map(|pass| pass + threads * after));
+        HEAP + self.transfers + passes.max().unwrap_or(0)
+    }
+}
+
+impl MemoryPlan {
+    /// What of the memory that is expected to be used is taken from the heap, at the most.
+    pub fn heap(&self) -> u64 {
+        self.passes.heap()
+    }
+
+    /// The same plan with the memory that passes are expected to take.
+    pub(super) fn with_passes(self, passes: Passes) -> MemoryPlan {
+        let most = passes.most(self.threads);
+        let kept_back = if self.is_roomy(most) { most / KEPT_BACK } else { 0 };
+        MemoryPlan { passes, predicted: most + kept_back, ..self }
+    }
+
+    /// The same plan when the mesh is there, which is checked, or not, and then written in so many bytes beside it.
+    pub(super) fn with_mesh(self, mesh: &MeshSpool, checked: bool, filling: u64) -> MemoryPlan {
+        let in_memory = if self.mesh_quota > 0 { mesh.bytes().min(self.mesh_quota) } else { 0 };
+        let (vertices, triangles) = (mesh.vertex_count(), mesh.face_count());
+        let check = match checked {
+            true => {
+                Need::of_groups(vertices, triangles, mesh.widest_group(), self.threads).within(self.working).bytes()
+            }
+            false => 0,
+        };
+        let meanwhile = self.fills_meanwhile(vertices, triangles);
+        let both = if meanwhile { check + filling } else { check.max(filling) };
+        let passes = Passes { check: in_memory + both, ..self.passes };
+        self.with_passes(passes)
+    }
+
+    /// The most memory that passes are expected to take, of a mesh that is not there.
+    pub(super) fn passes_of(&self, workload: &Workload) -> Result<Passes> {
+        let standing = workload.standing_slice_bytes().min(self.slices_quota());
+        let mesh = self.mesh_quota.min(workload.mesh_bytes());
+        let lasting = self.held(workload) + standing;
+        let asked = [
+            workload.bridging().map(|extent| lasting + extent.memory(self.working, self.threads)),
+            workload.simplified().map(|extent| extent.memory(self.working, self.threads)),
+            workload.levels().map(|extent| extent.memory(self.working, self.threads).max(pyramid::LEAST)),
+        ];
+        Ok(Passes {
+            transfers: workload.transfers(),
+            before: self.before_slabs(workload, None),
+            slabs: lasting + self.slab_jobs(workload)?.bytes_beside(workload, mesh),
+            asked: asked.into_iter().flatten().max().map_or(0, |most| mesh + most),
+            check: mesh + self.checking(checking(workload, self.threads), (workload.mesh_bytes(), mesh)),
+        })
+    }
+
+    /// What the check takes, and the writing of a mesh of so many bytes meanwhile, of which so many lie in memory.
+    fn checking(&self, check: Need, (mesh, in_memory): (u64, u64)) -> u64 {
+        let most = match self.mesh_quota {
+            0 if self.fills_beside(check) => mesh,
+            0 => 0,
+            _ => in_memory,
+        };
+        check.within(self.working).bytes() + most.min(FILLING * jobs_of_all(self.threads))
+    }
+
+    /// The most memory that the passes take before slabs are made, beside the process; with what closing the cells was found to take, if that is known.
+    pub(super) fn before_slabs(&self, workload: &Workload, closing: Option<Closing>) -> u64 {
+        let blocks = self.blocks(workload);
+        let buckets = self.buckets_quota.min(workload.bucket_bytes());
+        let open = self.open_chunks(workload);
+        let bucketing = blocks * workload.block_job() + if buckets > 0 { open / 2 } else { open };
+
+        let sealing = workload.slice_bytes().min(self.slices_quota());
+        // A pass over few slices has no more jobs than chunks.
+        let of_pass =
+            |jobs: usize, slices_of_job: u32| (jobs as u64).min(u64::from(workload.cells[1].div_ceil(slices_of_job)));
+        let slices = of_pass(self.chunks_in_flight, CHUNK_SLICES) * job_bytes(1, workload.cells);
+        let columns = workload.columns.map_or(0, |columns| {
+            let (of_slice, bridge) = (columns.of_slice, columns.bridge);
+            heightfield::bytes_of_pass(of_slice, bridge, workload.smooth, workload.cells[1], self.chunks_in_flight)
+        });
+        let job = reopening(workload);
+        let measuring = measuring(workload);
+        let measuring = measuring * of_pass(self.jobs_of(measuring).min(self.threads), 1);
+        let (field, reopening) = match closing {
+            Some(Closing { field, reopening }) => (field, reopening),
+            None => (deciding(workload), of_pass(self.jobs_of(job), CHUNK_SLICES) * job),
+        };
+        // Sides are told apart while occupied cells are all that there is, and those of a coarser level: as many bytes as later the solid has.
+        let occupied = workload.standing_slice_bytes().min(sealing);
+        let passes = (slices + columns).max(reopening).max(looking(workload, blocks)).max(measuring);
+        let closing = (sealing + passes).max(occupied + field);
+
+        let surveying = workload.surveying();
+        let surveyed = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, self.threads as u64);
+        surveyed.max(buckets + bucketing).max(self.held(workload) + closing)
+    }
+
+    /// Blocks of the input that are in flight at the most.
+    fn blocks(&self, workload: &Workload) -> u64 {
+        (self.blocks_in_flight as u64).min(workload.points.div_ceil(BLOCK_RECORDS as u64))
+    }
+
+    /// Bytes of open chunks: one is whole as memory goes, once it was another's.
+    fn open_chunks(&self, workload: &Workload) -> u64 {
+        let chunks = workload.buckets() + self.blocks(workload);
+        (chunks * self.bucket_buffer / 15 * 16).min(workload.bucket_bytes())
+    }
+
+    /// Bytes of the buckets that stay in memory.
+    fn held(&self, workload: &Workload) -> u64 {
+        let buckets = self.buckets_quota.min(workload.bucket_bytes());
+        if buckets > 0 { buckets + self.open_chunks(workload) / 2 } else { 0 }
+    }
+
+    /// The most temporary disk that is going to be used.
+    pub(super) fn disk_of(&self, workload: &Workload) -> u64 {
+        let mesh = self.mesh_quota.min(workload.mesh_bytes());
+        let bucketed = workload.bucket_bytes() - self.buckets_quota.min(workload.bucket_bytes());
+        let sealing = if self.store_quota > 0 { 0 } else { workload.slice_bytes() };
+        let sealing = sealing + reopening_records(workload).saturating_sub(self.store_quota);
+        let standing = if self.store_quota > 0 { 0 } else { workload.standing_slice_bytes() };
+        let surface = standing + workload.mesh_bytes() - mesh + workload.bridging().map_or(0, bridged::Extent::disk);
+        let kept = if workload.bridging().is_some() { 0 } else { mesh };
+        let fewer = workload.simplified().or(workload.levels());
+        // Slices, and what passes leave, that are kept in the work folder, too.
+        let (saved, times) = if workload.is_outlasting() { (workload.standing_slice_bytes(), 2) } else { (0, 1) };
+        let simplifying = workload.mesh_bytes() - kept + times * fewer.map_or(0, Extent::disk);
+        bucketed + saved + sealing.max(surface).max(simplifying)
+    }
+}
