@@ -21,9 +21,11 @@ pub struct SurfaceOptions {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Fit {
-    /// Planes where the points are noisy, else the nearest points.
+    /// Planes where the points are noisy, else facets.
     #[default]
     Auto,
+    /// Their nearest input points, and then so far from them that facets pass amid the points.
+    Facets,
     /// Their nearest input points.
     Nearest,
     /// The planes of the points round them: for noisy points.
@@ -37,9 +39,14 @@ impl Fit {
     pub fn chosen(self, noisy: bool) -> Fit {
         match self {
             Fit::Auto if noisy => Fit::Plane,
-            Fit::Auto => Fit::Nearest,
+            Fit::Auto => Fit::Facets,
             given => given,
         }
+    }
+
+    /// Whether each vertex has a point of its own, so that vertices on one point are contracted.
+    pub fn has_points(self) -> bool {
+        matches!(self, Fit::Facets | Fit::Nearest)
     }
 }
 
