@@ -36,7 +36,7 @@ const FARTHEST: f64 = 1.0;
 const TRAVEL: f64 = 0.5;
 
 /// How far inwards: so the two sides of a wall as thin as a sampling distance do not meet.
-const INWARDS: f64 = 1.0 / 3.0;
+const INWARDS: f64 = 0.25;
 
 /// What lies farther behind its facet may be of the other side of a thin wall. It counts where the vertex has more points there than elsewhere.
 const BEHIND: f64 = 0.25;
@@ -107,12 +107,13 @@ struct Sums {
 impl Sums {
     /// Counts so many points with `share` in the vertex.
     fn add(&mut self, off: f64, points: f64) {
-        let (sum, count) = match off < -BEHIND {
-            true => (&mut self.behind[0], &mut self.behind[1]),
-            false => (&mut self.off, &mut self.points),
-        };
-        *sum += points * off;
-        *count += points;
+        if off < -BEHIND {
+            self.behind[0] += points * off;
+            self.behind[1] += points;
+        } else {
+            self.off += points * off;
+            self.points += points;
+        }
     }
 
     /// How far the vertex goes, along the normal of its facets.

@@ -100,7 +100,7 @@ impl Facets<'_> {
             let normal = normal.map(|c| c / length);
             let [[front, points], [behind, more]] = sums;
             let (sum, points) = if more > points { (front + behind, points + more) } else { (front, points) };
-            let way = (1.5 * sum / (points + 0.5)).clamp(-1.0 / 3.0, 0.5);
+            let way = (1.5 * sum / (points + 0.5)).clamp(-0.25, 0.5);
             for v in same.into_iter().filter(|v| own.contains(&self.surface.planes[*v as usize])) {
                 let (place, q) = (self.places[v as usize], self.surface.positions[v as usize]);
                 let onto = [0, 1, 2].map(|a| place[a] + way * normal[a]);
