@@ -84,6 +84,8 @@ pub struct SlabJobs {
     pub points_held: usize,
     /// Pieces that are stitched side by side.
     pub pieces: usize,
+    /// Whether each asks the allocator, between its stages, to give back what it has freed.
+    pub gives_back: bool,
 }
 
 impl SlabJobs {

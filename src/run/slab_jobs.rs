@@ -11,7 +11,7 @@ use crate::stitch::slab::Size;
 pub(super) const HELD: (u64, u64) = (4 << 20, 16 << 10);
 
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds, so that two slabs seldom have
-/// given back at the same time; one slab at a time asks it not to wait (`stitch/slab.rs`).
+/// given back at the same time; slabs for which memory is short ask it not to wait (`stitch/slab.rs`).
 const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
 
 /// The share of it that the allocator loses between blocks of many sizes, as slab after slab is made: where there is one at a time, and where there are several.
@@ -46,7 +46,7 @@ pub(super) fn held_in(workload: &Workload, room: u64) -> u64 {
 impl SlabJobs {
     /// One slab at a time.
     pub(super) fn one(points_held: u64) -> SlabJobs {
-        SlabJobs { running: 1, ahead: 0, points_held: points_held as usize, pieces: 1 }
+        SlabJobs { running: 1, ahead: 0, points_held: points_held as usize, pieces: 1, gives_back: true }
     }
 
     /// The most bytes of all slabs of a workload at a time, with the points round a plane, as far as they are held at once.

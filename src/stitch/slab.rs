@@ -316,9 +316,9 @@ impl<T: Coordinate> SlabMesh<T> {
         // To be moved amid the points of all their facets, vertices must know those of the planes next to the slab.
         let is_centred = options.fit == Fit::Facets;
         let beside = i64::from(is_centred);
-        // Where memory is for one slab at a time, the plan does not count what a stage has given back.
+        // Where memory is for one slab at a time, the plan does not count what a stage has given back; where it is short, little of it.
         let end_stage = || {
-            if jobs.running == 1 {
+            if jobs.gives_back {
                 allocator::give_back();
             }
         };
