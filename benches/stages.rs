@@ -195,7 +195,13 @@ impl Slab {
 
 /// As many slabs at a time as there are threads, and more than one: that would give memory back between its stages.
 fn slab_jobs(context: &Context) -> SlabJobs {
-    SlabJobs { running: context.workers.threads().max(2), ahead: 0, points_held: context.memory.points_held, pieces: 1 }
+    SlabJobs {
+        running: context.workers.threads().max(2),
+        ahead: 0,
+        points_held: context.memory.points_held,
+        pieces: 1,
+        gives_back: false,
+    }
 }
 
 fn find(number: u32, solid: &Solid) -> Surface {

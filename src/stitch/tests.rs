@@ -110,7 +110,7 @@ fn with_slabs<R>(case: &Case, work: impl FnOnce(&Grid, &Making<'_, f32>, &Contex
         }
     };
     let sampled = Sampled { buckets: &buckets, occupied: &closed.occupancy.store, grid, counted: Counted::All };
-    let jobs = SlabJobs { running: 2, ahead: 0, points_held: 1 << 20, pieces: 1 };
+    let jobs = SlabJobs { running: 2, ahead: 0, points_held: 1 << 20, pieces: 1, gives_back: false };
     work(
         grid,
         &Making { solid: &closed.solid, sampled: &sampled, options: settings.surface, frame: FRAME, jobs },
