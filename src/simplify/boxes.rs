@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::sort::sort;
+
 /// Children of a node.
 const WIDE: usize = 8;
 /// A triangle without a place.
@@ -25,6 +27,11 @@ impl Extent {
             high = high.max(place);
         }
         Extent { low: low.to_array().map(below), high: high.to_array().map(above) }
+    }
+
+    /// Whether it lies within another and touches none of its sides.
+    fn is_within(&self, other: &Extent) -> bool {
+        (0..3).all(|a| other.low[a] < self.low[a] && self.high[a] < other.high[a])
     }
 
     /// Whether they have a place in common.
@@ -108,8 +115,8 @@ pub(super) struct Boxes {
 
 impl Boxes {
     /// Bytes for each triangle, at most: a box, a seventh of a box of nodes above and what is left over in the last ones, two numbers; and while it is made, its
-    /// number on the curve.
-    pub(super) const BYTES: u64 = (size_of::<Extent>() + size_of::<Extent>() / 2 + 2 * size_of::<u32>() + 8) as u64;
+    /// number on the curve, twice.
+    pub(super) const BYTES: u64 = (size_of::<Extent>() + size_of::<Extent>() / 2 + 2 * size_of::<u32>() + 16) as u64;
 
     /// A tree of the triangles given, each with its centre; `corners` gives its corners.
     pub(super) fn build(
@@ -123,15 +130,17 @@ impl Boxes {
             high = high.max(centre);
         }
         let scale = 1023.0 / (high - low).max_element().max(f64::MIN_POSITIVE);
-        let mut order: Vec<(u32, u32)> = centres.map(|(t, centre)| (curve((centre - low) * scale), t)).collect();
-        order.sort_unstable();
+        let number = |(t, centre): (u32, DVec3)| u64::from(curve((centre - low) * scale)) << 32 | u64::from(t);
+        let mut order: Vec<u64> = Vec::with_capacity(count);
+        order.extend(centres.map(number));
+        sort(&mut order);
         let mut places = vec![NONE; count];
         let mut row = vec![Node::EMPTY; order.len().div_ceil(WIDE).max(1)];
-        for (place, (_, triangle)) in order.iter().enumerate() {
-            row[place / WIDE].set(place % WIDE, Extent::of(corners(*triangle)));
-            places[*triangle as usize] = place as u32;
+        let triangles: Vec<u32> = order.into_iter().map(|number| number as u32).collect();
+        for (place, &triangle) in triangles.iter().enumerate() {
+            row[place / WIDE].set(place % WIDE, Extent::of(corners(triangle)));
+            places[triangle as usize] = place as u32;
         }
-        let triangles = order.into_iter().map(|(_, triangle)| triangle).collect();
         let mut rows = vec![row];
         while let Some(below) = rows.last().filter(|row| row.len() > 1) {
             let mut row = vec![Node::EMPTY; below.len().div_ceil(WIDE)];
@@ -153,13 +162,19 @@ impl Boxes {
 
     fn set(&mut self, triangle: u32, extent: Extent) {
         let (mut at, mut now) = (self.places[triangle as usize] as usize, extent);
-        for row in &mut self.rows {
-            let node = &mut row[at / WIDE];
-            if node.child(at % WIDE) == now {
+        for number in 0..self.rows.len() {
+            let node = &mut self.rows[number][at / WIDE];
+            let before = node.child(at % WIDE);
+            if before == now {
                 return;
             }
             node.set(at % WIDE, now);
-            (at, now) = (at / WIDE, node.whole());
+            // A child that lay within, and still does, changes nothing of the box of all.
+            let above = self.rows.get(number + 1).map(|row| row[at / WIDE / WIDE].child(at / WIDE % WIDE));
+            if above.is_some_and(|above| before.is_within(&above) && now.is_within(&above)) {
+                return;
+            }
+            (at, now) = (at / WIDE, self.rows[number][at / WIDE].whole());
         }
     }
 

@@ -40,6 +40,7 @@ mod collapse;
 mod count;
 mod fan;
 mod gap;
+mod leaving;
 mod mark;
 mod merge;
 mod merging;
@@ -50,6 +51,8 @@ mod patch;
 mod piece;
 mod quadric;
 mod queue;
+mod sight;
+mod sort;
 mod soup;
 mod space;
 #[cfg(test)]
