@@ -29,11 +29,6 @@ impl Extent {
         Extent { low: low.to_array().map(below), high: high.to_array().map(above) }
     }
 
-    /// Whether it lies within another and touches none of its sides.
-    fn is_within(&self, other: &Extent) -> bool {
-        (0..3).all(|a| other.low[a] < self.low[a] && self.high[a] < other.high[a])
-    }
-
     /// Whether they have a place in common.
     #[cfg(test)]
     pub(super) fn meets(&self, other: &Extent) -> bool {
@@ -162,19 +157,13 @@ impl Boxes {
 
     fn set(&mut self, triangle: u32, extent: Extent) {
         let (mut at, mut now) = (self.places[triangle as usize] as usize, extent);
-        for number in 0..self.rows.len() {
-            let node = &mut self.rows[number][at / WIDE];
-            let before = node.child(at % WIDE);
-            if before == now {
+        for row in &mut self.rows {
+            let node = &mut row[at / WIDE];
+            if node.child(at % WIDE) == now {
                 return;
             }
             node.set(at % WIDE, now);
-            // A child that lay within, and still does, changes nothing of the box of all.
-            let above = self.rows.get(number + 1).map(|row| row[at / WIDE / WIDE].child(at / WIDE % WIDE));
-            if above.is_some_and(|above| before.is_within(&above) && now.is_within(&above)) {
-                return;
-            }
-            (at, now) = (at / WIDE, self.rows[number][at / WIDE].whole());
+            (at, now) = (at / WIDE, node.whole());
         }
     }
 
