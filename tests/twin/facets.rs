@@ -80,8 +80,8 @@ impl Facets<'_> {
         for same in by_point.into_values() {
             // In front and behind: what the points are off, and how many they are.
             let mut sums = [[0.0; 2]; 2];
-            let mut area = 0.0;
-            let mut normal = [0.0; 3];
+            let (mut area, mut count) = (0.0, 0.0);
+            let (mut normal, mut neighbours) = ([0.0; 3], [0.0; 3]);
             for v in &same {
                 for (sum, is_behind) in sums.iter_mut().zip([false, true]) {
                     let more = off.get(&(*v, is_behind)).copied().unwrap_or_default();
@@ -91,6 +91,10 @@ impl Facets<'_> {
                     let of_facet = self.normal(triangles[*t]);
                     (0..3).for_each(|a| normal[a] += of_facet[a]);
                     area += dot(of_facet, of_facet).sqrt();
+                    let at = triangles[*t].iter().position(|u| u == v).expect("it is of the star");
+                    let next = self.places[triangles[*t][(at + 1) % 3] as usize];
+                    (0..3).for_each(|a| neighbours[a] += next[a]);
+                    count += 1.0;
                 }
             }
             let length = dot(normal, normal).sqrt();
@@ -100,7 +104,8 @@ impl Facets<'_> {
             let normal = normal.map(|c| c / length);
             let [[front, points], [behind, more]] = sums;
             let (sum, points) = if more > points { (front + behind, points + more) } else { (front, points) };
-            let way = (1.5 * sum / (points + 0.5)).clamp(-0.25, 0.5);
+            let above = dot(minus(self.places[same[0] as usize], neighbours.map(|c| c / count)), normal);
+            let way = (1.5 * sum / (points + 0.5) + above * 0.5 / f64::max(points, 2.0)).clamp(-0.25, 0.5);
             for v in same.into_iter().filter(|v| own.contains(&self.surface.planes[*v as usize])) {
                 let (place, q) = (self.places[v as usize], self.surface.positions[v as usize]);
                 let onto = [0, 1, 2].map(|a| place[a] + way * normal[a]);
