@@ -103,7 +103,7 @@ impl Fan {
                 continue;
             }
             let there = piece.triangles[t as usize];
-            let beyond = if axes.is_some() { sight.beyond(piece, there) } else { 0 };
+            let beyond = if axes.is_some() { sight.beyond(there, |v| piece.position(v)) } else { 0 };
             let its = there.map(|v| piece.position(v));
             for (number, one) in fresh.iter().enumerate() {
                 if axes.is_some() && sight.is_beside(number, beyond) {

@@ -16,8 +16,6 @@
 
 use glam::DVec3;
 
-use super::piece::Piece;
-
 /// Lines, at most: bits of a number.
 const LINES: usize = 64;
 
@@ -140,14 +138,14 @@ impl Sight {
         self.beyond.push(beyond);
     }
 
-    /// The lines that a triangle which is there lies beyond.
-    pub(super) fn beyond(&mut self, piece: &Piece, there: [u32; 3]) -> u64 {
+    /// The lines that a triangle which is there lies beyond; `position` tells where a vertex is.
+    pub(super) fn beyond(&mut self, there: [u32; 3], position: impl Fn(u32) -> DVec3) -> u64 {
         there.into_iter().fold(u64::MAX, |all, vertex| {
             let place = self.places[vertex as usize] as usize;
             if self.known.get(place) == Some(&vertex) {
                 return all & self.beyond[place];
             }
-            let [_, beyond] = self.sides(piece.position(vertex));
+            let [_, beyond] = self.sides(position(vertex));
             self.know(vertex, beyond);
             all & beyond
         })

@@ -27,12 +27,12 @@ fn told(places: &[DVec3], n: usize, there: &[[u32; 3]]) -> Vec<(bool, bool)> {
     for axes in [(DVec3::Y, DVec3::Z), (DVec3::X, DVec3::Y)] {
         sight.look((&corners, n), fresh.iter().copied(), DVec3::ZERO, axes);
         there.iter().for_each(|corners| {
-            sight.beyond(&piece, *corners);
+            sight.beyond(*corners, |v| piece.position(v));
         });
     }
     let mut found = Vec::new();
     for corners in there {
-        let beyond = sight.beyond(&piece, *corners);
+        let beyond = sight.beyond(*corners, |v| piece.position(v));
         for (number, one) in fresh.iter().enumerate() {
             let of_there = corners.map(|v| places[v as usize].to_array());
             let meets = intersect(one.map(|v| v as u32), one.map(|v| places[v].to_array()), *corners, of_there);
