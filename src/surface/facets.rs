@@ -50,10 +50,12 @@ const STILL: f64 = 0.5;
 /// Facets round a point whose normals come to a smaller part of their lengths have no normal in common: as at the rim of a thin plate, or where vertices of both sides have one point.
 const AGREEING: f64 = 0.5;
 
-/// Between neighbours at a distance e on a sphere of radius r, a facet lies e²/8r inside on the mean, a quarter of how far a vertex lies above its neighbours (e²/2r). Where a vertex has no
-/// more than [`FEW`] points, most points are vertices, and tell nothing of what lies between: that quarter is added. Where there are more points, they tell.
+/// Between neighbours at a distance e on a sphere of radius r, a facet lies e²/8r inside on the mean, a quarter of how far a vertex lies above the mean of its neighbours (e²/2r). Where a
+/// vertex has no more than [`FEW`] points, most points are vertices, and tell nothing of what lies between: that quarter is added. Where there are more points, they tell. It is no
+/// more than [`NEIGHBOURS`] times what neighbours lie above theirs on the mean, and nothing where that goes the other way: a curve is shared by neighbours, noise is not.
 const BENT: f64 = 0.5;
 const FEW: f64 = 2.0;
+const NEIGHBOURS: f64 = 2.0;
 
 /// The vertices of a slab and of the planes next to it, at their points, and the facets between them.
 #[derive(Debug)]
@@ -89,7 +91,8 @@ pub struct Centred {
 
 /// Bytes that [`Facets::centre`] needs beside the surface's vertices: of so many vertices and triangles.
 pub fn bytes(vertices: u64, triangles: u64) -> u64 {
-    let of_vertex = size_of::<[f64; 3]>() + size_of::<Sums>() + 2 * size_of::<u32>() + size_of::<u64>();
+    let of_vertex =
+        size_of::<[f64; 3]>() + size_of::<Sums>() + 2 * size_of::<u32>() + size_of::<u64>() + size_of::<f64>();
     vertices * of_vertex as u64 + 3 * triangles * size_of::<u32>() as u64
 }
 
@@ -121,7 +124,7 @@ impl Sums {
         }
     }
 
-    /// How far the vertex goes, along the normal of its facets, if it lies so far above the mean of its neighbours.
+    /// How far the vertex goes, along the normal of its facets, if it lies so far above its neighbours by its curvature.
     fn way(&self, above: f64) -> f64 {
         let (mut off, mut points) = (self.off, self.points);
         if self.behind[1] > points {
@@ -154,6 +157,21 @@ struct Facet {
     vertices: [u32; 3],
     corners: [[f64; 3]; 3],
     normal: [f64; 3],
+}
+
+/// How the facets round a point lie.
+struct Bearing {
+    normal: [f64; 3],
+    /// How far the point lies above the mean of its neighbours, along the normal.
+    above: f64,
+}
+
+impl Facet {
+    /// Which of its corners comes after vertex `v`.
+    #[inline]
+    fn after(&self, v: u32) -> usize {
+        self.vertices.iter().position(|u| *u == v).map_or(0, |at| (at + 1) % 3)
+    }
 }
 
 impl Layer {
@@ -316,39 +334,64 @@ impl Facets<'_> {
         let mut by_point: Vec<u64> = Vec::with_capacity(self.points.len());
         by_point.extend(with_point.map(|(v, point)| u64::from(*point) << 32 | u64::from(v)));
         by_point.sort_unstable();
-        for same in by_point.chunk_by(|a, b| a >> 32 == b >> 32) {
-            let vertices = || same.iter().map(|key| *key as u32);
-            let (mut all, mut normal, mut area) = (Sums::default(), [0.0; 3], 0.0);
-            let (mut neighbours, mut count) = ([0.0; 3], 0.0);
-            for v in vertices() {
+        let groups = || by_point.chunk_by(|a, b| a >> 32 == b >> 32);
+        // Of the slab's own vertices: only their facets are all known.
+        let mut above = vec![f64::NAN; self.vertices.len()];
+        for same in groups() {
+            if let Some(bearing) = self.bearing(stars, same) {
+                same.iter()
+                    .map(|key| *key as u32)
+                    .filter(|v| self.own.contains(v))
+                    .for_each(|v| above[v as usize] = bearing.above);
+            }
+        }
+        for same in groups() {
+            let Some(Bearing { normal, above: own }) = self.bearing(stars, same) else { continue };
+            let (mut all, mut bent, mut count) = (Sums::default(), 0.0, 0.0);
+            for v in same.iter().map(|key| *key as u32) {
                 let Sums { off, points, behind } = sums[v as usize];
                 all.off += off;
                 all.points += points;
                 (0..2).for_each(|i| all.behind[i] += behind[i]);
                 for facet in stars.at(v).iter().filter_map(|t| self.facet(*t)) {
-                    normal.iter_mut().zip(facet.normal).for_each(|(sum, c)| *sum += c);
-                    area += dot(facet.normal, facet.normal).sqrt();
-                    let next = facet.vertices.iter().position(|u| *u == v).map_or(0, |at| (at + 1) % 3);
-                    neighbours.iter_mut().zip(facet.corners[next]).for_each(|(sum, c)| *sum += c);
-                    count += 1.0;
+                    let above = above[facet.vertices[facet.after(v)] as usize];
+                    if !above.is_nan() {
+                        bent += above;
+                        count += 1.0;
+                    }
                 }
             }
-            let length = dot(normal, normal).sqrt();
-            if length <= 0.0 || length < AGREEING * area {
-                continue;
-            }
-            let normal = normal.map(|c| c / length);
-            let place = self.places[same[0] as u32 as usize];
-            let above = dot(minus(place, neighbours.map(|c| c / count)), normal);
-            let way = all.way(above);
-            for v in vertices().filter(|v| self.own.contains(v)) {
+            let most = if count > 0.0 { NEIGHBOURS * bent / count } else { 0.0 };
+            let way = all.way(own.clamp(most.min(0.0), most.max(0.0)));
+            for v in same.iter().map(|key| *key as u32).filter(|v| self.own.contains(v)) {
+                let (place, from) = (self.places[v as usize], self.smoothed[v as usize]);
                 let onto: [f64; 3] = std::array::from_fn(|a| place[a] + way * normal[a]);
-                let from = self.smoothed[v as usize];
                 let above = dot(minus(from, onto), normal);
                 let beside = std::array::from_fn(|a| from[a] - above * normal[a]);
                 put((v - self.own.start) as usize, Centred { onto, beside });
             }
         }
+    }
+
+    /// How the facets round a point lie, if they have a normal in common. Vertices on the point are the lower halves of `same`.
+    fn bearing(&self, stars: &Stars, same: &[u64]) -> Option<Bearing> {
+        let (mut normal, mut area) = ([0.0; 3], 0.0);
+        let (mut neighbours, mut count) = ([0.0; 3], 0.0);
+        for v in same.iter().map(|key| *key as u32) {
+            for facet in stars.at(v).iter().filter_map(|t| self.facet(*t)) {
+                normal.iter_mut().zip(facet.normal).for_each(|(sum, c)| *sum += c);
+                area += dot(facet.normal, facet.normal).sqrt();
+                neighbours.iter_mut().zip(facet.corners[facet.after(v)]).for_each(|(sum, c)| *sum += c);
+                count += 1.0;
+            }
+        }
+        let length = dot(normal, normal).sqrt();
+        if length <= 0.0 || length < AGREEING * area {
+            return None;
+        }
+        let normal = normal.map(|c| c / length);
+        let place = self.places[same[0] as u32 as usize];
+        Some(Bearing { normal, above: dot(minus(place, neighbours.map(|c| c / count)), normal) })
     }
 }
 

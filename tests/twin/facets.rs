@@ -76,37 +76,58 @@ impl Facets<'_> {
                 by_point.entry(*point).or_default().push(v);
             }
         }
-        let mut out = BTreeMap::new();
-        for same in by_point.into_values() {
-            // In front and behind: what the points are off, and how many they are.
-            let mut sums = [[0.0; 2]; 2];
+        let star_of = |v: &u32| star.get(v).into_iter().flatten().map(|t| triangles[*t]);
+        let after = |triangle: [u32; 3], v: u32| {
+            triangle[(triangle.iter().position(|u| *u == v).expect("it is of the star") + 1) % 3]
+        };
+        // The normal round a point, if there is one in common, and how far the point lies above its neighbours.
+        let bearing = |same: &[u32]| {
             let (mut area, mut count) = (0.0, 0.0);
             let (mut normal, mut neighbours) = ([0.0; 3], [0.0; 3]);
-            for v in &same {
-                for (sum, is_behind) in sums.iter_mut().zip([false, true]) {
-                    let more = off.get(&(*v, is_behind)).copied().unwrap_or_default();
-                    (0..2).for_each(|i| sum[i] += more[i]);
-                }
-                for t in star.get(v).into_iter().flatten() {
-                    let of_facet = self.normal(triangles[*t]);
+            for v in same {
+                for triangle in star_of(v) {
+                    let of_facet = self.normal(triangle);
                     (0..3).for_each(|a| normal[a] += of_facet[a]);
                     area += dot(of_facet, of_facet).sqrt();
-                    let at = triangles[*t].iter().position(|u| u == v).expect("it is of the star");
-                    let next = self.places[triangles[*t][(at + 1) % 3] as usize];
+                    let next = self.places[after(triangle, *v) as usize];
                     (0..3).for_each(|a| neighbours[a] += next[a]);
                     count += 1.0;
                 }
             }
             let length = dot(normal, normal).sqrt();
-            if length <= 0.0 || length < 0.5 * area {
-                continue;
-            }
             let normal = normal.map(|c| c / length);
+            let above = dot(minus(self.places[same[0] as usize], neighbours.map(|c| c / count)), normal);
+            (length > 0.0 && length >= 0.5 * area).then_some((normal, above))
+        };
+        let is_own = |v: &u32| own.contains(&self.surface.planes[*v as usize]);
+        let mut all_above: BTreeMap<u32, f64> = BTreeMap::new();
+        for same in by_point.values() {
+            if let Some((_, above)) = bearing(same) {
+                all_above.extend(same.iter().copied().filter(is_own).map(|v| (v, above)));
+            }
+        }
+        let mut out = BTreeMap::new();
+        for same in by_point.values() {
+            let Some((normal, own_above)) = bearing(same) else { continue };
+            // In front and behind: what the points are off, and how many they are.
+            let mut sums = [[0.0; 2]; 2];
+            let (mut bent, mut count) = (0.0, 0.0);
+            for v in same {
+                for (sum, is_behind) in sums.iter_mut().zip([false, true]) {
+                    let more = off.get(&(*v, is_behind)).copied().unwrap_or_default();
+                    (0..2).for_each(|i| sum[i] += more[i]);
+                }
+                for above in star_of(v).filter_map(|triangle| all_above.get(&after(triangle, *v))) {
+                    bent += above;
+                    count += 1.0;
+                }
+            }
             let [[front, points], [behind, more]] = sums;
             let (sum, points) = if more > points { (front + behind, points + more) } else { (front, points) };
-            let above = dot(minus(self.places[same[0] as usize], neighbours.map(|c| c / count)), normal);
-            let way = (1.5 * sum / (points + 0.5) + above * 0.5 / f64::max(points, 2.0)).clamp(-0.25, 0.5);
-            for v in same.into_iter().filter(|v| own.contains(&self.surface.planes[*v as usize])) {
+            let most = if count > 0.0 { 2.0 * bent / count } else { 0.0 };
+            let bent = if most > 0.0 { own_above.clamp(0.0, most) } else { own_above.clamp(most, 0.0) };
+            let way = (1.5 * sum / (points + 0.5) + bent * 0.5 / f64::max(points, 2.0)).clamp(-0.25, 0.5);
+            for v in same.iter().copied().filter(is_own) {
                 let (place, q) = (self.places[v as usize], self.surface.positions[v as usize]);
                 let onto = [0, 1, 2].map(|a| place[a] + way * normal[a]);
                 let above = dot(minus(q, onto), normal);
