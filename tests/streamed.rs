@@ -179,8 +179,9 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
             Diagonals::Random => twin::Diagonals::Random,
             Diagonals::First => twin::Diagonals::First,
         },
-        fit: match settings.surface.fit {
+        fit: match settings.fit() {
             Fit::Auto => twin::Fit::Auto,
+            Fit::AutoPoints => twin::Fit::AutoPoints,
             Fit::Facets => twin::Fit::Facets,
             Fit::Nearest => twin::Fit::Nearest,
             Fit::Plane => twin::Fit::Plane,

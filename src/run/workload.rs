@@ -443,7 +443,7 @@ impl Workload {
 
     /// Bytes of the means of cells that fitting holds: as counted, or to expect, as if the widest slab's slices had an occupied cell for every face.
     pub(crate) fn means(&self) -> MeansBytes {
-        if !matches!(self.fit, Fit::Plane | Fit::Facets | Fit::Auto) {
+        if !matches!(self.fit, Fit::Plane | Fit::Facets | Fit::Auto | Fit::AutoPoints) {
             return MeansBytes::default();
         }
         if let Some(means) = self.means {

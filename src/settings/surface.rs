@@ -21,9 +21,13 @@ pub struct SurfaceOptions {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Fit {
-    /// Planes where the points are noisy, else facets.
+    /// Planes where the points are noisy, else facets; with cells by k or by a number of slices, which are the paper's, the nearest points.
     #[default]
     Auto,
+    /// What [`Fit::Auto`] is with the paper's cells.
+    #[doc(hidden)]
+    #[cfg_attr(feature = "cli", value(skip))]
+    AutoPoints,
     /// Their nearest input points, and then so far from them that facets pass amid the points.
     Facets,
     /// Their nearest input points.
@@ -38,8 +42,9 @@ impl Fit {
     /// What it comes to with points that are noisy or not.
     pub fn chosen(self, noisy: bool) -> Fit {
         match self {
-            Fit::Auto if noisy => Fit::Plane,
+            Fit::Auto | Fit::AutoPoints if noisy => Fit::Plane,
             Fit::Auto => Fit::Facets,
+            Fit::AutoPoints => Fit::Nearest,
             given => given,
         }
     }

@@ -151,7 +151,7 @@ impl Size {
         let Slabs { smooth, slices } = slabs.into();
         let slices = u64::from(slices);
         let layer = (faces * LAYER as u64).div_ceil(slices);
-        let beside = 2 * u64::from(smooth_halo(smooth)) + 2;
+        let beside = 2 * u64::from(smooth_halo(smooth)) + 1;
         Size { faces, round: faces + (faces * beside).div_ceil(slices), layer, ends: [layer; 2] }
     }
 
@@ -163,8 +163,8 @@ impl Size {
         let [start, end] = [slices.start, slices.end].map(|slice| slice as usize);
         let beside = smooth_halo(slabs.smooth) as usize;
         let own = &faces[start..end];
-        // A fitted vertex may have come from a slice beyond, and facets are looked at on the planes next to the slab.
-        let round = start.saturating_sub(beside + 1)..(end + beside + 1).min(faces.len());
+        // A fitted vertex may have come from a slice beyond.
+        let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
         let layers = faces[start.saturating_sub(1)..(end + 1).min(faces.len())].windows(LAYER.min(own.len()));
         let (below, above) = (start..end.min(start + LAYER), start.max(end.saturating_sub(LAYER))..end);
         Size {
@@ -180,6 +180,11 @@ impl Size {
         faces + 8
     }
 
+    /// The faces of all planes that are looked at: for facets, of one more slice.
+    fn looked_at(self, of: &Made) -> u64 {
+        self.round + if of.may_be_centred() { self.layer } else { 0 }
+    }
+
     /// Triangles likewise, with those that midpoints add.
     fn triangles(self) -> u64 {
         2 * Size::vertices(self.faces)
@@ -190,7 +195,7 @@ impl Size {
         let (own, triangles) = (Size::vertices(self.faces), self.triangles());
         let place = size_of::<[f64; 3]>() as u64;
         // After one step of smoothing, the places of the plane above are in it still.
-        let smoothed = if of.smooth > 1 { own } else { Size::vertices(self.round) };
+        let smoothed = if of.smooth > 1 { own } else { Size::vertices(self.looked_at(of)) };
         // On open surfaces, vertices leave where one step puts them for the surface's height.
         let rest = if of.smooth == 1 && of.columns == 0 { 0 } else { smoothed };
         let of_vertex = of.attributes + (size_of::<VertexState>() + size_of::<QuantizedPoint>()) as u64;
@@ -207,7 +212,7 @@ impl Size {
     /// The most bytes while it is made, with the `points` that are held for fitting, and with means.
     pub fn bytes_making(self, of: &Made, points: u64, means: MeansBytes) -> u64 {
         let mesh = self.bytes(of);
-        let (own, round) = (Size::vertices(self.faces), Size::vertices(self.round));
+        let (own, round) = (Size::vertices(self.faces), Size::vertices(self.looked_at(of)));
         let places = own * size_of::<[f64; 3]>() as u64;
         let planes = u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1);
         let [width, _, rows] = of.cells;
@@ -219,6 +224,7 @@ impl Size {
         let centring = means.of_facets + facets::bytes(round, 2 * round);
         let moved = match of.fit {
             Fit::Auto => points.max(means.of_planes).max(centring),
+            Fit::AutoPoints => points.max(means.of_planes),
             Fit::Facets => points.max(centring),
             Fit::Plane => means.of_planes.max(if of.attributes > 0 { points } else { 0 }),
             Fit::Nearest => points,
@@ -394,7 +400,7 @@ impl<T: Coordinate> SlabMesh<T> {
                 })?;
                 fitted
             }
-            Fit::Facets | Fit::Nearest | Fit::Auto => nearest(near.clone(), room.fitted)?,
+            Fit::Facets | Fit::Nearest | Fit::Auto | Fit::AutoPoints => nearest(near.clone(), room.fitted)?,
         };
         let stride = sampled.buckets.stride();
         // Vertices that are moved elsewhere, or not at all, have the attributes of their nearest points all the same.

@@ -149,7 +149,7 @@ impl Fitting {
                 surface.positions.iter().zip(&surface.corners).map(place).collect()
             }
             Fit::Facets | Fit::Nearest | Fit::None => vec![None; targets.len()],
-            Fit::Auto => panic!("chosen before"),
+            Fit::Auto | Fit::AutoPoints => panic!("chosen before"),
         };
         for v in (0..targets.len()).filter(|v| surface.bridged[*v]) {
             projected[v] = Some(as_input(targets[v], params));

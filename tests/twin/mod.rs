@@ -49,6 +49,8 @@ pub enum Keep {
 pub enum Fit {
     /// Planes where the shell of points is noise, else facets.
     Auto,
+    /// The same, but the nearest points instead of facets.
+    AutoPoints,
     /// So far from their nearest points that facets pass amid the points.
     Facets,
     /// Their nearest points.
@@ -167,9 +169,15 @@ pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
 /// Moves the vertices onto what they are to be moved onto.
 fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMesh {
     let fit = match params.fit {
-        Fit::Auto => {
+        Fit::Auto | Fit::AutoPoints => {
             let noisy = shell::shell(points, &surface.solid, params).is_some_and(shell::is_noisy);
-            if noisy { Fit::Plane } else { Fit::Facets }
+            if noisy {
+                Fit::Plane
+            } else if params.fit == Fit::Auto {
+                Fit::Facets
+            } else {
+                Fit::Nearest
+            }
         }
         given => given,
     };
