@@ -614,7 +614,9 @@ fn far_points_do_not_cost_what_lies_between() {
         let around = (1.0 - z * z).sqrt();
         [around * turn.cos(), around * turn.sin(), z].map(|c| f64::from((c * 12.0) as f32))
     });
-    let settings = Settings { fineness: Fineness::Given(Resolution::Cell(1.0)), ..Settings::default() };
+    // On points, as the slices may lie along another axis, in which sums are another in the last bit.
+    let surface = SurfaceOptions { fit: Fit::Nearest, ..Settings::default().surface };
+    let settings = Settings { fineness: Fineness::Given(Resolution::Cell(1.0)), surface, ..Settings::default() };
     let alone: Vec<[f64; 3]> = ball.collect();
     let with_far: Vec<[f64; 3]> = alone.iter().copied().chain([[1_000_000.0; 3]]).collect();
     let run = stream(&with_far, true, &settings, Means::Ample).unwrap();
