@@ -47,9 +47,12 @@ fn a_run_that_was_ended_goes_on_to_the_same_bytes() {
             assert!(said.contains("the same command goes on from there") == kept, "{phase}: {said}");
             // It has its name when it is whole.
             assert!(!f.names("").contains("m.ply") || f.read("m.ply") == whole, "{phase}");
-            let told = f.ok("k.ply -o m.ply --work m.work -j 1 --max-memory 64M");
-            // A kill may have come before the points were durable.
-            assert!(told.err.contains("going on") || !kept, "{phase}: {}", told.err);
+            // A kill in the last instant finds nothing left to do, nor a folder to go on from.
+            if !f.names("").contains("m.ply") || f.names("").contains("m.work") {
+                let told = f.ok("k.ply -o m.ply --work m.work -j 1 --max-memory 64M");
+                // A kill may have come before the points were durable.
+                assert!(told.err.contains("going on") || !kept, "{phase}: {}", told.err);
+            }
             assert_eq!(f.read("m.ply"), whole, "{phase}");
         }
         assert!(!f.names("").contains("m.work"), "the folder is removed");
