@@ -21,7 +21,7 @@ use crate::solid::heightfield::HeightField;
 use crate::solid::sign::Sights;
 use crate::solid::unresolved::NarrowHandles;
 use crate::solid::{SavedSolid, Solid};
-use crate::stitch::slab::MeansBytes;
+use crate::stitch::size::MeansBytes;
 use crate::storage::work::WorkFolder;
 use crate::storage::work::sections::{Section, SectionReader, SectionWriter};
 use crate::surface::thickness::{self, Shell};

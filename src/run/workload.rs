@@ -11,7 +11,7 @@ use crate::points::Precision;
 use crate::settings::simplification::Simplification;
 use crate::settings::surface::Fit;
 use crate::simplify::Extent;
-use crate::stitch::slab::{Made, MeansBytes, Size};
+use crate::stitch::size::{Made, MeansBytes, Size};
 use crate::storage::remote;
 
 /// Bytes for each column while heights are found (extents, heights, tops, flags), and while slabs are made.

@@ -2,8 +2,6 @@
 
 use glam::DVec3;
 
-use super::sort::sort;
-
 /// Children of a node.
 const WIDE: usize = 8;
 /// A triangle without a place.
@@ -110,8 +108,8 @@ pub(super) struct Boxes {
 
 impl Boxes {
     /// Bytes for each triangle, at most: a box, a seventh of a box of nodes above and what is left over in the last ones, two numbers; and while it is made, its
-    /// number on the curve, twice.
-    pub(super) const BYTES: u64 = (size_of::<Extent>() + size_of::<Extent>() / 2 + 2 * size_of::<u32>() + 16) as u64;
+    /// number on the curve.
+    pub(super) const BYTES: u64 = (size_of::<Extent>() + size_of::<Extent>() / 2 + 2 * size_of::<u32>() + 8) as u64;
 
     /// A tree of the triangles given, each with its centre; `corners` gives its corners.
     pub(super) fn build(
@@ -128,7 +126,7 @@ impl Boxes {
         let number = |(t, centre): (u32, DVec3)| u64::from(curve((centre - low) * scale)) << 32 | u64::from(t);
         let mut order: Vec<u64> = Vec::with_capacity(count);
         order.extend(centres.map(number));
-        sort(&mut order);
+        order.sort_unstable();
         let mut places = vec![NONE; count];
         let mut row = vec![Node::EMPTY; order.len().div_ceil(WIDE).max(1)];
         let triangles: Vec<u32> = order.into_iter().map(|number| number as u32).collect();

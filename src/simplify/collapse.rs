@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::boxes::Boxes;
 use super::fan::{Fan, shape};
 use super::gap::{Drift, MOST, Overlay, ROUNDING};
-use super::leaving::{From, Leaving};
+use super::leaving::{Leaving, RingOrder};
 use super::mark::Colours;
 use super::merging::Merging;
 use super::patch::{Node, Patch};
@@ -507,7 +507,7 @@ impl<'a> Simplifier<'a> {
         &mut self,
         (vertex, target): (u32, u32),
         leaving: &Leaving,
-        from: From,
+        from: RingOrder,
         (axis, seen): (DVec3, bool),
     ) -> bool {
         let ring = &leaving.ring;

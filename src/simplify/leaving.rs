@@ -69,14 +69,14 @@ impl Leaving {
     }
 
     /// The ring as it is read from one of its vertices on.
-    pub(super) fn from(&self, at: usize) -> From {
-        From { at, n: self.ring.vertices.len(), closed: self.ring.closed, mirrored: !self.ring.closed && at != 0 }
+    pub(super) fn from(&self, at: usize) -> RingOrder {
+        RingOrder { at, n: self.ring.vertices.len(), closed: self.ring.closed, mirrored: !self.ring.closed && at != 0 }
     }
 }
 
 /// A ring read from one of its vertices on: round it, or, from an end of an open one, to the other end.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct From {
+pub(super) struct RingOrder {
     at: usize,
     n: usize,
     closed: bool,
@@ -84,7 +84,7 @@ pub(super) struct From {
     pub(super) mirrored: bool,
 }
 
-impl From {
+impl RingOrder {
     /// The place in the ring of the vertex that comes as number `k`.
     pub(super) fn vertex(self, k: usize) -> usize {
         match (self.closed, self.mirrored) {

@@ -52,7 +52,6 @@ mod piece;
 mod quadric;
 mod queue;
 mod sight;
-mod sort;
 mod soup;
 mod space;
 #[cfg(test)]

@@ -7,7 +7,6 @@ use super::gap::Drift;
 use super::mark::{Mark, Marks, inwards, outwards};
 use super::merging::Corner;
 use super::piece::{NONE, Piece};
-use super::sort::sort;
 use super::soup::Record;
 use super::space::Space;
 use super::{boxes, piece, queue};
@@ -38,8 +37,8 @@ impl Gathered {
     /// Bytes for each triangle, while it is read and while it is simplified, whichever is more.
     pub(super) fn bytes<T: Coordinate, M: Mark>() -> u64 {
         let kept = size_of::<[u32; 3]>() + size_of::<Drift>();
-        // Corners that are sorted by their vertices, with as much room again. There is about half a vertex to a triangle; open and broken meshes have up to three.
-        let read = kept + size_of::<[u16; 3]>() + size_of::<[[f64; 3]; 3]>() + 2 * 3 * size_of::<u64>();
+        // Corners that are sorted by their vertices. There is about half a vertex to a triangle; open and broken meshes have up to three.
+        let read = kept + size_of::<[u16; 3]>() + size_of::<[[f64; 3]; 3]>() + 3 * size_of::<u64>();
         let of_vertex = piece::VERTEX_BYTES + queue::Queue::BYTES + 8 + Simplifier::BEST_BYTES;
         let worked = piece::TRIANGLE_BYTES + boxes::Boxes::BYTES + size_of::<Record<T, M>>() as u64;
         let marked = if M::CARRIED {
@@ -72,7 +71,7 @@ impl Gathered {
         let Gathered { mut triangles, classes, places, drift, marks } = self;
         let mut keys: Vec<u64> = Vec::with_capacity(3 * triangles.len());
         keys.extend(triangles.as_flattened().iter().zip(0u64..).map(|(&v, corner)| u64::from(v) << 32 | corner));
-        sort(&mut keys);
+        keys.sort_unstable();
         let (mut numbers, mut positions, mut class) = (Vec::new(), Vec::new(), Vec::new());
         let mut blends = Vec::new();
         for key in keys {

@@ -41,7 +41,7 @@ const INWARDS: f64 = 0.25;
 /// What lies farther behind its facet may be of the other side of a thin wall. It counts where the vertex has more points there than elsewhere.
 const BEHIND: f64 = 0.25;
 
-/// How much farther it goes than its points lie off on the mean.
+/// How much farther a vertex goes than its points lie off on the mean.
 const STRIDE: f64 = 1.5;
 
 /// Points that lie on the facets, for all that is known: they keep a vertex with a few points from following each.
@@ -62,9 +62,9 @@ const NEIGHBOURS: f64 = 2.0;
 pub struct Facets<'a> {
     /// The vertices, plane by plane.
     pub vertices: &'a [Vertex],
-    /// The planes, and the number of the first vertex on each; then that of all.
+    /// The planes.
     pub planes: Range<u32>,
-    /// See `planes`.
+    /// The number of the first vertex on each plane; then that of all vertices.
     pub starts: Vec<u32>,
     /// Where each vertex is, in cells: at its point, if it has one.
     pub places: Vec<[f64; 3]>,
@@ -339,16 +339,13 @@ impl Facets<'_> {
         let mut above = vec![f64::NAN; self.vertices.len()];
         for same in groups() {
             if let Some(bearing) = self.bearing(stars, same) {
-                same.iter()
-                    .map(|key| *key as u32)
-                    .filter(|v| self.own.contains(v))
-                    .for_each(|v| above[v as usize] = bearing.above);
+                self.own_of(same).for_each(|v| above[v as usize] = bearing.above);
             }
         }
         for same in groups() {
             let Some(Bearing { normal, above: own }) = self.bearing(stars, same) else { continue };
             let (mut all, mut bent, mut count) = (Sums::default(), 0.0, 0.0);
-            for v in same.iter().map(|key| *key as u32) {
+            for v in vertices(same) {
                 let Sums { off, points, behind } = sums[v as usize];
                 all.off += off;
                 all.points += points;
@@ -363,7 +360,7 @@ impl Facets<'_> {
             }
             let most = if count > 0.0 { NEIGHBOURS * bent / count } else { 0.0 };
             let way = all.way(own.clamp(most.min(0.0), most.max(0.0)));
-            for v in same.iter().map(|key| *key as u32).filter(|v| self.own.contains(v)) {
+            for v in self.own_of(same) {
                 let (place, from) = (self.places[v as usize], self.smoothed[v as usize]);
                 let onto: [f64; 3] = std::array::from_fn(|a| place[a] + way * normal[a]);
                 let above = dot(minus(from, onto), normal);
@@ -373,11 +370,16 @@ impl Facets<'_> {
         }
     }
 
-    /// How the facets round a point lie, if they have a normal in common. Vertices on the point are the lower halves of `same`.
+    /// The slab's own of the vertices on a point.
+    fn own_of(&self, same: &[u64]) -> impl Iterator<Item = u32> {
+        vertices(same).filter(|v| self.own.contains(v))
+    }
+
+    /// How the facets round a point lie, if they have a normal in common.
     fn bearing(&self, stars: &Stars, same: &[u64]) -> Option<Bearing> {
         let (mut normal, mut area) = ([0.0; 3], 0.0);
         let (mut neighbours, mut count) = ([0.0; 3], 0.0);
-        for v in same.iter().map(|key| *key as u32) {
+        for v in vertices(same) {
             for facet in stars.at(v).iter().filter_map(|t| self.facet(*t)) {
                 normal.iter_mut().zip(facet.normal).for_each(|(sum, c)| *sum += c);
                 area += dot(facet.normal, facet.normal).sqrt();
@@ -395,7 +397,12 @@ impl Facets<'_> {
     }
 }
 
-/// The triangles at each vertex, in order.
+/// The vertices on a point, given a key for each: the point's number above the vertex's.
+fn vertices(same: &[u64]) -> impl Iterator<Item = u32> {
+    same.iter().map(|key| *key as u32)
+}
+
+/// The triangles at each vertex, in order: nothing is contracted yet, so they are lists side by side.
 struct Stars {
     first: Vec<u32>,
     at: Vec<u32>,

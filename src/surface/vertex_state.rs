@@ -5,7 +5,7 @@
 pub enum VertexState {
     /// It has no point near enough: it stays where smoothing put it.
     Unfitted,
-    /// It takes its point's place.
+    /// It takes its point's place, or the one near it where its facets pass amid the points.
     Fitted,
     /// It moves into the plane of the points round it.
     Projected,

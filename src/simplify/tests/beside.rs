@@ -4,7 +4,6 @@ use super::*;
 use crate::mesh::intersect::intersect;
 use crate::simplify::piece::Piece;
 use crate::simplify::sight::Sight;
-use crate::simplify::sort::sort;
 
 /// A ring round the origin, at even angles.
 fn ring(heights: &[f64], radii: &[f64]) -> Vec<DVec3> {
@@ -112,14 +111,5 @@ proptest! {
         } else {
             prop_assert!(whole.iter().any(|bound| bound.most() > tolerance));
         }
-    }
-
-    #[test]
-    fn numbers_are_sorted(high in prop::collection::vec(any::<u32>(), 0..300), shift in 0u32..32) {
-        let mut numbers: Vec<u64> = high.iter().zip(0u64..).map(|(high, low)| u64::from(high >> shift) << 32 | low).collect();
-        let mut expected = numbers.clone();
-        expected.sort_unstable();
-        sort(&mut numbers);
-        prop_assert_eq!(numbers, expected);
     }
 }
