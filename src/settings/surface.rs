@@ -21,14 +21,14 @@ pub struct SurfaceOptions {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Fit {
-    /// Planes where the points are noisy, else facets; with cells by k or by a number of slices, which are the paper's, the nearest points.
+    /// Planes where points are noisy, else facets; where cells are given by k or by a number of slices, nearest points instead of facets.
     #[default]
     Auto,
     /// What [`Fit::Auto`] is with the paper's cells.
     #[doc(hidden)]
     #[cfg_attr(feature = "cli", value(skip))]
     AutoPoints,
-    /// Their nearest input points, and then so far from them that facets pass amid the points.
+    /// Places near their nearest input points, so that facets pass amid all points.
     Facets,
     /// Their nearest input points.
     Nearest,
