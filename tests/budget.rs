@@ -271,7 +271,7 @@ fn cases() -> impl Strategy<Value = Case> {
         Just(Cloud::Uneven)
     ];
     let surfaces = prop_oneof![2 => Just(None), 1 => Just(Some(Kind::Terrain)), 1 => Just(Some(Kind::Sheet))];
-    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
+    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
     let smooth = prop_oneof![1 => Just(0), 3 => Just(1), 1 => Just(3)];
     let noise = prop_oneof![Just(0.0), Just(0.002), Just(0.01)];
     (
@@ -322,7 +322,7 @@ fn open_cases() -> impl Strategy<Value = Case> {
         1 => Just(Cloud::Uneven)
     ];
     let surfaces = prop_oneof![2 => Just((Kind::Terrain, true)), 1 => Just((Kind::Terrain, false)), 1 => Just((Kind::Sheet, false))];
-    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
+    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
     let noise = prop_oneof![2 => Just(0.0), 1 => Just(0.002)];
     let smooth = prop_oneof![1 => Just(0), 2 => Just(1), 1 => Just(5)];
     (clouds, 3_000..15_000usize, noise, 2.0..8.0, surfaces, fits, smooth, 1..5usize, 1.0..3.0).prop_map(

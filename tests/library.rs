@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use asra_stream::internals::points::attribute::Attribute;
 use asra_stream::internals::points::scalar::Scalar;
 use asra_stream::{
-    Error, ErrorKind, Mesh, MeshSink, Observer, PointBuffer, PointSource, PointSpool, Precision, Reconstruction,
+    Error, ErrorKind, Fit, Mesh, MeshSink, Observer, PointBuffer, PointSource, PointSpool, Precision, Reconstruction,
     Result, Update,
 };
 
@@ -63,7 +63,7 @@ fn a_slice_and_a_file_of_the_same_points_are_the_same_mesh() {
 #[test]
 fn a_mesh_far_from_zero_has_an_origin_and_the_points_own_coordinates() {
     let centre = [500_000.0, 5_400_000.0, 300.0];
-    let mesh = Reconstruction::of(&sphere(4000, centre)).run().unwrap();
+    let mesh = Reconstruction::of(&sphere(4000, centre)).fit(Fit::Nearest).run().unwrap();
     let origin = mesh.origin();
     assert!(origin[0] > 490_000.0 && origin[1] > 5_390_000.0);
     for (vertex, local) in mesh.vertices().unwrap().iter().zip(mesh.local_vertices().unwrap()) {
@@ -84,7 +84,8 @@ fn attributes_come_with_their_points() {
     let points = sphere(5000, [0.0; 3]);
     let heights: Vec<f32> = points.iter().map(|p| p[2] as f32).collect();
     let numbers: Vec<u32> = (0..5000).collect();
-    let mesh = Reconstruction::of(&points).attribute("height", &heights).attribute("Number", &numbers).run().unwrap();
+    let cloud = Reconstruction::of(&points).attribute("height", &heights).attribute("Number", &numbers);
+    let mesh = cloud.fit(Fit::Nearest).run().unwrap();
     // One that never changes, and a name that files use for normals: both were asked for.
     let (ones, normals) = ([1u8; 5000], [0.5f64; 5000]);
     let both = Reconstruction::of(&points).attribute("one", &ones).attribute("nx", &normals).run().unwrap();

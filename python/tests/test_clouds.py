@@ -78,7 +78,8 @@ def test_pieces_are_one_cloud(sphere):
 def test_attributes_come_with_their_points(sphere):
     points = sphere(20_000)
     rgb = (np.abs(points) * 255).astype(np.uint8)
-    mesh = asra_stream.reconstruct(points, attributes={"rgb": rgb, "height": points[:, 2], "fresh": points[:, 0] > 0})
+    values = {"rgb": rgb, "height": points[:, 2], "fresh": points[:, 0] > 0}
+    mesh = asra_stream.reconstruct(points, attributes=values, fit="nearest")
     assert set(mesh.attributes) == {"red", "green", "blue", "height", "fresh"}
     assert mesh.colors.dtype == np.uint8
     rows = {tuple(row): i for i, row in enumerate(points.tolist())}

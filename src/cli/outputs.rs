@@ -150,7 +150,8 @@ fn reads_and_writes(arguments: &Arguments) -> (Vec<PathBuf>, Vec<Output>) {
     let inputs = match &arguments.command {
         None => {
             let arguments = &arguments.reconstruct;
-            let overwrite = may(arguments.overwrite);
+            // An output that is there may be what this run named before it was ended: its folder knows, which the run looks into.
+            let overwrite = if arguments.work.is_some() { Overwrite::Replace } else { may(arguments.overwrite) };
             let files = find(&arguments.cloud.inputs, arguments.cloud.depth()).unwrap_or_default().files;
             // What is wrong with the arguments otherwise is told where they are used.
             let output = match arguments.output().ok().flatten() {

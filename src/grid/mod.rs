@@ -284,6 +284,13 @@ impl Grid {
         (cell, within)
     }
 
+    /// Where a point inside the box lies, in cells.
+    #[inline]
+    pub fn place_in_cells(&self, point: [f64; 3]) -> [f64; 3] {
+        let (cell, within) = self.place_of(point);
+        std::array::from_fn(|g| f64::from(cell[g]) + within[g])
+    }
+
     /// The slice of a point inside the box.
     #[inline]
     pub fn slice_of(&self, point: [f64; 3]) -> u32 {

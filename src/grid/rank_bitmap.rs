@@ -44,6 +44,11 @@ impl RankBitmap {
         words_for(width + 1)
     }
 
+    /// The number of rows.
+    pub fn rows(&self) -> u32 {
+        self.rows
+    }
+
     /// Empties the slice.
     pub fn clear(&mut self) {
         self.replace(&Runs::default());

@@ -21,10 +21,11 @@ use crate::solid::heightfield::HeightField;
 use crate::solid::sign::Sights;
 use crate::solid::unresolved::NarrowHandles;
 use crate::solid::{SavedSolid, Solid};
+use crate::stitch::size::MeansBytes;
 use crate::storage::work::WorkFolder;
 use crate::storage::work::sections::{Section, SectionReader, SectionWriter};
 use crate::surface::thickness::{self, Shell};
-use crate::surface::{plane, vertices};
+use crate::surface::vertices;
 
 /// The closed cells of a cloud, and what is to be told of the cells that points lie in.
 #[derive(Debug)]
@@ -80,7 +81,7 @@ impl ClosedCells {
     ) -> Result<Workload> {
         let Closed { solid, occupancy, falls, .. } = &self.closed;
         let points: Vec<u64> = (0..buckets.count()).map(|bucket| buckets.points_in(bucket)).collect();
-        let means = plane::bytes(&occupancy.in_slice, solid.cells, workload.smooth);
+        let means = MeansBytes::of(&occupancy.in_slice, solid.cells, workload.smooth);
         let counted;
         let faces = match &self.weights {
             Some(weights) => weights,

@@ -81,7 +81,7 @@ fn workload<T: Coordinate>(
     })?;
     let mut unseen = Progress::new(Show::Nothing);
     let cells = closed_cells(cloud, surveyed, settings, &buckets, context, &mut unseen)?;
-    let counted = cells.counted_workload(workload, settings.surface.fit, &buckets, context)?;
+    let counted = cells.counted_workload(workload, settings.fit(), &buckets, context)?;
     progress.set(u64::from(grid.cells()[1]));
     progress.end();
     Ok(counted)

@@ -77,7 +77,7 @@ impl ShownPage {
         };
         document.warnings = report.warnings.iter().map(told).collect();
         let vertices = [
-            ("on a point", report.vertices.fitted),
+            ("at a point", report.vertices.fitted),
             ("in the plane of points", report.vertices.projected),
             ("pulled towards a point", report.vertices.pulled),
             ("no point within reach", report.vertices.unfitted),

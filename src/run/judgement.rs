@@ -90,7 +90,7 @@ impl Report {
 
     /// A shell so thick that nothing tells it from a filled body: vertices lie on points, which is wrong if it is noise.
     fn noise(&self) -> Option<Warning> {
-        let shell = self.fit.shell.filter(|shell| self.fit.onto == Fit::Nearest && shell.fills_blocks())?;
+        let shell = self.fit.shell.filter(|shell| self.fit.onto.has_points() && shell.fills_blocks())?;
         Some(Warning::new(
             format!(
                 "points fill the space round the surface, {:.2} cells thick or more: the mesh lies on the outermost of them",

@@ -286,7 +286,7 @@ pub(crate) fn survey_jobs(surveying: SurveyWorkload, budget: u64, threads: usize
 
 /// Bytes of the one job at least that measures how noisy points are.
 pub(super) fn measuring(workload: &Workload) -> u64 {
-    let measured = workload.fit == Fit::Auto || workload.columns.is_none();
+    let measured = matches!(workload.fit, Fit::Auto | Fit::AutoPoints) || workload.columns.is_none();
     if measured { thickness::bytes(workload.cells) } else { 0 }
 }
 

@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::grid::partition::{buckets_round, halo};
 use crate::resources::memory::{SlabJobs, THREAD};
 use crate::run::workload::{PointWorkload, Workload};
-use crate::stitch::slab::Size;
+use crate::stitch::size::Size;
 
 /// The most points that a slab's fitting holds at once, and the fewest.
 pub(super) const HELD: (u64, u64) = (4 << 20, 16 << 10);

@@ -235,7 +235,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
 
 /// The options of a surface, with what its shell of points has chosen.
 pub(super) fn surface_options(settings: &Settings, cells: &ClosedCells) -> SurfaceOptions {
-    let fit = settings.surface.fit.chosen(cells.shell.is_some_and(|shell| shell.is_noisy()));
+    let fit = settings.fit().chosen(cells.shell.is_some_and(|shell| shell.is_noisy()));
     SurfaceOptions { fit, ..settings.surface }
 }
 

@@ -140,7 +140,7 @@ pub fn survey_with(
     };
     progress.end();
     let workload = Workload::new(survey.points, cloud.precision(), &grid, Slabs::of(&settings.surface));
-    let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.surface.fit);
+    let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.fit());
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
     let workload = workload.with_level(level_to_expect(survey.points, &coarse_grid, &grid));
     let surveying = SurveyWorkload { wanted: needed, ..surveying }.counted(survey.blocks);

@@ -11,9 +11,8 @@ use crate::points::Precision;
 use crate::settings::simplification::Simplification;
 use crate::settings::surface::Fit;
 use crate::simplify::Extent;
-use crate::stitch::slab::{Made, Size};
+use crate::stitch::size::{Made, MeansBytes, Size};
 use crate::storage::remote;
-use crate::surface::plane;
 
 /// Bytes for each column while heights are found (extents, heights, tops, flags), and while slabs are made.
 const COLUMN: (u64, u64) = (17, 5);
@@ -42,7 +41,7 @@ pub struct Workload {
     /// The most points of a bucket, and of those round a plane, if they have been counted.
     counted: Option<PointWorkload>,
     /// Bytes for means of cells, if these have been counted.
-    means: Option<u64>,
+    means: Option<MeansBytes>,
     /// The columns of a surface that is seen from one side.
     pub(crate) columns: Option<ColumnWorkload>,
     /// Whether vertices may move, or colours count, as triangles are left out; none if all stay.
@@ -304,7 +303,7 @@ impl Workload {
     }
 
     /// The same workload when it is known how many bytes means of cells need.
-    pub fn with_means(self, means: u64) -> Workload {
+    pub fn with_means(self, means: MeansBytes) -> Workload {
         Workload { means: Some(means), ..self }
     }
 
@@ -448,10 +447,10 @@ impl Workload {
         })
     }
 
-    /// Bytes for means of cells that fitting to planes needs: as counted, or to expect, as if the widest slab's slices had an occupied cell for every face.
-    pub(crate) fn means(&self) -> u64 {
-        if !matches!(self.fit, Fit::Plane | Fit::Auto) {
-            return 0;
+    /// Bytes of the means of cells that fitting holds: as counted, or to expect, as if the widest slab's slices had an occupied cell for every face.
+    pub(crate) fn means(&self) -> MeansBytes {
+        if !matches!(self.fit, Fit::Plane | Fit::Facets | Fit::Auto | Fit::AutoPoints) {
+            return MeansBytes::default();
         }
         if let Some(means) = self.means {
             return means;
@@ -459,7 +458,7 @@ impl Workload {
         let window = 2 * u64::from(plane_halo(self.smooth));
         let in_slice = (self.faces_of_widest() / u64::from(self.slab_slices)).min(self.points / window) + 1;
         let in_slice = vec![u32::try_from(in_slice).unwrap_or(u32::MAX); window as usize];
-        plane::bytes(&in_slice, self.cells, self.smooth)
+        MeansBytes::of(&in_slice, self.cells, self.smooth)
     }
 
     /// The points that must be held at once for all of a plane's to be there: as many for each bucket as the fullest has.

@@ -11,7 +11,7 @@ use self::closing::{Least, Sealing};
 use self::ground::Classes;
 use self::open::Open;
 use self::simplification::{Simplification, Tolerance};
-use self::surface::SurfaceOptions;
+use self::surface::{Fit, SurfaceOptions};
 use crate::error::{Error, Result};
 use crate::points::bounds::Axis;
 
@@ -113,6 +113,14 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// What vertices are moved onto, as far as it is known before points are.
+    pub fn fit(&self) -> Fit {
+        match (self.surface.fit, self.fineness) {
+            (Fit::Auto, Fineness::Given(Resolution::K(_) | Resolution::Slices(_))) => Fit::AutoPoints,
+            (fit, _) => fit,
+        }
+    }
+
     /// How fine the grid is to be, if nothing was said: an open surface has cells tied to the sampling distance, as k says nothing of a sheet; and so has a mesh of which
     /// a number of triangles is asked for, which is made of the finest.
     pub fn fineness(&self) -> Fineness {

@@ -21,9 +21,15 @@ pub struct SurfaceOptions {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Fit {
-    /// Planes where the points are noisy, else the nearest points.
+    /// Planes where points are noisy, else facets; where cells are given by k or by a number of slices, nearest points instead of facets.
     #[default]
     Auto,
+    /// What [`Fit::Auto`] is with the paper's cells.
+    #[doc(hidden)]
+    #[cfg_attr(feature = "cli", value(skip))]
+    AutoPoints,
+    /// Places near their nearest input points, so that facets pass amid all points.
+    Facets,
     /// Their nearest input points.
     Nearest,
     /// The planes of the points round them: for noisy points.
@@ -36,10 +42,16 @@ impl Fit {
     /// What it comes to with points that are noisy or not.
     pub fn chosen(self, noisy: bool) -> Fit {
         match self {
-            Fit::Auto if noisy => Fit::Plane,
-            Fit::Auto => Fit::Nearest,
+            Fit::Auto | Fit::AutoPoints if noisy => Fit::Plane,
+            Fit::Auto => Fit::Facets,
+            Fit::AutoPoints => Fit::Nearest,
             given => given,
         }
+    }
+
+    /// Whether each vertex has a point of its own, so that vertices on one point are contracted.
+    pub fn has_points(self) -> bool {
+        matches!(self, Fit::Facets | Fit::Nearest)
     }
 }
 

@@ -123,15 +123,17 @@ impl Boxes {
             high = high.max(centre);
         }
         let scale = 1023.0 / (high - low).max_element().max(f64::MIN_POSITIVE);
-        let mut order: Vec<(u32, u32)> = centres.map(|(t, centre)| (curve((centre - low) * scale), t)).collect();
+        let number = |(t, centre): (u32, DVec3)| u64::from(curve((centre - low) * scale)) << 32 | u64::from(t);
+        let mut order: Vec<u64> = Vec::with_capacity(count);
+        order.extend(centres.map(number));
         order.sort_unstable();
         let mut places = vec![NONE; count];
         let mut row = vec![Node::EMPTY; order.len().div_ceil(WIDE).max(1)];
-        for (place, (_, triangle)) in order.iter().enumerate() {
-            row[place / WIDE].set(place % WIDE, Extent::of(corners(*triangle)));
-            places[*triangle as usize] = place as u32;
+        let triangles: Vec<u32> = order.into_iter().map(|number| number as u32).collect();
+        for (place, &triangle) in triangles.iter().enumerate() {
+            row[place / WIDE].set(place % WIDE, Extent::of(corners(triangle)));
+            places[triangle as usize] = place as u32;
         }
-        let triangles = order.into_iter().map(|(_, triangle)| triangle).collect();
         let mut rows = vec![row];
         while let Some(below) = rows.last().filter(|row| row.len() > 1) {
             let mut row = vec![Node::EMPTY; below.len().div_ceil(WIDE)];

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::boxes::Boxes;
 use super::fan::{Fan, shape};
 use super::gap::{Drift, MOST, Overlay, ROUNDING};
+use super::leaving::{Leaving, RingOrder};
 use super::mark::Colours;
 use super::merging::Merging;
 use super::patch::{Node, Patch};
@@ -58,6 +59,10 @@ pub(super) struct Simplifier<'a> {
     /// Vertices whose cost may have changed.
     pub(super) stale: Vec<bool>,
     pub(super) costs: Vec<f32>,
+    /// Of each vertex that is in the queue and not stale: the cheapest of its neighbours, in order, while no places are tried.
+    best: Vec<[u32; MOST_TRIED]>,
+    /// The neighbours of the vertex that is looked at, and the ways to them.
+    around: Vec<(u32, DVec3)>,
     pub(super) boxes: Boxes,
     pub(super) triangles: usize,
     /// Triangles when the boxes were made.
@@ -97,6 +102,9 @@ impl Target {
 }
 
 impl<'a> Simplifier<'a> {
+    /// Bytes of the neighbours that are kept of each vertex.
+    pub(super) const BEST_BYTES: u64 = size_of::<[u32; MOST_TRIED]>() as u64;
+
     pub(super) fn new(piece: Piece, limits: Limits, placed: &'a dyn Fn(DVec3) -> Option<DVec3>) -> Simplifier<'a> {
         let vertices = piece.positions.len();
         let triangles = piece.triangles.len();
@@ -105,12 +113,14 @@ impl<'a> Simplifier<'a> {
             queue: Queue::new(piece.numbers.iter().map(|number| mixed(*number) as u32).collect()),
             stale: vec![false; vertices],
             costs: vec![0.0; vertices],
+            best: vec![[NONE; MOST_TRIED]; vertices],
+            around: Vec::new(),
             boxes: Boxes::default(),
             triangles,
             boxed: 0,
             overlay: Overlay::default(),
             targets: Vec::new(),
-            fan: Fan::default(),
+            fan: Fan::new(vertices),
             bounds: Vec::new(),
             tints: Vec::new(),
             ways: Vec::new(),
@@ -138,9 +148,17 @@ impl<'a> Simplifier<'a> {
 
     /// Tells which vertices lie on a rim.
     fn find_rims(&mut self) {
+        // Of an open ring, each vertex but the last begins one side, and each but the first ends one: numbers of the former less those of the latter are a sum that is not 0,
+        // modulo 2^32 either. Where it is 0, the ring need not be looked at.
+        let mut sums = vec![0u32; self.piece.positions.len()];
+        for &[a, b, c] in &self.piece.triangles {
+            for (v, [from, to]) in [(a, [b, c]), (b, [c, a]), (c, [a, b])] {
+                sums[v as usize] = sums[v as usize].wrapping_add(from).wrapping_sub(to);
+            }
+        }
         let mut ring = Ring::default();
         for v in 0..self.piece.positions.len() as u32 {
-            self.rim[v as usize] = self.piece.ring(v, &mut ring) && !ring.closed;
+            self.rim[v as usize] = sums[v as usize] != 0 && self.piece.ring(v, &mut ring) && !ring.closed;
         }
     }
 
@@ -168,38 +186,83 @@ impl<'a> Simplifier<'a> {
         quadric
     }
 
-    /// The neighbours that a vertex may go to, in `self.targets`.
-    fn look(&mut self, vertex: u32) {
-        self.targets.clear();
-        if self.placing && !self.rim[vertex as usize] {
-            self.look_to_merge(vertex);
-            return;
-        }
-        let quadric = self.quadric(vertex);
+    /// The neighbours that a vertex may go to, in `self.around`, and what that costs.
+    fn look_round(&mut self, vertex: u32) -> Quadric {
+        self.around.clear();
         let (own, star) = (self.piece.position(vertex), self.piece.star(vertex));
-        let rim = self.rim[vertex as usize];
+        if self.rim[vertex as usize] {
+            // A rim is shortened along itself.
+            let quadric = self.quadric(vertex);
+            let (piece, rim) = (&self.piece, |target: &u32| self.piece.is_rim(star, *target));
+            let targets = star.iter().flat_map(|t| piece.others(*t, vertex)).filter(rim);
+            self.around.extend(targets.map(|target| (target, piece.position(target) - own)));
+            return quadric;
+        }
+        let mut quadric = Quadric::default();
         for &t in star {
-            let others = self.piece.others(t, vertex);
-            // Round a closed star every neighbour comes first in one triangle. A rim is shortened along itself.
-            for &target in &others[..if rim { 2 } else { 1 }] {
-                if (!rim || self.piece.is_rim(star, target)) && self.same_class(vertex, target) {
-                    let cost = quadric.at(self.piece.position(target) - own, EVEN * EVEN);
+            // Round a closed star every neighbour comes first in one triangle.
+            let [first, second] = self.piece.others(t, vertex);
+            let [way, next] = [first, second].map(|v| self.piece.position(v) - own);
+            quadric.add(way.cross(next) / 2.0);
+            self.around.push((first, way));
+        }
+        quadric
+    }
+
+    /// What it costs at least to move a vertex to a neighbour. The cheapest neighbours are kept in `self.best`.
+    fn find_best(&mut self, vertex: u32) -> f32 {
+        let quadric = self.look_round(vertex);
+        let Piece { numbers, .. } = &self.piece;
+        let key = |target: u32| (mixed(numbers[target as usize]) as u32, target);
+        let (mut best, mut costs, mut count) = ([NONE; MOST_TRIED], [0f32; MOST_TRIED], 0);
+        let mut least = f32::INFINITY;
+        for &(target, way) in &self.around {
+            if !self.same_class(vertex, target) {
+                continue;
+            }
+            let cost = quadric.at(way, EVEN * EVEN) as f32;
+            least = least.min(cost);
+            let mut at = count;
+            while at > 0 && cost.total_cmp(&costs[at - 1]).then_with(|| key(target).cmp(&key(best[at - 1]))).is_lt() {
+                at -= 1;
+            }
+            if at < MOST_TRIED {
+                count = MOST_TRIED.min(count + 1);
+                best.copy_within(at..count - 1, at + 1);
+                costs.copy_within(at..count - 1, at + 1);
+                (best[at], costs[at]) = (target, cost);
+            }
+        }
+        self.best[vertex as usize] = best;
+        least
+    }
+
+    /// What a vertex costs now. Where it may go is in `self.best` then or, where places are tried, in `self.targets`.
+    fn cost(&mut self, vertex: u32) -> f32 {
+        if !self.placing {
+            return self.find_best(vertex);
+        }
+        self.targets.clear();
+        if !self.rim[vertex as usize] {
+            self.look_to_merge(vertex);
+        } else {
+            let quadric = self.look_round(vertex);
+            for at in 0..self.around.len() {
+                let (target, way) = self.around[at];
+                if self.same_class(vertex, target) {
+                    let cost = quadric.at(way, EVEN * EVEN);
                     self.targets.push(Target::new(cost, (self.piece.numbers[target as usize], target), None));
                 }
             }
         }
+        self.targets.iter().fold(f32::INFINITY, |least, target| least.min(target.cost))
     }
 
-    /// Takes the cheapest of the neighbours that [`Simplifier::look`] has found.
+    /// Takes the cheapest of the neighbours that [`Simplifier::cost`] has found.
     fn next_target(&mut self) -> Option<Target> {
         let least =
             (0..self.targets.len()).reduce(|a, b| if self.targets[b].is_before(&self.targets[a]) { b } else { a })?;
         Some(self.targets.swap_remove(least))
-    }
-
-    /// The least that a move to one of them costs.
-    fn least_cost(&self) -> f32 {
-        self.targets.iter().fold(f32::INFINITY, |least, target| least.min(target.cost))
     }
 
     pub(super) fn same_class(&self, a: u32, b: u32) -> bool {
@@ -213,8 +276,7 @@ impl<'a> Simplifier<'a> {
         if self.piece.fixed[vertex as usize] {
             return;
         }
-        self.look(vertex);
-        self.costs[vertex as usize] = self.least_cost();
+        self.costs[vertex as usize] = self.cost(vertex);
         self.queue.put(vertex, self.costs[vertex as usize]);
     }
 
@@ -233,49 +295,57 @@ impl<'a> Simplifier<'a> {
                 self.push(vertex);
             }
         }
-        let mut ring = Ring::default();
+        let mut leaving = Leaving::default();
         while let Some((cost, vertex)) = self.queue.pop() {
             if f64::from(cost) > self.limits.cost {
                 break;
             }
-            self.look(vertex);
             if std::mem::take(&mut self.stale[vertex as usize]) || self.placing {
                 // It waits again if it costs more by now.
-                let now = self.least_cost();
+                let now = self.cost(vertex);
                 self.costs[vertex as usize] = now;
                 if now > cost {
                     self.queue.put(vertex, now);
                     continue;
                 }
             }
-            if !self.piece.ring(vertex, &mut ring) {
+            if !leaving.look_round(&self.piece, vertex) || leaving.ring.vertices.len() > MOST {
                 continue;
             }
-            let used = ring.triangles.iter().map(|t| self.piece.drift[*t as usize]).fold(Drift::NONE, Drift::with);
-            if ring.vertices.len() > MOST {
+            if leaving.ring.closed {
+                self.overlay.look_at(leaving.unit(), leaving.ways.iter().copied(), true);
+            }
+            if self.placing {
+                self.go_or_merge(vertex, &leaving);
                 continue;
             }
-            // So many neighbours, and so many places.
-            let mut tried = [0; 2];
-            while let Some(Target { cost, vertex: target, place, .. }) = self.next_target() {
-                let tried = &mut tried[usize::from(place.is_some())];
-                if *tried == MOST_TRIED {
-                    if self.placing {
-                        continue;
-                    }
+            for target in self.best[vertex as usize] {
+                if target == NONE || self.collapse(vertex, target, &leaving) {
                     break;
                 }
-                *tried += 1;
-                if self.placing && f64::from(cost) > self.limits.cost {
-                    break;
-                }
-                let done = match place {
-                    Some(place) => self.merge(vertex, target, place, &ring),
-                    None => self.collapse(vertex, target, used, &ring),
-                };
-                if done {
-                    break;
-                }
+            }
+        }
+    }
+
+    /// Moves a vertex to one of the neighbours or places in `self.targets`, the cheapest that allows it.
+    fn go_or_merge(&mut self, vertex: u32, leaving: &Leaving) {
+        // So many neighbours, and so many places.
+        let mut tried = [0; 2];
+        while let Some(Target { cost, vertex: target, place, .. }) = self.next_target() {
+            let tried = &mut tried[usize::from(place.is_some())];
+            if *tried == MOST_TRIED {
+                continue;
+            }
+            *tried += 1;
+            if f64::from(cost) > self.limits.cost {
+                break;
+            }
+            let done = match place {
+                Some(place) => self.merge(vertex, target, place, leaving),
+                None => self.collapse(vertex, target, leaving),
+            };
+            if done {
+                break;
             }
         }
     }
@@ -287,9 +357,9 @@ impl<'a> Simplifier<'a> {
     }
 
     /// Whether the two vertices' neighbours in common are those across their edge, and no triangle would come twice.
-    pub(super) fn links(&self, vertex: u32, target: u32, ring: &Ring) -> bool {
+    pub(super) fn links(&self, vertex: u32, target: u32, leaving: &Leaving) -> bool {
+        let (ring, at) = (&leaving.ring, leaving.place_of(target));
         let n = ring.vertices.len();
-        let at = ring.vertices.iter().position(|v| *v == target).expect("a target is a neighbour");
         let across = |v: u32| {
             if ring.closed {
                 ring.vertices[(at + 1) % n] == v || ring.vertices[(at + n - 1) % n] == v
@@ -304,7 +374,7 @@ impl<'a> Simplifier<'a> {
             }
             let mut both = 0;
             for v in corners {
-                if v != target && ring.vertices.contains(&v) {
+                if v != target && leaving.rings(v) {
                     if !across(v) {
                         return false;
                     }
@@ -328,70 +398,50 @@ impl<'a> Simplifier<'a> {
         true
     }
 
-    /// Moves a vertex to a neighbour, if everything allows it. `used` is the most that its triangles have used up.
-    fn collapse(&mut self, vertex: u32, target: u32, used: Drift, ring: &Ring) -> bool {
-        if !self.links(vertex, target, ring) {
+    /// Moves a vertex to a neighbour, if everything allows it.
+    fn collapse(&mut self, vertex: u32, target: u32, leaving: &Leaving) -> bool {
+        if !self.links(vertex, target, leaving) {
             return false;
         }
+        let ring = &leaving.ring;
         let n = ring.vertices.len();
         if self.piece.star(target).len() + ring.triangles.len() > MOST_ROUND + 4
             && self.piece.star(target).len() + ring.triangles.len() > n + MOST_ROUND
         {
             return false;
         }
-        let own = self.piece.position(vertex);
-        let at = ring.vertices.iter().position(|v| *v == target).expect("a target is a neighbour");
+        let own = leaving.own;
+        let at = leaving.place_of(target);
         // The ring, read from the target on.
-        let place = |k: usize| -> u32 {
-            if ring.closed {
-                ring.vertices[(at + k) % n]
-            } else if at == 0 {
-                ring.vertices[k]
-            } else {
-                ring.vertices[n - 1 - k]
-            }
-        };
-        // An open ring read backwards runs the other way round.
-        let mirrored = !ring.closed && at != 0;
-        let mut axis = DVec3::ZERO;
-        for &t in &ring.triangles {
-            let [a, b, c] = self.piece.corners(t);
-            axis += (b - a).cross(c - a);
-        }
-        if mirrored {
-            axis = -axis;
-        }
-        let length = axis.length();
-        let relative = (0..n).map(|k| self.piece.position(place(k)) - own);
-        let seen = self.overlay.look(if length > 0.0 { axis / length } else { DVec3::Z }, relative, ring.closed)
-            && length > 0.0;
+        let from = leaving.from(at);
+        let place = |k: usize| ring.vertices[from.vertex(k)];
+        let mirrored = from.mirrored;
+        let axis = if mirrored { -leaving.unit() } else { leaving.unit() };
+        let seen = match ring.closed {
+            true => self.overlay.turn(at),
+            false => self.overlay.look(axis, (0..n).map(|k| leaving.ways[from.vertex(k)]), false),
+        } && leaving.has_axis();
         let covered = seen && n > 2;
         if !covered {
             let way = if seen { self.overlay.moved() } else { self.piece.position(target) - own };
-            let bound = used.along(way, [-1.0, 0.0]).wider(ROUNDING * way.length());
+            let bound = leaving.used.along(way, [-1.0, 0.0]).wider(ROUNDING * way.length());
             if bound.most() > self.limits.tolerance {
                 return false;
             }
             self.bounds.clear();
             self.bounds.resize(n - 1, bound);
         }
-        self.fan.spread(&self.piece, place, n, mirrored, &self.overlay);
+        self.fan.spread(&self.piece, (0..n).map(place), mirrored);
         let worst = self.fan.shape();
         // Whatever was there before, a good shape will do.
         if worst < SHAPE && ring.triangles.iter().all(|t| worst < shape(self.piece.corners(*t))) {
             return false;
         }
         // Old triangles in the order of `place`.
-        let old = |j: usize| -> usize {
-            let t = match (ring.closed, mirrored) {
-                (true, _) => ring.triangles[(at + j) % n],
-                (false, false) => ring.triangles[j],
-                (false, true) => ring.triangles[n - 2 - j],
-            };
-            t as usize
-        };
-        if covered {
-            self.overlay.bounds(axis / length, |j| self.piece.drift[old(j)], &mut self.bounds);
+        let old = |j: usize| ring.triangles[from.triangle(j)] as usize;
+        let used = |j: usize| leaving.drift[from.triangle(j)];
+        if covered && !self.overlay.bounds(axis, self.limits.tolerance, used, &mut self.bounds) {
+            return false;
         }
         // Where a triangle goes whose vertex has no other, the edge that it stood on has all of it; so does the triangle on the edge's other side.
         let inner = if n == 2 { self.across(target, place(1), ring.triangles[0]) } else { None };
@@ -402,7 +452,7 @@ impl<'a> Simplifier<'a> {
             return false;
         }
         let tinted = self.limits.tint < f64::INFINITY;
-        if tinted && !self.tints_are_kept(vertex, target, ring, (axis / length, covered), old) {
+        if tinted && !self.tints_are_kept((vertex, target), leaving, from, (axis, covered)) {
             return false;
         }
         let axes = seen.then(|| self.overlay.axes());
@@ -411,15 +461,13 @@ impl<'a> Simplifier<'a> {
         }
 
         // Done: what follows cannot fail.
-        let first = self.bounds[0];
-        let following: Vec<(usize, Drift)> = (1..n - 1).map(|k| (old(k), self.bounds[k - 1])).collect();
         if tinted {
             (1..n - 1).for_each(|k| self.piece.tints[old(k)] = self.tints[k - 1]);
             if let Some(inner) = inner {
                 self.piece.tints[inner as usize] = self.tints[0].with(self.piece.tints[inner as usize]);
             }
         }
-        let Simplifier { piece, boxes, .. } = self;
+        let Simplifier { piece, boxes, bounds, .. } = self;
         piece.collapse(vertex, target, ring);
         let Piece { triangles, positions, drift: carried, .. } = piece;
         for &t in &ring.triangles {
@@ -431,11 +479,9 @@ impl<'a> Simplifier<'a> {
                 boxes.update(t, corners.map(|v| positions[v as usize]));
             }
         }
-        for (t, bound) in following {
-            carried[t] = bound;
-        }
+        (1..n - 1).for_each(|k| carried[old(k)] = bounds[k - 1]);
         if let Some(inner) = inner {
-            carried[inner as usize] = first;
+            carried[inner as usize] = bounds[0];
         }
         if self.triangles * 2 < self.boxed {
             self.make_boxes();
@@ -455,29 +501,24 @@ impl<'a> Simplifier<'a> {
         true
     }
 
-    /// Whether colours stay within what is allowed as a vertex goes to a neighbour; `self.tints` has how they change, of every triangle that comes. `old` tells
-    /// the triangles round the vertex in the order in which the overlay sees the ring.
+    /// Whether colours stay within what is allowed as a vertex goes to a neighbour; `self.tints` has how they change, of every triangle that comes. `from` reads the ring
+    /// in the order in which the overlay sees it.
     fn tints_are_kept(
         &mut self,
-        vertex: u32,
-        target: u32,
-        ring: &Ring,
+        (vertex, target): (u32, u32),
+        leaving: &Leaving,
+        from: RingOrder,
         (axis, seen): (DVec3, bool),
-        old: impl Fn(usize) -> usize,
     ) -> bool {
+        let ring = &leaving.ring;
         let n = ring.vertices.len();
         let Piece { tints, blends, .. } = &self.piece;
         let tint = |v: u32| blends[v as usize].tint();
         if seen {
-            let at = ring.vertices.iter().position(|v| *v == target).expect("a target is a neighbour");
             let Patch { nodes, old: before, new: after, size, .. } = &mut self.patch;
             nodes.clear();
             for k in 0..n {
-                let v = match (ring.closed, at) {
-                    (true, _) => ring.vertices[(at + k) % n],
-                    (false, 0) => ring.vertices[k],
-                    (false, _) => ring.vertices[n - 1 - k],
-                };
+                let v = ring.vertices[from.vertex(k)];
                 let (at, height) = self.overlay.node(k);
                 nodes.push(Node { at, height, tint: tint(v) });
             }
@@ -489,7 +530,7 @@ impl<'a> Simplifier<'a> {
             before.triangles.extend((0..ring.triangles.len()).map(|j| [n, j, (j + 1) % n]));
             before.inner.push(n);
             after.triangles.extend((1..n - 1).map(|k| [0, k, k + 1]));
-            let used = |j: usize| (Drift::NONE, tints[old(j)]);
+            let used = |j: usize| (Drift::NONE, tints[ring.triangles[from.triangle(j)] as usize]);
             let mut ways = std::mem::take(&mut self.ways);
             let told = self.patch.bounds(axis, DVec3::ZERO, used, &mut ways, &mut self.tints);
             self.ways = ways;

@@ -1,67 +1,71 @@
 //! The triangles that are to come in the place of a vertex's star, and whether they would meet others.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use super::boxes::{Boxes, Extent};
-use super::gap::Overlay;
-use super::patch::Node;
 use super::piece::Piece;
+use super::sight::Sight;
 use crate::mesh::intersect::intersect;
-
-/// What a side must clear a place by to be taken for a wall between triangles, as a part of the square of the greatest length: far more than rounding.
-const CLEAR: f64 = 1e-11;
 
 /// A triangle that is to come.
 #[derive(Debug, Clone, Copy)]
 struct Fresh {
     vertices: [u32; 3],
     places: [DVec3; 3],
-    low: DVec3,
-    high: DVec3,
-    /// Counter-clockwise, seen along the overlay's axis: the vertices and where they are.
-    seen: [(u32, DVec2); 3],
+    /// The corners' numbers, in the order in which the ring goes round.
+    corners: [usize; 3],
+}
+
+impl Fresh {
+    fn bounds(&self) -> (DVec3, DVec3) {
+        let [a, b, c] = self.places;
+        (a.min(b).min(c), a.max(b).max(c))
+    }
 }
 
 /// Triangles that are to come, and room for those near them.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Fan {
     fresh: Vec<Fresh>,
+    /// The vertices of the ring and, where the triangles go round a vertex, this, each with its place.
+    corners: Vec<(u32, DVec3)>,
+    /// How many of these are the ring.
+    ring: usize,
     near: Vec<u32>,
+    sight: Sight,
 }
 
 impl Fan {
+    /// Room for a piece with so many vertices.
+    pub(super) fn new(vertices: usize) -> Fan {
+        let (fresh, corners, near) = (Vec::new(), Vec::new(), Vec::new());
+        Fan { fresh, corners, ring: 0, near, sight: Sight::new(vertices) }
+    }
+
     /// The triangles from the first vertex of a ring to all sides that it is not an end of. `mirrored` tells that the ring runs clockwise.
-    pub(super) fn spread(
-        &mut self,
-        piece: &Piece,
-        ring: impl Fn(usize) -> u32,
-        len: usize,
-        mirrored: bool,
-        overlay: &Overlay,
-    ) {
+    pub(super) fn spread(&mut self, piece: &Piece, ring: impl Iterator<Item = u32>, mirrored: bool) {
         self.fresh.clear();
-        for k in 1..len.saturating_sub(1) {
-            let numbers = [0, k, k + 1];
-            let vertices = numbers.map(&ring);
-            let places = vertices.map(|v| piece.position(v));
-            let [a, b, c] = places;
-            let seen = numbers.map(|number| (ring(number), overlay.seen(number)));
-            let vertices = if mirrored { [vertices[0], vertices[2], vertices[1]] } else { vertices };
-            let places = if mirrored { [a, c, b] } else { places };
-            self.fresh.push(Fresh { vertices, places, low: a.min(b).min(c), high: a.max(b).max(c), seen });
+        self.corners.clear();
+        self.corners.extend(ring.map(|v| (v, piece.position(v))));
+        self.ring = self.corners.len();
+        for k in 1..self.ring.saturating_sub(1) {
+            let corners = [0, k, k + 1];
+            let [a, b, c] = if mirrored { [0, k + 1, k] } else { corners }.map(|number| self.corners[number]);
+            self.fresh.push(Fresh { vertices: [a.0, b.0, c.0], places: [a.1, b.1, c.1], corners });
         }
     }
 
-    /// The triangles from a vertex, at a place, to all sides of the ring round it. `nodes` are those of the ring, and the last is the vertex's.
-    pub(super) fn spread_round(&mut self, piece: &Piece, ring: &[u32], (middle, place): (u32, DVec3), nodes: &[Node]) {
+    /// The triangles from a vertex, at a place, to all sides of the ring round it.
+    pub(super) fn spread_round(&mut self, piece: &Piece, ring: &[u32], (middle, place): (u32, DVec3)) {
         self.fresh.clear();
+        self.corners.clear();
+        self.corners.extend(ring.iter().map(|v| (*v, piece.position(*v))));
+        self.corners.push((middle, place));
+        self.ring = ring.len();
         for k in 0..ring.len() {
-            let numbers = [k, (k + 1) % ring.len()];
-            let [(p, b), (q, c)] = numbers.map(|k| (ring[k], piece.position(ring[k])));
-            let places = [place, b, c];
-            let seen = [(middle, nodes[nodes.len() - 1].at), (p, nodes[numbers[0]].at), (q, nodes[numbers[1]].at)];
-            let (low, high) = (place.min(b).min(c), place.max(b).max(c));
-            self.fresh.push(Fresh { vertices: [middle, p, q], places, low, high, seen });
+            let corners = [ring.len(), k, (k + 1) % ring.len()];
+            let [a, b, c] = corners.map(|number| self.corners[number]);
+            self.fresh.push(Fresh { vertices: [a.0, b.0, c.0], places: [a.1, b.1, c.1], corners });
         }
     }
 
@@ -80,28 +84,33 @@ impl Fan {
         own: DVec3,
         axes: Option<(DVec3, DVec3)>,
     ) -> bool {
-        let Fan { fresh, near } = self;
-        let Some(first) = fresh.first() else { return false };
+        let Fan { fresh, corners, ring, near, sight } = self;
+        if fresh.is_empty() {
+            return false;
+        }
+        let first = corners[0].1;
         let (low, high) =
-            fresh.iter().fold((first.low, first.high), |(low, high), f| (low.min(f.low), high.max(f.high)));
+            corners[1..].iter().fold((first, first), |(low, high), (_, place)| (low.min(*place), high.max(*place)));
+        if let Some(axes) = axes {
+            sight.look((corners, *ring), fresh.iter().map(|fresh| fresh.corners), own, axes);
+        }
         near.clear();
         boxes.near(&Extent::of([low, high]), near);
+        // By their numbers' last six bits: most triangles are none of the star, and these tell so.
+        let in_star = star.iter().fold(0u64, |bits, t| bits | 1 << (t % 64));
         for &t in near.iter() {
-            let there = piece.triangles[t as usize];
-            let its = there.map(|v| piece.position(v));
-            let (its_low, its_high) = (its[0].min(its[1]).min(its[2]), its[0].max(its[1]).max(its[2]));
-            let outside = |low: DVec3, high: DVec3| low.cmpgt(its_high).any() || its_low.cmpgt(high).any();
-            if outside(low, high) || star.contains(&t) {
+            if in_star >> (t % 64) & 1 == 1 && star.contains(&t) {
                 continue;
             }
-            let mut seen = None;
-            for one in fresh.iter().filter(|one| !outside(one.low, one.high)) {
-                if let Some((right, up)) = axes {
-                    let across = |place: DVec3| DVec2::new((place - own).dot(right), (place - own).dot(up));
-                    let seen = seen.get_or_insert_with(|| its.map(across));
-                    if is_beside(one, there, seen) {
-                        continue;
-                    }
+            let there = piece.triangles[t as usize];
+            let beyond = if axes.is_some() { sight.beyond(there, |v| piece.position(v)) } else { 0 };
+            let its = there.map(|v| piece.position(v));
+            for (number, one) in fresh.iter().enumerate() {
+                if axes.is_some() && sight.is_beside(number, beyond) {
+                    continue;
+                }
+                if are_apart(one, its) {
+                    continue;
                 }
                 let places = |corners: [DVec3; 3]| corners.map(|place| place.to_array());
                 if intersect(one.vertices, places(one.places), there, places(its)) {
@@ -118,17 +127,10 @@ impl Fan {
     }
 }
 
-/// Whether a triangle that is there lies on the outer side of one side of a new one, seen along the axis, but for corners that are ends of that side: then they
-/// have nothing else in common. `false` says nothing.
-fn is_beside(fresh: &Fresh, there: [u32; 3], seen: &[DVec2; 3]) -> bool {
-    let [a, b, c] = fresh.seen;
-    [(a, b), (b, c), (c, a)].into_iter().any(|((from, p), (to, q))| {
-        let along = q - p;
-        there.iter().zip(seen).all(|(v, place)| {
-            let way = *place - p;
-            *v == from || *v == to || along.perp_dot(way) < -CLEAR * (along.length_squared() + way.length_squared())
-        })
-    })
+/// Whether their boxes have nothing in common.
+fn are_apart(one: &Fresh, [a, b, c]: [DVec3; 3]) -> bool {
+    let (low, high) = one.bounds();
+    low.cmpgt(a.max(b).max(c)).any() || a.min(b).min(c).cmpgt(high).any()
 }
 
 /// How a triangle is shaped: 1 if its sides are equal, 0 if it has no area.

@@ -34,6 +34,12 @@ pub(super) struct Overlay {
     across: Vec<DVec2>,
     /// The ring, along the axis.
     height: Vec<f64>,
+    /// Both, from the ring's first vertex on, whichever the vertex goes to.
+    ring: Vec<(DVec2, f64)>,
+    /// Whether the old triangles cover a polygon once.
+    covered: bool,
+    gaps: Vec<[f64; 2]>,
+    spent: Vec<Drift>,
     /// The largest distance of the ring from the vertex.
     size: f64,
     /// The place the vertex is moved to first; itself in a closed star, a place of the new rim in an open one.
@@ -58,11 +64,6 @@ pub(super) fn across(axis: DVec3) -> (DVec3, DVec3) {
 }
 
 impl Overlay {
-    /// Where the ring's vertex of this number is, across the axis.
-    pub(super) fn seen(&self, number: usize) -> DVec2 {
-        self.across[number]
-    }
-
     /// Where the ring's vertex of this number is, across the axis and along it.
     pub(super) fn node(&self, number: usize) -> (DVec2, f64) {
         (self.across[number], self.height[number])
@@ -86,22 +87,27 @@ impl Overlay {
     /// Looks at a star along a unit vector `axis`. `ring` gives places relative to the vertex that goes, beginning with the vertex that it goes to.
     /// `false` if the old or the new triangles do not cover one polygon once, seen from there.
     pub(super) fn look(&mut self, axis: DVec3, ring: impl Iterator<Item = DVec3>, closed: bool) -> bool {
+        self.look_at(axis, ring, closed);
+        self.turn(0)
+    }
+
+    /// Looks at a star as [`Overlay::look`] does. A closed one may begin anywhere: [`Overlay::turn`] tells which vertex is the one gone to, so that what does not depend on
+    /// it is found once for all neighbours that are tried.
+    pub(super) fn look_at(&mut self, axis: DVec3, ring: impl Iterator<Item = DVec3>, closed: bool) {
         let (right, up) = across(axis);
         (self.right, self.up) = (right, up);
-        self.across.clear();
-        self.height.clear();
+        self.ring.clear();
         self.closed = closed;
         let mut size = 0f64;
         let mut first = DVec3::ZERO;
         let mut last = DVec3::ZERO;
         for place in ring {
-            if self.height.is_empty() {
+            if self.ring.is_empty() {
                 first = place;
             }
             last = place;
             size = size.max(place.length_squared());
-            self.across.push(DVec2::new(place.dot(right), place.dot(up)));
-            self.height.push(place.dot(axis));
+            self.ring.push((DVec2::new(place.dot(right), place.dot(up)), place.dot(axis)));
         }
         self.size = size.sqrt();
         (self.middle, self.moved) = ((DVec2::ZERO, 0.0), DVec3::ZERO);
@@ -112,7 +118,21 @@ impl Overlay {
             self.middle = (DVec2::new(on_rim.dot(right), on_rim.dot(up)), on_rim.dot(axis));
             self.moved = on_rim;
         }
-        self.covers_once()
+        self.covered = self.old_cover_once();
+    }
+
+    /// The vertex goes to that of the ring with this number. `false` if the old or the new triangles do not cover one polygon once.
+    pub(super) fn turn(&mut self, to: usize) -> bool {
+        let (before, from) = self.ring.split_at(to);
+        self.across.clear();
+        self.height.clear();
+        for &(at, height) in from.iter().chain(before) {
+            self.across.push(at);
+            self.height.push(height);
+        }
+        let (ring, n) = (&self.across, self.across.len());
+        let least = ROUNDING * self.size * self.size;
+        self.covered && (1..n - 1).all(|k| area(ring[0], ring[k], ring[k + 1]) > least)
     }
 
     /// The way that the middle is moved before it is looked at: none in a closed star.
@@ -120,44 +140,53 @@ impl Overlay {
         self.moved
     }
 
-    fn covers_once(&self) -> bool {
-        let (ring, n) = (&self.across, self.across.len());
+    fn old_cover_once(&self) -> bool {
+        let (ring, n) = (&self.ring, self.ring.len());
         let least = ROUNDING * self.size * self.size;
         let m = self.middle.0;
         if self.closed {
             // Counter-clockwise all along and once round: the ring passes a ray from u once.
             let mut rounds = 0;
-            for i in 0..n {
-                let (p, q) = (ring[i], ring[(i + 1) % n]);
+            let mut p = ring[n - 1].0;
+            for &(q, _) in ring {
                 if area(m, p, q) <= least {
                     return false;
                 }
                 rounds += i32::from(p.y < 0.0 && q.y >= 0.0);
+                p = q;
             }
-            if rounds != 1 {
-                return false;
-            }
+            rounds == 1
         } else {
             // All lie on one side of the new rim, so that from there one sees no more than half of the way round.
-            let rim = |k: usize| area(ring[n - 1], ring[0], ring[k]) > least;
-            if !(1..n - 1).all(rim) || !(0..n - 1).all(|i| area(m, ring[i], ring[i + 1]) >= -least) {
-                return false;
-            }
+            let rim = |k: usize| area(ring[n - 1].0, ring[0].0, ring[k].0) > least;
+            (1..n - 1).all(rim) && (0..n - 1).all(|i| area(m, ring[i].0, ring[i + 1].0) >= -least)
         }
-        (1..n - 1).all(|k| area(ring[0], ring[k], ring[k + 1]) > least)
     }
 
     /// For each new triangle, of ring vertices 0, k and k + 1: the most that old triangles under it have used up, and the largest distance between the two
-    /// surfaces there, together. `used` tells what old triangle j, of ring vertices j and j + 1, has used up.
+    /// surfaces there, together. `used` tells what old triangle j, of ring vertices j and j + 1, has used up. `false`, and no bounds, where one of them has a way longer
+    /// than `tolerance` for sure, as soon as that is clear.
     ///
     /// Greater than the truth by a rounding, never less.
-    pub(super) fn bounds(&self, axis: DVec3, used: impl Fn(usize) -> Drift, bounds: &mut Vec<Drift>) {
+    pub(super) fn bounds(
+        &mut self,
+        axis: DVec3,
+        tolerance: f64,
+        used: impl Fn(usize) -> Drift,
+        bounds: &mut Vec<Drift>,
+    ) -> bool {
         let (ring, height, n) = (&self.across, &self.height, self.across.len());
         let (m, h) = self.middle;
         let old = if self.closed { n } else { n - 1 };
-        let before = |j: usize| (j + old - 1) % old;
+        let before = |j: usize| if j == 0 { old - 1 } else { j - 1 };
         // Of each new triangle: the greatest gap, and the greatest that was used up below it.
-        let (mut gaps, mut spent) = ([[0f64; 2]; MOST], [Drift::NONE; MOST]);
+        let (gaps, spent) = (&mut self.gaps, &mut self.spent);
+        gaps.clear();
+        gaps.resize(n, [0.0; 2]);
+        spent.clear();
+        spent.resize(n, Drift::NONE);
+        let (moved, more) = (self.moved, ROUNDING * self.size);
+        let bound = |spent: Drift, gap: [f64; 2]| spent.along(moved, [-1.0, 0.0]).along(axis, gap).wider(more);
         let least = ROUNDING * self.size * self.size;
         let mut doubtful = !self.closed;
         spent[1..n - 1].iter_mut().zip(1..).for_each(|(spent, k)| *spent = used(k));
@@ -176,6 +205,10 @@ impl Overlay {
             let above = height[0] + of_p * (height[k] - height[0]) + of_q * (height[k + 1] - height[0]);
             gaps[k] = [(h - above).min(0.0), (h - above).max(0.0)];
             spent[k] = (0..old).map(&used).fold(spent[k], Drift::with);
+            // What comes below makes boxes greater only, and each operation on their ends rounds one way throughout: none of them gets less.
+            if bound(spent[k], gaps[k]).most() > tolerance {
+                return false;
+            }
         }
         // Crossings of m-r_j with r_0-r_k.
         for k in 2..n - 1 {
@@ -208,7 +241,6 @@ impl Overlay {
                 }
             }
         }
-        let more = ROUNDING * self.size;
         if doubtful {
             // Where an edge runs through a corner, it is not clear which triangles lie over which.
             let most = (0..old).map(&used).fold(Drift::NONE, Drift::with);
@@ -217,7 +249,8 @@ impl Overlay {
             gaps[1..n - 1].fill(gap);
         }
         bounds.clear();
-        bounds.extend((1..n - 1).map(|k| spent[k].along(self.moved, [-1.0, 0.0]).along(axis, gaps[k]).wider(more)));
+        bounds.extend((1..n - 1).map(|k| bound(spent[k], gaps[k])));
+        true
     }
 }
 

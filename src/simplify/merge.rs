@@ -9,6 +9,7 @@ use glam::DVec3;
 use super::collapse::{EVEN, MOST_ROUND, SHAPE, Simplifier, Target};
 use super::fan::shape;
 use super::gap::{MOST, across};
+use super::leaving::Leaving;
 use super::mark::Blend;
 use super::merging::{Corner, Merging};
 use super::patch::{Node, Patch};
@@ -106,10 +107,11 @@ impl Simplifier<'_> {
         Some((cost.max(0.0), best))
     }
 
-    /// Moves two neighbours to one place, if everything allows it. `ring` is that of the first; the second is left.
-    pub(super) fn merge(&mut self, vertex: u32, target: u32, place: DVec3, ring: &Ring) -> bool {
+    /// Moves two neighbours to one place, if everything allows it. `leaving` is the first; the second is left.
+    pub(super) fn merge(&mut self, vertex: u32, target: u32, place: DVec3, leaving: &Leaving) -> bool {
         let Some(place) = (self.placed)(place) else { return false };
-        if !ring.closed || !self.links(vertex, target, ring) {
+        let ring = &leaving.ring;
+        if !ring.closed || !self.links(vertex, target, leaving) {
             return false;
         }
         let mut merging = std::mem::take(&mut self.merging);
@@ -218,7 +220,7 @@ impl Simplifier<'_> {
         if !self.patch.faces_up() || !goes_once_round(&self.patch.nodes[..n], self.patch.nodes[n + 2]) {
             return false;
         }
-        self.fan.spread_round(&self.piece, link, (target, place), &self.patch.nodes);
+        self.fan.spread_round(&self.piece, link, (target, place));
         if self.fan.shape() < SHAPE.min(least_old) {
             return false;
         }

@@ -40,6 +40,7 @@ mod collapse;
 mod count;
 mod fan;
 mod gap;
+mod leaving;
 mod mark;
 mod merge;
 mod merging;
@@ -50,6 +51,7 @@ mod patch;
 mod piece;
 mod quadric;
 mod queue;
+mod sight;
 mod soup;
 mod space;
 #[cfg(test)]

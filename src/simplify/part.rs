@@ -39,7 +39,7 @@ impl Gathered {
         let kept = size_of::<[u32; 3]>() + size_of::<Drift>();
         // Corners that are sorted by their vertices. There is about half a vertex to a triangle; open and broken meshes have up to three.
         let read = kept + size_of::<[u16; 3]>() + size_of::<[[f64; 3]; 3]>() + 3 * size_of::<u64>();
-        let of_vertex = piece::VERTEX_BYTES + queue::Queue::BYTES + 8;
+        let of_vertex = piece::VERTEX_BYTES + queue::Queue::BYTES + 8 + Simplifier::BEST_BYTES;
         let worked = piece::TRIANGLE_BYTES + boxes::Boxes::BYTES + size_of::<Record<T, M>>() as u64;
         let marked = if M::CARRIED {
             let vertex = piece::MARKED_VERTEX_BYTES + size_of::<Corner>() as u64;

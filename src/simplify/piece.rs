@@ -4,12 +4,13 @@ use glam::DVec3;
 
 use super::gap::Drift;
 use super::mark::Blend;
+use super::sight::Sight;
 
 /// Bytes for each triangle of a piece, with as much room again for stars that grow.
 pub(super) const TRIANGLE_BYTES: u64 = (size_of::<[u32; 3]>() + size_of::<Drift>() + 2 * 3 * size_of::<u32>()) as u64;
 /// Bytes for each vertex of a piece.
 pub(super) const VERTEX_BYTES: u64 =
-    (size_of::<DVec3>() + size_of::<u32>() + size_of::<Star>() + size_of::<u16>() + 4) as u64;
+    (size_of::<DVec3>() + size_of::<u32>() + size_of::<Star>() + size_of::<u16>() + 4) as u64 + Sight::BYTES;
 /// Bytes more for each triangle and each vertex of a piece with marks.
 pub(super) const MARKED_TRIANGLE_BYTES: u64 = size_of::<Drift>() as u64;
 pub(super) const MARKED_VERTEX_BYTES: u64 = size_of::<Blend>() as u64;
@@ -40,6 +41,8 @@ pub(super) struct Piece {
     pub(super) tints: Vec<Drift>,
     stars: Vec<Star>,
     around: Vec<u32>,
+    /// A star in the making.
+    joined: Vec<u32>,
 }
 
 /// Where the triangles round a vertex are in `around`, how many there are, and for how many there is room.
@@ -89,8 +92,8 @@ impl Piece {
             }
         }
         let [fixed, settled] = [0, 1].map(|_| vec![false; positions.len()]);
-        let (classes, blends, tints) = (Vec::new(), Vec::new(), Vec::new());
-        Piece { positions, numbers, triangles, drift, fixed, settled, classes, blends, tints, stars, around }
+        let (classes, blends, tints, joined) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Piece { positions, numbers, triangles, drift, fixed, settled, classes, blends, tints, stars, around, joined }
     }
 
     /// The triangles round a vertex, in no order that means anything.
@@ -163,7 +166,8 @@ impl Piece {
 
     /// Moves the triangles of `gone`'s ring onto `kept`: those that have both are gone. `left` is what stays of them.
     pub(super) fn collapse(&mut self, gone: u32, kept: u32, ring: &Ring) {
-        let mut star: Vec<u32> = Vec::with_capacity(self.star(kept).len() + ring.triangles.len());
+        let mut star = std::mem::take(&mut self.joined);
+        star.clear();
         star.extend_from_slice(self.star(kept));
         for &t in &ring.triangles {
             let corners = &mut self.triangles[t as usize];
@@ -189,6 +193,7 @@ impl Piece {
             self.around.resize(self.around.len() + of_kept.room as usize, 0);
         }
         self.around[of_kept.start as usize..][..star.len()].copy_from_slice(&star);
+        self.joined = star;
     }
 
     /// Takes a triangle out of a vertex's star.

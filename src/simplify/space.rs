@@ -90,15 +90,21 @@ impl Space {
         self.meet_below(0, low, high, &mut visit);
     }
 
-    fn meet_below(&self, node: usize, low: [f64; 3], high: [f64; 3], visit: &mut impl FnMut(u32)) {
-        match self.nodes[node] {
-            Node::Part(part) => visit(part),
-            Node::Plane { axis, at, second } => {
-                if low[axis] < at {
-                    self.meet_below(node + 1, low, high, visit);
-                }
-                if high[axis] >= at {
-                    self.meet_below(second as usize, low, high, visit);
+    fn meet_below(&self, mut node: usize, low: [f64; 3], high: [f64; 3], visit: &mut impl FnMut(u32)) {
+        loop {
+            match self.nodes[node] {
+                Node::Part(part) => return visit(part),
+                Node::Plane { axis, at, second } => {
+                    let (first, second) = ((low[axis] < at).then_some(node + 1), second as usize);
+                    node = match (first, high[axis] >= at) {
+                        (Some(first), false) => first,
+                        (None, true) => second,
+                        (Some(first), true) => {
+                            self.meet_below(first, low, high, visit);
+                            second
+                        }
+                        (None, false) => return,
+                    };
                 }
             }
         }
@@ -117,9 +123,10 @@ fn plane<T: Coordinate>(sample: &mut [[T; 3]], first: f64) -> Option<(usize, f64
         return None;
     }
     let mut along: Vec<f64> = sample.iter().map(|place| place[axis].into()).collect();
-    along.sort_unstable_by(f64::total_cmp);
-    let at = along[(along.len() as f64 * first) as usize];
+    let share = (along.len() as f64 * first) as usize;
+    let (before, at, after) = along.select_nth_unstable_by(share, f64::total_cmp);
+    let (at, least) = (*at, before.iter().copied().fold(*at, f64::min));
     // Places on the plane lie on its second side; the first must have some, too.
-    let at = if at > along[0] { at } else { *along.iter().find(|place| **place > along[0])? };
-    Some((axis, at))
+    let beyond = || after.iter().copied().filter(|place| *place > least).min_by(f64::total_cmp);
+    Some((axis, if at > least { at } else { beyond()? }))
 }

@@ -16,6 +16,7 @@ use crate::points::attribute::{Attribute, Schema};
 use crate::points::scalar::Scalar;
 
 mod apart;
+mod beside;
 mod kept;
 mod moved;
 
@@ -312,7 +313,7 @@ proptest! {
         let mut overlay = Overlay::default();
         prop_assume!(overlay.look(DVec3::Z, ring.iter().copied(), true));
         let mut bounds = Vec::new();
-        overlay.bounds(DVec3::Z, |_| Drift::NONE, &mut bounds);
+        overlay.bounds(DVec3::Z, f64::INFINITY, |_| Drift::NONE, &mut bounds);
         let mut found = 0;
         for k in 1..n - 1 {
             let fresh = [ring[0], ring[k], ring[k + 1]];

@@ -23,6 +23,7 @@ pub mod numbers;
 pub mod pieces;
 pub mod reach;
 pub mod seam;
+pub mod size;
 pub mod slab;
 pub mod trim;
 

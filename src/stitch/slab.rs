@@ -3,10 +3,8 @@
 use std::ops::Range;
 
 use crate::error::Result;
-use crate::grid::Cell;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::{Slabs, halo, plane_halo, slices_of, smooth_halo};
-use crate::grid::slice::Bits;
 use crate::mesh::spool::Frame;
 use crate::points::Coordinate;
 use crate::resources::allocator;
@@ -15,17 +13,19 @@ use crate::resources::workers::refill;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::Solid;
 use crate::stitch::numbers::{InSlab, Named};
-use crate::surface::attributes::{self, attributes};
-use crate::surface::contract::{self, Groups, NONE, Stars, contract, is_gone};
+use crate::stitch::size::Size;
+use crate::surface::attributes::attributes;
+use crate::surface::contract::{Groups, NONE, Stars, contract, is_gone};
 use crate::surface::extract::{Surface, Triangles};
+use crate::surface::facets::{Centred, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
 use crate::surface::plane::project;
-use crate::surface::smooth::{self, smooth};
+use crate::surface::smooth::smooth;
 use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase, TriangleSet};
 use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint, Quantizer};
 use crate::surface::untangle::submesh::Submesh;
-use crate::surface::untangle::{self, untangle};
-use crate::surface::vertex_state::{SHARES, VertexState};
+use crate::surface::untangle::untangle;
+use crate::surface::vertex_state::{SHARES, SIDEWAYS, VertexState};
 use crate::surface::vertices::Kind;
 
 /// The mesh of one slab, of points of precision `T`.
@@ -41,6 +41,8 @@ pub struct SlabMesh<T> {
     pub rest: Vec<[f64; 3]>,
     /// The point of each vertex.
     pub fitted: Fitted<T>,
+    /// Where each vertex goes instead of its point, so that facets pass amid the points, and where it would be without leaving its place along the surface; empty if vertices go to their points.
+    pub centred: Vec<[[T; 3]; 2]>,
     /// The record of each vertex's attributes.
     pub attributes: Vec<u8>,
     /// The state of each vertex.
@@ -76,145 +78,8 @@ pub struct Making<'a, T> {
     pub jobs: SlabJobs,
 }
 
-/// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::vertices::weights`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Size {
-    /// Its own.
-    pub faces: u64,
-    /// Those of all planes that are smoothed with it, its own included.
-    pub round: u64,
-    /// The most in a layer as thick as those that are searched for pairs of triangles.
-    pub layer: u64,
-    /// Those of the lowest and of the highest such layer.
-    pub ends: [u64; 2],
-}
-
-/// What it depends on beside that.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Made {
-    /// Steps of smoothing.
-    pub smooth: u32,
-    /// Slices of a slab.
-    pub slab_slices: u32,
-    /// What vertices are moved onto.
-    pub fit: Fit,
-    /// Bytes of a point's coordinates.
-    pub coordinates: u64,
-    /// Bytes of a point's attributes.
-    pub attributes: u64,
-    /// Whether triangles are left out.
-    pub trimmed: bool,
-    /// Bytes of a slice's columns, if there are any.
-    pub columns: u64,
-    /// The grid's cells.
-    pub cells: Cell,
-}
-
 /// Triangles that do not matter when a slab is given another's room.
 const SMALL: usize = 1 << 12;
-
-/// Slices that a layer of triangles may lie in, which is two cells thick.
-const LAYER: usize = 3;
-
-impl Size {
-    /// The size of a slab of so many faces, if they lie evenly in its slices.
-    pub fn even(faces: u64, slabs: impl Into<Slabs>) -> Size {
-        let Slabs { smooth, slices } = slabs.into();
-        let slices = u64::from(slices);
-        let layer = (faces * LAYER as u64).div_ceil(slices);
-        let beside = 2 * u64::from(smooth_halo(smooth)) + 1;
-        Size { faces, round: faces + (faces * beside).div_ceil(slices), layer, ends: [layer; 2] }
-    }
-
-    /// The size of slab `number`, where the faces of all slices are known.
-    pub fn counted(faces: &[u32], number: u32, slabs: impl Into<Slabs>) -> Size {
-        let slabs: Slabs = slabs.into();
-        let sum = |slices: &[u32]| slices.iter().map(|faces| u64::from(*faces)).sum::<u64>();
-        let slices = slices_of(number, slabs, faces.len() as u32);
-        let [start, end] = [slices.start, slices.end].map(|slice| slice as usize);
-        let beside = smooth_halo(slabs.smooth) as usize;
-        let own = &faces[start..end];
-        // A fitted vertex may have come from a slice beyond.
-        let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
-        let layers = faces[start.saturating_sub(1)..(end + 1).min(faces.len())].windows(LAYER.min(own.len()));
-        let (below, above) = (start..end.min(start + LAYER), start.max(end.saturating_sub(LAYER))..end);
-        Size {
-            faces: sum(own),
-            round: sum(&faces[round]),
-            layer: layers.map(sum).max().unwrap_or(0),
-            ends: [below, above].map(|slices| sum(&faces[slices])),
-        }
-    }
-
-    /// Vertices of so many faces: no more than where they are counted, and as many on the surface of anything large.
-    fn vertices(faces: u64) -> u64 {
-        faces + 8
-    }
-
-    /// Triangles likewise, with those that midpoints add.
-    fn triangles(self) -> u64 {
-        2 * Size::vertices(self.faces)
-    }
-
-    /// Bytes of the slab's mesh.
-    pub fn bytes(self, of: &Made) -> u64 {
-        let (own, triangles) = (Size::vertices(self.faces), self.triangles());
-        let place = size_of::<[f64; 3]>() as u64;
-        // After one step of smoothing, the places of the plane above are in it still.
-        let smoothed = if of.smooth > 1 { own } else { Size::vertices(self.round) };
-        // On open surfaces, vertices leave where one step puts them for the surface's height.
-        let rest = if of.smooth == 1 && of.columns == 0 { 0 } else { smoothed };
-        let of_vertex = of.attributes + (size_of::<VertexState>() + size_of::<QuantizedPoint>()) as u64;
-        let of_triangle = (size_of::<[u32; 3]>() + usize::from(of.trimmed)) as u64;
-        (smoothed + rest) * place
-            + Fitted::<f64>::bytes(own, of.coordinates)
-            + own * of_vertex
-            + triangles * of_triangle
-            + Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
-            + triangles / BLOCK as u64 * size_of::<PackedBox>() as u64
-    }
-
-    /// The most bytes while it is made, with the `points` that are held for fitting and, for fitting to planes, `means`.
-    pub fn bytes_making(self, of: &Made, points: u64, means: u64) -> u64 {
-        let mesh = self.bytes(of);
-        let (own, round) = (Size::vertices(self.faces), Size::vertices(self.round));
-        let places = own * size_of::<[f64; 3]>() as u64;
-        let planes = u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1);
-        let [width, _, rows] = of.cells;
-        let slices = 3 * Bits::bytes(width + 2, rows + 2) + (planes + 2) * of.columns;
-        // TriangleSet of planes beside the slab, which are dropped with the surface.
-        let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
-        let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
-        let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping.max(2 * beside);
-        let moved = match of.fit {
-            Fit::Auto => points.max(means),
-            Fit::Plane => means.max(if of.attributes > 0 { points } else { 0 }),
-            Fit::Nearest => points,
-            Fit::None if of.attributes > 0 => points,
-            Fit::None => 0,
-        };
-        let second =
-            if of.fit != Fit::Nearest && of.attributes > 0 { Fitted::<f64>::bytes(own, of.coordinates) } else { 0 };
-        let fitting = Surface::bytes_of_vertices(round) + beside + moved + second;
-        let carrying = if of.attributes > 0 { attributes::bytes(own, of.attributes) + second } else { 0 };
-        let contracting = contract::bytes(own);
-        let near = BroadPhase::bytes(self.faces, self.layer);
-        let retreating = own * of.coordinates + untangle::bytes(own, near);
-        mesh + extracting.max(fitting).max(carrying).max(contracting).max(retreating)
-    }
-
-    /// The most bytes at the seam with the slab above, beside the two slabs' meshes.
-    pub fn bytes_at_seam(self, above: Size, of: &Made) -> u64 {
-        let both = Size::vertices(self.faces) + Size::vertices(above.faces);
-        let meeting = self.ends[1] + above.ends[0];
-        let near = BroadPhase::bytes(meeting, meeting);
-        let common = attributes::bytes_of_table::<([u64; 3], u32)>(Size::vertices(self.ends[1].min(above.ends[0])));
-        let retreating = untangle::bytes(both, near).max(common);
-        // Numbers of the vertices, those of the slab before, and which are written.
-        let writing = Size::vertices(self.faces) * (2 * size_of::<u32>() + 3 * usize::from(of.trimmed)) as u64;
-        retreating.max(writing)
-    }
-}
 
 impl<T: Coordinate> SlabMesh<T> {
     /// Number of the slab's own vertices, contracted ones included.
@@ -281,26 +146,43 @@ impl<T: Coordinate> SlabMesh<T> {
         let slices = slices_of(number, Slabs::of(&options), solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
+        // To be moved amid the points of all their facets, vertices must know those of the planes next to the slab.
+        let is_centred = options.fit == Fit::Facets;
+        let beside = i64::from(is_centred);
         // Where memory is for one slab at a time, the plan does not count what a stage has given back; where it is short, little of it.
         let end_stage = || {
             if jobs.gives_back {
                 allocator::give_back();
             }
         };
-        let mut surface = Surface::find(solid, i64::from(slices.start) - more..=i64::from(slices.end) + more)?;
+        let mut surface = Surface::find(solid, i64::from(slices.start) - more - beside..=i64::from(slices.end) + more)?;
         let mut q = smooth(&surface, options.smooth, room.smoothed);
         let planes = slices.start..slices.end + u32::from(last);
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
+        let near = match is_centred {
+            true => planes.start.saturating_sub(1)..planes.end + u32::from(!last),
+            false => planes.clone(),
+        };
+        let of_near = surface.on_plane(near.start).start..surface.on_plane(near.end - 1).end;
+        // The slab's vertices among those.
+        let own_of_near = own.start - of_near.start..own.end - of_near.start;
 
         // The top plane of the last slab lies above its last slice and holds only faces perpendicular to y.
         let Triangles { corners: mut triangles, kept } =
             surface.triangles(planes.clone(), &q, options.diagonals, room.triangles);
-        for corner in triangles.as_flattened_mut() {
-            *corner -= own.start;
-        }
+        let Triangles { corners: mut below, .. } =
+            surface.triangles(near.start..planes.start, &q, options.diagonals, Vec::new());
+        triangles.as_flattened_mut().iter_mut().for_each(|corner| *corner -= own.start);
+        below.as_flattened_mut().iter_mut().for_each(|corner| *corner -= of_near.start);
         let named = triangles.as_flattened().iter().copied().max().map_or(0, |v| v + 1).max(own.len() as u32);
         let starts =
             planes.clone().map(|plane| surface.on_plane(plane).start - own.start).chain([own.len() as u32]).collect();
+        let starts_near: Vec<u32> = near
+            .clone()
+            .map(|plane| surface.on_plane(plane).start)
+            .chain([of_near.end])
+            .map(|v| v - of_near.start)
+            .collect();
         let grid = sampled.grid;
         let to_world = |mut q: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
             q.truncate(own.end as usize);
@@ -317,10 +199,10 @@ impl<T: Coordinate> SlabMesh<T> {
         end_stage();
         let mut state = room.state;
         refill(&mut state, own.len(), VertexState::Unfitted);
-        let mut bridged = vec![false; if surface.columns().is_some() { own.len() } else { 0 }];
+        let mut bridged = vec![false; if surface.columns().is_some() { of_near.len() } else { 0 }];
         if let Some(columns) = surface.columns() {
-            let vertices = &surface.vertices[own.start as usize..own.end as usize];
-            for (v, (vertex, q)) in vertices.iter().zip(&mut q[own.start as usize..]).enumerate() {
+            let vertices = &surface.vertices[of_near.start as usize..of_near.end as usize];
+            for (v, (vertex, q)) in vertices.iter().zip(&mut q[of_near.start as usize..]).enumerate() {
                 if let Some(level) = columns.level(vertex.corner, *q).filter(|_| matches!(vertex.kind, Kind::Sheet(_)))
                 {
                     q[columns.up().axis] = level.height;
@@ -330,13 +212,8 @@ impl<T: Coordinate> SlabMesh<T> {
         }
         let reach = halo(options.smooth);
         let slices_near = planes.start.saturating_sub(reach)..(planes.end + reach).min(solid.cells[1]);
-        let nearest = |room| {
-            fit(
-                sampled,
-                &Task { surface: &surface, q: &q, planes: planes.clone(), halo: reach },
-                jobs.points_held,
-                room,
-            )
+        let nearest = |planes, room| {
+            fit(sampled, &Task { surface: &surface, q: &q, planes, halo: reach }, jobs.points_held, room)
         };
         let mut fitted = match options.fit {
             Fit::None => Fitted::none(own.len(), room.fitted),
@@ -350,14 +227,44 @@ impl<T: Coordinate> SlabMesh<T> {
                 })?;
                 fitted
             }
-            Fit::Nearest | Fit::Auto => nearest(room.fitted)?,
+            Fit::Facets | Fit::Nearest | Fit::Auto | Fit::AutoPoints => nearest(near.clone(), room.fitted)?,
         };
         let stride = sampled.buckets.stride();
         // Vertices that are moved elsewhere, or not at all, have the attributes of their nearest points all the same.
-        let nearest = if options.fit == Fit::Nearest || stride == 0 { None } else { Some(nearest(Fitted::default())?) };
+        let nearest = match options.fit.has_points() || stride == 0 {
+            true => None,
+            false => Some(nearest(planes.clone(), Fitted::default())?),
+        };
         for v in (0..bridged.len()).filter(|v| bridged[*v]) {
-            fitted.put(v, grid.position(q[own.start as usize + v]).map(T::from_f64));
-            state[v] = VertexState::Bridged;
+            fitted.put(v, grid.position(q[of_near.start as usize + v]).map(T::from_f64));
+            if own_of_near.contains(&(v as u32)) {
+                state[v - own_of_near.start as usize] = VertexState::Bridged;
+            }
+        }
+        let mut centred = room.centred;
+        centred.clear();
+        if is_centred {
+            let place = |(v, point): (usize, &u32)| match *point {
+                NONE => q[of_near.start as usize + v],
+                _ => grid.place_in_cells(fitted.target[v].map(Into::into)),
+            };
+            let facets = Facets {
+                vertices: &surface.vertices[of_near.start as usize..of_near.end as usize],
+                planes: near,
+                starts: starts_near,
+                places: fitted.point.iter().enumerate().map(place).collect(),
+                smoothed: &q[of_near.start as usize..of_near.end as usize],
+                points: &fitted.point,
+                below: &below,
+                triangles: &triangles,
+                own: own_of_near.clone(),
+            };
+            let own = own_of_near.start as usize..own_of_near.end as usize;
+            centred.extend(fitted.target[own].iter().map(|target| [*target; 2]));
+            facets.centre(sampled, solid, |v, Centred { onto, beside }| {
+                centred[v] = [onto, beside].map(|place| grid.position(place).map(T::from_f64));
+            })?;
+            fitted.keep(own_of_near);
         }
         drop(surface);
         end_stage();
@@ -375,6 +282,7 @@ impl<T: Coordinate> SlabMesh<T> {
             smoothed,
             rest,
             fitted,
+            centred,
             attributes,
             state,
             kept,
@@ -385,7 +293,7 @@ impl<T: Coordinate> SlabMesh<T> {
             blocks,
             tangled,
         };
-        if options.fit == Fit::Nearest {
+        if options.fit.has_points() {
             mesh.contract_inside();
             mesh.choose_fitted();
         }
@@ -451,16 +359,24 @@ impl<T: Coordinate> SlabMesh<T> {
 
     /// The final position of vertex `v`, in file axes.
     pub fn position(&self, v: InSlab) -> [f64; 3] {
-        let (smoothed, target) = (self.smoothed[v.at()], self.fitted.target[v.at()].map(Into::into));
+        let smoothed = self.smoothed[v.at()];
+        let own = self.fitted.target[v.at()];
+        let [target, beside] = self.centred.get(v.at()).unwrap_or(&[own; 2]).map(|place| place.map(Into::into));
+        let between =
+            |from: [f64; 3], to: [f64; 3], share: f64| std::array::from_fn(|a| from[a] + share * (to[a] - from[a]));
         match self.state[v.at()] {
             VertexState::Fitted | VertexState::Projected | VertexState::Bridged => target,
-            VertexState::Attracted => std::array::from_fn(|a| smoothed[a] + 0.9 * (target[a] - smoothed[a])),
+            VertexState::Attracted => between(smoothed, target, 0.9),
             VertexState::Unfitted | VertexState::Contracted => smoothed,
             VertexState::AtRest => self.rest_of(v),
-            VertexState::Backtracked(step) => {
-                let (rest, share) = (self.rest_of(v), SHARES[usize::from(step)]);
-                std::array::from_fn(|a| rest[a] + share * (target[a] - rest[a]))
+            VertexState::Backtracked(step) if beside == target => {
+                between(self.rest_of(v), target, SHARES[usize::from(step)])
             }
+            // Along the surface first.
+            VertexState::Backtracked(step) => match SIDEWAYS.get(usize::from(step)) {
+                Some(share) => between(beside, target, *share),
+                None => between(self.rest_of(v), beside, SHARES[usize::from(step)]),
+            },
         }
     }
 

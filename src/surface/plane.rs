@@ -27,13 +27,13 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::occupancy::Sampled;
-use crate::grid::partition::{BUCKET_SLICES, PLANE_SIGHT, PLANE_TRAVEL, plane_halo};
-use crate::grid::rank_bitmap::RankBitmap;
-use crate::grid::slice::Runs;
+use crate::grid::partition::{PLANE_SIGHT, PLANE_TRAVEL, plane_halo};
 use crate::grid::window::Window;
 use crate::points::Coordinate;
+use crate::points::vector::minus;
 use crate::solid::Solid;
 use crate::surface::fit::Task;
+use crate::surface::means::{self, MeansReader, SliceMeans};
 use crate::surface::outward::{self, Outward};
 use crate::surface::vertices::Kind;
 
@@ -56,37 +56,6 @@ const LEAST_VARIANCE: f64 = 1.0 / 1024.0;
 /// Squarings of the adjugate: a direction with twice the variance of the flattest keeps 2⁻⁸ of its share.
 const SQUARINGS: u32 = 3;
 
-/// In-cell offsets are summed as integers, in this part of a cell.
-const QUANTA: f64 = (1 << 20) as f64;
-
-/// An occupied cell as it is looked at from vertices. Its slice and row are known where it is looked at. Slices of these are the most that fitting holds, so
-/// it is kept small.
-#[derive(Debug, Clone, Copy)]
-struct Mean {
-    /// The cell along x.
-    x: i32,
-    /// The points' mean in the cell, in [`QUANTA`].
-    within: [i32; 3],
-    /// Their number.
-    points: i32,
-    /// Outward from the cell.
-    outward: [f32; 3],
-}
-
-/// A cell's points as they are summed: offsets from the cell in [`QUANTA`], and their number. 2⁴³ points would overflow them.
-#[derive(Debug, Clone, Copy, Default)]
-struct Sum {
-    offsets: [u64; 3],
-    points: u64,
-}
-
-/// The means of one slice.
-#[derive(Debug)]
-struct SliceMeans {
-    cells: RankBitmap,
-    means: Vec<Mean>,
-}
-
 /// Where the vertices on some planes of a slab go: `put` is told a vertex, counted from the first on the task's planes, and its place in cells; of those that find no
 /// plane it hears nothing. The task's halo is [`crate::grid::partition::plane_halo`].
 ///
@@ -101,23 +70,14 @@ pub fn project<T: Coordinate>(
     mut put: impl FnMut(usize, [f64; 3]),
 ) -> Result<()> {
     let Task { surface, q, ref planes, halo } = *task;
-    let [width, slices, rows] = sampled.grid.cells();
+    let [width, _, rows] = sampled.grid.cells();
     let halo = i64::from(halo);
-    let mut window =
-        Window::new(2 * halo as usize, || SliceMeans { cells: RankBitmap::new(width, rows), means: Vec::new() });
-    let outward = Outward::of_cells(solid);
-    let mut reader = MeansReader { sampled, outward, bucket: None, sums: Vec::new(), runs: Runs::default() };
+    let mut window = Window::new(2 * halo as usize, || SliceMeans::new(width, rows));
+    let mut reader = MeansReader::new(sampled, Some(solid));
     let mut corners = Outward::of_corners(solid);
     let first = surface.on_plane(planes.start).start;
     for plane in planes.clone() {
-        window.slide_to(i64::from(plane) - halo, |y, slice| {
-            if (0..i64::from(slices)).contains(&y) {
-                reader.read(y as u32, slice)
-            } else {
-                slice.cells.clear();
-                Ok(())
-            }
-        })?;
+        window.slide_to(i64::from(plane) - halo, |y, slice| reader.read(y, slice))?;
         let seen = i64::from(plane) - halo..i64::from(plane) + halo;
         let near = Near { window: &window, slices: seen };
         corners.slide_to(i64::from(plane))?;
@@ -140,89 +100,7 @@ pub fn project<T: Coordinate>(
 /// a window of slices, and the sums of a bucket's.
 pub fn bytes(in_slice: &[u32], cells: Cell, smooth: u32) -> u64 {
     let [width, _, rows] = cells;
-    let most = |slices: usize, each: usize| {
-        let in_slices = in_slice.windows(slices.min(in_slice.len()));
-        let occupied = in_slices.map(|some| some.iter().map(|n| u64::from(*n)).sum::<u64>()).max().unwrap_or(0);
-        occupied * each as u64 + RankBitmap::bytes(slices as u64, occupied, width, rows)
-    };
-    // A slice's vector that must grow is there twice.
-    let growing = u64::from(in_slice.iter().copied().max().unwrap_or(0)) * size_of::<Mean>() as u64;
-    most(2 * plane_halo(smooth) as usize, size_of::<Mean>())
-        + most(BUCKET_SLICES as usize, size_of::<Sum>())
-        + growing
-        + 2 * outward::bytes(cells)
-}
-
-/// Reads slices of means, in order, from buckets.
-struct MeansReader<'a, T> {
-    sampled: &'a Sampled<'a, T>,
-    outward: Outward<'a>,
-    /// The bucket at hand.
-    bucket: Option<u32>,
-    /// Its slices' cells and sums.
-    sums: Vec<(RankBitmap, Vec<Sum>)>,
-    runs: Runs,
-}
-
-impl<T: Coordinate> MeansReader<'_, T> {
-    fn read(&mut self, y: u32, slice: &mut SliceMeans) -> Result<()> {
-        let bucket = y / BUCKET_SLICES;
-        if self.bucket != Some(bucket) {
-            self.sum(bucket)?;
-            self.bucket = Some(bucket);
-        }
-        let (cells, sums) = &mut self.sums[(y % BUCKET_SLICES) as usize];
-        std::mem::swap(&mut slice.cells, cells);
-        self.sampled.occupied.read(y, &mut self.runs)?;
-        let runs = &self.runs;
-        let places = (0..runs.row_count())
-            .flat_map(|z| runs.row(z).iter().flat_map(move |run| (run.start..run.end).map(move |x| (x, z))));
-        self.outward.slide_to(i64::from(y))?;
-        let outward = &self.outward;
-        refill_exactly(&mut slice.means, sums.len());
-        slice.means.extend(places.zip(sums).map(|((x, z), sum)| Mean {
-            x: x as i32,
-            within: sum.offsets.map(|offset| (offset / sum.points) as i32),
-            points: i32::try_from(sum.points).unwrap_or(i32::MAX),
-            outward: outward.at(x, i64::from(y), z).map(|c| c as f32),
-        }));
-        Ok(())
-    }
-
-    /// Sums the points of a bucket by cell.
-    fn sum(&mut self, bucket: u32) -> Result<()> {
-        let Sampled { buckets, occupied, grid, .. } = self.sampled;
-        let [width, slices, rows] = grid.cells();
-        let first = bucket * BUCKET_SLICES;
-        self.sums.resize_with(BUCKET_SLICES as usize, || (RankBitmap::new(width, rows), Vec::new()));
-        for (y, (cells, sums)) in (first..slices).zip(&mut self.sums) {
-            occupied.read(y, &mut self.runs)?;
-            let count = cells.replace(&self.runs) as usize;
-            refill_exactly(sums, count);
-            sums.resize(count, Sum::default());
-        }
-        let sums = &mut self.sums;
-        buckets.read(bucket as usize, |points| {
-            for point in points {
-                let ([x, y, z], within) = grid.place_of(point.map(Into::into));
-                let (cells, sums) = &mut sums[(y - first) as usize];
-                if let Some(number) = cells.at(x, z) {
-                    let sum = &mut sums[number];
-                    sum.points += 1;
-                    for (offsets, within) in sum.offsets.iter_mut().zip(within) {
-                        *offsets += (within * QUANTA) as u64;
-                    }
-                }
-            }
-            Ok(())
-        })
-    }
-}
-
-/// Empties a vector and gives it room for `count` elements, not more.
-fn refill_exactly<T>(some: &mut Vec<T>, count: usize) {
-    some.clear();
-    some.reserve_exact(count);
+    means::bytes(in_slice, 2 * plane_halo(smooth) as usize, [width, rows]) + 2 * outward::bytes(cells)
 }
 
 /// The means near a plane.
@@ -276,12 +154,7 @@ impl Near<'_> {
             let slice = self.window.get(y);
             for z in zs.clone() {
                 for mean in &slice.means[slice.cells.cells(z, xs.clone())] {
-                    let within = |a: usize| f64::from(mean.within[a]) / QUANTA;
-                    let d = [
-                        f64::from(mean.x) + within(0) - at[0],
-                        y as f64 + within(1) - at[1],
-                        z as f64 + within(2) - at[2],
-                    ];
+                    let d = minus(mean.place(y as f64, z as f64), at);
                     let share = 1.0 - (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) / (sight * sight);
                     if share > 0.0 {
                         let [ox, oy, oz] = mean.outward;

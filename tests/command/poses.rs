@@ -62,8 +62,9 @@ fn each_face_shows_its_front_to_where_the_points_near_it_were_scanned_from() {
         let (u, v) = (minus(b, a), minus(c, a));
         let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
         let dot = |p: [f64; 3], q: [f64; 3]| (0..3).map(|i| p[i] * q[i]).sum::<f64>();
-        // Three corners in a line have no front.
-        if dot(normal, normal) > 1e-6 {
+        // Three corners in a line have no front, nor have they one when they are moved by a twentieth of a cell.
+        let longest = [u, v, minus(c, b)].map(|side| dot(side, side)).into_iter().fold(0.0, f64::max);
+        if dot(normal, normal) > (0.05f64 * 0.25).powi(2) * longest {
             assert!(dot(normal, minus(if a[1] < 10.0 { LEFT } else { RIGHT }, a)) > 0.0, "{a:?} {b:?} {c:?}");
             fronts += 1;
         }

@@ -47,14 +47,42 @@ fn a_run_that_was_ended_goes_on_to_the_same_bytes() {
             assert!(said.contains("the same command goes on from there") == kept, "{phase}: {said}");
             // It has its name when it is whole.
             assert!(!f.names("").contains("m.ply") || f.read("m.ply") == whole, "{phase}");
-            let told = f.ok("k.ply -o m.ply --work m.work -j 1 --max-memory 64M");
-            // A kill may have come before the points were durable.
-            assert!(told.err.contains("going on") || !kept, "{phase}: {}", told.err);
+            // A kill in the last instant finds nothing left to do, nor anything to go on from.
+            let is_left = ["m.work/job.json", "m.work/done/output.json"].iter().any(|name| f.path(name).exists());
+            if !f.names("").contains("m.ply") || is_left {
+                let told = f.ok("k.ply -o m.ply --work m.work -j 1 --max-memory 64M");
+                // A kill may have come before the points were durable.
+                assert!(told.err.contains("going on") || !kept, "{phase}: {}", told.err);
+            }
             assert_eq!(f.read("m.ply"), whole, "{phase}");
         }
         assert!(!f.names("").contains("m.work"), "the folder is removed");
         std::fs::remove_file(f.path("m.ply")).unwrap();
     }
+}
+
+#[test]
+fn an_output_that_the_run_has_named_is_its_own_and_any_other_is_refused() {
+    let_children_hear_signals();
+    let f = Folder::new();
+    f.knot(60_000);
+    f.ok("k.ply -o whole.ply");
+    let (found, said) = ended(&f, "k.ply -o m.ply --work m.work", "surface", Signal::TERM);
+    assert_eq!(found, Some(143), "{said}");
+    // Somebody else's, while the folder tells of none.
+    f.write("m.ply", "precious");
+    let refused = f.run("k.ply -o m.ply --work m.work");
+    assert!(refused.code == 2 && refused.err.contains("m.ply: exists already"), "{}", refused.err);
+    assert_eq!(f.read("m.ply"), b"precious");
+    // The run's own, as the folder tells: it was ended once its output had its name.
+    let value = serde_json::json!({ "files": [], "rest": "m.ply" });
+    let crc = crc32fast::hash(value.to_string().as_bytes());
+    f.write("m.work/done/output.json", serde_json::json!({ "crc": crc, "value": value }).to_string());
+    f.write("m.ply", f.read("whole.ply"));
+    let told = f.ok("k.ply -o m.ply --work m.work");
+    assert!(told.err.contains("going on"), "{}", told.err);
+    assert_eq!(f.read("m.ply"), f.read("whole.ply"));
+    assert!(!f.names("").contains("m.work"), "the folder is removed");
 }
 
 #[test]

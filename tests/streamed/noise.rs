@@ -94,7 +94,7 @@ fn planes_are_chosen_where_noise_is_wider_than_a_cell() {
         assert_eq!(chosen(shape, 60_000, noise, 1), Fit::Plane, "{shape}");
     }
     // A body that points fill is no shell.
-    assert_eq!(chosen(Shape::Volume, 60_000, 0.0, 1), Fit::Nearest);
+    assert_eq!(chosen(Shape::Volume, 60_000, 0.0, 1), Fit::Facets);
 }
 
 proptest! {
@@ -108,7 +108,7 @@ proptest! {
     ) {
         // The sampling distance of shapes that are 1 to 2 across, nearly.
         let distance = 1.5 / (points as f64).sqrt();
-        prop_assert_eq!(chosen(shape, points, 0.0, seed), Fit::Nearest);
+        prop_assert_eq!(chosen(shape, points, 0.0, seed), Fit::Facets);
         // The knot's tube is so thin that its curvature hides the noise.
         if shape != Shape::Knot {
             prop_assert_eq!(chosen(shape, points, 0.4 * distance, seed), Fit::Plane);

@@ -5,7 +5,8 @@ use std::ops::RangeInclusive;
 
 use super::contract::Contraction;
 use super::corner::Corner;
-use super::grid::to_file;
+use super::facets::{Centred, Facets};
+use super::grid::{cell_of, place_in_cell, to_file};
 use super::plane::{Means, outward};
 use super::retreat::retreat;
 use super::surface::Surface;
@@ -73,6 +74,8 @@ pub struct Fitting {
     nearest: Vec<Nearest>,
     /// Where the planes of the points round them take the vertices.
     projected: Vec<Option<[f64; 3]>>,
+    /// Where vertices go instead of their points, and what they go back to first.
+    centred: Vec<Option<Centred>>,
 }
 
 /// The finished mesh of a surface and the points it is fitted to.
@@ -130,8 +133,9 @@ impl Fitting {
         let targets: Vec<[f64; 3]> = surface.positions.iter().map(|&q| to_file(q, params)).collect();
         let rest = surface.rest.iter().map(|&q| to_file(q, params)).collect();
         let sorted = sorted(points);
-        let finds_point = |v: usize| params.fit == Fit::Nearest && !surface.middle[v] && !surface.bridged[v];
-        let nearest = (0..targets.len())
+        let finds_point =
+            |v: usize| matches!(params.fit, Fit::Facets | Fit::Nearest) && !surface.middle[v] && !surface.bridged[v];
+        let nearest: Vec<Nearest> = (0..targets.len())
             .map(|v| if finds_point(v) { nearest(targets[v], &sorted, params.w) } else { None })
             .collect();
         let mut projected: Vec<Option<[f64; 3]>> = match params.fit {
@@ -144,13 +148,44 @@ impl Fitting {
                 };
                 surface.positions.iter().zip(&surface.corners).map(place).collect()
             }
-            Fit::Nearest | Fit::None => vec![None; targets.len()],
-            Fit::Auto => panic!("chosen before"),
+            Fit::Facets | Fit::Nearest | Fit::None => vec![None; targets.len()],
+            Fit::Auto | Fit::AutoPoints => panic!("chosen before"),
         };
         for v in (0..targets.len()).filter(|v| surface.bridged[*v]) {
             projected[v] = Some(as_input(targets[v], params));
         }
-        Fitting { projected, surface: surface.clone(), params: params.clone(), sorted, targets, rest, nearest }
+        let centred = vec![None; targets.len()];
+        let (surface, params) = (surface.clone(), params.clone());
+        let mut fitting = Fitting { projected, surface, params, sorted, targets, rest, nearest, centred };
+        if fitting.params.fit == Fit::Facets {
+            fitting.centre(points);
+        }
+        fitting
+    }
+
+    /// Moves the vertices of each slab so that facets pass amid the points.
+    fn centre(&mut self, points: &[[f64; 3]]) {
+        let place = |(v, point): (usize, &Nearest)| match point {
+            None => self.surface.positions[v],
+            Some((point, _)) => {
+                let (cell, within) =
+                    (cell_of(self.sorted[*point], &self.params), place_in_cell(self.sorted[*point], &self.params));
+                [0, 1, 2].map(|a| f64::from(cell[a]) + within[a])
+            }
+        };
+        let places: Vec<[f64; 3]> = self.nearest.iter().enumerate().map(place).collect();
+        let numbers: Vec<Option<usize>> = self.nearest.iter().map(|point| point.map(|(number, _)| number)).collect();
+        let means = Means::of(points, &self.surface.solid, &self.params);
+        let facets = Facets { surface: &self.surface, places: &places, points: &numbers, means: &means };
+        let mut out = vec![None; places.len()];
+        for (start, end) in slabs(&self.params) {
+            let own = self.planes((start, end));
+            let near = start.saturating_sub(1)..=end;
+            for (v, centred) in facets.centred(&own, &near, &(*near.start()..=*own.end())) {
+                out[v as usize] = Some(centred.map(|place| as_input(to_file(place, &self.params), &self.params)));
+            }
+        }
+        self.centred = out;
     }
 
     /// Nothing contracted yet.
@@ -222,14 +257,26 @@ impl Fitting {
     /// The position of a vertex in file coordinates.
     fn position(&self, v: u32, state: State) -> [f64; 3] {
         let (t, rest) = (self.targets[v as usize], self.rest[v as usize]);
-        let point = || match self.projected[v as usize] {
-            Some(place) => place,
-            None => self.sorted[self.nearest[v as usize].expect("it has a point").0],
+        let point = || match (self.projected[v as usize], self.centred[v as usize]) {
+            (Some(place), _) | (None, Some([place, _])) => place,
+            (None, None) => self.sorted[self.nearest[v as usize].expect("it has a point").0],
         };
         match state {
             State::Smoothed => t,
             State::Fitted | State::Projected | State::Bridged => point(),
             State::Pulled => [0, 1, 2].map(|a| t[a] + 0.9 * (point()[a] - t[a])),
+            State::Back(tenths) if self.centred[v as usize].is_some_and(|[onto, beside]| onto != beside) => {
+                let [onto, beside] = self.centred[v as usize].expect("it has");
+                match tenths {
+                    9 => [0, 1, 2].map(|a| beside[a] + 2.0 / 3.0 * (onto[a] - beside[a])),
+                    8 => [0, 1, 2].map(|a| beside[a] + 1.0 / 3.0 * (onto[a] - beside[a])),
+                    7 => beside,
+                    _ => {
+                        let share = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6][usize::from(tenths)];
+                        [0, 1, 2].map(|a| rest[a] + share * (beside[a] - rest[a]))
+                    }
+                }
+            }
             State::Back(tenths) => {
                 let share = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9][usize::from(tenths)];
                 [0, 1, 2].map(|a| rest[a] + share * (point()[a] - rest[a]))

@@ -15,6 +15,7 @@ pub mod check;
 pub mod clouds;
 pub mod contract;
 pub mod corner;
+pub mod facets;
 pub mod fit;
 pub mod grid;
 pub mod ground;
@@ -46,8 +47,12 @@ pub enum Keep {
 /// What vertices are moved onto.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fit {
-    /// Planes where the shell of points is noise, else the nearest points.
+    /// Planes where the shell of points is noise, else facets.
     Auto,
+    /// The same, but the nearest points instead of facets.
+    AutoPoints,
+    /// So far from their nearest points that facets pass amid the points.
+    Facets,
     /// Their nearest points.
     Nearest,
     /// The planes of the points round them.
@@ -164,9 +169,15 @@ pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
 /// Moves the vertices onto what they are to be moved onto.
 fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMesh {
     let fit = match params.fit {
-        Fit::Auto => {
+        Fit::Auto | Fit::AutoPoints => {
             let noisy = shell::shell(points, &surface.solid, params).is_some_and(shell::is_noisy);
-            if noisy { Fit::Plane } else { Fit::Nearest }
+            if noisy {
+                Fit::Plane
+            } else if params.fit == Fit::Auto {
+                Fit::Facets
+            } else {
+                Fit::Nearest
+            }
         }
         given => given,
     };

@@ -7,10 +7,11 @@ use super::grid::{cell_of, place_in_cell};
 use super::solid::Cells;
 
 /// A cell's points: their mean, in cells along the grid's axes, and their number; and what is outward of it.
-struct Cell {
-    mean: [f64; 3],
-    points: f64,
-    outward: [f64; 3],
+pub struct Cell {
+    pub cell: [i32; 3],
+    pub mean: [f64; 3],
+    pub points: f64,
+    pub outward: [f64; 3],
 }
 
 /// The unit vector from the solid cells that are no farther than two cells along any axis from `centre`, in cells' numbers, by their directions over their
@@ -20,12 +21,14 @@ pub fn outward(solid: &Cells, centre: [f64; 3]) -> [f64; 3] {
     let mut push = [0.0; 3];
     for y in near(1) {
         for z in near(2) {
+            let mut of_row = [0.0; 3];
             for x in near(0).filter(|&x| solid.get([x, y, z])) {
                 let d = [0, 1, 2].map(|a| f64::from([x, y, z][a]) - centre[a]);
                 if dot(d, d) > 0.0 {
-                    (0..3).for_each(|a| push[a] -= d[a] / dot(d, d));
+                    (0..3).for_each(|a| of_row[a] -= d[a] / dot(d, d));
                 }
             }
+            (0..3).for_each(|a| push[a] += of_row[a]);
         }
     }
     let length = dot(push, push).sqrt();
@@ -33,7 +36,7 @@ pub fn outward(solid: &Cells, centre: [f64; 3]) -> [f64; 3] {
 }
 
 /// The cells that hold points, in the order in which they are summed.
-pub struct Means(Vec<Cell>);
+pub struct Means(pub Vec<Cell>);
 
 const QUANTA: f64 = 1_048_576.0;
 
@@ -58,7 +61,7 @@ impl Means {
             let points = count as f64;
             let mean = |g: usize| f64::from([x, y, z][g]) + (offsets[g] / count) as f64 / QUANTA;
             let outward = outward(solid, [x, y, z].map(f64::from)).map(|c| f64::from(c as f32));
-            Cell { mean: [mean(0), mean(1), mean(2)], points, outward }
+            Cell { cell: [x, y, z], mean: [mean(0), mean(1), mean(2)], points, outward }
         });
         Means(means.collect())
     }
@@ -130,7 +133,7 @@ impl Means {
     }
 }
 
-fn dot(u: [f64; 3], v: [f64; 3]) -> f64 {
+pub fn dot(u: [f64; 3], v: [f64; 3]) -> f64 {
     u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 }
 

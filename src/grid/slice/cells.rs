@@ -102,6 +102,20 @@ impl Bits {
         (before | (row[word] >> bit & 1) << 1 | after << 2) as u8
     }
 
+    /// Whether the `count` cells of row z from x on are set: bit 0 and those above it. Cells outside the slice are not; of x and `count`, fewer than 64 lie before it.
+    #[inline]
+    pub fn stretch(&self, x: i64, z: i64, count: u32) -> u32 {
+        if z < 0 || z >= self.lit.len() as i64 || !self.lit[z as usize] {
+            return 0;
+        }
+        let row = self.row(z as u32);
+        let (word, bit) = (x.div_euclid(64), x.rem_euclid(64) as u32);
+        let at = |word: i64| usize::try_from(word).ok().and_then(|word| row.get(word)).copied().unwrap_or(0);
+        let low = at(word) >> bit;
+        let both = if bit + count > 64 { low | at(word + 1) << (64 - bit) } else { low };
+        both as u32 & ((1 << count) - 1)
+    }
+
     /// The words of all rows, one row behind the other.
     pub fn words(&self) -> &[u64] {
         &self.rows

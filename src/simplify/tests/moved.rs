@@ -159,7 +159,7 @@ proptest! {
         let mut overlay = Overlay::default();
         prop_assume!(overlay.look(DVec3::Z, places.iter().copied(), true));
         let mut bounds = Vec::new();
-        overlay.bounds(DVec3::Z, |_| Drift::NONE, &mut bounds);
+        overlay.bounds(DVec3::Z, f64::INFINITY, |_| Drift::NONE, &mut bounds);
         let mut patch = Patch::default();
         patch.size = overlay.size();
         let node = |(at, height)| Node { at, height, tint: DVec3::ZERO };

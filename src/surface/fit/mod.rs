@@ -47,6 +47,15 @@ impl<T: Coordinate> Fitted<T> {
         Fitted { point, target }
     }
 
+    /// Keeps the points of these vertices only, which are counted anew.
+    pub fn keep(&mut self, vertices: Range<u32>) {
+        let [start, end] = [vertices.start, vertices.end].map(|v| v as usize);
+        self.point.truncate(end);
+        self.point.drain(..start);
+        self.target.truncate(end);
+        self.target.drain(..start);
+    }
+
     /// Bytes of the points of so many vertices, of `coordinates` bytes each.
     pub fn bytes(vertices: u64, coordinates: u64) -> u64 {
         vertices * (size_of::<u32>() as u64 + coordinates)

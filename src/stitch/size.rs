@@ -1,0 +1,188 @@
+//! The size of a slab, and what memory its mesh and the making of it take.
+
+use crate::grid::Cell;
+use crate::grid::partition::{Slabs, slices_of, smooth_halo};
+use crate::grid::slice::Bits;
+use crate::settings::surface::Fit;
+use crate::surface::contract::{self, Stars};
+use crate::surface::extract::Surface;
+use crate::surface::fit::Fitted;
+use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase};
+use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint};
+use crate::surface::vertex_state::VertexState;
+use crate::surface::{attributes, facets, plane, smooth, untangle};
+
+/// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::vertices::weights`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Size {
+    /// Its own.
+    pub faces: u64,
+    /// Those of all planes that are smoothed with it, its own included.
+    pub round: u64,
+    /// The most in a layer as thick as those that are searched for pairs of triangles.
+    pub layer: u64,
+    /// Those of the lowest and of the highest such layer.
+    pub ends: [u64; 2],
+}
+
+/// What it depends on beside that.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Made {
+    /// Steps of smoothing.
+    pub smooth: u32,
+    /// Slices of a slab.
+    pub slab_slices: u32,
+    /// What vertices are moved onto.
+    pub fit: Fit,
+    /// Bytes of a point's coordinates.
+    pub coordinates: u64,
+    /// Bytes of a point's attributes.
+    pub attributes: u64,
+    /// Whether triangles are left out.
+    pub trimmed: bool,
+    /// Bytes of a slice's columns, if there are any.
+    pub columns: u64,
+    /// The grid's cells.
+    pub cells: Cell,
+}
+
+/// Bytes of the means of cells that are held at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+pub struct MeansBytes {
+    /// By fitting to planes.
+    pub of_planes: u64,
+    /// By fitting facets.
+    pub of_facets: u64,
+}
+
+impl MeansBytes {
+    /// On a grid of `cells` with so many occupied cells `in_slice`.
+    pub fn of(in_slice: &[u32], cells: Cell, smooth: u32) -> MeansBytes {
+        MeansBytes {
+            of_planes: plane::bytes(in_slice, cells, smooth),
+            of_facets: facets::bytes_of_means(in_slice, cells),
+        }
+    }
+}
+
+impl Made {
+    /// Whether vertices may go to places other than their points, so that facets pass amid these.
+    fn may_be_centred(&self) -> bool {
+        matches!(self.fit, Fit::Auto | Fit::Facets)
+    }
+}
+
+/// Slices that a layer of triangles may lie in, which is two cells thick.
+const LAYER: usize = 3;
+
+impl Size {
+    /// The size of a slab of so many faces, if they lie evenly in its slices.
+    pub fn even(faces: u64, slabs: impl Into<Slabs>) -> Size {
+        let Slabs { smooth, slices } = slabs.into();
+        let slices = u64::from(slices);
+        let layer = (faces * LAYER as u64).div_ceil(slices);
+        let beside = 2 * u64::from(smooth_halo(smooth)) + 1;
+        Size { faces, round: faces + (faces * beside).div_ceil(slices), layer, ends: [layer; 2] }
+    }
+
+    /// The size of slab `number`, where the faces of all slices are known.
+    pub fn counted(faces: &[u32], number: u32, slabs: impl Into<Slabs>) -> Size {
+        let slabs: Slabs = slabs.into();
+        let sum = |slices: &[u32]| slices.iter().map(|faces| u64::from(*faces)).sum::<u64>();
+        let slices = slices_of(number, slabs, faces.len() as u32);
+        let [start, end] = [slices.start, slices.end].map(|slice| slice as usize);
+        let beside = smooth_halo(slabs.smooth) as usize;
+        let own = &faces[start..end];
+        // A fitted vertex may have come from a slice beyond.
+        let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
+        let layers = faces[start.saturating_sub(1)..(end + 1).min(faces.len())].windows(LAYER.min(own.len()));
+        let (below, above) = (start..end.min(start + LAYER), start.max(end.saturating_sub(LAYER))..end);
+        Size {
+            faces: sum(own),
+            round: sum(&faces[round]),
+            layer: layers.map(sum).max().unwrap_or(0),
+            ends: [below, above].map(|slices| sum(&faces[slices])),
+        }
+    }
+
+    /// Vertices of so many faces: no more than where they are counted, and as many on the surface of anything large.
+    pub(super) fn vertices(faces: u64) -> u64 {
+        faces + 8
+    }
+
+    /// The faces of all planes that are looked at: for facets, of one more slice.
+    fn looked_at(self, of: &Made) -> u64 {
+        self.round + if of.may_be_centred() { self.layer } else { 0 }
+    }
+
+    /// Triangles likewise, with those that midpoints add.
+    pub(super) fn triangles(self) -> u64 {
+        2 * Size::vertices(self.faces)
+    }
+
+    /// Bytes of the slab's mesh.
+    pub fn bytes(self, of: &Made) -> u64 {
+        let (own, triangles) = (Size::vertices(self.faces), self.triangles());
+        let place = size_of::<[f64; 3]>() as u64;
+        // After one step of smoothing, the places of the plane above are in it still.
+        let smoothed = if of.smooth > 1 { own } else { Size::vertices(self.looked_at(of)) };
+        // On open surfaces, vertices leave where one step puts them for the surface's height.
+        let rest = if of.smooth == 1 && of.columns == 0 { 0 } else { smoothed };
+        let of_vertex = of.attributes + (size_of::<VertexState>() + size_of::<QuantizedPoint>()) as u64;
+        let of_triangle = (size_of::<[u32; 3]>() + usize::from(of.trimmed)) as u64;
+        (smoothed + rest) * place
+            + Fitted::<f64>::bytes(
+                if of.may_be_centred() { Size::vertices(self.looked_at(of)) } else { own },
+                of.coordinates,
+            )
+            + if of.may_be_centred() { 2 * own * of.coordinates } else { 0 }
+            + own * of_vertex
+            + triangles * of_triangle
+            + Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
+            + triangles / BLOCK as u64 * size_of::<PackedBox>() as u64
+    }
+
+    /// The most bytes while it is made, with the `points` that are held for fitting, and with means.
+    pub fn bytes_making(self, of: &Made, points: u64, means: MeansBytes) -> u64 {
+        let mesh = self.bytes(of);
+        let (own, round) = (Size::vertices(self.faces), Size::vertices(self.looked_at(of)));
+        let places = own * size_of::<[f64; 3]>() as u64;
+        let planes = u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1 + u32::from(of.may_be_centred()));
+        let [width, _, rows] = of.cells;
+        let slices = 3 * Bits::bytes(width + 2, rows + 2) + (planes + 2) * of.columns;
+        // TriangleSet of planes beside the slab, which are dropped with the surface.
+        let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
+        let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
+        let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping.max(2 * beside);
+        let centring = means.of_facets + facets::bytes(round, 2 * round);
+        let moved = match of.fit {
+            Fit::Auto => points.max(means.of_planes).max(centring),
+            Fit::AutoPoints => points.max(means.of_planes),
+            Fit::Facets => points.max(centring),
+            Fit::Plane => means.of_planes.max(if of.attributes > 0 { points } else { 0 }),
+            Fit::Nearest => points,
+            Fit::None if of.attributes > 0 => points,
+            Fit::None => 0,
+        };
+        let second =
+            if !of.fit.has_points() && of.attributes > 0 { Fitted::<f64>::bytes(own, of.coordinates) } else { 0 };
+        let fitting = Surface::bytes_of_vertices(round) + beside + moved + second;
+        let carrying = if of.attributes > 0 { attributes::bytes(own, of.attributes) + second } else { 0 };
+        let contracting = contract::bytes(own);
+        let near = BroadPhase::bytes(self.faces, self.layer);
+        let retreating = own * of.coordinates + untangle::bytes(own, near);
+        mesh + extracting.max(fitting).max(carrying).max(contracting).max(retreating)
+    }
+
+    /// The most bytes at the seam with the slab above, beside the two slabs' meshes.
+    pub fn bytes_at_seam(self, above: Size, of: &Made) -> u64 {
+        let both = Size::vertices(self.faces) + Size::vertices(above.faces);
+        let meeting = self.ends[1] + above.ends[0];
+        let near = BroadPhase::bytes(meeting, meeting);
+        let common = attributes::bytes_of_table::<([u64; 3], u32)>(Size::vertices(self.ends[1].min(above.ends[0])));
+        let retreating = untangle::bytes(both, near).max(common);
+        // Numbers of the vertices, those of the slab before, and which are written.
+        let writing = Size::vertices(self.faces) * (2 * size_of::<u32>() + 3 * usize::from(of.trimmed)) as u64;
+        retreating.max(writing)
+    }
+}
