@@ -26,6 +26,12 @@ pub struct Context {
 }
 
 impl Context {
+    /// A context with a plan, of which nothing stays. Between its passes, threads give back what they have freed, unless there is plenty of room.
+    pub fn new(workers: &Workers, workspace: &Workspace, memory: MemoryPlan) -> Context {
+        workers.give_back_after_passes(!memory.is_roomy(memory.predicted));
+        Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None, account: Arc::default() }
+    }
+
     /// Jobs in flight of a pass over the chunks of `cells`, with a ball of radius `radius`: at least one.
     pub fn jobs(&self, radius: u32, cells: Cell) -> usize {
         self.memory.jobs_of(job_bytes(radius, cells))

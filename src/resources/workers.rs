@@ -29,6 +29,8 @@ pub struct Workers {
     /// The system refused every thread: the calling one does all the work.
     alone: bool,
     cancelled: Arc<AtomicBool>,
+    /// Whether memory is so short that every pass ends with all threads giving back what they have freed in it.
+    is_short: Arc<AtomicBool>,
     #[cfg(test)]
     fault: Arc<fault::Fault>,
 }
@@ -56,6 +58,7 @@ impl Workers {
             pool: Arc::new(pool),
             alone,
             cancelled: Arc::default(),
+            is_short: Arc::default(),
             #[cfg(test)]
             fault: Arc::default(),
         })
@@ -77,6 +80,19 @@ impl Workers {
             self.pool.broadcast(|_| allocator::give_back());
         }
         allocator::give_back();
+    }
+
+    /// Says whether memory is short: then each pass ends with all threads giving back what they have freed in it. Else it stays with them while others take memory
+    /// for the next pass, and what is resident is the sum of what each thread ever took.
+    pub fn give_back_after_passes(&self, is_short: bool) {
+        self.is_short.store(is_short, Ordering::Relaxed);
+    }
+
+    /// Where memory is short, has every thread give back what it has freed: between steps that take as much again.
+    pub fn between_steps(&self) {
+        if self.is_short.load(Ordering::Relaxed) {
+            self.give_back();
+        }
     }
 
     /// The flag that stops every pass at its next job when set, with [`Error::Interrupted`].
@@ -122,7 +138,7 @@ impl Workers {
         }
         let (done, results) = crossbeam_channel::bounded::<(usize, Result<R>)>(in_flight);
         let (work, over) = (&work, &AtomicBool::new(false));
-        self.pool.in_place_scope(|scope| {
+        let outcome = self.pool.in_place_scope(|scope| {
             let mut waiting = BTreeMap::new();
             let (mut started, mut sunk) = (0usize, 0usize);
             let mut exhausted = false;
@@ -156,7 +172,9 @@ impl Workers {
             let outcome = defect::caught(&mut pass);
             over.store(true, Ordering::Relaxed);
             outcome
-        })
+        });
+        self.between_steps();
+        outcome
     }
 
     /// The next result. Waiting ends when the flag is set, whatever the jobs do.

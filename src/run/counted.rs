@@ -9,8 +9,6 @@
 //!                       └─► it does not, or the least is asked for ─► count ─► refused with a figure that does, or run
 //! ```
 
-use std::sync::Arc;
-
 use crate::error::Result;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
@@ -52,8 +50,7 @@ pub(super) fn counted(
     if memory.predicted_disk > 0 && !has_room() {
         return Ok(None);
     }
-    let context =
-        Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None, account: Arc::default() };
+    let context = Context::new(workers, workspace, memory);
     let workload = match expected.precision {
         Precision::Single => workload::<f32>(cloud, surveyed, settings, &context, progress)?,
         Precision::Double => workload::<f64>(cloud, surveyed, settings, &context, progress)?,

@@ -21,8 +21,6 @@
 //! are made of the coarse cells, too. They are put into the grid of the run, whose cells are taken together by a power of two until they are as wide as the coarse ones, as
 //! it is turned and with its margin: where the coarse cells are the finer ones, what is found is nearly what the run is going to find.
 
-use std::sync::Arc;
-
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::coarse::{CoarseGrid, SIDE};
@@ -82,8 +80,7 @@ pub fn estimate_faces(
     let small = Workload::in_cells(1, Precision::Single, cells, 1);
     let own = budget.max(MemoryPlan::least(&small, workers.threads()));
     let memory = MemoryPlan::for_budget(own, &small, workers.threads())?;
-    let context =
-        Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None, account: Arc::default() };
+    let context = Context::new(workers, workspace, memory);
     let mut coarse = Occupancy::of_cells(coarse_grid.cells().map(|cell| axes.map(|a| cell[a])), cells, &context)?;
     let (mut side, w) = (coarse_grid.side(), grid.cell_size());
     // Cells of a grid that is as coarse as the coarse grid may be finer than the sampling already.
@@ -201,8 +198,7 @@ fn faces_of_columns(
     let small = Workload::in_cells(1, Precision::Single, cells, 1).with_columns(columns);
     let own = budget.max(MemoryPlan::least(&small, workers.threads()));
     let memory = MemoryPlan::for_budget(own, &small, workers.threads())?;
-    let context =
-        Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None, account: Arc::default() };
+    let context = Context::new(workers, workspace, memory);
     let (low, side) = (coarse_grid.extent().0, coarse_grid.side());
     let middle = |cell: [u32; 3]| std::array::from_fn(|a| (low[a] as f64 + f64::from(cell[a]) + 0.5) * side);
     let occupied = coarse_grid.cells().map(|cell| grid.cell_of(middle(cell)).map(|c| c / factor));

@@ -2,8 +2,6 @@
 //!
 //! The rest of a run (checking the mesh, writing it) needs the finished mesh only and is [`crate::run`]'s.
 
-use std::sync::Arc;
-
 use bytesize::ByteSize;
 
 use crate::error::{Error, Result};
@@ -124,5 +122,5 @@ pub fn context(surveyed: &Surveyed, workers: &Workers, workspace: &Workspace, bu
             capacity: ByteSize(workspace.capacity()?),
         });
     }
-    Ok(Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None, account: Arc::default() })
+    Ok(Context::new(workers, workspace, memory))
 }

@@ -168,7 +168,7 @@ impl MemoryPlan {
     }
 
     /// Whether the budget is many times what is used.
-    pub(super) fn is_roomy(&self, used: u64) -> bool {
+    pub(crate) fn is_roomy(&self, used: u64) -> bool {
         used < self.budget / ROOMY
     }
 

@@ -1,7 +1,5 @@
 //! What tests of stages need: a context, as a run would have made it.
 
-use std::sync::Arc;
-
 use std::path::Path;
 
 use crate::grid::Cell;
@@ -20,13 +18,7 @@ pub fn context(directory: &Path, cells: Cell, threads: usize) -> Context {
     let workload = Workload::in_cells(1000, Precision::Single, cells, 1);
     let memory = MemoryPlan::for_budget(1 << 30, &workload, threads).expect("a GiB is enough");
     let workers = Workers::new(threads).expect("threads start");
-    Context {
-        workers,
-        workspace: Workspace::new(directory).expect("temporary files can be made"),
-        memory,
-        work: None,
-        account: Arc::default(),
-    }
+    Context::new(&workers, &Workspace::new(directory).expect("temporary files can be made"), memory)
 }
 
 /// Runs a test with such a context, two threads, and a directory that is removed behind it.

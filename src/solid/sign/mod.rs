@@ -159,7 +159,9 @@ impl Signed {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn find(seen: Seen, context: &Context) -> Result<Signed> {
         // Here, and not step by step, so that no step waits for a thread of the pool to wake.
-        context.workers.pool().install(|| Signed::found(seen, context))
+        let signed = context.workers.pool().install(|| Signed::found(seen, context));
+        context.workers.between_steps();
+        signed
     }
 
     fn found(seen: Seen, context: &Context) -> Result<Signed> {
@@ -174,6 +176,7 @@ impl Signed {
         let mut tries = 0;
         loop {
             context.workers.check_cancelled()?;
+            context.workers.between_steps();
             field.solve(&two_sided, &context.workers);
             if let Some(bare) = support::bare(&field, &two_sided) {
                 let mut gains = false;
@@ -201,6 +204,7 @@ impl Signed {
         let mut sides = field.sides();
         // What the field holds beside that would lie there while membranes have fields of their own.
         let Field { lined, .. } = field;
+        context.workers.between_steps();
         membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
         drop(lined);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
