@@ -29,6 +29,7 @@ ABOVE = 1.02
 PLAN_OVER_PEAK = 1.3
 SHAPES = ["sphere", "torus", "knot", "terrain", "plane", "box", "volume", "cluster", "line", "steps"]
 FORMATS = ["raw", "ply", "text", "las", "laz"]
+FITS = ["nearest", "plane", "none"]
 SECONDS = 600
 
 
@@ -113,7 +114,7 @@ def convert(raw, path):
         las.write(path)
 
 
-def drawn(dice, most):
+def drawn(dice, most, fits=FITS):
     """A configuration at random."""
     shape = dice.choice(SHAPES)
     options = ["--k", str(dice.choice([2, 3, 4, 6, 8]))]
@@ -122,7 +123,7 @@ def drawn(dice, most):
         options += ["--surface", surface] + (["--facing", dice.choice(["1,0.4,0.7", "0,0,1"])] if surface == "sheet" else [])
     if surface == "terrain" and dice.random() < 0.2:
         options += ["--base", "-2"]
-    options += ["--fit", dice.choice(["nearest", "plane", "none"]), "--smooth", str(dice.choice([0, 1, 1, 2, 5]))]
+    options += ["--fit", dice.choice(fits), "--smooth", str(dice.choice([0, 1, 1, 2, 5]))]
     points = int(2 ** dice.uniform(12, most.bit_length()))
     return {
         "shape": shape,
@@ -165,13 +166,14 @@ def main():
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--most", type=int, default=600_000, help="points of the largest cloud")
+    parser.add_argument("--fits", nargs="+", default=FITS, help="what vertices are moved onto, at random (also: facets, auto)")
     parser.add_argument("--report", type=Path)
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
     program, dice = arguments.program.resolve(), random.Random(arguments.seed)
     results = []
     for number in range(arguments.count):
-        case = drawn(dice, arguments.most)
+        case = drawn(dice, arguments.most, arguments.fits)
         result = tried(program, arguments.work, case)
         results.append(result)
         with open(arguments.work / "results.jsonl", "a") as out:
