@@ -1,5 +1,6 @@
 //! Memory: how a budget is shared out among what a run holds. [`crate::run::planner`] makes the plan.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Bytes of a thread: its stack, and its part of what the allocator keeps to itself.
@@ -49,8 +50,12 @@ pub(crate) struct Passes {
     pub(crate) transfers: u64,
     /// Those before slabs are made.
     pub(crate) before: u64,
+    /// Threads that have something to do in these.
+    pub(crate) busy_before: u64,
     /// The making of slabs.
     pub(crate) slabs: u64,
+    /// The same as their stages counted it when they began; none before slabs are made.
+    pub(crate) slabs_counted: Option<u64>,
     /// Distances, simplification and levels, where they are asked for.
     pub(crate) asked: u64,
     /// The check, and the writing of the mesh.
@@ -98,6 +103,9 @@ impl MemoryPlan {
 pub struct Account {
     field: AtomicU64,
     reopening: AtomicU64,
+    measuring: AtomicU64,
+    /// What slabs in the making hold, those that wait, and the mesh that they become.
+    pub slabs: Arc<Tally>,
 }
 
 /// What an account comes to when the cells are closed.
@@ -107,6 +115,8 @@ pub struct Closing {
     pub field: u64,
     /// All jobs that open again what was filled; none if nothing was.
     pub reopening: u64,
+    /// All jobs that measure how thick the shell of points is; none if it was not.
+    pub measuring: u64,
 }
 
 impl Account {
@@ -120,10 +130,76 @@ impl Account {
         self.reopening.fetch_max(bytes, Ordering::Relaxed);
     }
 
+    /// The shell of points is going to be measured in so many bytes.
+    pub fn measuring(&self, bytes: u64) {
+        self.measuring.fetch_max(bytes, Ordering::Relaxed);
+    }
+
     /// The account so far.
     pub fn closing(&self) -> Closing {
-        let [field, reopening] = [&self.field, &self.reopening].map(|bytes| bytes.load(Ordering::Relaxed));
-        Closing { field, reopening }
+        let of = [&self.field, &self.reopening, &self.measuring];
+        let [field, reopening, measuring] = of.map(|bytes| bytes.load(Ordering::Relaxed));
+        Closing { field, reopening, measuring }
+    }
+}
+
+/// What several hold at a time, in bytes, as each says when it knows.
+#[derive(Debug, Default)]
+pub struct Tally {
+    now: AtomicU64,
+    most: AtomicU64,
+}
+
+impl Tally {
+    /// The most that was held at a time.
+    pub fn most(&self) -> u64 {
+        self.most.load(Ordering::Relaxed)
+    }
+}
+
+/// What one of them holds, as long as it exists; without a tally, nobody counts it.
+#[derive(Debug, Default)]
+pub struct Claim {
+    tally: Option<Arc<Tally>>,
+    bytes: u64,
+}
+
+impl Claim {
+    /// A claim to nothing yet.
+    pub fn of(tally: &Arc<Tally>) -> Claim {
+        Claim { tally: Some(Arc::clone(tally)), bytes: 0 }
+    }
+
+    /// How much it holds.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// From now on it holds so much.
+    pub fn set(&mut self, bytes: u64) {
+        if let Some(Tally { now, most }) = self.tally.as_deref() {
+            if bytes >= self.bytes {
+                let more = bytes - self.bytes;
+                most.fetch_max(now.fetch_add(more, Ordering::Relaxed) + more, Ordering::Relaxed);
+            } else {
+                now.fetch_sub(self.bytes - bytes, Ordering::Relaxed);
+            }
+        }
+        self.bytes = bytes;
+    }
+}
+
+impl Clone for Claim {
+    fn clone(&self) -> Claim {
+        let mut copy = Claim { tally: self.tally.clone(), bytes: 0 };
+        copy.set(self.bytes);
+        copy
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        self.set(0);
     }
 }
 
@@ -148,5 +224,26 @@ impl SlabJobs {
         let all = self.running + self.ahead;
         // With one, the thread that stitches would make the slabs.
         if self.pieces > 1 { all.div_ceil(self.pieces).max(2) } else { all }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tally_is_what_claims_came_to_at_a_time() {
+        let tally = Arc::default();
+        let (mut one, mut other) = (Claim::of(&tally), Claim::of(&tally));
+        one.set(5);
+        other.set(7);
+        one.set(2);
+        let copy = one.clone();
+        assert_eq!(tally.most(), 12);
+        drop((copy, other));
+        one.set(12);
+        assert_eq!(tally.most(), 12);
+        one.set(13);
+        assert_eq!((tally.most(), one.bytes()), (13, 13));
     }
 }

@@ -209,7 +209,11 @@ pub(super) fn closed_cells<T: Coordinate>(
     let sampled = Sampled { buckets, occupied: &closed.occupancy.store, grid, counted };
     let signed = matches!(closed.how, How::Sign(_));
     let shell = match signed || settings.surface.fit == Fit::Auto {
-        true => thickness::measure(&sampled, &closed.solid, context)?,
+        true => {
+            let in_slice = &closed.occupancy.in_slice;
+            context.account.measuring(thickness::bytes_of_all(closed.solid.cells, in_slice, context));
+            thickness::measure(&sampled, &closed.solid, context)?
+        }
         false => None,
     };
     let closed = match signed && !shell.is_some_and(|shell| shell.hides_walls()) {

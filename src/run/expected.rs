@@ -16,6 +16,7 @@ use crate::run::planner::{
     survey_jobs,
 };
 use crate::run::pyramid;
+use crate::run::slab_jobs::STITCHING;
 use crate::run::workload::Workload;
 use crate::simplify::Extent;
 use crate::solid::heightfield;
@@ -26,15 +27,24 @@ use crate::error::Result;
 const OUTSIDE: u64 = 1 << 19;
 
 /// What each thread, and the allocator for it, has to itself. Where slabs are made, what was given back is counted with them; the check's jobs hand their memory on.
-/// As 200 runs of clouds of every kind had it resident; budgets are given out with more ([`MemoryPlan::least`]), as some runs had.
-const THREAD_BEFORE_SLABS: u64 = 1 << 20;
+/// Budgets are given out with more ([`MemoryPlan::least`]), as some runs had.
+///
+/// The rule for these figures, and for those of slabs below: of runs of random configurations (`tools/memory.py`), what was resident beside what passes said was held; each figure
+/// as small as leaves nearly all runs below the plan.
+const THREAD_BEFORE_SLABS: u64 = 15 << 16;
 const THREAD_OF_SLABS: u64 = 5 << 16;
 const THREAD_AFTER_SLABS: u64 = 1 << 19;
+
+/// What each job that makes slabs has to itself, beside what its stages counted.
+const JOB_OF_SLABS: u64 = 13 << 16;
+
+/// What slabs have freed and the allocator still has, as a part of what they hold: where they give it back between their stages, and where they do not.
+const FREED: (u64, u64) = (12, 5);
 
 impl Passes {
     /// The most of the heap at a time.
     fn heap(self) -> u64 {
-        self.beside_threads([0; 3], 0)
+        Passes { slabs_counted: None, ..self }.beside_threads([0; 3], 0)
     }
 
     /// The most at a time, with so many threads.
@@ -43,7 +53,8 @@ impl Passes {
     }
 
     fn beside_threads(self, [before, slabs, after]: [u64; 3], threads: u64) -> u64 {
-        let passes = [self.before + threads * before, self.slabs + threads * slabs];
+        let of_slabs = self.slabs_counted.unwrap_or(self.slabs + threads * slabs);
+        let passes = [self.before + self.busy_before.min(threads) * before, of_slabs];
         let passes = passes.into_iter().chain([self.asked, self.check].map(|pass| pass + threads * after));
         HEAP + self.transfers + passes.max().unwrap_or(0)
     }
@@ -58,8 +69,27 @@ impl MemoryPlan {
     /// The same plan with the memory that passes are expected to take.
     pub(super) fn with_passes(self, passes: Passes) -> MemoryPlan {
         let most = passes.most(self.threads);
-        let kept_back = if self.is_roomy(most) { most / KEPT_BACK } else { 0 };
+        // What slabs counted has it.
+        let keeps = passes.slabs_counted.is_none() && self.is_roomy(most);
+        let kept_back = if keeps { most / KEPT_BACK } else { 0 };
         MemoryPlan { passes, predicted: most + kept_back, ..self }
+    }
+
+    /// The same plan when slabs have told that they and the mesh took so many bytes at a time; nothing if none was made here.
+    pub(super) fn with_slabs_made(self, workload: &Workload, most: u64) -> MemoryPlan {
+        if most == 0 {
+            return self;
+        }
+        let lasting = self.held(workload) + workload.standing_slice_bytes().min(self.slices_quota());
+        // What is on its way to the mesh is no more than that, once as it is gathered, once as it is handed on.
+        let stitching = (STITCHING * self.pieces as u64).min(2 * workload.mesh_bytes());
+        let held = lasting + most + stitching;
+        let Ok(jobs) = self.slab_jobs(workload) else { return self };
+        let beside = jobs.running.min(workload.slabs().len()) as u64 * JOB_OF_SLABS;
+        let counted = held + held / if jobs.gives_back { FREED.0 } else { FREED.1 } + beside;
+        let counted = counted.min(self.budget.saturating_sub(OUTSIDE + HEAP + self.passes.transfers));
+        let passes = Passes { slabs_counted: Some(counted), ..self.passes };
+        self.with_passes(passes)
     }
 
     /// The same plan when the mesh is there, which is checked, or not, and then written in so many bytes beside it.
@@ -91,7 +121,9 @@ impl MemoryPlan {
         Ok(Passes {
             transfers: workload.transfers(),
             before: self.before_slabs(workload, None),
+            busy_before: self.busy_before(workload),
             slabs: lasting + self.slab_jobs(workload)?.bytes_beside(workload, mesh),
+            slabs_counted: None,
             asked: asked.into_iter().flatten().max().map_or(0, |most| mesh + most),
             check: mesh + self.checking(checking(workload, self.threads), (workload.mesh_bytes(), mesh)),
         })
@@ -126,10 +158,11 @@ impl MemoryPlan {
         let job = reopening(workload);
         let measuring = measuring(workload);
         let measuring = measuring * of_pass(self.jobs_of(measuring).min(self.threads), 1);
-        let (field, reopening) = match closing {
-            Some(Closing { field, reopening }) => (field, reopening),
-            None => (deciding(workload), of_pass(self.jobs_of(job), CHUNK_SLICES) * job),
-        };
+        let Closing { field, reopening, measuring } = closing.unwrap_or_else(|| Closing {
+            field: deciding(workload),
+            reopening: of_pass(self.jobs_of(job), CHUNK_SLICES) * job,
+            measuring,
+        });
         // Sides are told apart while occupied cells are all that there is, and those of a coarser level: as many bytes as later the solid has.
         let occupied = workload.standing_slice_bytes().min(sealing);
         let passes = (slices + columns).max(reopening).max(looking(workload, blocks)).max(measuring);
@@ -138,6 +171,17 @@ impl MemoryPlan {
         let surveying = workload.surveying();
         let surveyed = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, self.threads as u64);
         surveyed.max(buckets + bucketing).max(self.held(workload) + closing)
+    }
+
+    /// Threads that have something to do before slabs are made: where no field is looked for, no more than a pass has jobs.
+    fn busy_before(&self, workload: &Workload) -> u64 {
+        let threads = self.threads as u64;
+        if workload.columns.is_none() {
+            return threads;
+        }
+        let chunks = u64::from(workload.cells[1].div_ceil(CHUNK_SLICES));
+        // The calling thread is beside them.
+        threads.min(1 + chunks.max(self.blocks(workload)).max(workload.surveying().blocks))
     }
 
     /// Blocks of the input that are in flight at the most.

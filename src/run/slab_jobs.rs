@@ -1,11 +1,12 @@
 //! Slabs in the making: how many there are at a time, in how many pieces, and the bytes that they take.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use crate::grid::partition::{buckets_round, halo};
-use crate::resources::memory::{SlabJobs, THREAD};
+use crate::resources::memory::{SlabJobs, THREAD, Tally};
 use crate::run::workload::{PointWorkload, Workload};
-use crate::stitch::size::Size;
+use crate::stitch::size::{Size, Told};
 
 /// The most points that a slab's fitting holds at once, and the fewest.
 pub(super) const HELD: (u64, u64) = (4 << 20, 16 << 10);
@@ -18,7 +19,7 @@ const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
 const LOST: (u64, u64) = (14, 32);
 
 /// Vertices and triangles on their way from a slab to the mesh, and what the mesh's stores hold of them.
-const STITCHING: u64 = 5 << 19;
+pub(super) const STITCHING: u64 = 5 << 19;
 
 /// Bytes of the points that are held at once when a slab is fitted with `held` of them: those round a plane, sorted, with as many cells at most; and a bucket's share
 /// of them while it is sorted.
@@ -47,6 +48,17 @@ impl SlabJobs {
     /// One slab at a time.
     pub(super) fn one(points_held: u64) -> SlabJobs {
         SlabJobs { running: 1, ahead: 0, points_held: points_held as usize, pieces: 1, gives_back: true }
+    }
+
+    /// What slabs of a workload are made with, to tell `tally` what their stages take.
+    pub(super) fn told(&self, workload: &Workload, tally: &Arc<Tally>) -> Told {
+        Told {
+            tally: Arc::clone(tally),
+            of: workload.made(),
+            sizes: workload.slabs().to_vec(),
+            points: workload.fitting_raster() + held_bytes(workload, self.points_held as u64),
+            means: workload.means(),
+        }
     }
 
     /// The most bytes of all slabs of a workload at a time, with the points round a plane, as far as they are held at once.

@@ -13,7 +13,7 @@ use crate::nearest::bridged::Bridging;
 use crate::points::attribute::Schema;
 use crate::points::bounds::Bounds;
 use crate::points::{Coordinate, Precision};
-use crate::resources::memory::MemoryPlan;
+use crate::resources::memory::{Claim, MemoryPlan};
 use crate::resources::workers::Spares;
 use crate::run::bridging::{Trimmed, measured};
 use crate::run::closed_cells::ClosedCells;
@@ -142,6 +142,7 @@ pub(super) fn surface_of<T: Coordinate>(
         };
         pieces::stitch(ranges, &Means { stitcher: &stitcher, ..means })
     })?;
+    let memory = memory.with_slabs_made(&workload, context.account.slabs.most());
     reconstructed(stitched, surveyed, settings, (&buckets, cells), memory, context, progress)
 }
 
@@ -200,7 +201,8 @@ pub(super) fn with_slabs<T: Coordinate, R>(
     let frame = Frame { origin: origin(T::PRECISION, &survey.bounds), precision: T::PRECISION };
     let trimmed = solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
     let begun = |mesh: MeshSpool, from: &Checkpoint| Stitcher::resumed(grid, halo(smooth), frame, mesh, trimmed, from);
-    let making = Making { solid, sampled: &sampled, options: surface, frame, jobs };
+    let counting = jobs.told(workload, &context.account.slabs);
+    let making = Making { solid, sampled: &sampled, options: surface, frame, jobs, told: Some(&counting) };
     let written: Spares<SlabMesh<T>> = Spares::default();
     let make = |number: u32| {
         // Slabs differ: a narrow one that kept a wide one's room would hold it while the next wide one is made.
@@ -209,10 +211,12 @@ pub(super) fn with_slabs<T: Coordinate, R>(
         let room = room.unwrap_or_else(|| SlabMesh::with_room(size, settings.surface.smooth));
         SlabMesh::make(number, &making, room)
     };
-    let told = Mutex::new((&mut *progress, 0.0));
+    let told = Mutex::new((&mut *progress, 0.0, Claim::of(&context.account.slabs)));
     let taken = |number: u32| {
-        let (progress, done) = &mut *told.lock().unwrap_or_else(PoisonError::into_inner);
+        let (progress, done, mesh) = &mut *told.lock().unwrap_or_else(PoisonError::into_inner);
         *done += work(number);
+        // The mesh has the part that comes of the slabs before.
+        mesh.set((memory.mesh_quota as f64 * (*done / all).min(1.0)) as u64);
         progress.add_weighed(faces_of_slab(number), *done / all);
     };
     let ranges = jobs.ranges(workload);

@@ -42,7 +42,7 @@ use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
 use crate::points::Coordinate;
 use crate::surface::untangle::broad_phase::BroadPhase;
-use crate::surface::untangle::{Untangled, untangle};
+use crate::surface::untangle::{self, Untangled, untangle};
 use crate::surface::vertex_state::VertexState;
 
 /// The largest number of vertices: what a PLY file's `int` can index.
@@ -218,7 +218,11 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
     pub fn add(&mut self, mut slab: SlabMesh<T>) -> Result<Option<SlabMesh<T>>> {
         let mut lower = self.waiting.take();
         if let Some(lower) = &mut lower {
+            let waiting = lower.claim.bytes();
+            let both = u64::from(lower.own()) + u64::from(slab.own());
+            lower.claim.set(waiting + untangle::bytes(both, 0));
             let (report, touched, tangled) = self.close(lower, &mut slab);
+            lower.claim.set(waiting);
             (self.touched, self.clean) = (touched, report.clean);
             if self.next == self.written {
                 // Stitching began in the middle: the seam and the slab below it were counted, and written, where the checkpoint was made.

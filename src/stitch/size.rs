@@ -1,8 +1,11 @@
 //! The size of a slab, and what memory its mesh and the making of it take.
 
+use std::sync::Arc;
+
 use crate::grid::Cell;
 use crate::grid::partition::{Slabs, slices_of, smooth_halo};
 use crate::grid::slice::Bits;
+use crate::resources::memory::Tally;
 use crate::settings::surface::Fit;
 use crate::surface::contract::{self, Stars};
 use crate::surface::extract::Surface;
@@ -69,6 +72,60 @@ impl Made {
     /// Whether vertices may go to places other than their points, so that facets pass amid these.
     fn may_be_centred(&self) -> bool {
         matches!(self.fit, Fit::Auto | Fit::Facets)
+    }
+}
+
+/// What a slab says of the memory that its stages take, and to whom.
+#[derive(Debug)]
+pub struct Told {
+    /// Those who hold memory at the same time.
+    pub tally: Arc<Tally>,
+    /// What a slab's memory depends on.
+    pub of: Made,
+    /// The size of each slab, as the plan has it.
+    pub sizes: Vec<Size>,
+    /// Bytes of the points that are held for fitting.
+    pub points: u64,
+    /// Bytes of the means of cells.
+    pub means: MeansBytes,
+}
+
+impl Told {
+    /// The size of slab `number` whose surface has so many vertices, its own among them, and so many triangles of its own.
+    pub fn size(&self, number: u32, vertices: usize, own: usize, triangles: usize) -> Size {
+        let planned = self.sizes[number as usize];
+        let beside = if self.of.may_be_centred() { planned.layer } else { 0 };
+        let faces = (own.max(triangles / 2) as u64).min(planned.faces);
+        Size {
+            faces,
+            round: (vertices as u64).saturating_sub(beside).clamp(faces, planned.round.max(faces)),
+            ..planned
+        }
+    }
+}
+
+/// The bytes of a slab while it is made, stage by stage, all that was made before included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stages {
+    /// Its surface is extracted and smoothed.
+    pub extracting: u64,
+    /// Its vertices are moved.
+    pub fitting: u64,
+    /// They are given attributes.
+    pub carrying: u64,
+    /// Edges are contracted.
+    pub contracting: u64,
+    /// Vertices go back until no triangles intersect.
+    pub retreating: u64,
+    /// It is made, and waits for its seams.
+    pub made: u64,
+}
+
+impl Stages {
+    /// The most at a time.
+    fn most(self) -> u64 {
+        let Stages { extracting, fitting, carrying, contracting, retreating, made } = self;
+        [extracting, fitting, carrying, contracting, retreating, made].into_iter().max().unwrap_or(0)
     }
 }
 
@@ -144,7 +201,12 @@ impl Size {
 
     /// The most bytes while it is made, with the `points` that are held for fitting, and with means.
     pub fn bytes_making(self, of: &Made, points: u64, means: MeansBytes) -> u64 {
-        let mesh = self.bytes(of);
+        self.stages(of, (points, means), true).most()
+    }
+
+    /// The bytes of each stage; in the room of another slab, or in room of its own that is not touched before it is needed.
+    pub fn stages(self, of: &Made, (points, means): (u64, MeansBytes), in_used_room: bool) -> Stages {
+        let made = self.bytes(of);
         let (own, round) = (Size::vertices(self.faces), Size::vertices(self.looked_at(of)));
         let places = own * size_of::<[f64; 3]>() as u64;
         let planes = u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1 + u32::from(of.may_be_centred()));
@@ -171,7 +233,20 @@ impl Size {
         let contracting = contract::bytes(own);
         let near = BroadPhase::bytes(self.faces, self.layer);
         let retreating = own * of.coordinates + untangle::bytes(own, near);
-        mesh + extracting.max(fitting).max(carrying).max(contracting).max(retreating)
+        let touched = |bytes: u64| if in_used_room { made } else { bytes };
+        let triangles = self.triangles();
+        let quantized = own * size_of::<QuantizedPoint>() as u64;
+        let fitted = made - quantized - Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles);
+        let extracted = Size::vertices(self.looked_at(of)) * size_of::<[f64; 3]>() as u64
+            + triangles * size_of::<[u32; 3]>() as u64;
+        Stages {
+            extracting: touched(extracted.min(made)) + extracting,
+            fitting: touched(fitted) + fitting,
+            carrying: touched(fitted) + carrying,
+            contracting: touched(made - quantized) + contracting,
+            retreating: made + retreating,
+            made,
+        }
     }
 
     /// The most bytes at the seam with the slab above, beside the two slabs' meshes.

@@ -8,12 +8,12 @@ use crate::grid::partition::{Slabs, halo, plane_halo, slices_of, smooth_halo};
 use crate::mesh::spool::Frame;
 use crate::points::Coordinate;
 use crate::resources::allocator;
-use crate::resources::memory::SlabJobs;
+use crate::resources::memory::{Claim, SlabJobs};
 use crate::resources::workers::refill;
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::Solid;
 use crate::stitch::numbers::{InSlab, Named};
-use crate::stitch::size::Size;
+use crate::stitch::size::{Size, Stages, Told};
 use crate::surface::attributes::attributes;
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_gone};
 use crate::surface::extract::{Surface, Triangles};
@@ -61,6 +61,8 @@ pub struct SlabMesh<T> {
     pub blocks: Vec<PackedBox>,
     /// Pairs of its own triangles that still intersect.
     pub tangled: u64,
+    /// What it says that it holds of memory.
+    pub claim: Claim,
 }
 
 /// What slabs are made of, and how.
@@ -76,6 +78,8 @@ pub struct Making<'a, T> {
     pub frame: Frame,
     /// How many slabs exist at a time.
     pub jobs: SlabJobs,
+    /// Who is told what each stage takes, if anybody is.
+    pub told: Option<&'a Told>,
 }
 
 /// Triangles that do not matter when a slab is given another's room.
@@ -142,7 +146,7 @@ impl<T: Coordinate> SlabMesh<T> {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn make(number: u32, making: &Making<'_, T>, room: SlabMesh<T>) -> Result<SlabMesh<T>> {
-        let Making { solid, sampled, options, frame, jobs } = *making;
+        let Making { solid, sampled, options, frame, jobs, told } = *making;
         let slices = slices_of(number, Slabs::of(&options), solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
@@ -155,6 +159,16 @@ impl<T: Coordinate> SlabMesh<T> {
                 allocator::give_back();
             }
         };
+        let mut claim = room.claim;
+        let in_used_room = claim.bytes() > 0;
+        let claim_of = |size: Size| told.map(|told| size.stages(&told.of, (told.points, told.means), in_used_room));
+        let mut stages = told.and_then(|told| claim_of(told.sizes[number as usize]));
+        if let Some((told, stages)) = told.zip(stages) {
+            if !in_used_room {
+                claim = Claim::of(&told.tally);
+            }
+            claim.set(stages.extracting);
+        }
         let mut surface = Surface::find(solid, i64::from(slices.start) - more - beside..=i64::from(slices.end) + more)?;
         let mut q = smooth(&surface, options.smooth, room.smoothed);
         let planes = slices.start..slices.end + u32::from(last);
@@ -172,6 +186,15 @@ impl<T: Coordinate> SlabMesh<T> {
             surface.triangles(planes.clone(), &q, options.diagonals, room.triangles);
         let Triangles { corners: mut below, .. } =
             surface.triangles(near.start..planes.start, &q, options.diagonals, Vec::new());
+        if let Some(told) = told {
+            stages = claim_of(told.size(number, surface.vertices.len(), own.len(), triangles.len()));
+        }
+        let mut begins = |stage: fn(&Stages) -> u64| {
+            if let Some(stages) = &stages {
+                claim.set(stage(stages));
+            }
+        };
+        begins(|stages| stages.extracting);
         triangles.as_flattened_mut().iter_mut().for_each(|corner| *corner -= own.start);
         below.as_flattened_mut().iter_mut().for_each(|corner| *corner -= of_near.start);
         let named = triangles.as_flattened().iter().copied().max().map_or(0, |v| v + 1).max(own.len() as u32);
@@ -197,6 +220,7 @@ impl<T: Coordinate> SlabMesh<T> {
         // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
         end_stage();
+        begins(|stages| stages.fitting);
         let mut state = room.state;
         refill(&mut state, own.len(), VertexState::Unfitted);
         let mut bridged = vec![false; if surface.columns().is_some() { of_near.len() } else { 0 }];
@@ -268,12 +292,14 @@ impl<T: Coordinate> SlabMesh<T> {
         }
         drop(surface);
         end_stage();
+        begins(|stages| stages.carrying);
         let smoothed = to_world(q);
         let attributes = match stride {
             0 => Vec::new(),
             _ => attributes(sampled, slices_near, nearest.as_ref().unwrap_or(&fitted), &smoothed, &triangles)?,
         };
         drop(nearest);
+        begins(|stages| stages.contracting);
         let stars = Stars::new(&triangles, named as usize, own.len(), room.stars);
         let (quantized, mut blocks, tangled) = (room.quantized, room.blocks, 0);
         refill(&mut blocks, triangles.len().div_ceil(BLOCK), PackedBox::EMPTY);
@@ -292,14 +318,18 @@ impl<T: Coordinate> SlabMesh<T> {
             quantized,
             blocks,
             tangled,
+            claim: Claim::default(),
         };
         if options.fit.has_points() {
             mesh.contract_inside();
             mesh.choose_fitted();
         }
         end_stage();
+        begins(|stages| stages.retreating);
         mesh.retreat_inside(frame, &mut BroadPhase::new(grid, frame.origin));
         end_stage();
+        begins(|stages| stages.made);
+        mesh.claim = claim;
         Ok(mesh)
     }
 

@@ -129,7 +129,7 @@ pub fn measure<T: Coordinate>(sampled: &Sampled<'_, T>, solid: &Solid, context: 
     let mut variances: [Vec<f64>; 2] = Default::default();
     let mut looked_at = 0;
     context.workers.in_order_range(
-        context.memory.jobs_of(bytes(solid.cells)).min(context.workers.threads()),
+        jobs(solid.cells, context),
         chosen.len(),
         |i| of_slice(sampled, solid, chosen[i]),
         |(cells, found)| {
@@ -151,13 +151,29 @@ pub fn measure<T: Coordinate>(sampled: &Sampled<'_, T>, solid: &Solid, context: 
 }
 
 /// Bytes that [`measure`] needs for each slice that it looks at: slices of the solid, and the sums of the blocks' cells.
-pub fn bytes([width, _, rows]: Cell) -> u64 {
+pub fn bytes(cells: Cell) -> u64 {
+    bytes_among(cells, u64::from(cells[0]) * u64::from(cells[2]))
+}
+
+/// The same where no slice has more occupied cells than `most`.
+fn bytes_among([width, _, rows]: Cell, most: u64) -> u64 {
     let side = 2 * BLOCKS[1] as u64 + 1;
-    let of_slice = (CELLS as u64 * side * side).min(u64::from(width) * u64::from(rows));
+    let of_slice = (CELLS as u64 * side * side).min(most);
     // The cells of the slice at hand are listed block by block first, in a vector that grows.
     let listed = CELLS as u64 * side * side * 2 * size_of::<[u32; 2]>() as u64;
     let cells = side * of_slice * size_of::<BlockCell>() as u64;
     outward::bytes([width, 0, rows]) + 2 * Bits::bytes(width + 2, rows + 2) + listed + cells
+}
+
+/// The same for all jobs at a time, where slices have so many occupied cells.
+pub fn bytes_of_all(cells: Cell, in_slice: &[u32], context: &Context) -> u64 {
+    let most = in_slice.iter().copied().max().unwrap_or(0);
+    jobs(cells, context).min(SLICES as usize) as u64 * bytes_among(cells, most.into())
+}
+
+/// Slices that are looked at at a time.
+fn jobs(cells: Cell, context: &Context) -> usize {
+    context.memory.jobs_of(bytes(cells)).min(context.workers.threads())
 }
 
 /// An occupied cell of a block.
