@@ -1,8 +1,8 @@
 //! Expectation: the most memory and disk that a plan lets a run take, pass by pass.
 //!
 //! Shares of a budget ([`crate::run::planner`]) are given out before anything is known, and are large enough for whatever comes. What is expected of a pass is told anew when more is
-//! known: blocks of the input when it was read, fields and what is opened again when cells are closed, the check when the mesh is there. So the figure of a report is that of
-//! each pass as it began.
+//! known: blocks of the input when it was read, fields and what is opened again when cells are closed, slabs when each of their stages begins, the check when the mesh is there. So the
+//! figure of a report is that of each pass as it began.
 
 use crate::grid::context::{CHUNK_SLICES, job_bytes};
 use crate::input::BLOCK_RECORDS;
