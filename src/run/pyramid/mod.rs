@@ -451,14 +451,14 @@ impl Cut<'_> {
                 places.within([smallest(low.map(|c| c - error)), smallest(high.map(|c| c + error))], &mut near);
                 near.sort_unstable();
                 near.dedup();
-                let others = near.iter().filter(|tile| **tile != own).map(|tile| (*tile, true));
-                for entry in [(own, false)].into_iter().chain(others) {
-                    entries.push((entry, number));
+                for tile in [own].into_iter().chain(near.iter().copied().filter(|tile| *tile != own)) {
+                    let entry = (tile, tile != own);
+                    entries.push((entry, number as u32));
                     widen(boxes.entry(entry).or_insert(NOWHERE), bounds);
                 }
             }
             entries.sort_unstable();
-            let sorted: Vec<[u32; 3]> = entries.iter().map(|(_, number)| faces[*number]).collect();
+            let sorted: Vec<[u32; 3]> = entries.iter().map(|(_, number)| faces[*number as usize]).collect();
             let runs = entries.chunk_by(|a, b| a.0 == b.0).map(|run| (run[0].0, run.len() as u32));
             Ok((sorted, runs.collect::<Vec<_>>(), boxes))
         };

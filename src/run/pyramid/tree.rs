@@ -212,6 +212,16 @@ impl Places {
 
     /// Adds the tiles with a cell in a box of smallest cells, from the first to the last along each axis; some more than once.
     pub fn within(&self, [low, high]: [[u32; 3]; 2], tiles: &mut Vec<usize>) {
+        // Most boxes lie within one tile: their corners' codes begin alike, as all between them do.
+        let [first, last] = [low, high].map(|corner| self.division.code(corner));
+        let bits = (u32::BITS - (first ^ last).leading_zeros()).next_multiple_of(self.division.axes());
+        let (start, end) = (first >> bits << bits, ((first >> bits) + 1) << bits);
+        let at = self.ranges.partition_point(|((from, _), _)| *from <= start);
+        if let Some(((_, to), tile)) = at.checked_sub(1).map(|at| self.ranges[at])
+            && end <= to
+        {
+            return tiles.push(tile);
+        }
         // Of long triangles through many tiles, whole cells are told at once.
         let mut waiting = vec![Cell { depth: 0, code: 0 }];
         while let Some(cell) = waiting.pop() {
