@@ -46,6 +46,8 @@ use crate::storage::spool::Spool;
 const TILE_BYTES: u64 = 16 << 20;
 /// The least memory of what comes beside simplification: a tile, and the counts of cells, of all levels.
 pub(super) const LEAST: u64 = TILE_BYTES + (12 << 20);
+/// Places in other tiles that a block's triangles have, beyond which those that follow have none: triangles all across each other are no surface that could have a hole.
+const MOST_NEAR: usize = 4 * BLOCK;
 /// Unwanted vertices that are read along rather than skipped by a new read.
 const GAP: u32 = 64;
 
@@ -448,9 +450,11 @@ impl Cut<'_> {
                 let [low, high] = bounds;
                 let error = self.level.error;
                 near.clear();
-                places.within([smallest(low.map(|c| c - error)), smallest(high.map(|c| c + error))], &mut near);
-                near.sort_unstable();
-                near.dedup();
+                if entries.len() < faces.len() + MOST_NEAR {
+                    places.within([smallest(low.map(|c| c - error)), smallest(high.map(|c| c + error))], &mut near);
+                    near.sort_unstable();
+                    near.dedup();
+                }
                 for tile in [own].into_iter().chain(near.iter().copied().filter(|tile| *tile != own)) {
                     let entry = (tile, tile != own);
                     entries.push((entry, number as u32));
@@ -474,7 +478,7 @@ impl Cut<'_> {
                     tile.others.push(stretch);
                     tile.count += u64::from(count);
                 } else {
-                    // More than are its own come from triangles of any length, all over each other: then there is no surface that could have a hole.
+                    // No more than a tile may have of its own.
                     continue;
                 }
                 widen(&mut tile.bounds, boxes[&(number, is_other)]);
