@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::mark::{Mark, Marks};
 use super::passes::{self, SHARES, Triangles, meeting_rows};
 use super::soup::{Record, Soup, each_block};
-use super::space::{Cut, Space};
+use super::space::Space;
 use super::{Figures, Given, limits};
 use crate::error::Result;
 use crate::mesh::spool::MeshSpool;
@@ -29,7 +29,7 @@ pub const PASSES: usize = SHARES.len();
 /// The planes of a pass.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Planes {
-    pub(super) space: Space,
+    space: Space,
     pass: usize,
 }
 
@@ -41,7 +41,7 @@ impl Planes {
 
     /// Whether no pass comes after this one.
     pub fn are_last(&self) -> bool {
-        passes::is_last(self.pass, &self.space)
+        self.pass + 1 == PASSES || self.space.parts() == 1
     }
 }
 
@@ -82,7 +82,7 @@ pub fn planes(given: Given<'_>, pass: usize, before: Vec<(Left, Spool)>) -> Resu
 fn planes_as<T: Coordinate, M: Mark>(given: Given<'_>, pass: usize, before: Vec<(Left, Spool)>) -> Result<Planes> {
     let soup = (pass > 0).then(|| joined::<T, M>(before));
     let from = triangles(&given, soup.as_ref())?;
-    Ok(Planes { space: given.passes::<T, M>()?.space(&from, pass)?, pass })
+    Ok(Planes { space: given.passes::<T, M>()?.space(&from, SHARES[pass])?, pass })
 }
 
 /// Deals a share of a pass's triangles to rows of parts: number `share.0` of `share.1` equal ones of the mesh in the first pass, and what one task of the pass before has left in
@@ -187,9 +187,8 @@ fn rows_as<T: Coordinate, M: Mark>(
             }
         };
         let fine: Partitions<Record<T, M>> = passes.parts_of_row(&planes.space, row, read)?;
-        let before = before_it.map(|planes| &planes.space);
-        let cut = Cut { space: &planes.space, before, last: planes.are_last() };
-        passes.row(cut, row, &fine, limits, |records| left.append(&records))?;
+        let space = (&planes.space, before_it.map(|planes| &planes.space));
+        passes.row(space, row, &fine, limits, |records| left.append(&records))?;
         progress((row + 1 - first) as f64 / count as f64);
     }
     Ok(Left { extent: left.extent(), most: [left.reached, left.recoloured].map(f64::to_bits) })

@@ -1,10 +1,7 @@
 //! Collapses edge after edge of a piece, the cheapest first, as long as every guarantee is kept.
 
-use std::borrow::Borrow;
-
 use glam::DVec3;
 
-use super::border;
 use super::boxes::Boxes;
 use super::fan::{Fan, shape};
 use super::gap::{Drift, MOST, Overlay, ROUNDING};
@@ -54,8 +51,8 @@ pub(super) fn mixed(number: u32) -> u64 {
 pub(super) struct Simplifier<'a> {
     pub(super) piece: Piece,
     pub(super) limits: Limits,
-    /// Where a vertex comes to lie that is moved there, as it is written, and how far from the border; none if that is not in the part.
-    pub(super) placed: &'a dyn Fn(DVec3) -> Option<(DVec3, f32)>,
+    /// Where a vertex comes to lie that is moved there, as it is written; none if that is not in the part.
+    pub(super) placed: &'a dyn Fn(DVec3) -> Option<DVec3>,
     /// Vertices on a rim.
     pub(super) rim: Vec<bool>,
     pub(super) queue: Queue,
@@ -108,11 +105,7 @@ impl<'a> Simplifier<'a> {
     /// Bytes of the neighbours that are kept of each vertex.
     pub(super) const BEST_BYTES: u64 = size_of::<[u32; MOST_TRIED]>() as u64;
 
-    pub(super) fn new(
-        piece: Piece,
-        limits: Limits,
-        placed: &'a dyn Fn(DVec3) -> Option<(DVec3, f32)>,
-    ) -> Simplifier<'a> {
+    pub(super) fn new(piece: Piece, limits: Limits, placed: &'a dyn Fn(DVec3) -> Option<DVec3>) -> Simplifier<'a> {
         let vertices = piece.positions.len();
         let triangles = piece.triangles.len();
         let mut simplifier = Simplifier {
@@ -447,11 +440,6 @@ impl<'a> Simplifier<'a> {
         // Old triangles in the order of `place`.
         let old = |j: usize| ring.triangles[from.triangle(j)] as usize;
         let used = |j: usize| leaving.drift[from.triangle(j)];
-        // A triangle that comes has what the one that was there between the same vertices of the ring has used up, and more.
-        let spent = (1..n.saturating_sub(1)).map(used);
-        if covered && !self.spares(None, spent) {
-            return false;
-        }
         if covered && !self.overlay.bounds(axis, self.limits.tolerance, used, &mut self.bounds) {
             return false;
         }
@@ -460,7 +448,7 @@ impl<'a> Simplifier<'a> {
         if let Some(inner) = inner {
             self.bounds[0] = self.bounds[0].with(self.piece.drift[inner as usize]);
         }
-        if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) || !self.spares(None, &self.bounds) {
+        if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) {
             return false;
         }
         let tinted = self.limits.tint < f64::INFINITY;
@@ -511,27 +499,6 @@ impl<'a> Simplifier<'a> {
             }
         }
         true
-    }
-
-    /// Whether those triangles of the fan that lie near the part's border leave tolerance to the passes that follow, if they have used up so much. `moved` is a vertex that
-    /// comes to lie so far from the border.
-    pub(super) fn spares<D: Borrow<Drift>>(
-        &self,
-        moved: Option<(u32, f32)>,
-        used: impl IntoIterator<Item = D>,
-    ) -> bool {
-        let depths = &self.piece.depths;
-        if depths.is_empty() {
-            return true;
-        }
-        let depth = |v: u32| match moved {
-            Some((vertex, depth)) if vertex == v => depth,
-            _ => depths[v as usize],
-        };
-        self.fan.coming().zip(used).all(|((vertices, places), used)| {
-            let depth = vertices.map(depth).into_iter().fold(f32::INFINITY, f32::min);
-            used.borrow().most() <= self.limits.tolerance * border::share(f64::from(depth), places)
-        })
     }
 
     /// Whether colours stay within what is allowed as a vertex goes to a neighbour; `self.tints` has how they change, of every triangle that comes. `from` reads the ring

@@ -69,11 +69,6 @@ impl Fan {
         }
     }
 
-    /// The triangles, from the one at the ring's first side on: their vertices, and where these lie.
-    pub(super) fn coming(&self) -> impl Iterator<Item = ([u32; 3], [DVec3; 3])> {
-        self.fresh.iter().map(|fresh| (fresh.vertices, fresh.places))
-    }
-
     /// The worst shape of the triangles.
     pub(super) fn shape(&self) -> f64 {
         self.fresh.iter().map(|fresh| shape(fresh.places)).fold(1.0, f64::min)

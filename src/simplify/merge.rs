@@ -109,18 +109,15 @@ impl Simplifier<'_> {
 
     /// Moves two neighbours to one place, if everything allows it. `leaving` is the first; the second is left.
     pub(super) fn merge(&mut self, vertex: u32, target: u32, place: DVec3, leaving: &Leaving) -> bool {
-        let Some((place, depth)) = (self.placed)(place) else { return false };
+        let Some(place) = (self.placed)(place) else { return false };
         let ring = &leaving.ring;
         if !ring.closed || !self.links(vertex, target, leaving) {
             return false;
         }
         let mut merging = std::mem::take(&mut self.merging);
-        let done = self.merge_with(vertex, target, (place, depth), ring, &mut merging);
+        let done = self.merge_with(vertex, target, place, ring, &mut merging);
         self.merging = merging;
         if done {
-            if let Some(of_target) = self.piece.depths.get_mut(target as usize) {
-                *of_target = depth;
-            }
             let known = &mut self.merging.corners;
             known[target as usize].known = false;
             self.merging.link.iter().for_each(|v| known[*v as usize].known = false);
@@ -138,14 +135,7 @@ impl Simplifier<'_> {
         done
     }
 
-    fn merge_with(
-        &mut self,
-        vertex: u32,
-        target: u32,
-        (place, depth): (DVec3, f32),
-        ring: &Ring,
-        merging: &mut Merging,
-    ) -> bool {
+    fn merge_with(&mut self, vertex: u32, target: u32, place: DVec3, ring: &Ring, merging: &mut Merging) -> bool {
         let Merging { ring: other, link, outer, star, .. } = merging;
         if !self.piece.ring(target, other) || !other.closed {
             return false;
@@ -238,7 +228,6 @@ impl Simplifier<'_> {
         let used = |j: usize| (drift[star[j] as usize], tints[star[j] as usize]);
         if !self.patch.bounds(axis, DVec3::ZERO, used, &mut self.bounds, &mut self.tints)
             || !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance)
-            || !self.spares(Some((target, depth)), &self.bounds)
             || !self.tints.iter().all(|tint| tint.greatest() <= self.limits.tint)
         {
             return false;

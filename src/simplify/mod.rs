@@ -20,7 +20,7 @@
 //!
 //! Parts are boxes. A vertex can go if all triangles at it lie within one part; what comes in their place lies in their convex hull, so within the part,
 //! too. Triangles that reach into several parts stay as they are, and each of these parts knows them. So parts have nothing to do with each other, and
-//! neither threads nor memory show in the result. What comes near a border leaves tolerance to the passes that follow ([`border`]).
+//! neither threads nor memory show in the result.
 
 /// Calls a function of the types of a mesh's records.
 macro_rules! typed {
@@ -35,7 +35,6 @@ macro_rules! typed {
 }
 
 pub mod apart;
-mod border;
 mod boxes;
 mod collapse;
 mod count;

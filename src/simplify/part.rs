@@ -8,8 +8,8 @@ use super::mark::{Mark, Marks, inwards, outwards};
 use super::merging::Corner;
 use super::piece::{NONE, Piece};
 use super::soup::Record;
-use super::space::Cut;
-use super::{border, boxes, piece, queue};
+use super::space::Space;
+use super::{boxes, piece, queue};
 use crate::points::Coordinate;
 
 /// The triangles that meet a part, as they are read.
@@ -60,16 +60,14 @@ impl Gathered {
         }
     }
 
-    /// Collapses what can be, and gives the triangles that are the part's own. Where a pass was made within the same limits before, vertices are tried that it could not,
-    /// and those round which something changes.
+    /// Collapses what can be, and gives the triangles that are the part's own. `inside` tells whether a place lies in the part. Where a pass was made within the same limits
+    /// before, and space cut as `before` tells, vertices are tried that it could not, and those round which something changes.
     pub(super) fn simplified<T: Coordinate, M: Mark>(
         self,
         limits: Limits,
-        Cut { space, before, last }: Cut,
-        part: usize,
+        inside: impl Fn([f64; 3]) -> bool,
+        before: Option<&Space>,
     ) -> Vec<Record<T, M>> {
-        let inside = |place| space.part(place) as usize == part;
-        let depth = |place: DVec3| space.depth(place.to_array()) as f32;
         let Gathered { mut triangles, classes, places, drift, marks } = self;
         let mut keys: Vec<u64> = Vec::with_capacity(3 * triangles.len());
         keys.extend(triangles.as_flattened().iter().zip(0u64..).map(|(&v, corner)| u64::from(v) << 32 | corner));
@@ -98,28 +96,23 @@ impl Gathered {
                 triangle.iter().for_each(|v| fixed[*v as usize] = true);
             }
         }
-        // Triangles that reached out of a part had to stay then, and others near its border were to keep tolerance; all others' vertices could not go, or cost too much.
+        // Those of triangles that reached out of a part had to stay then; all others were tried, and could not go, or cost too much.
         let mut settled = vec![before.is_some(); positions.len()];
         if let Some(before) = before {
             for triangle in &triangles {
-                let corners = triangle.map(|v| positions[v as usize]);
-                let depth =
-                    corners.map(|place| before.depth(place.to_array())).into_iter().fold(f64::INFINITY, f64::min);
-                if border::is_near(depth, corners) {
+                let [a, b, c] = triangle.map(|v| before.part(positions[v as usize].to_array()));
+                if a != b || a != c {
                     triangle.iter().for_each(|v| settled[*v as usize] = false);
                 }
             }
         }
-        let depths = if last { Vec::new() } else { positions.iter().map(|place| depth(*place)).collect() };
         let mut piece = Piece::new(positions, numbers, triangles, drift);
-        piece.depths = depths;
         (piece.fixed, piece.settled) = (fixed, settled);
         (piece.classes, piece.blends, piece.tints) = (class, blends, tints);
-        // Where a vertex comes to lie, as it is written, and how far from the border; none if that is not in the part.
+        // Where a vertex comes to lie, as it is written; none if that is not in the part.
         let placed = |place: DVec3| {
             let place = place.to_array().map(|c| -> f64 { T::from_f64(c).into() });
-            let at = DVec3::from_array(place);
-            inside(place).then(|| (at, depth(at)))
+            inside(place).then(|| DVec3::from_array(place))
         };
         let mut simplifier = Simplifier::new(piece, limits, &placed);
         simplifier.run();

@@ -11,7 +11,7 @@ use super::gap::Drift;
 use super::mark::{Blend, Colours, Mark, Marks};
 use super::part::Gathered;
 use super::soup::{Record, Sample, Soup};
-use super::space::{Cut, Space};
+use super::space::Space;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{Corners, is_degenerate};
@@ -49,7 +49,7 @@ pub(super) fn with_parts_of<R>(triangles: u64, work: impl FnOnce() -> R) -> R {
     done
 }
 
-/// The share of the sample on the first side of each plane, about, pass after pass. If all of the last pass was one part, there is none after it.
+/// The share of the sample on the first side of each plane, pass after pass. If all of the last pass was one part, there is none after it.
 pub(super) const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
 /// A part may be so much larger than intended: a sample tells its triangles' number, and those of other parts that reach into it come on top.
 const UNEVEN: u64 = 2;
@@ -201,7 +201,7 @@ impl Passes<'_> {
             let pass = (number, before_it.as_ref());
             let (left, space) = self.pass(again.as_ref().unwrap_or(from), limits, pass, told)?;
             soup = Some(left);
-            if is_last(number, &space) {
+            if space.parts() == 1 {
                 break;
             }
             before_it = Some(space);
@@ -231,14 +231,13 @@ impl Passes<'_> {
         self.workers.in_order_range(1, groups.len(), read, visit)
     }
 
-    /// The planes of the pass with this number.
-    pub(super) fn space<T: Coordinate, M: Mark>(&self, from: &Triangles<T, M>, number: usize) -> Result<Space> {
+    /// The planes of a pass.
+    pub(super) fn space<T: Coordinate, M: Mark>(&self, from: &Triangles<T, M>, share: f64) -> Result<Space> {
         let sample = match from {
             Triangles::Soup(soup) => soup.sample()?,
             Triangles::Mesh(mesh, _) => sample(*mesh)?,
         };
-        // What lay at borders before is dense, and is not to lie at one once more.
-        Ok(Space::of(sample, from.count(), part(), (SHARES[number], number > 0)))
+        Ok(Space::of(sample, from.count(), part(), share))
     }
 
     /// One pass, with its number and the planes of the one before: the triangles that are left, and the planes.
@@ -268,7 +267,7 @@ impl Passes<'_> {
             return Ok((left, space));
         }
         let count = from.count();
-        let space = self.space(from, number)?;
+        let space = self.space(from, SHARES[number])?;
         // Parts in rows, so that records are sorted to few partitions at a time, in large pages: first to rows, then to the parts of a row.
         let rows = rows(&space);
         let mut coarse = self.rows_of(rows);
@@ -286,14 +285,13 @@ impl Passes<'_> {
             Ok(())
         })?;
 
-        let cut = Cut { space: &space, before: before_it, last: is_last(number, &space) };
         let mut finished = before.rows * ROW;
         for row in before.rows..rows {
             let fine = match only.take() {
                 Some(only) => only,
                 None => self.parts_of_row(&space, row, |push| coarse.read(row, push))?,
             };
-            self.row(cut, row, &fine, limits, |records| {
+            self.row((&space, before_it), row, &fine, limits, |records| {
                 left.append(&records)?;
                 finished += 1;
                 progress(0.2 + 0.8 * finished as f64 / space.parts() as f64);
@@ -331,16 +329,17 @@ impl Passes<'_> {
         Ok(fine)
     }
 
-    /// Simplifies the parts of a row, whose triangles lie in a partition each; `sink` is given what is left of one after the other.
+    /// Simplifies the parts of a row, whose triangles lie in a partition each; `sink` is given what is left of one after the other. The planes are this pass's, and those of
+    /// the one before, if there is one.
     pub(super) fn row<T: Coordinate, M: Mark>(
         &self,
-        cut: Cut,
+        (space, before_it): (&Space, Option<&Space>),
         row: usize,
         fine: &Partitions<Record<T, M>>,
         limits: Limits,
         sink: impl FnMut(Vec<Record<T, M>>) -> Result<()>,
     ) -> Result<()> {
-        let parts = parts_of(cut.space, row);
+        let parts = parts_of(space, row);
         let largest = (0..fine.count()).map(|part| fine.records(part)).max().unwrap_or(0);
         let in_flight = self.room.in_flight::<T, M>(largest, self.workers.threads())?;
         let simplify = |number: usize| {
@@ -349,15 +348,11 @@ impl Passes<'_> {
                 gathered.push(record);
                 Ok(())
             })?;
-            Ok(gathered.simplified::<T, M>(limits, cut, parts.start + number))
+            let inside = |place| space.part(place) as usize == parts.start + number;
+            Ok(gathered.simplified::<T, M>(limits, inside, before_it))
         };
         self.workers.in_order_range(in_flight, parts.len(), simplify, sink)
     }
-}
-
-/// Whether no pass follows the one with this number and these planes.
-pub(super) fn is_last(number: usize, space: &Space) -> bool {
-    number + 1 == SHARES.len() || space.parts() == 1
 }
 
 /// Rows of parts.

@@ -10,8 +10,7 @@ use super::sight::Sight;
 pub(super) const TRIANGLE_BYTES: u64 = (size_of::<[u32; 3]>() + size_of::<Drift>() + 2 * 3 * size_of::<u32>()) as u64;
 /// Bytes for each vertex of a piece.
 pub(super) const VERTEX_BYTES: u64 =
-    (size_of::<DVec3>() + size_of::<u32>() + size_of::<Star>() + size_of::<u16>() + 4 + size_of::<f32>()) as u64
-        + Sight::BYTES;
+    (size_of::<DVec3>() + size_of::<u32>() + size_of::<Star>() + size_of::<u16>() + 4) as u64 + Sight::BYTES;
 /// Bytes more for each triangle and each vertex of a piece with marks.
 pub(super) const MARKED_TRIANGLE_BYTES: u64 = size_of::<Drift>() as u64;
 pub(super) const MARKED_VERTEX_BYTES: u64 = size_of::<Blend>() as u64;
@@ -34,8 +33,6 @@ pub(super) struct Piece {
     pub(super) fixed: Vec<bool>,
     /// Vertices that a pass before has tried in vain: they are tried again where something changes round them.
     pub(super) settled: Vec<bool>,
-    /// How far vertices lie from the part's border; none if no pass follows.
-    pub(super) depths: Vec<f32>,
     /// Vertices' classes, which triangles do not join across; none if all are one.
     pub(super) classes: Vec<u16>,
     /// What vertices' attributes are made of; none if no marks are carried.
@@ -95,9 +92,8 @@ impl Piece {
             }
         }
         let [fixed, settled] = [0, 1].map(|_| vec![false; positions.len()]);
-        let (depths, classes, blends, tints, joined) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let of_vertices = Piece { positions, numbers, fixed, settled, depths, classes, blends, ..Piece::default() };
-        Piece { triangles, drift, tints, stars, around, joined, ..of_vertices }
+        let (classes, blends, tints, joined) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Piece { positions, numbers, triangles, drift, fixed, settled, classes, blends, tints, stars, around, joined }
     }
 
     /// The triangles round a vertex, in no order that means anything.

@@ -38,16 +38,15 @@ pub(super) struct Space {
 }
 
 impl Space {
-    /// Space for so many triangles, at most about `most` a part, that lie as `sample` says. Each plane leaves the share `first.0` of the sample on its first side: about,
-    /// where the sample is sparse, if `first.1` says so.
-    pub(super) fn of<T: Coordinate>(mut sample: Vec<[T; 3]>, triangles: u64, most: u64, first: (f64, bool)) -> Space {
+    /// Space for so many triangles, at most about `most` a part, that lie as `sample` says. Each plane leaves the share `first` of the sample on its first side.
+    pub(super) fn of<T: Coordinate>(mut sample: Vec<[T; 3]>, triangles: u64, most: u64, first: f64) -> Space {
         let mut space = Space { nodes: Vec::new(), parts: 0 };
         let each = triangles as f64 / sample.len().max(1) as f64;
         space.cut(&mut sample, each, most as f64, first);
         space
     }
 
-    fn cut<T: Coordinate>(&mut self, sample: &mut [[T; 3]], each: f64, most: f64, first: (f64, bool)) {
+    fn cut<T: Coordinate>(&mut self, sample: &mut [[T; 3]], each: f64, most: f64, first: f64) {
         let plane = if sample.len() as f64 * each > most { plane(sample, first) } else { None };
         let Some((axis, at)) = plane else {
             self.nodes.push(Node::Part(self.parts));
@@ -86,17 +85,6 @@ impl Space {
         }
     }
 
-    /// How far a place lies from the planes that bound its part; infinite if there are none.
-    pub(super) fn depth(&self, place: [f64; 3]) -> f64 {
-        let (mut node, mut depth) = (0, f64::INFINITY);
-        // Every plane on the way to a part bounds it, or lies beyond one that does.
-        while let Node::Plane { axis, at, second } = self.nodes[node] {
-            depth = depth.min((place[axis] - at).abs());
-            node = if place[axis] < at { node + 1 } else { second as usize };
-        }
-        depth
-    }
-
     /// Calls `visit` with every part that the box of some places meets, in order.
     pub(super) fn meet(&self, low: [f64; 3], high: [f64; 3], mut visit: impl FnMut(u32)) {
         self.meet_below(0, low, high, &mut visit);
@@ -123,34 +111,8 @@ impl Space {
     }
 }
 
-/// Space as a pass cuts it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Cut<'a> {
-    pub(super) space: &'a Space,
-    /// As the pass before cut it, if there was one.
-    pub(super) before: Option<&'a Space>,
-    /// Whether no pass follows.
-    pub(super) last: bool,
-}
-
-/// A plane may leave so much more or less of the sample on its first side than is asked, if it may be where the sample is sparse.
-const SLACK: f64 = 0.08;
-/// The sample is sparse where such a share of it spans most.
-const SPAN: f64 = 0.01;
-
-/// Where a line is cut through places along it, in order, about a share `first` of which come before: where they are sparsest; none if there are too few.
-fn sparsest(along: &[f64], first: f64) -> Option<f64> {
-    let count = along.len() as f64;
-    let span = ((count * SPAN) as usize).max(1);
-    let [from, to] = [first - SLACK, first + SLACK].map(|share| (count * share) as usize);
-    let spanned = |at: &usize| along[at + span] - along[at - span];
-    let at = (from.max(span)..to.min(along.len() - span)).max_by(|a, b| spanned(a).total_cmp(&spanned(b)))?;
-    // Places on the plane lie on its second side; the first must have some, too.
-    (along[at] > along[0]).then(|| along[at])
-}
-
 /// A plane with about a share `first` of the sample on its first side, and something on either; none if all places are one.
-fn plane<T: Coordinate>(sample: &[[T; 3]], (first, sparse): (f64, bool)) -> Option<(usize, f64)> {
+fn plane<T: Coordinate>(sample: &mut [[T; 3]], first: f64) -> Option<(usize, f64)> {
     let extent = |axis: usize| {
         let along = || sample.iter().map(|place| -> f64 { place[axis].into() });
         along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
@@ -161,12 +123,6 @@ fn plane<T: Coordinate>(sample: &[[T; 3]], (first, sparse): (f64, bool)) -> Opti
         return None;
     }
     let mut along: Vec<f64> = sample.iter().map(|place| place[axis].into()).collect();
-    if sparse {
-        along.sort_unstable_by(f64::total_cmp);
-        if let Some(at) = sparsest(&along, first) {
-            return Some((axis, at));
-        }
-    }
     let share = (along.len() as f64 * first) as usize;
     let (before, at, after) = along.select_nth_unstable_by(share, f64::total_cmp);
     let (at, least) = (*at, before.iter().copied().fold(*at, f64::min));

@@ -1,6 +1,6 @@
 //! Tasks that processes do apart, against one simplification.
 
-use super::super::apart::{self, Left, PASSES, Planes};
+use super::super::apart::{self, Left, PASSES};
 use super::super::passes::with_parts_of;
 use super::*;
 use crate::storage::spool::Spool;
@@ -14,17 +14,19 @@ fn again(spool: &Spool, workspace: &Workspace) -> Spool {
     copy
 }
 
-/// The mesh that tasks leave: so many shares of the mesh, and runs of rows. The planes of the passes.
-fn by_tasks(given: Given<'_>, shares: usize, runs: usize) -> (Mesh, Figures, Vec<Planes>) {
+/// The mesh that tasks leave: so many shares of the mesh, and runs of rows. How many rows the passes had.
+fn by_tasks(given: Given<'_>, shares: usize, runs: usize) -> (Mesh, Figures, Vec<usize>) {
     let spool = || given.workspace.spool(1 << 30);
     let copies = |left: &[(Left, Spool)]| -> Vec<(Left, Spool)> {
         left.iter().map(|(left, spool)| (*left, again(spool, given.workspace))).collect()
     };
-    let (mut left, mut all): (Vec<(Left, Spool)>, Vec<Planes>) = (Vec::new(), Vec::new());
+    let (mut left, mut rows): (Vec<(Left, Spool)>, Vec<usize>) = (Vec::new(), Vec::new());
+    let mut before_it = None;
     for pass in 0..PASSES {
         let planes = apart::planes(given, pass, copies(&left)).unwrap();
         let text = serde_json::to_string(&planes).unwrap();
         assert_eq!(planes, serde_json::from_str(&text).unwrap());
+        rows.push(planes.rows());
         let deal = |share: (usize, usize), before: Option<(Left, Spool)>| {
             let mut out = spool();
             let extents = apart::deal(given, &planes, share, before, &mut out).unwrap();
@@ -45,19 +47,18 @@ fn by_tasks(given: Given<'_>, shares: usize, runs: usize) -> (Mesh, Figures, Vec
                 let file = crate::storage::work::store::Store::create(&store, &name).unwrap();
                 let named = crate::storage::work::store::NamedFile { file, name: name.into() };
                 let out = given.workspace.spool_in(named.clone(), 0);
-                let both = (&planes, all.last());
+                let both = (&planes, before_it.as_ref());
                 let left = apart::rows(given, both, within, &dealt, out, &mut |_| ()).unwrap();
                 (left, given.workspace.spool_in(named, left.extent.to))
             })
             .collect();
-        let are_last = planes.are_last();
-        all.push(planes);
-        if are_last {
+        if planes.are_last() {
             break;
         }
+        before_it = Some(planes);
     }
-    let (mesh, figures) = apart::numbered(given, all.len(), left, [0; 3].map(|_| given.workspace.spool(0))).unwrap();
-    (Mesh::of(&mesh), figures, all)
+    let (mesh, figures) = apart::numbered(given, rows.len(), left, [0; 3].map(|_| given.workspace.spool(0))).unwrap();
+    (Mesh::of(&mesh), figures, rows)
 }
 
 proptest! {
@@ -89,57 +90,12 @@ proptest! {
         let given = Given { mesh: &spool, options: &options, budget: 64 << 20, workers: &workers, workspace: &workspace, kept: None };
         let (expected, found, rows) = with_parts_of(parts, || {
             let (left, figures) = simplify(given, &mut |_| ()).unwrap();
-            let (by_tasks, of_tasks, planes) = by_tasks(given, shares, runs);
-            let rows: Vec<usize> = planes.iter().map(Planes::rows).collect();
+            let (by_tasks, of_tasks, rows) = by_tasks(given, shares, runs);
             ((Mesh::of(&left), figures), (by_tasks, of_tasks), rows)
         });
         prop_assert_eq!(&expected.0, &found.0, "rows {:?}", rows);
         prop_assert_eq!(expected.1, found.1);
     }
-}
-
-/// No seams: near borders of parts, whatever the pass, as many vertices stay as elsewhere, and all in all hardly more than where everything is one part.
-#[test]
-fn borders_of_parts_do_not_show() {
-    let workers = Workers::new(2).unwrap();
-    // Vertices before and after: of each pass, near a border and far from all; and all that are left, in parts and in one.
-    let (mut near, mut far, mut all) = ([[0usize; 2]; PASSES], [[0usize; 2]; PASSES], [0usize; 2]);
-    for seed in 0..4 {
-        let dir = tempfile::tempdir().unwrap();
-        let workspace = Workspace::new(dir.path()).unwrap();
-        let turn = 0.3 * seed as f64;
-        let shape = Shape { cells: [240, 80], closed: [true, true], waves: 0.3, noise: 0.2, turn, seed };
-        let (mesh, edge) = (shape.mesh(), std::f64::consts::TAU / 80.0);
-        let options = Options { tolerance: Some(0.1 * edge), ..WITHIN };
-        let spool = mesh.spool(Precision::Single, &workspace);
-        let given = Given {
-            mesh: &spool,
-            options: &options,
-            budget: 64 << 20,
-            workers: &workers,
-            workspace: &workspace,
-            kept: None,
-        };
-        let (left, _, planes) = with_parts_of(1200, || by_tasks(given, 1, 1));
-        let whole = with_parts_of(1 << 20, || simplify(given, &mut |_| ()).unwrap());
-        all[0] += left.vertices.len();
-        all[1] += whole.0.vertex_count() as usize;
-        assert_eq!(planes.len(), PASSES);
-        for (which, mesh) in [&mesh, &left].into_iter().enumerate() {
-            for place in &mesh.vertices {
-                let depths: Vec<f64> = planes.iter().map(|planes| planes.space.depth(*place)).collect();
-                for (pass, depth) in depths.iter().enumerate() {
-                    near[pass][which] += usize::from(*depth < edge);
-                    far[pass][which] += usize::from(*depth > 4.0 * edge);
-                }
-            }
-        }
-    }
-    let share = |[before, after]: [usize; 2]| after as f64 / before as f64;
-    let more: Vec<f64> = (0..PASSES).map(|pass| share(near[pass]) / share(far[pass])).collect();
-    eprintln!("{more:?} {near:?} {far:?} {all:?}");
-    assert!(more.iter().all(|more| *more < 1.2), "{more:?}, {near:?} and {far:?}");
-    assert!((all[0] as f64) < 1.1 * all[1] as f64, "{all:?}");
 }
 
 /// A sample that is read afterwards is the one that would have been taken meanwhile.
