@@ -252,8 +252,8 @@ def main():
             missing = sorted(set(files) - set(found["triangles"]))
             must(not missing, f"{reader}: {len(missing)} of {len(files)} tiles were not loaded: {missing[:5]}")
             for name, there in found["triangles"].items():
-                own, overlap = files[name]
-                must(there == (own + overlap if reader == "cesium" else [part for part in (own, overlap) if part]), f"{reader}: {name} has {there} triangles, not {own} and {overlap}")
+                own, others = files[name]
+                must(there == (own + others if reader == "cesium" else [part for part in (own, others) if part]), f"{reader}: {name} has {there} triangles, not {own} and {others}")
             rows.append([f"{reader} {found['version']}", f"{len(found['triangles'])} of {len(files)}", ", ".join(f"{look['drawn']:,}" for look in found["found"])])
         print(table(["reader", "tiles loaded", f"triangles drawn from {', '.join(map(str, CLOSENESS))} radii"], rows), "\n")
 
