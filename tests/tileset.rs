@@ -55,6 +55,15 @@ fn terrain(workspace: &Workspace) -> MeshSpool {
     })
 }
 
+/// Rough land beside flat land, on which coarse triangles are long.
+fn rough_and_flat(workspace: &Workspace) -> MeshSpool {
+    mesh(500, 400, false, workspace, |u, v| {
+        let (x, y) = (1000.0 * u, 800.0 * v);
+        let rough = if u < 0.6 { (x * 1.7 + 2.0 * (y / 3.0).sin()).sin() * (y * 1.3).cos() } else { 0.0 };
+        [x, y, 3.0 * rough + 4.0 * (-((x - 800.0).powi(2) + (y - 300.0).powi(2)) / 40.0).exp()]
+    })
+}
+
 fn torus(workspace: &Workspace) -> MeshSpool {
     mesh(300, 130, true, workspace, |u, v| {
         let (u, v) = (u * std::f64::consts::TAU, v * std::f64::consts::TAU);
@@ -108,11 +117,11 @@ fn decoded(stream: &[u8], told: &Value) -> Vec<u8> {
     }
 }
 
-/// A tile's file: what is its own, and its skirt.
+/// A tile's file: what is its own, and what overlaps others, its skirt included.
 struct Content {
     bounds: [Place; 2],
     own: Vec<Triangle>,
-    skirt: Vec<Triangle>,
+    overlap: Vec<Triangle>,
     classes: BTreeSet<u8>,
 }
 
@@ -186,20 +195,63 @@ fn content(path: &Path) -> Content {
             bytes.chunks_exact(2).map(|b| usize::from(u16::from_le_bytes([b[0], b[1]]))).take(count).collect();
         numbers.chunks_exact(3).map(|t| [t[0], t[1], t[2]].map(|v| places[v].map(f32::to_bits))).collect()
     };
-    let skirt = primitives.get(1).map(triangles).unwrap_or_default();
-    Content { bounds, own: triangles(&primitives[0]), skirt, classes }
+    let overlap = primitives.get(1).map(triangles).unwrap_or_default();
+    Content { bounds, own: triangles(&primitives[0]), overlap, classes }
 }
 
-/// What is found in a tileset: the triangles of each error, the finest last.
+/// A tile as it is shown.
+struct Shown {
+    error: f64,
+    own: Vec<Triangle>,
+    overlap: Vec<Triangle>,
+    children: Vec<usize>,
+}
+
+/// What is found in a tileset.
 struct Found {
+    /// The triangles of each error.
     levels: BTreeMap<u64, Vec<Triangle>>,
-    skirts: usize,
+    tiles: Vec<Shown>,
     deepest: usize,
     /// Column by column.
     transform: [f64; 16],
 }
 
 impl Found {
+    fn overlaps(&self) -> usize {
+        self.tiles.iter().map(|tile| tile.overlap.len()).sum()
+    }
+
+    /// Triangles of skirts: no level's.
+    fn skirts(&self) -> usize {
+        let levels = self.levels.iter().map(|(error, level)| (*error, sorted(level.clone()).into_iter().collect()));
+        let levels: BTreeMap<u64, BTreeSet<Triangle>> = levels.collect();
+        let of_tile = |tile: &Shown| {
+            let level = &levels[&tile.error.to_bits()];
+            sorted(tile.overlap.clone()).iter().filter(|triangle| !level.contains(*triangle)).count()
+        };
+        self.tiles.iter().map(of_tile).sum()
+    }
+
+    /// How far the farthest place of the finest level is from what is shown beside the tiles that show it, over the error: where a tile gives way to those below it and the
+    /// others of its level stay, of every tile.
+    fn farthest_beside(&self) -> f64 {
+        let finest = self.levels.values().next().unwrap();
+        let mut worst: f64 = 0.0;
+        for tile in self.tiles.iter().filter(|tile| !tile.children.is_empty()) {
+            let others = self.tiles.iter().filter(|other| other.error == tile.error && !std::ptr::eq(*other, tile));
+            let below = tile.children.iter().map(|child| &self.tiles[*child]);
+            let shown: Vec<Triangle> =
+                others.chain(below).flat_map(|tile| tile.own.iter().chain(&tile.overlap)).copied().collect();
+            let middles = finest.iter().step_by(finest.len() / 700 + 1).map(|triangle| {
+                let places = triangle.map(|corner| corner.map(f32::from_bits));
+                std::array::from_fn::<u32, 3, _>(|a| ((places[0][a] + places[1][a] + places[2][a]) / 3.0).to_bits())
+            });
+            worst = worst.max(farthest(&middles.collect::<Vec<_>>(), &shown) / tile.error);
+        }
+        worst
+    }
+
     /// What the root's transform makes of a place.
     fn moved(&self, place: [u32; 3]) -> Place {
         let [x, y, z] = place.map(|bits| f64::from(f32::from_bits(bits)));
@@ -242,7 +294,7 @@ fn read_with(folder: &Path, finest: f64) -> Found {
     assert_eq!(tree["root"]["refine"], "REPLACE");
     assert!(tree["geometricError"].as_f64().unwrap() >= tree["root"]["geometricError"].as_f64().unwrap());
     let transform = transform(&tree["root"]);
-    let mut found = Found { levels: BTreeMap::new(), skirts: 0, deepest: 0, transform };
+    let mut found = Found { levels: BTreeMap::new(), tiles: Vec::new(), deepest: 0, transform };
     let mut named = BTreeSet::from(["tileset.json".to_owned()]);
     tile(folder, &tree["root"], (None, finest), 1, &mut found, &mut named);
     let there: BTreeSet<String> =
@@ -266,7 +318,7 @@ fn tile(
     depth: usize,
     found: &mut Found,
     named: &mut BTreeSet<String>,
-) {
+) -> usize {
     let bounds = volume(tile_);
     let error = tile_["geometricError"].as_f64().unwrap();
     let within = |inner: &[Place; 2], outer: &[Place; 2]| {
@@ -289,11 +341,16 @@ fn tile(
     assert!(within(&content.bounds, &bounds));
     assert!((1..=1 << 16).contains(&content.own.len()));
     assert!(!content.classes.is_empty());
-    found.skirts += content.skirt.len();
     found.deepest = found.deepest.max(depth);
     // Errors are not negative, so their bits are in their order.
-    found.levels.entry(error.to_bits()).or_default().extend(content.own);
-    children.iter().for_each(|child| tile(folder, child, (Some((bounds, error)), finest), depth + 1, found, named));
+    found.levels.entry(error.to_bits()).or_default().extend(&content.own);
+    let number = found.tiles.len();
+    found.tiles.push(Shown { error, own: content.own, overlap: content.overlap, children: Vec::new() });
+    for child in &children {
+        let child = tile(folder, child, (Some((bounds, error)), finest), depth + 1, found, named);
+        found.tiles[number].children.push(child);
+    }
+    number
 }
 
 /// The triangles of a mesh, each from its least corner on.
@@ -353,7 +410,17 @@ fn apart(p: Place, [a, b, c]: [Place; 3]) -> f64 {
 fn farthest(places: &[[u32; 3]], level: &[Triangle]) -> f64 {
     let place = |corner: &[u32; 3]| corner.map(|bits| f64::from(f32::from_bits(bits)));
     let level: Vec<[Place; 3]> = level.iter().map(|t| t.map(|corner| place(&corner))).collect();
-    let nearest = |p: &[u32; 3]| level.iter().map(|t| apart(place(p), *t)).fold(f64::INFINITY, f64::min);
+    let nearest = |p: &[u32; 3]| {
+        let p = place(p);
+        level.iter().fold(f64::INFINITY, |least, t| {
+            // Of most triangles the box is too far away.
+            let beyond = |a: usize| {
+                let (low, high) = (t[0][a].min(t[1][a]).min(t[2][a]), t[0][a].max(t[1][a]).max(t[2][a]));
+                (low - p[a]).max(p[a] - high).max(0.0)
+            };
+            if (0..3).any(|a| beyond(a) * beyond(a) >= least) { least } else { least.min(apart(p, *t)) }
+        })
+    };
     places.iter().map(nearest).fold(0.0, f64::max).sqrt()
 }
 
@@ -384,12 +451,28 @@ fn a_tileset_is_the_mesh_at_every_level_without_cracks_and_as_near_as_it_says() 
             let farthest = farthest(&places, level);
             assert!(farthest <= told.error * (1.0 + 1e-9) + 1e-6, "{name} {number}: {farthest}");
         }
-        assert_eq!(found.skirts > 0, sheet, "{name}");
+        assert_eq!(found.skirts() > 0, sheet, "{name}");
         // The transform adds the origin.
         assert_eq!(found.transform[12..15], if sheet { [500_000.0, 0.0, 0.0] } else { [0.0; 3] });
         assert_eq!(figures.site, None, "{name}");
         let again = TilesetTarget::prepare(&folder.join("tileset.json"), Overwrite::Refuse);
         assert!(matches!(again, Err(Error::OutputExists(_))), "{name}");
+    }
+}
+
+#[test]
+fn there_are_no_holes_where_tiles_of_two_levels_meet() {
+    let dir = tempfile::tempdir().unwrap();
+    let workspace = Workspace::new(dir.path()).unwrap();
+    for (name, mesh, sheet) in [("land", rough_and_flat(&workspace), true), ("torus", torus(&workspace), false)] {
+        let folder = dir.path().join(name);
+        written(&mesh, sheet, 256 << 20, 2, &folder);
+        let found = read(&folder);
+        let beside = |tile: &Shown| found.tiles.iter().filter(|other| other.error == tile.error).count() > 1;
+        let meet = found.tiles.iter().filter(|tile| !tile.children.is_empty() && beside(tile)).count();
+        assert!(meet > 1 || !sheet, "{name}: no tile could be shown beside finer ones");
+        let farthest = found.farthest_beside();
+        assert!(farthest <= 1.0 + 1e-6, "{name}: {farthest} of the error");
     }
 }
 
@@ -624,7 +707,11 @@ fn compressed_tiles_are_smaller_meet_to_the_last_bit_and_are_as_near_as_they_say
             // What is encoded comes back as it was.
             assert_eq!(sorted(level.clone()), sorted(encoded.1.levels[error].clone()), "{name} {number}");
         }
-        assert_eq!((plain.1.skirts, quantized.1.skirts), (encoded.1.skirts, encoded.1.skirts), "{name}");
-        assert!(encoded.1.skirts > 0 || !sheet);
+        assert_eq!(
+            (plain.1.overlaps(), quantized.1.overlaps()),
+            (encoded.1.overlaps(), encoded.1.overlaps()),
+            "{name}"
+        );
+        assert!(encoded.1.skirts() > 0 || !sheet);
     }
 }

@@ -99,7 +99,7 @@ def run(program, *words):
 
 
 def counted(path):
-    """The triangles of a tile: of the surface, and of its skirt."""
+    """The triangles of a tile: its own, and what overlaps others, its skirt included."""
     data = path.read_bytes()
     scene = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
     own = [scene["accessors"][part["indices"]]["count"] // 3 for mesh in scene["meshes"] for part in mesh["primitives"]]
@@ -252,8 +252,8 @@ def main():
             missing = sorted(set(files) - set(found["triangles"]))
             must(not missing, f"{reader}: {len(missing)} of {len(files)} tiles were not loaded: {missing[:5]}")
             for name, there in found["triangles"].items():
-                own, skirt = files[name]
-                must(there == (own + skirt if reader == "cesium" else [part for part in (own, skirt) if part]), f"{reader}: {name} has {there} triangles, not {own} and {skirt}")
+                own, others = files[name]
+                must(there == (own + others if reader == "cesium" else [part for part in (own, others) if part]), f"{reader}: {name} has {there} triangles, not {own} and {others}")
             rows.append([f"{reader} {found['version']}", f"{len(found['triangles'])} of {len(files)}", ", ".join(f"{look['drawn']:,}" for look in found["found"])])
         print(table(["reader", "tiles loaded", f"triangles drawn from {', '.join(map(str, CLOSENESS))} radii"], rows), "\n")
 

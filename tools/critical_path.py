@@ -1,21 +1,29 @@
 #!/usr/bin/env python3
-"""How long the tasks of a run take by many workers: a model, fed with the seconds and bytes of tasks that were measured.
+"""How long a run takes by many workers, or on many processors: models, fed with seconds and bytes that were measured.
 
     tools/critical_path.py measure -o tasks.json    does all tasks of runs of three sizes one by one, on one thread, and notes what each took
     tools/critical_path.py table tasks.json         10^9 to 10^12 points by 2 to 1,000 workers, for some speeds of the shared file system
     tools/critical_path.py run tasks.json           a run of --points by --workers processes, beside what the model says of it
     tools/critical_path.py sleep tasks.json         the tasks of 10^12 points by 1,000 workers through the package's driver and Dask's scheduler; they sleep, --scale times as fast
+    tools/critical_path.py stages CLOUD             one process: of each stage, what only one thread does, and its time on --processors
 
-The model: a kind's processor seconds are so many for each point and triangle, and so are its bytes; both are fitted to what was measured. Tasks are dealt out, in their order, to workers of one
+The model of tasks: a kind's processor seconds are so many for each point and triangle, and so are its bytes; both are fitted to what was measured. Tasks are dealt out, in their order, to workers of one
 processor, and weigh as unequally as measured ones. Kinds come one after the other. What a wave reads and writes takes no less than the shared file system needs for it. A task that is
 alone in its wave has --alone processors, of which it makes use of four fifths; with --cold, computing and moving bytes add up instead. That last figure and the fitted laws beyond the sizes measured are assumptions.
+
+The model of stages: a thread's processor seconds are looked at as each stage ends. What the calling thread takes is done one after the other, what workers take is shared out. A stage takes no
+less than either the first or all of it over the processors, and no more than the first and the second over the processors. The surface's jobs are slabs, of which there may be fewer than processors;
+it is stitched in as many pieces as the program has for so many threads, and each piece but the first closes two seams more. Memory is taken to be as fast for many as for two.
 """
 
 import argparse
+import contextlib
 import heapq
 import itertools
 import json
 import os
+import shlex
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -37,6 +45,8 @@ READERS, RECORD = ("plan", "bucket"), 12
 USE = 0.8
 # Seconds from the end of a wave until the next has begun.
 BARRIER = 0.5
+# Threads for each piece of the surface (`run/planner.rs`).
+THREADS_OF_PIECE = 8
 
 
 def call(command):
@@ -298,10 +308,80 @@ def sleep(options, _):
     print(f"measured {took:.1f} s: {1e3 * (took - short) / len(costs):.1f} ms a task more; scheduler, workers and driver took {1e3 * busy / len(costs):.1f} ms of a processor for each task")
 
 
+def looked_at(process):
+    """Processor seconds so far of the calling thread, of workers, and of other threads that still run."""
+    told = {"calling": 0.0, "workers": 0.0, "others": 0.0}
+    for thread in Path(f"/proc/{process.pid}/task").iterdir():
+        with contextlib.suppress(OSError):
+            name = (thread / "comm").read_text()
+            of = "calling" if int(thread.name) == process.pid else "workers" if name.startswith("asra-worker") else "others"
+            told[of] += int((thread / "schedstat").read_text().split()[0]) / 1e9
+    return told
+
+
+def staged(command, folder):
+    """Processor seconds of each stage of a run, by kind of thread, and its number of slabs."""
+    for left in folder.iterdir():
+        left.unlink()
+    report = folder / "report.json"
+    process = subprocess.Popen([*map(str, command), "-o", folder / "m.ply", "--report", report, "--progress", "json"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    stages, before = {}, looked_at(process)
+    for line in process.stderr:
+        event = json.loads(line)
+        if event["event"] == "end" and event["exit_code"]:
+            sys.exit(event["message"])
+        if event["event"] != "stage":
+            continue
+        now = looked_at(process)
+        so_far = stages.setdefault(event["stage"], dict.fromkeys(now, 0.0))
+        for kind in now:
+            so_far[kind] += max(0.0, now[kind] - before[kind])
+        before = now
+    if process.wait():
+        sys.exit(f"exit code {process.returncode}")
+    return stages, len(json.loads(report.read_text())["seams"]) + 1
+
+
+def stages(options, program):
+    with tempfile.TemporaryDirectory(dir=options.folder) as name:
+        command = [program, options.measured, *shlex.split(options.options), "-j", options.workers, *options.budget]
+        runs = [staged(command, Path(name)) for _ in range(options.runs)]
+    slabs = runs[0][1]
+
+    def median(stage, kind):
+        return statistics.median(run[stage][kind] for run, _ in runs)
+
+    def least_and_most(stage, processors):
+        calling, workers = median(stage, "calling"), median(stage, "workers")
+        if stage != "surface":
+            return max(calling, (calling + workers) / processors), calling + workers / processors
+        pieces = min(-(-processors // THREADS_OF_PIECE), slabs)
+        of_piece = calling * (1 / pieces + (2 / slabs if pieces > 1 else 0))
+        # No job is less than a slab.
+        jobs = workers / slabs * -(-slabs // processors)
+        return max(of_piece, jobs, (calling + workers) / processors), of_piece + jobs
+
+    rows, whole = [], [[0.0, 0.0] for _ in options.processors]
+    total = sum(median(stage, kind) for stage in runs[0][0] for kind in ("calling", "workers"))
+    for stage in runs[0][0]:
+        calling, workers = median(stage, "calling"), median(stage, "workers")
+        times = [least_and_most(stage, processors) for processors in options.processors]
+        for sums, (least, most) in zip(whole, times, strict=True):
+            sums[0] += least
+            sums[1] += most
+        share = calling / (calling + workers) if calling + workers else 0
+        rows.append([stage, f"{calling + workers:.3f}", f"{calling:.3f}", f"{share:.2f}", *(f"{least:.3f} to {most:.3f}" for least, most in times)])
+    calling = sum(median(stage, "calling") for stage in runs[0][0])
+    rows.append(["all", f"{total:.3f}", f"{calling:.3f}", f"{calling / total:.2f}", *(f"{least:.3f} to {most:.3f}" for least, most in whole)])
+    rows.append(["as fast as one", "", "", "", *(f"{total / most:.1f} to {total / least:.1f}" for least, most in whole)])
+    print(f"{options.measured.name}, {slabs} slabs; processor seconds of {options.workers} threads, medians of {options.runs}\n")
+    print(table(["stage", "all:", "one thread alone:", "of all:", *(f"{processors}:" for processors in options.processors)], rows))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["measure", "table", "run", "sleep"])
-    parser.add_argument("measured", type=Path, nargs="?", help="what `measure` has written")
+    parser.add_argument("what", choices=["measure", "table", "run", "sleep", "stages"])
+    parser.add_argument("measured", type=Path, nargs="?", help="what `measure` has written; of stages, the cloud")
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--sizes", type=lambda text: [int(float(one)) for one in text.split(",")], default=SIZES, help="points of the runs to measure")
     parser.add_argument("--points", type=lambda text: int(float(text)), help="of the run, or of the tasks that sleep [default: 1e7; 1e12]")
@@ -314,16 +394,19 @@ def main():
     parser.add_argument("--max-memory", help="of every process that is measured or run [default: the program's own]")
     parser.add_argument("--program", type=Path)
     parser.add_argument("--folder", type=Path, help="where runs lie [default: the system's folder for temporary files]")
+    parser.add_argument("--options", default="", help="of stages: what the program is told")
+    parser.add_argument("--processors", type=lambda text: [int(one) for one in text.split(",")], default=[2, 16, 64], help="of stages [default: 2,16,64]")
+    parser.add_argument("--runs", type=int, default=5, help="of stages; the medians count [default: 5]")
     options = parser.parse_args()
     if options.what == "measure" and not options.output or options.what != "measure" and not options.measured:
-        parser.error("measure wants --output, all else what that has written")
-    if options.what != "measure":
+        parser.error("measure wants --output, stages a cloud, all else what measure has written")
+    if options.what not in ("measure", "stages"):
         environment("critical-path", ["distributed", "numpy"])
     options.budget = ["--max-memory", options.max_memory] if options.max_memory else []
     options.alones = [1, options.alone]
     options.points = options.points or (10**12 if options.what == "sleep" else 10**7)
     options.workers = options.workers or (1000 if options.what == "sleep" else 2)
-    {"measure": measure, "table": tabled, "run": run, "sleep": sleep}[options.what](options, built(options.program) if options.what in ("measure", "run") else None)
+    {"measure": measure, "table": tabled, "run": run, "sleep": sleep, "stages": stages}[options.what](options, built(options.program) if options.what in ("measure", "run", "stages") else None)
 
 
 if __name__ == "__main__":

@@ -217,6 +217,11 @@ impl CoarseGrid {
         columns.iter().map(share).sum::<f64>() * side * side
     }
 
+    /// The side of the square of that area that one of the cloud's `points` has, on average.
+    pub fn spacing(&self, points: u64) -> f64 {
+        (self.area(points) / points as f64).sqrt()
+    }
+
     /// About how many squares of side `side`, lying at whole numbers of sides along x and y, a surface through points in `bounds` touches: those that the columns
     /// touch within the bounds, or their share of the columns' area where squares are smaller than half a column.
     pub fn squares(&self, bounds: &Bounds, side: f64) -> u64 {

@@ -19,7 +19,7 @@ use crate::points::{Batch, Points};
 use crate::resources::workers::Workers;
 use crate::run::job::Job;
 use crate::run::phase::Phase;
-use crate::run::progress::Progress;
+use crate::run::progress::{Progress, Warning};
 use crate::run::rasters::{Raster, check_name};
 use crate::settings::Settings;
 use crate::settings::ground::{ClassSet, Classes};
@@ -269,6 +269,16 @@ fn told(
         let (ground, all) = (thousands(found.classes[2]), thousands(found.points));
         progress.note(&format!("ground: told by classes 2 and 9 ({ground} of {all} points are of class 2)"));
         return Ok(Telling::Classes(ClassSet::GROUND));
+    }
+    if settings.classes == Classes::Auto {
+        // Never classified are 0 and 1.
+        match found.classes[2..].iter().any(|points| *points > 0) {
+            true => progress.warn(&Warning::new(
+                "no point has class 2 (ground), though points have classes: a filter tells the ground by the shape of what is lowest",
+                "--classes names the classes of the ground; --classes none asks for the filter",
+            )),
+            false => progress.note("ground: told by a filter, as points have no classes"),
+        }
     }
     if cloud.measure().is_none() {
         progress.note("ground: the unit of the coordinates is not known, and taken to be the metre; `crs` names the reference system");

@@ -47,16 +47,46 @@ const CLEAN: f64 = 0.05;
 /// At 1.0, terrain has 1.4 triangles a point, a triangulation 2.
 const AUTO_COLUMN: f64 = 1.0;
 
+/// Points that are this far off their surface on three quarters of it, in sampling distances, lie on no surface: they fill a volume, as leaves do.
+///
+/// Forest .51, wooded hills .40, a forest scanned from within .29; a small town between fields .19, towns and a stadium .02 to .1.
+const IN_VOLUME: f64 = 1.0 / 3.0;
+
+/// Seen from above, such points are at least this far apart, in sampling distances. Nearer ones lie over each other, as on stems, and tell nothing of more columns: with
+/// columns as narrow as that, three quarters of the surface of the forest that was scanned from within (.31) bridged holes. Forest .41, wooded hills .62.
+const STACKED: f64 = 1.0 / 3.0;
+
+/// Columns of terrain are no narrower than this part of the sampling distance where points fill a volume: walls between leaves take two triangles for each cell of their
+/// height, and a triangulation of all points has two triangles a point.
+///
+/// Every tenth point held out, vertical errors in metres, root mean square and 95 %, and triangles a point:
+///
+/// | side / d | forest, open ground | forest, crowns | | hills, open ground | hills, crowns | |
+/// |---|---|---|---|---|---|---|
+/// | 1.0 | 3.79, 9.20 | 5.04, 11.9 | 0.7 | 2.30, 5.17 | 3.62, 7.88 | 0.9 |
+/// | 0.8 | 2.50, 6.48 | 4.80, 11.6 | 1.2 | 1.66, 2.91 | 3.06, 6.71 | 1.2 |
+/// | 0.63 | 1.42, 2.71 | 4.56, 11.2 | 2.1 | 0.91, 1.25 | 2.84, 6.17 | 1.7 |
+/// | 0.5; 0.55 | 0.54, 0.77 | 4.40, 10.8 | 3.9 | 1.11, 0.98 | 2.71, 5.98 | 2.5 |
+/// | a triangulation | 0.51, 0.54 | 5.32, 11.8 | 2 | 0.70, 1.15 | 2.83, 5.92 | 2 |
+const NARROWER: f64 = 0.6;
+
 /// Cells are made finer than by k = 4 if they are no more than this part as wide. Hardly finer ones gain hardly anything, and noise and sparseness near the limits
 /// are not known so well.
 const WORTH: f64 = 0.9;
 
-/// The side that `--cell-size auto` takes for samples that are so far apart.
-pub(super) fn auto_side(distance: f64, open: Option<Kind>) -> f64 {
-    match open {
+/// The side that `--cell-size auto` takes for samples of such density, which are as far apart as `in_plan` seen from above; none of a single place.
+///
+/// Where points fill a volume, the distance between samples of their surface says little: a column as wide as that has the ground of a gap and the crown beside it,
+/// and its top is that of the highest of many leaves.
+pub(super) fn auto_side(density: Density, in_plan: f64, open: Option<Kind>) -> Option<f64> {
+    let distance = density.distance?;
+    let in_volume = density.noise.is_some_and(|noise| noise >= IN_VOLUME * distance) && in_plan >= STACKED * distance;
+    Some(match open {
         None | Some(Kind::Sheet) => AUTO_CELL * distance,
-        Some(_) => AUTO_COLUMN * distance,
-    }
+        Some(Kind::Terrain) if in_volume => AUTO_COLUMN * in_plan.clamp(NARROWER * distance, distance),
+        // Of all points, few are the ground's.
+        Some(Kind::Terrain | Kind::Ground) => AUTO_COLUMN * distance,
+    })
 }
 
 /// The side of default cells, `usual` by k = 4: half of that, where points carry it.
@@ -69,7 +99,7 @@ pub(super) fn default_side(usual: f64, density: Density) -> f64 {
     let clean = density.noise.map_or(usual, |noise| noise / CLEAN);
     let carried = (FINER * usual).max(even).max(clean);
     let side = if carried <= WORTH * usual { carried } else { usual };
-    side.max(density.distance.map_or(0.0, |distance| auto_side(distance, None)))
+    side.max(density.distance.map_or(0.0, |distance| AUTO_CELL * distance))
 }
 
 #[cfg(test)]
@@ -79,6 +109,27 @@ mod tests {
     use super::*;
 
     proptest! {
+        #[test]
+        fn columns_are_as_narrow_as_points_lie_seen_from_above_where_these_fill_a_volume(
+            distance in 1e-3f64..1e3,
+            ratio in prop_oneof![0.1f64..1.2, 1e-3f64..1e3],
+            noise in prop::option::of(0.0f64..1.0),
+        ) {
+            let density = Density { distance: Some(distance), middle: None, noise: noise.map(|noise| noise * distance) };
+            let side = |kind| auto_side(density, ratio * distance, kind).unwrap();
+            let terrain = side(Some(Kind::Terrain));
+            let narrow = (terrain / distance - ratio.clamp(0.6, 1.0)).abs() < 1e-9;
+            match noise.unwrap_or(0.0) {
+                noise if noise > 0.34 && ratio > 0.34 => prop_assert!(narrow),
+                noise if noise < 0.33 || ratio < 0.33 => prop_assert_eq!(terrain, distance),
+                _ => prop_assert!(narrow || terrain == distance),
+            }
+            prop_assert_eq!(side(Some(Kind::Ground)), distance);
+            for other in [None, Some(Kind::Sheet)] {
+                prop_assert_eq!(side(other), 1.25 * distance);
+            }
+        }
+
         #[test]
         fn default_cells_are_as_fine_as_points_carry(
             distance in prop::option::of(0.0f64..3.0),

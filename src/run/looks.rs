@@ -125,7 +125,7 @@ impl InfoReport {
             extent,
             area,
             points_per_square_unit: density,
-            spacing: density.map(|density| density.sqrt().recip()),
+            spacing: density.map(|_| surveyed.coarse_grid.spacing(survey.points)),
             sampling_distance: surveyed.density.and_then(|density| density.distance),
             noise: surveyed.density.and_then(|density| density.noise),
             tally: tally.clone(),

@@ -90,13 +90,14 @@ pub fn survey_with(
             "a coordinate of {farthest:e} leaves single precision no room for a surface, which ends at {FARTHEST_SINGLE:e}; scale the points down"
         )));
     }
-    // A single place has no sampling distance; any cell does.
-    let distance = density.and_then(|density| density.distance);
     let (resolution, may_have_gaps) = match settings.fineness() {
         Fineness::Given(resolution) => (resolution, matches!(resolution, Resolution::Cell(_))),
         Fineness::Sampling => {
             let kind = settings.open.map(|open| open.kind);
-            (Resolution::Cell(distance.map_or(1.0, |distance| auto_side(distance, kind))), true)
+            let in_plan = coarse_grid.spacing(survey.points);
+            // A single place has no sampling distance; any cell does.
+            let side = density.and_then(|density| auto_side(density, in_plan, kind));
+            (Resolution::Cell(side.unwrap_or(1.0)), true)
         }
         Fineness::Default => {
             let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?.cell_size();

@@ -26,6 +26,8 @@ pub struct Size {
     pub layer: u64,
     /// Those of the lowest and of the highest such layer.
     pub ends: [u64; 2],
+    /// Those of the slice below `round`.
+    pub below: u64,
 }
 
 /// What it depends on beside that.
@@ -94,7 +96,7 @@ impl Told {
     /// The size of slab `number` whose surface has so many vertices, its own among them, and so many triangles of its own.
     pub fn size(&self, number: u32, vertices: usize, own: usize, triangles: usize) -> Size {
         let planned = self.sizes[number as usize];
-        let beside = if self.of.may_be_centred() { planned.layer } else { 0 };
+        let beside = if self.of.may_be_centred() { planned.below } else { 0 };
         let faces = (own.max(triangles / 2) as u64).min(planned.faces);
         Size {
             faces,
@@ -139,7 +141,13 @@ impl Size {
         let slices = u64::from(slices);
         let layer = (faces * LAYER as u64).div_ceil(slices);
         let beside = 2 * u64::from(smooth_halo(smooth)) + 1;
-        Size { faces, round: faces + (faces * beside).div_ceil(slices), layer, ends: [layer; 2] }
+        Size {
+            faces,
+            round: faces + (faces * beside).div_ceil(slices),
+            layer,
+            ends: [layer; 2],
+            below: faces.div_ceil(slices),
+        }
     }
 
     /// The size of slab `number`, where the faces of all slices are known.
@@ -152,13 +160,15 @@ impl Size {
         let own = &faces[start..end];
         // A fitted vertex may have come from a slice beyond.
         let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
+        let below = round.start.checked_sub(1).map_or(0, |slice| u64::from(faces[slice]));
         let layers = faces[start.saturating_sub(1)..(end + 1).min(faces.len())].windows(LAYER.min(own.len()));
-        let (below, above) = (start..end.min(start + LAYER), start.max(end.saturating_sub(LAYER))..end);
+        let (lowest, highest) = (start..end.min(start + LAYER), start.max(end.saturating_sub(LAYER))..end);
         Size {
             faces: sum(own),
             round: sum(&faces[round]),
             layer: layers.map(sum).max().unwrap_or(0),
-            ends: [below, above].map(|slices| sum(&faces[slices])),
+            ends: [lowest, highest].map(|slices| sum(&faces[slices])),
+            below,
         }
     }
 
@@ -169,7 +179,15 @@ impl Size {
 
     /// The faces of all planes that are looked at: for facets, of one more slice.
     fn looked_at(self, of: &Made) -> u64 {
-        self.round + if of.may_be_centred() { self.layer } else { 0 }
+        self.round + if of.may_be_centred() { self.below } else { 0 }
+    }
+
+    /// Bytes of what a slab that is made in another's room holds only when its vertices are fitted; where facets are fitted, it is not held before (`stitch/slab.rs`).
+    fn bytes_after_fitting(self) -> u64 {
+        let (own, triangles) = (Size::vertices(self.faces), self.triangles());
+        Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
+            + own * size_of::<QuantizedPoint>() as u64
+            + triangles / BLOCK as u64 * size_of::<PackedBox>() as u64
     }
 
     /// Triangles likewise, with those that midpoints add.
@@ -185,7 +203,7 @@ impl Size {
         let smoothed = if of.smooth > 1 { own } else { Size::vertices(self.looked_at(of)) };
         // On open surfaces, vertices leave where one step puts them for the surface's height.
         let rest = if of.smooth == 1 && of.columns == 0 { 0 } else { smoothed };
-        let of_vertex = of.attributes + (size_of::<VertexState>() + size_of::<QuantizedPoint>()) as u64;
+        let of_vertex = of.attributes + size_of::<VertexState>() as u64;
         let of_triangle = (size_of::<[u32; 3]>() + usize::from(of.trimmed)) as u64;
         (smoothed + rest) * place
             + Fitted::<f64>::bytes(
@@ -195,8 +213,7 @@ impl Size {
             + if of.may_be_centred() { 2 * own * of.coordinates } else { 0 }
             + own * of_vertex
             + triangles * of_triangle
-            + Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
-            + triangles / BLOCK as u64 * size_of::<PackedBox>() as u64
+            + self.bytes_after_fitting()
     }
 
     /// The most bytes while it is made, with the `points` that are held for fitting, and with means.
@@ -216,11 +233,12 @@ impl Size {
         let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
         let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
         let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping.max(2 * beside);
-        let centring = means.of_facets + facets::bytes(round, 2 * round);
+        let centring =
+            (points.max(means.of_facets + facets::bytes(round, 2 * round))).saturating_sub(self.bytes_after_fitting());
         let moved = match of.fit {
             Fit::Auto => points.max(means.of_planes).max(centring),
             Fit::AutoPoints => points.max(means.of_planes),
-            Fit::Facets => points.max(centring),
+            Fit::Facets => centring,
             Fit::Plane => means.of_planes.max(if of.attributes > 0 { points } else { 0 }),
             Fit::Nearest => points,
             Fit::None if of.attributes > 0 => points,

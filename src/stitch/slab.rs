@@ -217,8 +217,15 @@ impl<T: Coordinate> SlabMesh<T> {
         };
         let is_rest = options.smooth == 1 && surface.columns().is_none();
         let rest = if is_rest { Vec::new() } else { to_world(smooth(&surface, 1, room.rest)) };
-        // What is no longer needed goes before the next large thing comes: the slab's peak is what the plan counts.
+        // What is no longer needed, or not yet, goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
+        let after_fitting = (room.stars, room.quantized, room.blocks);
+        let (room_of_stars, quantized, mut blocks) = if is_centred {
+            drop(after_fitting);
+            Default::default()
+        } else {
+            after_fitting
+        };
         end_stage();
         begins(|stages| stages.fitting);
         let mut state = room.state;
@@ -300,8 +307,8 @@ impl<T: Coordinate> SlabMesh<T> {
         };
         drop(nearest);
         begins(|stages| stages.contracting);
-        let stars = Stars::new(&triangles, named as usize, own.len(), room.stars);
-        let (quantized, mut blocks, tangled) = (room.quantized, room.blocks, 0);
+        let stars = Stars::new(&triangles, named as usize, own.len(), room_of_stars);
+        let tangled = 0;
         refill(&mut blocks, triangles.len().div_ceil(BLOCK), PackedBox::EMPTY);
         let mut mesh = SlabMesh {
             slices,

@@ -36,6 +36,7 @@ fn the_filter_tells_the_ground_and_its_verdicts_tell_it_again() {
     let run = f.ok(&format!("s.xyz {ground} --write-classes c.laz -o g.ply --report g.json -v"));
     assert!(run.err.contains("surface  ground, seen from +z"), "{}", run.err);
     assert!(run.err.contains("no ground, or left out by filters"), "{}", run.err);
+    assert!(run.err.contains("ground: told by a filter, as points have no classes"), "{}", run.err);
     let by_filter = report(&f, "g.json");
     assert_eq!(by_filter["ground"]["filter"]["cell"], 1.0);
     let top = by_filter["check"]["bounds"][1][2].as_f64().unwrap();
@@ -61,6 +62,25 @@ fn the_filter_tells_the_ground_and_its_verdicts_tell_it_again() {
     assert_eq!(report(&f, "n.json")["points"]["count"], by_filter["points"]["count"]);
     let tally: serde_json::Value = serde_json::from_str(&f.ok("info c.las --json").out).unwrap();
     assert_eq!(&tally["classification"], classes);
+}
+
+/// Buildings alone have a lowest surface, too, which is not the ground.
+#[test]
+fn classes_without_ground_are_told() {
+    let f = Folder::new();
+    let classed = |class: u8| {
+        let lines = scene().lines().map(|line| format!("{},{class}\n", line.replace(' ', ","))).collect::<String>();
+        format!("x,y,z,classification\n{lines}")
+    };
+    for class in [0, 1, 2, 6] {
+        f.write("c.csv", classed(class));
+        let run = f.ok("c.csv --surface ground --crs EPSG:2154 -o c.ply --overwrite");
+        let said = run.err.contains("no point has class 2 (ground), though points have classes")
+            && run.err.contains("--classes none");
+        assert_eq!(said, class == 6, "{class}: {}", run.err);
+        let run = f.ok("c.csv --surface ground --classes none --crs EPSG:2154 -o c.ply --overwrite");
+        assert!(!run.err.contains("no point has class"), "{class}: {}", run.err);
+    }
 }
 
 /// What tells the ground, and what is written with verdicts, is read of compressed points whether the mesh carries it or not.

@@ -23,6 +23,12 @@ async function opened(options = {}) {
 }
 
 const idle = page => page.waitForFunction(() => window.viewer && viewer.stats.idle && viewer.stats.triangles > 0);
+// After a change: what was drawn before it may be idle still.
+const settled = async (page, change) => {
+    const from = await page.evaluate(() => viewer.stats.frames);
+    await change();
+    await page.waitForFunction(from => viewer.stats.frames > from && viewer.stats.idle && viewer.stats.triangles > 0, from);
+};
 // The canvas as it is drawn, without what lies over it: only while a frame is drawn does it hold a picture.
 const canvas = async (page, name) => {
     const url = await page.evaluate(() => new Promise(done => {
@@ -62,16 +68,13 @@ const out = {};
     // As `render` sees it: from the same direction, in parallel, all of it, as fine as it comes.
     out.directions = [];
     for (const [azimuth, elevation] of asked.directions) {
-        await page.evaluate(([azimuth, elevation]) => { viewer.set({ colour: '', detail: 100 }); viewer.look({ azimuth, elevation, parallel: true, fit: true }); }, [azimuth, elevation]);
-        await page.waitForTimeout(100);
-        await idle(page);
+        await settled(page, () => page.evaluate(([azimuth, elevation]) => { viewer.set({ colour: '', detail: 100 }); viewer.look({ azimuth, elevation, parallel: true, fit: true }); }, [azimuth, elevation]));
         const name = `seen-${azimuth}-${elevation}.png`;
         await canvas(page, name);
         out.directions.push({ azimuth, elevation, name, stats: await stats(page) });
     }
     // Turning with the mouse.
-    await page.evaluate(() => { viewer.set({ detail: 60 }); viewer.look({ azimuth: 305, elevation: 30, parallel: false, fit: true }); });
-    await idle(page);
+    await settled(page, () => page.evaluate(() => { viewer.set({ detail: 60 }); viewer.look({ azimuth: 305, elevation: 30, parallel: false, fit: true }); }));
     const before = await canvas(page, 'turn-0.png');
     await page.mouse.move(600, 400);
     await page.mouse.down();
@@ -103,6 +106,8 @@ const out = {};
     await page.getByLabel('Measure distances').check();
     await page.mouse.click(WIDTH / 2, HEIGHT / 2);
     await page.mouse.click(WIDTH / 2 + 90, HEIGHT / 2 + 20);
+    // They are drawn in the next frame.
+    await page.waitForFunction(() => document.querySelector('.marks line'), null, { timeout: 10_000 }).catch(() => {});
     out.distance = await page.evaluate(() => viewer.found && { rows: viewer.found.rows, lines: document.querySelectorAll('.marks line').length });
     await page.screenshot({ path: path.join(asked.pictures, 'distance.png') });
     await page.getByLabel('Measure distances').uncheck();
@@ -147,9 +152,7 @@ const out = {};
     await page.goto(address);
     await idle(page);
     const [azimuth, elevation] = asked.directions[0];
-    await page.evaluate(([azimuth, elevation]) => { viewer.set({ colour: '', detail: 100 }); viewer.look({ azimuth, elevation, parallel: true, fit: true }); }, [azimuth, elevation]);
-    await page.waitForTimeout(100);
-    await idle(page);
+    await settled(page, () => page.evaluate(([azimuth, elevation]) => { viewer.set({ colour: '', detail: 100 }); viewer.look({ azimuth, elevation, parallel: true, fit: true }); }, [azimuth, elevation]));
     await canvas(page, 'packed.png');
     out.packed = { stats: await stats(page), errors: heard.errors, name: 'packed.png' };
     await context.close();

@@ -79,7 +79,7 @@ pub struct CloudArguments {
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u32).range(1..=i64::from(CELLS_LIMIT)))]
     #[arg(allow_negative_numbers = true, help_heading = "Grid", conflicts_with = "cell_size")]
     pub slices: Option<u32>,
-    /// Side of a cell, in the input's units or as in 5cm, or `auto`: 1.25 sampling distances (1 for terrain and ground), the default of open surfaces; instead of --k
+    /// Side of a cell, in the input's units or as in 5cm, or `auto`: 1.25 sampling distances (1 for terrain and ground, less for forests), the default of open surfaces; instead of --k
     #[arg(long, value_name = "W|auto", value_parser = cell_size, allow_negative_numbers = true, help_heading = "Grid")]
     pub cell_size: Option<InUnit<Fineness>>,
     /// The axis to slice along

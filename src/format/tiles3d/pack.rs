@@ -52,14 +52,14 @@ impl Lattice {
     }
 }
 
-/// Triangles in an order in which one shares vertices with those before it, and the order of vertices as they come, skirt last. The numbers of `skirt` follow.
-pub(crate) fn ordered(faces: &mut Vec<[u32; 3]>, skirt: &mut [[u32; 3]], vertices: usize) -> Vec<u32> {
+/// Triangles in an order in which one shares vertices with those before it, and the order of vertices as they come, those of `overlap` alone last. The numbers of `overlap` follow.
+pub(crate) fn ordered(faces: &mut Vec<[u32; 3]>, overlap: &mut [[u32; 3]], vertices: usize) -> Vec<u32> {
     let mut found = vec![[0u32; 3]; faces.len()];
     optimize_vertex_cache_fifo(bytemuck::cast_slice_mut(&mut found), faces.as_flattened(), vertices, NEAR);
     *faces = found;
     let mut order = Vec::with_capacity(vertices);
     let mut numbers = vec![u32::MAX; vertices];
-    for v in faces.as_flattened_mut().iter_mut().chain(skirt.as_flattened_mut()) {
+    for v in faces.as_flattened_mut().iter_mut().chain(overlap.as_flattened_mut()) {
         let number = &mut numbers[*v as usize];
         if *number == u32::MAX {
             *number = order.len() as u32;
@@ -161,10 +161,10 @@ mod tests {
             used.sort_unstable();
             used.dedup();
             let number = |v: u32| used.partition_point(|u| *u < v) as u32;
-            let (faces, skirt) = faces.split_at(faces.len() / 2);
-            let (mut faces, mut skirt): (Vec<_>, Vec<_>) = (faces.iter().map(|f| f.map(number)).collect(), skirt.iter().map(|f| f.map(number)).collect());
-            let before: (Vec<[u32; 3]>, Vec<[u32; 3]>) = (faces.clone(), skirt.clone());
-            let order = ordered(&mut faces, &mut skirt, used.len());
+            let (faces, overlap) = faces.split_at(faces.len() / 2);
+            let (mut faces, mut overlap): (Vec<_>, Vec<_>) = (faces.iter().map(|f| f.map(number)).collect(), overlap.iter().map(|f| f.map(number)).collect());
+            let before: (Vec<[u32; 3]>, Vec<[u32; 3]>) = (faces.clone(), overlap.clone());
+            let order = ordered(&mut faces, &mut overlap, used.len());
             let sorted = |faces: &[[u32; 3]]| {
                 let mut faces: Vec<[u32; 3]> = faces.iter().map(|f| turned(*f)).collect();
                 faces.sort_unstable();
@@ -172,7 +172,7 @@ mod tests {
             };
             let back = |faces: &[[u32; 3]]| faces.iter().map(|f| f.map(|v| order[v as usize])).collect::<Vec<_>>();
             prop_assert_eq!(sorted(&back(&faces)), sorted(&before.0));
-            prop_assert_eq!(back(&skirt), before.1);
+            prop_assert_eq!(back(&overlap), before.1);
             prop_assert_eq!(order.len(), used.len());
         }
     }

@@ -8,7 +8,7 @@
 //!      a'---- b'       as much lower as the skirt is deep
 //! ```
 //!
-//! It hides gaps to tiles of other levels. Its triangles are a second primitive, over the same vertices and their lowered copies.
+//! It hides what is left of gaps to tiles of other levels, which overlap. Its triangles, and those of the overlap, are a second primitive, over the same vertices and their lowered copies.
 
 use rustc_hash::{FxHashMap, FxHashSet};
 use serde_json::{Value, json};
@@ -35,8 +35,8 @@ pub struct Tile {
     pub records: Vec<u8>,
     /// Triangles of the numbers of these vertices.
     pub faces: Vec<[u32; 3]>,
-    /// The triangles of the skirt.
-    pub skirt: Vec<[u32; 3]>,
+    /// Triangles beside its own: others near it, and those of the skirt.
+    pub overlap: Vec<[u32; 3]>,
 }
 
 impl Tile {
@@ -48,13 +48,13 @@ impl Tile {
         })
     }
 
-    /// Hangs a skirt of this depth from the tile's edges; `stride` is the bytes of a record.
+    /// Hangs a skirt of this depth from the edges of all triangles; `stride` is the bytes of a record.
     pub fn hang_skirt(&mut self, depth: f32, stride: usize) {
         let sides = |face: &[u32; 3]| [[face[0], face[1]], [face[1], face[2]], [face[2], face[0]]];
-        let directed: FxHashSet<[u32; 2]> = self.faces.iter().flat_map(sides).collect();
+        let all = || self.faces.iter().chain(&self.overlap).flat_map(sides);
+        let directed: FxHashSet<[u32; 2]> = all().collect();
         // Never visited in the set's order.
-        let edges: Vec<[u32; 2]> =
-            self.faces.iter().flat_map(sides).filter(|[a, b]| !directed.contains(&[*b, *a])).collect();
+        let edges: Vec<[u32; 2]> = all().filter(|[a, b]| !directed.contains(&[*b, *a])).collect();
         let mut lowered = FxHashMap::default();
         for edge in edges {
             let [low_a, low_b] = edge.map(|v| {
@@ -68,7 +68,7 @@ impl Tile {
                 })
             });
             let [a, b] = edge;
-            self.skirt.extend([[b, a, low_a], [b, low_a, low_b]]);
+            self.overlap.extend([[b, a, low_a], [b, low_a, low_b]]);
         }
     }
 
@@ -81,7 +81,7 @@ impl Tile {
 
     /// Puts triangles and vertices in an order that is encoded in few bytes; `stride` is the bytes of a record.
     pub(crate) fn put_in_order(&mut self, stride: usize) {
-        let order = ordered(&mut self.faces, &mut self.skirt, self.places.len());
+        let order = ordered(&mut self.faces, &mut self.overlap, self.places.len());
         let records = &self.records;
         let moved = order.iter().flat_map(|v| &records[*v as usize * stride..(*v as usize + 1) * stride]);
         self.records = moved.copied().collect();
@@ -153,7 +153,7 @@ impl Tile {
             attributes[&view.name] = json!(parts.put_vertices(&bytes, Some(view.bytes), accessor));
         }
         let mut primitives = Vec::new();
-        for faces in [&self.faces, &self.skirt].into_iter().filter(|faces| !faces.is_empty()) {
+        for faces in [&self.faces, &self.overlap].into_iter().filter(|faces| !faces.is_empty()) {
             let indices = parts.put_triangles(faces, vertices);
             primitives.push(json!({ "attributes": attributes, "indices": indices, "material": 0, "mode": TRIANGLES }));
         }
@@ -277,15 +277,15 @@ mod tests {
             records: vec![1, 2, 3, 4],
             faces: vec![[0, 1, 2], [0, 2, 3]],
             places,
-            skirt: Vec::new(),
+            overlap: Vec::new(),
         };
         tile.hang_skirt(2.0, 1);
-        assert_eq!((tile.places.len(), tile.skirt.len()), (8, 8));
+        assert_eq!((tile.places.len(), tile.overlap.len()), (8, 8));
         assert_eq!(tile.records, [1, 2, 3, 4, 1, 2, 3, 4]);
         assert!(tile.places[4..].iter().all(|place| place[2] == 3.0 || place[2] == 4.0));
         // With the skirt, every edge of the square has a triangle on its other side.
         let sides = |face: &[u32; 3]| [[face[0], face[1]], [face[1], face[2]], [face[2], face[0]]];
-        let skirt: Vec<[u32; 2]> = tile.skirt.iter().flat_map(sides).collect();
+        let skirt: Vec<[u32; 2]> = tile.overlap.iter().flat_map(sides).collect();
         for [a, b] in [[0, 1], [1, 2], [2, 3], [3, 0]] {
             assert!(skirt.contains(&[b, a]) && !skirt.contains(&[a, b]));
         }

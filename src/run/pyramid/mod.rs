@@ -46,6 +46,8 @@ use crate::storage::spool::Spool;
 const TILE_BYTES: u64 = 16 << 20;
 /// The least memory of what comes beside simplification: a tile, and the counts of cells, of all levels.
 pub(super) const LEAST: u64 = TILE_BYTES + (12 << 20);
+/// Places in other tiles that a block's triangles have, beyond which those that follow have none: triangles all across each other are no surface that could have a hole.
+const MOST_NEAR: usize = 4 * BLOCK;
 /// Unwanted vertices that are read along rather than skipped by a new read.
 const GAP: u32 = 64;
 
@@ -157,7 +159,8 @@ impl TilesetTarget {
         let [low, high] = extents.bounds;
         let axes = if header.sheet { 2 } else { 3 };
         let side = (0..axes).map(|a| high[a] - low[a]).fold(f64::MIN_POSITIVE, f64::max);
-        let code = |place| division.code(place, low, side);
+        let smallest = |place| division.smallest(place, low, side);
+        let code = |place| division.code(smallest(place));
         let counts =
             levels.iter().map(|level| counts(&level.mesh, division, code, means)).collect::<Result<Vec<_>>>()?;
         let tree = Tree::of(division, &counts);
@@ -177,7 +180,7 @@ impl TilesetTarget {
         let mut figures = TilesetFigures { site, levels: Vec::new(), bytes: 0 };
         for (number, level) in levels.iter().enumerate() {
             let cut = Cut { level, tree: &tree, number, views: &views, options, sheet: header.sheet };
-            let (made, on) = cut.write(code, lattice, (&mut self.folder, &mut nodes), means, progress)?;
+            let (made, on) = cut.write(smallest, lattice, (&mut self.folder, &mut nodes), means, progress)?;
             lattice = on;
             figures.bytes += made.bytes;
             figures.levels.push(made);
@@ -303,8 +306,29 @@ fn middle([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
 /// The box that holds nothing.
 const NOWHERE: [[f64; 3]; 2] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
 
-/// A level's triangles by tile, the stretches of each tile, and its box.
-type Sorted = (Spool, BTreeMap<usize, Vec<Stretch>>, BTreeMap<usize, [[f64; 3]; 2]>);
+/// A level's triangles by tile.
+struct Sorted {
+    spool: Spool,
+    tiles: BTreeMap<usize, TileTriangles>,
+}
+
+/// A tile's triangles.
+struct TileTriangles {
+    /// Those with their middles in its cells.
+    own: Vec<Stretch>,
+    /// Others near its cells.
+    others: Vec<Stretch>,
+    /// How many others.
+    count: u64,
+    /// The box of all.
+    bounds: [[f64; 3]; 2],
+}
+
+impl Default for TileTriangles {
+    fn default() -> TileTriangles {
+        TileTriangles { own: Vec::new(), others: Vec::new(), count: 0, bounds: NOWHERE }
+    }
+}
 
 /// Where some triangles of a tile lie in a spool: the first's byte, and how many.
 type Stretch = (u64, u32);
@@ -323,35 +347,36 @@ impl Cut<'_> {
     /// Writes the level's tiles, and notes what they hold. Compressed, they are on a lattice no finer than that of the level before.
     fn write(
         &self,
-        code: impl Fn([f64; 3]) -> u32 + Sync,
+        smallest: impl Fn([f64; 3]) -> [u32; 3] + Sync,
         finer: Option<Lattice>,
         (folder, nodes): (&mut WholeFolder, &mut Vec<Node>),
         means: Means<'_>,
         progress: &mut Progress,
     ) -> Result<(LevelFigures, Option<Lattice>)> {
         let normals = normals::normals(&self.level.mesh, means)?;
-        let (spool, tiles, boxes) = self.sorted(code, means)?;
+        let Sorted { spool, tiles } = self.sorted(smallest, means)?;
         let skirts = self.options.skirts && self.sheet && self.number > 0;
         let lattice = (self.options.compress != Compression::None).then(|| {
             let hung = if skirts { 2.0 * self.level.error } else { 0.0 };
             let longest = |[low, high]: &[[f64; 3]; 2]| (0..3).map(|a| high[a] - low[a]).fold(0.0, f64::max) + hung;
             let farthest =
                 |bounds: &[[f64; 3]; 2]| bounds.as_flattened().iter().fold(0.0, |m: f64, c| m.max(c.abs())) + hung;
-            let most = |of: &dyn Fn(&[[f64; 3]; 2]) -> f64| boxes.values().map(of).fold(0.0, f64::max);
+            let most =
+                |of: &dyn Fn(&[[f64; 3]; 2]) -> f64| tiles.values().map(|tile| of(&tile.bounds)).fold(0.0, f64::max);
             Lattice::of(most(&longest), most(&farthest), finer)
         });
         // What a lattice moves vertices by, it moves the surface by at the most.
         let error = lattice.map_or(self.level.error, |lattice| self.level.error + lattice.off());
         let packing = Packing { lattice, encoded: self.options.compress == Compression::Meshopt };
         // Where no cell can be divided any more, tiles of the finest level are cut by the order of their triangles.
-        let mut all: Vec<(usize, Vec<Stretch>)> = Vec::new();
-        for (tile, stretches) in tiles {
-            let count: u64 = stretches.iter().map(|(_, count)| u64::from(*count)).sum();
+        let mut all: Vec<(usize, [Vec<Stretch>; 2])> = Vec::new();
+        for (tile, TileTriangles { own, mut others, .. }) in tiles {
+            let count: u64 = own.iter().map(|(_, count)| u64::from(*count)).sum();
             if self.number > 0 || count <= MOST {
-                all.push((tile, stretches));
+                all.push((tile, [own, others]));
                 continue;
             }
-            for (share, stretches) in shares(&stretches).into_iter().enumerate() {
+            for (share, own) in shares(&own).into_iter().enumerate() {
                 let number = if share == 0 { tile } else { nodes.len() };
                 if share > 0 {
                     let sibling = nodes[tile].clone();
@@ -360,14 +385,15 @@ impl Cut<'_> {
                         above.children.push(number);
                     }
                 }
-                all.push((number, stretches));
+                // They are shown together.
+                all.push((number, [own, std::mem::take(&mut others)]));
             }
         }
         let in_flight = (means.memory / 2 / TILE_BYTES).clamp(1, means.workers.threads() as u64 + 1) as usize;
         let stride = self.level.mesh.schema().stride();
         let make = |number: usize| {
-            let (node, stretches) = &all[number];
-            let mut tile = gathered(&self.level.mesh, &normals, &spool, stretches)?;
+            let (node, [own, others]) = &all[number];
+            let mut tile = gathered(&self.level.mesh, &normals, &spool, [own, others])?;
             let triangles = tile.faces.len() as u64;
             if skirts && error > 0.0 {
                 tile.hang_skirt(2.0 * error as f32, stride);
@@ -396,45 +422,70 @@ impl Cut<'_> {
         Ok((figures, lattice))
     }
 
-    /// All triangles by tile, those of a tile in the mesh's order, and each tile's box.
-    fn sorted(&self, code: impl Fn([f64; 3]) -> u32 + Sync, means: Means<'_>) -> Result<Sorted> {
+    /// All triangles by tile, those of a tile in the mesh's order.
+    ///
+    /// ```text
+    ///        tile A | tile B
+    ///     ---o------+--o------      A triangle across the border belongs to one of the tiles. The other has it, too, and all that come as near to its cells
+    ///         \    |  |             as the level is from the mesh: whatever level stands beside it, there is no hole between them.
+    ///          \---+--o
+    /// ```
+    fn sorted(&self, smallest: impl Fn([f64; 3]) -> [u32; 3] + Sync, means: Means<'_>) -> Result<Sorted> {
         let mut spool = means.workspace.spool(0);
-        let mut boxes: BTreeMap<usize, [[f64; 3]; 2]> = BTreeMap::new();
-        let mut tiles: BTreeMap<usize, Vec<Stretch>> = BTreeMap::new();
+        let mut tiles: BTreeMap<usize, TileTriangles> = BTreeMap::new();
         let places = self.tree.places(self.number);
         let mesh = &self.level.mesh;
         let sort = |faces: Vec<[u32; 3]>| {
             let (mut local, mut corners) = (faces.clone(), Corners::default());
             corners.fill(mesh, &mut local, WINDOW)?;
-            let corners_of = |face: &[u32; 3]| face.map(|v| corners.table[v as usize]);
-            let tiles: Vec<usize> = local.iter().map(|face| places.tile(code(middle(corners_of(face))))).collect();
-            let mut boxes: BTreeMap<usize, [[f64; 3]; 2]> = BTreeMap::new();
-            for (face, tile) in local.iter().zip(&tiles) {
-                let bounds = boxes.entry(*tile).or_insert(NOWHERE);
-                corners_of(face).iter().for_each(|corner| widen(bounds, [*corner; 2]));
-            }
-            let mut order: Vec<u32> = (0..faces.len() as u32).collect();
-            order.sort_by_key(|i| tiles[*i as usize]);
-            let sorted: Vec<[u32; 3]> = order.iter().map(|i| faces[*i as usize]).collect();
-            let mut counts: Vec<(usize, u32)> = Vec::new();
-            for tile in order.iter().map(|i| tiles[*i as usize]) {
-                match counts.last_mut() {
-                    Some((last, count)) if *last == tile => *count += 1,
-                    _ => counts.push((tile, 1)),
+            let (mut entries, mut near) = (Vec::with_capacity(faces.len()), Vec::new());
+            let mut boxes: BTreeMap<(usize, bool), [[f64; 3]; 2]> = BTreeMap::new();
+            for (number, face) in local.iter().enumerate() {
+                let corners = face.map(|v| corners.table[v as usize]);
+                let own = places.tile(self.tree.division().code(smallest(middle(corners))));
+                let bounds = corners.iter().fold(NOWHERE, |mut bounds, corner| {
+                    widen(&mut bounds, [*corner; 2]);
+                    bounds
+                });
+                let [low, high] = bounds;
+                let error = self.level.error;
+                near.clear();
+                if entries.len() < faces.len() + MOST_NEAR {
+                    places.within([smallest(low.map(|c| c - error)), smallest(high.map(|c| c + error))], &mut near);
+                    near.sort_unstable();
+                    near.dedup();
+                }
+                for tile in [own].into_iter().chain(near.iter().copied().filter(|tile| *tile != own)) {
+                    let entry = (tile, tile != own);
+                    entries.push((entry, number as u32));
+                    widen(boxes.entry(entry).or_insert(NOWHERE), bounds);
                 }
             }
-            Ok((sorted, counts, boxes))
+            entries.sort_unstable();
+            let sorted: Vec<[u32; 3]> = entries.iter().map(|(_, number)| faces[*number as usize]).collect();
+            let runs = entries.chunk_by(|a, b| a.0 == b.0).map(|run| (run[0].0, run.len() as u32));
+            Ok((sorted, runs.collect::<Vec<_>>(), boxes))
         };
-        each_block(mesh, means, sort, |(sorted, counts, found)| {
-            found.into_iter().for_each(|(tile, bounds)| widen(boxes.entry(tile).or_insert(NOWHERE), bounds));
+        each_block(mesh, means, sort, |(sorted, runs, boxes)| {
             let mut at = spool.append(bytemuck::cast_slice(&sorted))?;
-            for (tile, count) in counts {
-                tiles.entry(tile).or_default().push((at, count));
+            for ((number, is_other), count) in runs {
+                let tile = tiles.entry(number).or_default();
+                let stretch = (at, count);
                 at += u64::from(count) * size_of::<[u32; 3]>() as u64;
+                if !is_other {
+                    tile.own.push(stretch);
+                } else if tile.count + u64::from(count) <= MOST {
+                    tile.others.push(stretch);
+                    tile.count += u64::from(count);
+                } else {
+                    // No more than a tile may have of its own.
+                    continue;
+                }
+                widen(&mut tile.bounds, boxes[&(number, is_other)]);
             }
             Ok(())
         })?;
-        Ok((spool, tiles, boxes))
+        Ok(Sorted { spool, tiles })
     }
 }
 
@@ -459,10 +510,10 @@ fn shares(stretches: &[Stretch]) -> Vec<Vec<Stretch>> {
     out
 }
 
-/// A tile's triangles with the vertices that they use, in the order of the mesh.
-fn gathered(mesh: &MeshSpool, normals: &Spool, spool: &Spool, stretches: &[Stretch]) -> Result<Tile> {
+/// A tile's own triangles, and others, with the vertices that they use, in the order of the mesh.
+fn gathered(mesh: &MeshSpool, normals: &Spool, spool: &Spool, [own, others]: [&[Stretch]; 2]) -> Result<Tile> {
     let mut tile = Tile::default();
-    for (at, count) in stretches {
+    for (at, count) in own.iter().chain(others) {
         let first = tile.faces.len();
         tile.faces.resize(first + *count as usize, [0; 3]);
         spool.read_at(*at, bytemuck::cast_slice_mut(&mut tile.faces[first..]))?;
@@ -494,6 +545,8 @@ fn gathered(mesh: &MeshSpool, normals: &Spool, spool: &Spool, stretches: &[Stret
             tile.records.extend_from_slice(&records[at * stride..(at + 1) * stride]);
         }
     }
+    let count: u64 = own.iter().map(|(_, count)| u64::from(*count)).sum();
+    tile.overlap = tile.faces.split_off(count as usize);
     Ok(tile)
 }
 

@@ -4,6 +4,8 @@
 //! one. On the way down from the coarsest level, a tile's cells stay as they are where the next level has few enough triangles in them, and are divided
 //! where it has more. So all tiles of all levels are of about the same size.
 //!
+//! A tile has other triangles of its level, too: all that come as near to its cells as the level is from the mesh. Whatever level stands beside it, the two overlap.
+//!
 //! A coarse triangle's middle may lie in a cell where no finer one has any, and the other way round. A tile must not be without triangles, or those below it: such a
 //! cell goes with the nearest that has some.
 
@@ -43,32 +45,43 @@ impl Division {
         1 << (self.axes() * self.depth())
     }
 
-    /// The code of the smallest cell that a place lies in, of a cube from `low` with this side: bits of the axes in turn.
-    pub fn code(self, place: [f64; 3], low: [f64; 3], side: f64) -> u32 {
+    /// The smallest cell that a place lies in, of a cube from `low` with this side, along each axis that is divided.
+    pub fn smallest(self, place: [f64; 3], low: [f64; 3], side: f64) -> [u32; 3] {
         let most = (1u32 << self.depth()) - 1;
+        let along = |axis: usize| (place[axis] - low[axis]) / side * f64::from(most + 1);
+        std::array::from_fn(|axis| match axis < self.axes() as usize {
+            true => along(axis).floor().clamp(0.0, f64::from(most)) as u32,
+            false => 0,
+        })
+    }
+
+    /// The code of a smallest cell: bits of the axes in turn.
+    pub fn code(self, smallest: [u32; 3]) -> u32 {
         let mut code = 0;
-        for axis in 0..self.axes() as usize {
-            let along =
-                ((place[axis] - low[axis]) / side * f64::from(most + 1)).floor().clamp(0.0, f64::from(most)) as u32;
+        for (axis, along) in (0..self.axes()).zip(smallest) {
             for bit in 0..self.depth() {
-                code |= (along >> bit & 1) << (bit * self.axes() + axis as u32);
+                code |= (along >> bit & 1) << (bit * self.axes() + axis);
             }
         }
         code
     }
 
+    /// The first and the last of a cell's smallest cells along each axis.
+    fn corners(self, cell: Cell) -> [[u32; 3]; 2] {
+        let (first, end) = self.range(cell);
+        [first, end - 1].map(|code| {
+            let along = |axis: u32| {
+                let bit = |bit| (code >> (bit * self.axes() + axis) & 1) << bit;
+                (0..self.depth()).map(bit).sum()
+            };
+            std::array::from_fn(|axis| if axis < self.axes() as usize { along(axis as u32) } else { 0 })
+        })
+    }
+
     /// A cell's middle, doubled, in smallest cells.
     fn middle(self, cell: Cell) -> [i64; 3] {
-        let (first, last) = self.range(cell);
-        let mut out = [0; 3];
-        for code in [first, last - 1] {
-            for (axis, out) in out.iter_mut().enumerate().take(self.axes() as usize) {
-                *out += (0..self.depth())
-                    .map(|bit| i64::from(code >> (bit * self.axes() + axis as u32) & 1) << bit)
-                    .sum::<i64>();
-            }
-        }
-        out
+        let [low, high] = self.corners(cell);
+        std::array::from_fn(|axis| i64::from(low[axis]) + i64::from(high[axis]))
     }
 
     /// The codes of a cell's smallest cells: from the first to before the second.
@@ -165,6 +178,11 @@ impl Tree {
         Tree { division, tiles, tops }
     }
 
+    /// How space is divided.
+    pub fn division(&self) -> Division {
+        self.division
+    }
+
     /// What tells the tile of each of a level's triangles.
     pub fn places(&self, level: usize) -> Places {
         let tiles = self.tiles.iter().enumerate().filter(|(_, tile)| tile.level == level);
@@ -172,21 +190,57 @@ impl Tree {
             tiles.flat_map(|(number, tile)| tile.cells.iter().map(move |cell| (self.division.range(*cell), number)));
         let mut ranges: Vec<((u32, u32), usize)> = ranges.collect();
         ranges.sort_unstable();
-        Places(ranges)
+        Places { division: self.division, ranges }
     }
 }
 
 /// The tiles of one level, by the codes of their cells.
 #[derive(Debug)]
-pub struct Places(Vec<((u32, u32), usize)>);
+pub struct Places {
+    division: Division,
+    ranges: Vec<((u32, u32), usize)>,
+}
 
 impl Places {
     /// The tile of triangles in a smallest cell that has some.
     pub fn tile(&self, code: u32) -> usize {
-        let at = self.0.partition_point(|((first, _), _)| *first <= code);
-        let ((_, end), tile) = self.0[at.saturating_sub(1)];
+        let at = self.ranges.partition_point(|((first, _), _)| *first <= code);
+        let ((_, end), tile) = self.ranges[at.saturating_sub(1)];
         debug_assert!(code < end, "a cell with triangles belongs to a tile");
         tile
+    }
+
+    /// Adds the tiles with a cell in a box of smallest cells, from the first to the last along each axis; some more than once.
+    pub fn within(&self, [low, high]: [[u32; 3]; 2], tiles: &mut Vec<usize>) {
+        // Most boxes lie within one tile: their corners' codes begin alike, as all between them do.
+        let [first, last] = [low, high].map(|corner| self.division.code(corner));
+        let bits = (u32::BITS - (first ^ last).leading_zeros()).next_multiple_of(self.division.axes());
+        let (start, end) = (first >> bits << bits, ((first >> bits) + 1) << bits);
+        let at = self.ranges.partition_point(|((from, _), _)| *from <= start);
+        if let Some(((_, to), tile)) = at.checked_sub(1).map(|at| self.ranges[at])
+            && end <= to
+        {
+            return tiles.push(tile);
+        }
+        // Of long triangles through many tiles, whole cells are told at once.
+        let mut waiting = vec![Cell { depth: 0, code: 0 }];
+        while let Some(cell) = waiting.pop() {
+            let [first, last] = self.division.corners(cell);
+            if (0..3).any(|axis| last[axis] < low[axis] || high[axis] < first[axis]) {
+                continue;
+            }
+            let (start, end) = self.division.range(cell);
+            let from = self.ranges.partition_point(|((_, end), _)| *end <= start);
+            let to = self.ranges.partition_point(|((first, _), _)| *first < end);
+            let there = &self.ranges[from..to.max(from)];
+            let is_inside = (0..3).all(|axis| low[axis] <= first[axis] && last[axis] <= high[axis]);
+            match there {
+                [] => {}
+                [((first, last), tile)] if *first <= start && end <= *last => tiles.push(*tile),
+                _ if is_inside => tiles.extend(there.iter().map(|(_, tile)| *tile)),
+                _ => waiting.extend(self.division.parts(cell)),
+            }
+        }
     }
 }
 
@@ -280,6 +334,8 @@ mod tests {
             clusters in prop::collection::vec((0u32..1 << 20, 0u32..12, 1u32..20_000), 1..40),
             gone in prop::collection::vec(0usize..40, 0..20),
             octree: bool,
+            at in prop::array::uniform3(0.0f64..1.0),
+            size in prop::array::uniform3(0u32..40),
         ) {
             let division = if octree { Division::Octree } else { Division::Quadtree };
             let mut finest = vec![0u32; division.cells()];
@@ -300,7 +356,7 @@ mod tests {
             for (level, counts) in [&finest, &coarse].into_iter().enumerate() {
                 let places = tree.places(level);
                 // No two tiles of a level have a cell in common.
-                prop_assert!(places.0.windows(2).all(|pair| pair[0].0.1 <= pair[1].0.0));
+                prop_assert!(places.ranges.windows(2).all(|pair| pair[0].0.1 <= pair[1].0.0));
                 let mut held = vec![0u64; tree.tiles.len()];
                 for (code, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
                     let number = places.tile(code as u32);
@@ -316,6 +372,29 @@ mod tests {
                     prop_assert_eq!(tile.children.is_empty(), level == 0);
                 }
             }
+            // The tiles of a box are those of its cells, one by one.
+            let most = (1u32 << division.depth()) - 1;
+            let low: [u32; 3] = std::array::from_fn(|axis| match axis < division.axes() as usize {
+                true => (at[axis] * f64::from(most)) as u32,
+                false => 0,
+            });
+            let high: [u32; 3] = std::array::from_fn(|axis| match axis < division.axes() as usize {
+                true => (low[axis] + size[axis]).min(most),
+                false => 0,
+            });
+            let places = tree.places(0);
+            let mut found = Vec::new();
+            places.within([low, high], &mut found);
+            let along = |axis: usize| low[axis]..=high[axis];
+            let cells = along(0).flat_map(|x| along(1).flat_map(move |y| along(2).map(move |z| [x, y, z])));
+            let mut each: Vec<usize> = cells.filter_map(|cell| {
+                let code = division.code(cell);
+                assert_eq!(division.corners(Cell { depth: division.depth(), code }), [cell; 2]);
+                let at = places.ranges.iter().find(|((first, end), _)| (*first..*end).contains(&code));
+                at.map(|(_, tile)| *tile)
+            }).collect();
+            [&mut found, &mut each].into_iter().for_each(|tiles| { tiles.sort_unstable(); tiles.dedup(); });
+            prop_assert_eq!(found, each);
             // Every tile but those on top is below one other.
             let mut above = vec![0; tree.tiles.len()];
             tree.tiles.iter().flat_map(|tile| &tile.children).for_each(|child| above[*child] += 1);
