@@ -49,10 +49,10 @@ def resident(status):
 
 
 def capped(command, limit, log):
-    """Runs a command in a group. Its exit code (negative for a signal), the most that was resident, and seconds."""
+    """Runs a command in a group. Its exit code (negative for a signal), what was resident when (each time that it was more than before, and every hundredth of a second), and seconds."""
     folder = group(f"asra-memory-{os.getpid()}", limit)
     try:
-        start, most = time.monotonic(), 0
+        start, most, seen = time.monotonic(), 0, [(0, 0)]
         with open(log, "wb") as out:
             enter = lambda: (folder / "cgroup.procs").write_text(str(os.getpid()))
             process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=out, preexec_fn=enter)
@@ -60,13 +60,16 @@ def capped(command, limit, log):
                 while process.poll() is None:
                     try:
                         status.seek(0)
-                        most = max(most, resident(status.read()))
+                        now, bytes_now = time.monotonic() - start, resident(status.read())
                     except OSError:
                         break
+                    if bytes_now > most or now > seen[-1][0] + 0.01:
+                        seen.append((now, bytes_now))
+                    most = max(most, bytes_now)
                     if time.monotonic() - start > SECONDS:
                         process.kill()
                     time.sleep(0.001)
-        return process.wait(), most, time.monotonic() - start
+        return process.wait(), seen, time.monotonic() - start
     finally:
         for _ in range(100):
             try:
@@ -74,6 +77,16 @@ def capped(command, limit, log):
                 break
             except OSError:
                 time.sleep(0.05)
+
+
+def of_phases(seen, seconds, phases):
+    """The most that was resident in each phase of a report, as its clock has them: they follow each other, and end with the run."""
+    most, after = {}, seconds - sum(length for _, length in phases)
+    for name, length in phases:
+        inside = [bytes_then for then, bytes_then in seen if after <= then < after + length]
+        most[name] = max(inside, default=0)
+        after += length
+    return most
 
 
 def cloud(program, work, shape, points, noise, form):
@@ -148,15 +161,24 @@ def tried(program, work, case):
     mesh, report, log = work / "mesh.ply", work / "report.json", work / "log.txt"
     report.unlink(missing_ok=True)
     command = [program, source, *case["options"], "--max-memory", str(budget), "-o", mesh, "--overwrite", "-q", "--report", report]
-    code, peak, seconds = capped([str(word) for word in command], budget + BESIDE, log)
+    code, seen, seconds = capped([str(word) for word in command], budget + BESIDE, log)
     told = json.loads(report.read_text()) if report.exists() else {}
     mesh.unlink(missing_ok=True)
     outcome = "ok" if code == 0 else "killed" if code == -9 else f"exit {code}"
     if told.get("error", {}).get("kind") == "cannot-fit":
         outcome = "refused late"
     planned = told.get("memory", {}).get("plan", {}).get("predicted")
-    words = told.get("error", {}).get("message", "")
-    return case | {"outcome": outcome, "budget": budget, "least": least, "peak": peak, "planned": planned, "seconds": seconds, "words": words}
+    return case | {
+        "outcome": outcome,
+        "budget": budget,
+        "least": least,
+        "peak": max(bytes_then for _, bytes_then in seen),
+        "planned": planned,
+        "seconds": seconds,
+        "words": told.get("error", {}).get("message", ""),
+        "plan": told.get("memory", {}).get("plan", {}),
+        "phases": of_phases(seen, seconds, told.get("seconds", [])),
+    }
 
 
 def main():
@@ -167,13 +189,15 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--most", type=int, default=600_000, help="points of the largest cloud")
     parser.add_argument("--fits", nargs="+", default=FITS, help="what vertices are moved onto, at random (also: facets, auto)")
+    parser.add_argument("--only", nargs="+", type=int, help="numbers of configurations: these, in this order")
     parser.add_argument("--report", type=Path)
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
     program, dice = arguments.program.resolve(), random.Random(arguments.seed)
     results = []
-    for number in range(arguments.count):
-        case = drawn(dice, arguments.most, arguments.fits)
+    cases = [drawn(dice, arguments.most, arguments.fits) for _ in range(arguments.count)]
+    for number in arguments.only or range(arguments.count):
+        case = cases[number] | {"number": number}
         result = tried(program, arguments.work, case)
         results.append(result)
         with open(arguments.work / "results.jsonl", "a") as out:
