@@ -84,7 +84,7 @@ impl SlabJobs {
         let slabs = widest.as_deref().unwrap_or(slabs);
         let sizes: Vec<(u64, u64)> = slabs.iter().map(size).collect();
         let mesh = |number: usize| sizes.get(number).map_or(0, |(mesh, _)| *mesh);
-        let seams = slabs.windows(2).map(|pair| pair[0].bytes_at_seam(pair[1], &of));
+        let seams = slabs.windows(2).map(|pair| pair[0].bytes_at_seam(pair[1], of.trimmed));
         let seams: Vec<u64> = seams.collect();
         let given_back = |slabs: &[Size]| {
             let widest = slabs.iter().map(|slab| slab.faces).max().unwrap_or(0);

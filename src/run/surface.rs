@@ -216,7 +216,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
         let (progress, done, mesh) = &mut *told.lock().unwrap_or_else(PoisonError::into_inner);
         *done += work(number);
         // The mesh has the part that comes of the slabs before.
-        mesh.set((memory.mesh_quota as f64 * (*done / all).min(1.0)) as u64);
+        mesh.set((memory.mesh_quota.min(workload.mesh_bytes()) as f64 * (*done / all).min(1.0)) as u64);
         progress.add_weighed(faces_of_slab(number), *done / all);
     };
     let ranges = jobs.ranges(workload);

@@ -42,7 +42,7 @@ use crate::mesh::MeshSource;
 use crate::mesh::spool::{FaceRecord, Frame, MeshSpool};
 use crate::points::Coordinate;
 use crate::surface::untangle::broad_phase::BroadPhase;
-use crate::surface::untangle::{self, Untangled, untangle};
+use crate::surface::untangle::{Untangled, untangle};
 use crate::surface::vertex_state::VertexState;
 
 /// The largest number of vertices: what a PLY file's `int` can index.
@@ -219,8 +219,7 @@ impl<'a, T: Coordinate> Stitcher<'a, T> {
         let mut lower = self.waiting.take();
         if let Some(lower) = &mut lower {
             let waiting = lower.claim.bytes();
-            let both = u64::from(lower.own()) + u64::from(slab.own());
-            lower.claim.set(waiting + untangle::bytes(both, 0));
+            lower.claim.set(waiting + lower.size.bytes_at_seam(slab.size, self.trim.is_some()));
             let (report, touched, tangled) = self.close(lower, &mut slab);
             lower.claim.set(waiting);
             (self.touched, self.clean) = (touched, report.clean);

@@ -195,17 +195,22 @@ impl Size {
         2 * Size::vertices(self.faces)
     }
 
-    /// Bytes of the slab's mesh.
-    pub fn bytes(self, of: &Made) -> u64 {
-        let (own, triangles) = (Size::vertices(self.faces), self.triangles());
-        let place = size_of::<[f64; 3]>() as u64;
+    /// Bytes of the places of its vertices: smoothed, and at rest.
+    fn bytes_of_places(self, of: &Made) -> u64 {
+        let own = Size::vertices(self.faces);
         // After one step of smoothing, the places of the plane above are in it still.
         let smoothed = if of.smooth > 1 { own } else { Size::vertices(self.looked_at(of)) };
         // On open surfaces, vertices leave where one step puts them for the surface's height.
         let rest = if of.smooth == 1 && of.columns == 0 { 0 } else { smoothed };
+        (smoothed + rest) * size_of::<[f64; 3]>() as u64
+    }
+
+    /// Bytes of the slab's mesh.
+    pub fn bytes(self, of: &Made) -> u64 {
+        let (own, triangles) = (Size::vertices(self.faces), self.triangles());
         let of_vertex = of.attributes + size_of::<VertexState>() as u64;
         let of_triangle = (size_of::<[u32; 3]>() + usize::from(of.trimmed)) as u64;
-        (smoothed + rest) * place
+        self.bytes_of_places(of)
             + Fitted::<f64>::bytes(
                 if of.may_be_centred() { Size::vertices(self.looked_at(of)) } else { own },
                 of.coordinates,
@@ -231,10 +236,13 @@ impl Size {
         let slices = 3 * Bits::bytes(width + 2, rows + 2) + (planes + 2) * of.columns;
         // TriangleSet of planes beside the slab, which are dropped with the surface.
         let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
+        // Where smoothed places and those at rest are both there, the slab's part of them is copied: as much as a step takes.
         let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
-        let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping.max(2 * beside);
-        let centring =
-            (points.max(means.of_facets + facets::bytes(round, 2 * round))).saturating_sub(self.bytes_after_fitting());
+        let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping;
+        // While facets are fitted, what is held only after that is not there.
+        let after = self.bytes_after_fitting();
+        let centring = points.max(means.of_facets + facets::bytes(round, 2 * round));
+        let centring = if in_used_room { centring.saturating_sub(after) } else { centring };
         let moved = match of.fit {
             Fit::Auto => points.max(means.of_planes).max(centring),
             Fit::AutoPoints => points.max(means.of_planes),
@@ -246,7 +254,9 @@ impl Size {
         };
         let second =
             if !of.fit.has_points() && of.attributes > 0 { Fitted::<f64>::bytes(own, of.coordinates) } else { 0 };
-        let fitting = Surface::bytes_of_vertices(round) + beside + moved + second;
+        // In the end, when the surface is gone, the slab's part of the smoothed places is copied.
+        let copied = if of.smooth > 1 { places } else { 0 };
+        let fitting = beside + (Surface::bytes_of_vertices(round) + moved).max(copied) + second;
         let carrying = if of.attributes > 0 { attributes::bytes(own, of.attributes) + second } else { 0 };
         let contracting = contract::bytes(own);
         let near = BroadPhase::bytes(self.faces, self.layer);
@@ -254,11 +264,10 @@ impl Size {
         let touched = |bytes: u64| if in_used_room { made } else { bytes };
         let triangles = self.triangles();
         let quantized = own * size_of::<QuantizedPoint>() as u64;
-        let fitted = made - quantized - Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles);
-        let extracted = Size::vertices(self.looked_at(of)) * size_of::<[f64; 3]>() as u64
-            + triangles * size_of::<[u32; 3]>() as u64;
+        let fitted = made - after;
+        let extracted = self.bytes_of_places(of) + triangles * size_of::<[u32; 3]>() as u64;
         Stages {
-            extracting: touched(extracted.min(made)) + extracting,
+            extracting: touched(extracted) + extracting,
             fitting: touched(fitted) + fitting,
             carrying: touched(fitted) + carrying,
             contracting: touched(made - quantized) + contracting,
@@ -268,14 +277,14 @@ impl Size {
     }
 
     /// The most bytes at the seam with the slab above, beside the two slabs' meshes.
-    pub fn bytes_at_seam(self, above: Size, of: &Made) -> u64 {
+    pub fn bytes_at_seam(self, above: Size, trimmed: bool) -> u64 {
         let both = Size::vertices(self.faces) + Size::vertices(above.faces);
         let meeting = self.ends[1] + above.ends[0];
         let near = BroadPhase::bytes(meeting, meeting);
         let common = attributes::bytes_of_table::<([u64; 3], u32)>(Size::vertices(self.ends[1].min(above.ends[0])));
         let retreating = untangle::bytes(both, near).max(common);
         // Numbers of the vertices, those of the slab before, and which are written.
-        let writing = Size::vertices(self.faces) * (2 * size_of::<u32>() + 3 * usize::from(of.trimmed)) as u64;
+        let writing = Size::vertices(self.faces) * (2 * size_of::<u32>() + 3 * usize::from(trimmed)) as u64;
         retreating.max(writing)
     }
 }

@@ -61,6 +61,8 @@ pub struct SlabMesh<T> {
     pub blocks: Vec<PackedBox>,
     /// Pairs of its own triangles that still intersect.
     pub tangled: u64,
+    /// Its size, if anybody is told of it.
+    pub size: Size,
     /// What it says that it holds of memory.
     pub claim: Claim,
 }
@@ -186,8 +188,10 @@ impl<T: Coordinate> SlabMesh<T> {
             surface.triangles(planes.clone(), &q, options.diagonals, room.triangles);
         let Triangles { corners: mut below, .. } =
             surface.triangles(near.start..planes.start, &q, options.diagonals, Vec::new());
+        let mut size = Size::default();
         if let Some(told) = told {
-            stages = claim_of(told.size(number, surface.vertices.len(), own.len(), triangles.len()));
+            size = told.size(number, surface.vertices.len(), own.len(), triangles.len());
+            stages = claim_of(size);
         }
         let mut begins = |stage: fn(&Stages) -> u64| {
             if let Some(stages) = &stages {
@@ -208,11 +212,12 @@ impl<T: Coordinate> SlabMesh<T> {
             .collect();
         let grid = sampled.grid;
         let to_world = |mut q: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
+            if options.smooth > 1 {
+                // New memory: a vector that shrinks to no less than half stays where it is, with all its pages.
+                return q[own.start as usize..own.end as usize].iter().map(|q| grid.position(*q)).collect();
+            }
             q.truncate(own.end as usize);
             q.drain(..own.start as usize);
-            if options.smooth > 1 {
-                q.shrink_to_fit();
-            }
             q.into_iter().map(|q| grid.position(q)).collect()
         };
         let is_rest = options.smooth == 1 && surface.columns().is_none();
@@ -325,6 +330,7 @@ impl<T: Coordinate> SlabMesh<T> {
             quantized,
             blocks,
             tangled,
+            size,
             claim: Claim::default(),
         };
         if options.fit.has_points() {
