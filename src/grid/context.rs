@@ -34,18 +34,23 @@ impl Context {
 
     /// Jobs in flight of a pass over the chunks of `cells`, with a ball of radius `radius`: at least one.
     pub fn jobs(&self, radius: u32, cells: Cell) -> usize {
-        self.memory.jobs_of(job_bytes(radius, cells))
+        let job = job_bytes(radius, cells);
+        let jobs = self.memory.jobs_of(job);
+        self.account.pass(job * (jobs as u64).min(u64::from(cells[1].div_ceil(CHUNK_SLICES))));
+        jobs
     }
 }
 
-/// Bytes of a job over a chunk of slices of `cells` with a ball of radius `radius`: its dilation, some slices more, and the runs it gives, three a row, as
-/// they are, labelled (16 bytes each) and as they are stored.
+/// Bytes of a job over a chunk of slices of `cells` with a ball of radius `radius`: its dilation, some slices more, and the runs it gives.
 pub fn job_bytes(radius: u32, cells: Cell) -> u64 {
     let [x, _, z] = cells;
     let pad = 2 * (radius + 1);
-    Dilation::bytes(radius, x + pad, z + pad)
-        + 4 * Bits::bytes(x + pad, z + pad)
-        + u64::from(CHUNK_SLICES + 2) * u64::from(z + pad) * (2 * (4 + 3 * 8) + 3 * 16)
+    Dilation::bytes(radius, x + pad, z + pad) + 4 * Bits::bytes(x + pad, z + pad) + runs_bytes(z + pad)
+}
+
+/// Bytes of the runs of cells that a job gives: three a row, as they are, labelled (16 bytes each) and as they are stored.
+pub fn runs_bytes(rows: u32) -> u64 {
+    u64::from(CHUNK_SLICES + 2) * u64::from(rows) * (2 * (4 + 3 * 8) + 3 * 16)
 }
 
 /// Slices that one job of a pass over the slices computes; its window's halo comes on top.

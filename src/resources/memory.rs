@@ -39,12 +39,11 @@ pub struct MemoryPlan {
     #[serde(skip)]
     pub(crate) keepable: Keepable,
     /// What makes up the most memory that is expected.
-    #[serde(skip)]
     pub(crate) passes: Passes,
 }
 
 /// The most memory that passes are expected to take, in bytes; each is planned anew as more is known.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
 pub(crate) struct Passes {
     /// What goes to an object store, beside all others.
     pub(crate) transfers: u64,
@@ -102,6 +101,7 @@ impl MemoryPlan {
 #[derive(Debug, Default)]
 pub struct Account {
     field: AtomicU64,
+    pass: AtomicU64,
     reopening: AtomicU64,
     measuring: AtomicU64,
     /// What slabs in the making hold, those that wait, and the mesh that they become.
@@ -113,6 +113,8 @@ pub struct Account {
 pub struct Closing {
     /// Telling inside and outside apart on a level of cells; none if nothing had to be told apart.
     pub field: u64,
+    /// All jobs of the pass over chunks of slices that takes the most.
+    pub pass: u64,
     /// All jobs that open again what was filled; none if nothing was.
     pub reopening: u64,
     /// All jobs that measure how thick the shell of points is; none if it was not.
@@ -123,6 +125,11 @@ impl Account {
     /// The sides of a level's cells are going to be found in so many bytes.
     pub fn field(&self, bytes: u64) {
         self.field.fetch_max(bytes, Ordering::Relaxed);
+    }
+
+    /// All jobs of a pass over chunks of slices are going to take so many bytes.
+    pub fn pass(&self, bytes: u64) {
+        self.pass.fetch_max(bytes, Ordering::Relaxed);
     }
 
     /// What was filled is going to be opened again in so many bytes.
@@ -137,9 +144,9 @@ impl Account {
 
     /// The account so far.
     pub fn closing(&self) -> Closing {
-        let of = [&self.field, &self.reopening, &self.measuring];
-        let [field, reopening, measuring] = of.map(|bytes| bytes.load(Ordering::Relaxed));
-        Closing { field, reopening, measuring }
+        let of = [&self.field, &self.pass, &self.reopening, &self.measuring];
+        let [field, pass, reopening, measuring] = of.map(|bytes| bytes.load(Ordering::Relaxed));
+        Closing { field, pass, reopening, measuring }
     }
 }
 

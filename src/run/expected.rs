@@ -4,7 +4,8 @@
 //! known: blocks of the input when it was read, fields and what is opened again when cells are closed, slabs when each of their stages begins, the check when the mesh is there. So the
 //! figure of a report is that of each pass as it began.
 
-use crate::grid::context::{CHUNK_SLICES, job_bytes};
+use crate::grid::context::{CHUNK_SLICES, job_bytes, runs_bytes};
+use crate::grid::slice::Bits;
 use crate::input::BLOCK_RECORDS;
 use crate::mesh::MeshSource;
 use crate::mesh::check::job::Need;
@@ -153,19 +154,23 @@ impl MemoryPlan {
         let slices = of_pass(self.chunks_in_flight, CHUNK_SLICES) * job_bytes(1, workload.cells);
         let columns = workload.columns.map_or(0, |columns| {
             let (of_slice, bridge) = (columns.of_slice, columns.bridge);
-            heightfield::bytes_of_pass(of_slice, bridge, workload.smooth, workload.cells[1], self.chunks_in_flight)
+            // The cells of the solid are made of them, slice by slice.
+            let [width, slices, rows] = workload.cells;
+            let given = of_pass(self.chunks_in_flight, CHUNK_SLICES) * (Bits::bytes(width, rows) + runs_bytes(rows));
+            given + heightfield::bytes_of_pass(of_slice, bridge, workload.smooth, slices, self.chunks_in_flight)
         });
         let job = reopening(workload);
         let measuring = measuring(workload);
         let measuring = measuring * of_pass(self.jobs_of(measuring).min(self.threads), 1);
-        let Closing { field, reopening, measuring } = closing.unwrap_or_else(|| Closing {
+        let Closing { field, pass, reopening, measuring } = closing.unwrap_or_else(|| Closing {
             field: deciding(workload),
+            pass: slices,
             reopening: of_pass(self.jobs_of(job), CHUNK_SLICES) * job,
             measuring,
         });
         // Sides are told apart while occupied cells are all that there is, and those of a coarser level: as many bytes as later the solid has.
         let occupied = workload.standing_slice_bytes().min(sealing);
-        let passes = (slices + columns).max(reopening).max(looking(workload, blocks)).max(measuring);
+        let passes = pass.max(slices).max(columns).max(reopening).max(looking(workload, blocks)).max(measuring);
         let closing = (sealing + passes).max(occupied + field);
 
         let surveying = workload.surveying();

@@ -391,6 +391,7 @@ fn close_signed(
     }
     let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
     let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
+    signed.sides = Vec::new();
     for l in (0..=level).rev() {
         if l < level {
             sides = sides.refined(at(l), context)?;

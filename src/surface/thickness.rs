@@ -158,9 +158,10 @@ pub fn bytes(cells: Cell) -> u64 {
 /// The same where no slice has more occupied cells than `most`.
 fn bytes_among([width, _, rows]: Cell, most: u64) -> u64 {
     let side = 2 * BLOCKS[1] as u64 + 1;
-    let of_slice = (CELLS as u64 * side * side).min(most);
+    let chosen = (CELLS as u64).min(most);
+    let of_slice = (chosen * side * side).min(most);
     // The cells of the slice at hand are listed block by block first, in a vector that grows.
-    let listed = CELLS as u64 * side * side * 2 * size_of::<[u32; 2]>() as u64;
+    let listed = chosen * side * side * 2 * size_of::<[u32; 2]>() as u64;
     let cells = side * of_slice * size_of::<BlockCell>() as u64;
     outward::bytes([width, 0, rows]) + 2 * Bits::bytes(width + 2, rows + 2) + listed + cells
 }

@@ -79,6 +79,8 @@ impl Seen {
     /// [`crate::Error::Io`].
     pub fn of(occupancy: &Occupancy, factor: u32, context: &Context) -> Result<Seen> {
         let (block, mut occupied) = Block::of(occupancy, factor)?;
+        let cells = occupied.iter().filter(|occupied| **occupied).count();
+        context.account.field(outliers::bytes(block.cells, cells as u64));
         let outliers = context.workers.pool().install(|| outliers::take_out(&block, &mut occupied));
         let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
         Ok(Seen { block, occupied, walls, outliers, emptied: Vec::new() })
@@ -255,8 +257,7 @@ const BUFFERS: u64 = 3 * 2 * 4;
 /// The most memory that finding the sides of a block takes, with so many occupied cells.
 fn bytes_of_block(block: &Block, walls: u64, threads: u64) -> u64 {
     let slice = (block.rows * block.width) as u64;
-    let finding = block.size() as u64 * CELL_FOUND + walls * WALL + threads * slice * BUFFERS;
-    finding.max(outliers::bytes(block.cells, walls))
+    block.size() as u64 * CELL_FOUND + walls * WALL + threads * slice * BUFFERS
 }
 
 /// The most memory that finding the sides of a grid of so many cells takes.
