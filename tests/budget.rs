@@ -246,9 +246,10 @@ impl Case {
         let planned = report.memory.plan.heap();
         let mib = |bytes: u64| bytes as f64 / 1048576.0;
         let figures = format!(
-            "{:.1} MiB counted, {:.1} planned, of {:.1}: {self:?}",
+            "{:.1} MiB counted, {:.1} planned for the heap, {:.1} reported, of {:.1}: {self:?}",
             mib(counted),
             mib(planned),
+            mib(report.memory.plan.predicted),
             mib(report.memory.plan.budget)
         );
         if std::env::var_os("BUDGET_FIGURES").is_some() {
