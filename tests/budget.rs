@@ -259,6 +259,8 @@ impl Case {
         }
         prop_assert!(report.memory.plan.predicted <= report.memory.plan.budget, "{}", figures);
         prop_assert!(counted <= planned, "{}", figures);
+        // What slabs counted stage by stage is less than what was planned for all of them in their largest.
+        prop_assert!(counted <= report.memory.plan.predicted, "{}", figures);
         Ok(())
     }
 }

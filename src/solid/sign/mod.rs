@@ -175,6 +175,10 @@ impl Signed {
         let mut outside = rolling::reached(&block, &occupied, radius);
         outside.iter_mut().zip(&emptied).for_each(|(outside, empty)| *outside |= empty);
         let mut field = Field::new(&block, &occupied, outside);
+        let lined = field.lined.iter().zip(&occupied).filter(|(lined, occupied)| **lined & !**occupied).count();
+        context
+            .account
+            .field(bytes_held(&block, walls.len() as u64) + support::bytes(block.size() as u64, lined as u64));
         let mut tries = 0;
         loop {
             context.workers.check_cancelled()?;
@@ -205,7 +209,8 @@ impl Signed {
         }
         let mut sides = field.sides();
         // What the field holds beside that would lie there while membranes have fields of their own.
-        let Field { lined, .. } = field;
+        let lined = std::mem::take(&mut field.lined);
+        drop(field);
         context.workers.between_steps();
         membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
         drop(lined);
@@ -245,11 +250,17 @@ const CELL: u64 = 6 + 4 + 8 + 20;
 /// The same before that: its flag and number.
 const CELL_SEEN: u64 = 1 + 4;
 
-/// Bytes for each cell of a block that is there: six flags, its u and how open it is, and what conjugate gradients hold.
-const CELL_FOUND: u64 = 6 + 2 * 4 + 4 * 4;
+/// Bytes for each cell of a block that is there: six flags, its u and how open it is.
+const CELL_HELD: u64 = 6 + 2 * 4;
 
-/// Bytes for each of its walls: in two lists, with what is known of it, and its terms in two cells' equations, in vectors that grow.
-const WALL: u64 = 4 + size_of::<Wall>() as u64 + 48;
+/// What conjugate gradients hold of it.
+const CELL_SOLVED: u64 = 4 * 4;
+
+/// Bytes for each of its walls: in two lists, with what is known of it.
+const WALL_HELD: u64 = 4 + size_of::<Wall>() as u64;
+
+/// Its terms in two cells' equations, in vectors that grow.
+const WALL_SOLVED: u64 = 48;
 
 /// Slices that a thread holds of what is known beside cells whose u is looked for: three, of two numbers for each cell.
 const BUFFERS: u64 = 3 * 2 * 4;
@@ -257,7 +268,13 @@ const BUFFERS: u64 = 3 * 2 * 4;
 /// The most memory that finding the sides of a block takes, with so many occupied cells.
 fn bytes_of_block(block: &Block, walls: u64, threads: u64) -> u64 {
     let slice = (block.rows * block.width) as u64;
-    block.size() as u64 * CELL_FOUND + walls * WALL + threads * slice * BUFFERS
+    let solving = block.size() as u64 * CELL_SOLVED + walls * WALL_SOLVED + threads * slice * BUFFERS;
+    bytes_held(block, walls) + solving
+}
+
+/// What a field holds all the time.
+fn bytes_held(block: &Block, walls: u64) -> u64 {
+    block.size() as u64 * CELL_HELD + walls * WALL_HELD
 }
 
 /// The most memory that finding the sides of a grid of so many cells takes.

@@ -65,6 +65,13 @@ pub fn bare(field: &Field<'_>, walls: &[Wall]) -> Option<Bare> {
     }
 }
 
+/// Bytes that [`bare`] takes beside the field, in a block of so many cells of which so many are lined: three flags, two numbers for each cell; and for each that is lined, what was
+/// found of it, as it is and in the vectors that grow before, or as many runs of cells, each of them likewise, with its root and number.
+pub fn bytes(cells: u64, lined: u64) -> u64 {
+    let (of_lined, of_run) = (3 * size_of::<(u32, u32)>(), 2 * size_of::<Range<usize>>() + 2 * size_of::<u32>());
+    cells * (3 + 2 * size_of::<u32>() as u64) + lined * of_lined.max(of_run) as u64
+}
+
 /// Whether each cell belongs to a component whose border passes `is`; `None` if none does.
 fn marked(of: &[u32], borders: &[Border], is: impl Fn(&Border) -> bool) -> Option<Vec<bool>> {
     let is: Vec<bool> = borders.iter().map(is).collect();
@@ -114,20 +121,19 @@ fn parts(field: &Field<'_>, inside: &[bool]) -> (Vec<u32>, u32) {
             return None;
         }
         let beside = field.block.beside(cell).into_iter().map(|next| of[next]).filter(|number| *number != 0);
-        Some((cell, beside.min().unwrap_or(0)))
+        Some((cell as u32, beside.min().unwrap_or(0)))
     };
-    let lined: Vec<(usize, u32)> = (0..of.len()).into_par_iter().with_min_len(ALONE).filter_map(nearest).collect();
+    let lined: Vec<(u32, u32)> = (0..of.len()).into_par_iter().with_min_len(ALONE).filter_map(nearest).collect();
     let alone = |number: &u32| *number == 0;
     if lined.iter().any(|(_, number)| alone(number)) {
         let mut left = vec![false; of.len()];
-        lined.iter().filter(|(_, number)| alone(number)).for_each(|(cell, _)| left[*cell] = true);
+        lined.iter().filter(|(_, number)| alone(number)).for_each(|(cell, _)| left[*cell as usize] = true);
         let (others, more) = numbered(field.block, &left);
-        let all =
-            lined.iter().map(|&(cell, number)| (cell, if alone(&number) { count + others[cell] } else { number }));
-        all.for_each(|(cell, number)| of[cell] = number);
+        let number_of = |cell: usize, number: u32| if alone(&number) { count + others[cell] } else { number };
+        lined.iter().for_each(|&(cell, number)| of[cell as usize] = number_of(cell as usize, number));
         return (of, count + more);
     }
-    lined.into_iter().for_each(|(cell, number)| of[cell] = number);
+    lined.into_iter().for_each(|(cell, number)| of[cell as usize] = number);
     (of, count)
 }
 
