@@ -46,7 +46,7 @@ USE = 0.8
 # Seconds from the end of a wave until the next has begun.
 BARRIER = 0.5
 # Threads for each piece of the surface (`run/planner.rs`).
-THREADS_OF_PIECE = 8
+THREADS_OF_PIECE = 4
 
 
 def call(command):

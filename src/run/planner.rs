@@ -39,8 +39,11 @@ const PROCESS: u64 = 5 << 20;
 /// What a least budget has beside what its hungriest pass needs.
 const BESIDE: u64 = 2 << 20;
 
-/// Threads that a piece of the surface keeps busy: what stitching does for each slab is a tenth of what its making takes.
-const THREADS_OF_PIECE: usize = 8;
+/// Threads that a piece of the surface keeps busy: what stitching does for each slab is a quarter of what its making takes.
+const THREADS_OF_PIECE: usize = 4;
+
+/// A piece has so many slabs at least: each but the first closes a seam twice, and those at its ends may be made twice.
+const SLABS_OF_PIECE: usize = 12;
 
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
 const CHUNK: u64 = 12 << 10;
@@ -78,7 +81,8 @@ impl MemoryPlan {
             });
         }
         let threads = threads.max(1);
-        Self::share_out(budget, workload, (threads, threads.div_ceil(THREADS_OF_PIECE)), None)
+        let pieces = threads.div_ceil(THREADS_OF_PIECE).min(workload.slabs().len() / SLABS_OF_PIECE).max(1);
+        Self::share_out(budget, workload, (threads, pieces), None)
     }
 
     /// The same plan, when the faces of all slabs have been counted: what is not yet given out is shared out anew. Where slabs have no room beside what was kept in
@@ -512,10 +516,11 @@ mod tests {
         let jobs = |budget: u64, threads: usize| {
             MemoryPlan::for_budget(budget, &workload, threads).unwrap().slab_jobs(&workload).unwrap()
         };
-        for threads in [1, 2, 8] {
+        for threads in [1, 2, 4] {
             assert_eq!(jobs(64 << 30, threads).pieces, 1);
         }
-        assert_eq!((jobs(64 << 30, 16).pieces, jobs(64 << 30, 64).pieces), (2, 8));
+        // 55 slabs are enough for four pieces.
+        assert_eq!([8, 16, 64].map(|threads| jobs(64 << 30, threads).pieces), [2, 4, 4]);
         assert_eq!(jobs(MemoryPlan::least(&workload, 64), 64).pieces, 1);
         let (mut pieces, mut before) = (0, jobs(1 << 30, 64));
         for budget in 2..64u64 {

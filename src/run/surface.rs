@@ -37,6 +37,9 @@ use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
 
+/// Seams after which a piece gives up, if none is clean: where few are, most of it would be made for nothing.
+const TRIES: usize = 8;
+
 /// The finished mesh and what is to be told of its making.
 #[derive(Debug)]
 pub struct Reconstructed {
@@ -220,6 +223,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
     let means = Means {
         workers: &context.workers,
         in_flight: jobs.in_flight(),
+        tries: TRIES,
         stitcher: &unasked,
         make: &make,
         taken: &taken,

@@ -298,6 +298,12 @@ impl WorkFolder {
         let job = serde_json::json!({ "format": FORMAT, "job": job });
         let Some(bytes) = self.contents(JOB)? else {
             let temporary = self.create("job")?;
+            if self.attempt.is_some() {
+                // Nobody else asks for it, and what rests on it is committed after it.
+                let (store, bytes, failed) = (Arc::clone(&self.store), Sealed::bytes(&job), self.failed("write"));
+                let commit = move |durable| name_whole(&*store, &temporary, JOB, &bytes, durable).map_err(failed);
+                return self.committer.give(Box::new(commit)).map(|()| None);
+            }
             match name_whole(&*self.store, &temporary, JOB, &Sealed::bytes(&job), true) {
                 // Where nothing is locked, another may have been first.
                 Err(error) if self.lock.is_none() && error.kind() == io::ErrorKind::AlreadyExists => {}
@@ -418,10 +424,13 @@ impl WorkFolder {
     /// [`Error::Io`].
     pub fn set_aside(&self, phase: &str) -> Result<()> {
         let (name, aside) = (manifest_of(phase), format!("{DONE}/{phase}.bad"));
-        let moved = if_there(self.store.remove(&aside))
-            .and_then(|()| if_there(self.store.link(&name, &aside)))
-            .and_then(|()| if_there(self.store.remove(&name)))
-            .and_then(|()| self.store.sync_names(DONE));
+        let moved = if_there(self.store.remove(&aside)).and_then(|()| match self.store.link(&name, &aside) {
+            // Where nothing was, nothing has to become durable.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            linked => {
+                linked.and_then(|()| if_there(self.store.remove(&name))).and_then(|()| self.store.sync_names(DONE))
+            }
+        });
         moved.map_err(self.failed("rename"))
     }
 
