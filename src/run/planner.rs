@@ -42,8 +42,8 @@ const BESIDE: u64 = 2 << 20;
 /// Threads that a piece of the surface keeps busy: what stitching does for each slab is a quarter of what its making takes.
 const THREADS_OF_PIECE: usize = 4;
 
-/// A piece has so many slabs at least: each but the first closes a seam twice, and those at its ends may be made twice.
-const SLABS_OF_PIECE: usize = 12;
+/// A piece has so many slabs at least: where seams are not clean, several are made twice at its ends.
+const SLABS_OF_PIECE: usize = 24;
 
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
 const CHUNK: u64 = 12 << 10;
@@ -519,8 +519,8 @@ mod tests {
         for threads in [1, 2, 4] {
             assert_eq!(jobs(64 << 30, threads).pieces, 1);
         }
-        // 55 slabs are enough for four pieces.
-        assert_eq!([8, 16, 64].map(|threads| jobs(64 << 30, threads).pieces), [2, 4, 4]);
+        // 55 slabs are enough for two pieces.
+        assert_eq!([8, 16, 64].map(|threads| jobs(64 << 30, threads).pieces), [2; 3]);
         assert_eq!(jobs(MemoryPlan::least(&workload, 64), 64).pieces, 1);
         let (mut pieces, mut before) = (0, jobs(1 << 30, 64));
         for budget in 2..64u64 {
@@ -529,7 +529,7 @@ mod tests {
             pieces += usize::from(now.pieces > before.pieces);
             before = now;
         }
-        assert!(pieces > 1, "as many as fit");
+        assert!(pieces > 0, "as many as fit");
     }
 
     #[test]

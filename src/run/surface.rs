@@ -37,8 +37,8 @@ use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
 
-/// Seams after which a piece gives up, if none is clean: where few are, most of it would be made for nothing.
-const TRIES: usize = 8;
+/// Seams after which a piece gives up, if none is clean: where few are, much of it would be made for nothing.
+const TRIES: u32 = 3;
 
 /// The finished mesh and what is to be told of its making.
 #[derive(Debug)]

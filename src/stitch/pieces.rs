@@ -41,7 +41,7 @@ pub struct Means<'m, 'a, T> {
     /// Slabs of a piece that exist at a time between their making and their seam.
     pub in_flight: usize,
     /// Seams above where a piece begins after which it gives up, if none of them is clean.
-    pub tries: usize,
+    pub tries: u32,
     /// A stitcher that begins at a checkpoint, for piece `.0`.
     pub stitcher: &'m (dyn Fn(usize, &Checkpoint) -> Stitcher<'a, T> + Sync),
     /// Makes a slab.
@@ -59,7 +59,7 @@ enum End {
     Joined { slab: u32, with: usize },
     /// After the last slab.
     Whole,
-    /// As hardly any of its first seams is clean.
+    /// As none of its first seams is clean but that below it.
     GivenUp,
     /// With an error.
     Failed,
@@ -193,13 +193,18 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
         let Means { in_flight, tries, stitcher, .. } = *self.means;
         let (start, slabs) = (self.ranges[number].start, slabs_of(self.ranges));
         let mut stitcher = stitcher(number, &Checkpoint::at(start));
-        let mut above = number + 1;
-        loop {
-            // The slab above the last one closes the seam between them.
-            let upto = self.ranges.get(above).map_or(slabs, |range| range.start + 1);
-            let mut mark = self.pass(number, upto, in_flight, &mut stitcher)?;
+        let (mut above, mut mark) = (number + 1, None);
+        if number > 0 {
+            let upto = start.saturating_add(1).saturating_add(tries).min(self.upto(above));
+            mark = self.pass(number, upto, in_flight, &mut stitcher)?;
             if self.gives_up(number, tries) {
                 return Ok(Outcome::GivenUp);
+            }
+        }
+        loop {
+            let upto = self.upto(above);
+            if stitcher.next() < upto {
+                mark = self.pass(number, upto, in_flight, &mut stitcher)?;
             }
             while above < self.ranges.len() && !self.has_given_up(above) {
                 if let Some(own) = mark {
@@ -218,9 +223,6 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
                 }
                 // One at a time: it may well be the last.
                 mark = self.pass(number, next + 1, in_flight.min(2), &mut stitcher)?;
-                if self.gives_up(number, tries) {
-                    return Ok(Outcome::GivenUp);
-                }
             }
             if stitcher.next() == slabs {
                 return Ok(Outcome::Made(self.ended(start, stitcher.finish_piece()?, None)));
@@ -229,12 +231,17 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
         }
     }
 
-    /// Has a piece take all slabs up to one, or until it is in vain. Gives what the last seam is, if it is clean.
+    /// The first slab that a piece does not pass over before it looks for a seam at which it can be joined to one above.
+    fn upto(&self, above: usize) -> u32 {
+        // The slab above the last one closes the seam between them.
+        self.ranges.get(above).map_or(slabs_of(self.ranges), |range| range.start + 1)
+    }
+
+    /// Has a piece take all slabs up to one. Gives what the last seam is, if it is clean.
     fn pass(&self, number: usize, upto: u32, in_flight: usize, stitcher: &mut Stitcher<'_, T>) -> Result<Option<Mark>> {
-        let Means { workers, tries, taken, spares, .. } = *self.means;
-        let mut slabs = stitcher.next()..upto;
+        let Means { workers, taken, spares, .. } = *self.means;
+        let first = stitcher.next();
         let mut mark = None;
-        let next = || Ok(slabs.next().filter(|_| !self.gives_up(number, tries)));
         let take = |slab: SlabMesh<T>| {
             let at = stitcher.next();
             stitcher.add(slab)?.into_iter().for_each(|slab| spares.give(slab));
@@ -248,17 +255,17 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
             }
             Ok(())
         };
-        workers.in_order(in_flight, next, |slab| self.slab(slab), take)?;
+        workers.in_order_range(in_flight, (upto - first) as usize, |job| self.slab(first + job as u32), take)?;
         Ok(mark)
     }
 
-    /// Whether a piece above the first gives up, or has: of so many seams above where it begins, none is clean, and no piece was joined to it.
-    fn gives_up(&self, number: usize, tries: usize) -> bool {
+    /// Whether a piece gives up: of so many seams above where it begins, none is clean, and no piece was joined to it.
+    fn gives_up(&self, number: usize, tries: u32) -> bool {
         let (told, changed) = &self.told[number];
         let (mut told, start) = (told.lock().expect(NO_PANIC), self.ranges[number].start);
-        let closed = told.closed.saturating_sub(start + 1) as usize;
-        let is_in_vain = closed >= tries && told.marks.iter().all(|mark| mark.slab <= start);
-        if number > 0 && is_in_vain && !told.is_joined && told.end.is_none() {
+        let is_in_vain =
+            told.closed.saturating_sub(start + 1) >= tries && told.marks.iter().all(|mark| mark.slab <= start);
+        if is_in_vain && !told.is_joined && told.end.is_none() {
             told.end = Some(End::GivenUp);
             changed.notify_all();
         }

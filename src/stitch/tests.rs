@@ -224,7 +224,7 @@ impl Stitching<'_> {
     /// Stitches pieces of the ranges, which give up after so many seams, with slabs that `make` makes.
     fn in_pieces(
         &self,
-        (ranges, tries): (&[Range<u32>], usize),
+        (ranges, tries): (&[Range<u32>], u32),
         workers: &Workers,
         make: &(dyn Fn(u32) -> Result<SlabMesh<f32>> + Sync),
     ) -> Result<Written> {
@@ -251,7 +251,7 @@ impl Stitching<'_> {
         let means = Means {
             workers,
             in_flight: 2,
-            tries: usize::MAX,
+            tries: u32::MAX,
             stitcher: &|_, from| self.stitcher(from),
             make: &|number| self.slab(number),
             taken: &|_| (),
@@ -380,7 +380,7 @@ fn all_sets_of_boundaries_give_one_mesh() {
                     let starts: Vec<u32> = std::iter::once(0).chain(starts).chain([count]).collect();
                     let ranges: Vec<Range<u32>> = starts.windows(2).map(|pair| pair[0]..pair[1]).collect();
                     dirty += ranges[1..].iter().filter(|range| !whole.seams[range.start as usize - 1].clean).count();
-                    for tries in [1, usize::MAX] {
+                    for tries in [1, u32::MAX] {
                         sets += 1;
                         let of = (&ranges[..], tries);
                         let found = stitching.in_pieces(of, &workers, &|number| stitching.slab(number)).unwrap();
@@ -396,7 +396,7 @@ fn all_sets_of_boundaries_give_one_mesh() {
 /// A piece none of whose first seams is clean gives up, and hardly a slab is made in vain.
 #[test]
 fn a_piece_in_vain_gives_up() {
-    const TRIES: usize = 2;
+    const TRIES: u32 = 2;
     let workers = Workers::new(2).unwrap();
     let (mut in_vain, mut saved) = (0, 0);
     for mut case in cases(5..6, Some(8)) {
@@ -406,7 +406,7 @@ fn a_piece_in_vain_gives_up() {
             let count = stitching.slabs.len() as u32;
             for start in 1..count {
                 let ranges = [0..start, start..count];
-                let made = |tries: usize| {
+                let made = |tries: u32| {
                     let made = AtomicUsize::new(0);
                     let make = |number: u32| {
                         made.fetch_add(1, Ordering::Relaxed);
@@ -418,13 +418,13 @@ fn a_piece_in_vain_gives_up() {
                 // The seam at which it begins is not clean for the lower piece, none of the others for the upper one.
                 let (of_upper, clean) = stitching.run(&Checkpoint::at(start));
                 let is_dirty = !whole.seams[start as usize - 1].clean && clean.iter().all(|one| one.slab <= start);
-                if is_dirty && of_upper.seams.len() > TRIES + 4 {
-                    // Beside its seams' slabs: the two of the first one, those in flight, and what is no longer there as a copy.
-                    let most = count as usize + TRIES + 2 + 2 + 2;
+                if is_dirty && of_upper.seams.len() > TRIES as usize + 4 {
+                    // The two slabs of the first seam, and one for each of the others.
+                    let most = count as usize + TRIES as usize + 2;
                     let with = made(TRIES);
                     assert!(with <= most, "from {start} of {count}: {with} made");
                     in_vain += 1;
-                    saved += made(usize::MAX) - with;
+                    saved += made(u32::MAX) - with;
                 }
             }
         });
@@ -447,7 +447,7 @@ fn pieces_fail_as_one_does() {
                     bad if bad == first || bad == second => Err(Error::Usage(format!("slab {bad}"))),
                     number => stitching.slab(number),
                 };
-                let Err(Error::Usage(told)) = stitching.in_pieces((&ranges, usize::MAX), &workers, &make) else {
+                let Err(Error::Usage(told)) = stitching.in_pieces((&ranges, u32::MAX), &workers, &make) else {
                     panic!("no error")
                 };
                 assert_eq!(told, format!("slab {first}"), "and {second}");
@@ -458,7 +458,7 @@ fn pieces_fail_as_one_does() {
                 }
                 stitching.slab(number)
             };
-            let failed = stitching.in_pieces((&ranges, usize::MAX), &workers, &make);
+            let failed = stitching.in_pieces((&ranges, u32::MAX), &workers, &make);
             assert!(matches!(failed, Err(Error::Internal(_))), "{failed:?}");
             let make = |number: u32| {
                 if number == first {
@@ -466,7 +466,7 @@ fn pieces_fail_as_one_does() {
                 }
                 stitching.slab(number)
             };
-            let stopped = stitching.in_pieces((&ranges, usize::MAX), &workers, &make);
+            let stopped = stitching.in_pieces((&ranges, u32::MAX), &workers, &make);
             workers.cancel_flag().store(false, Ordering::Relaxed);
             // With nothing left to do, the wish comes too late.
             assert!(matches!(stopped, Err(Error::Interrupted)) || first + 2 >= count, "{stopped:?}");
