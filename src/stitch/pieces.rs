@@ -79,7 +79,7 @@ struct Told {
 
 /// What became of a piece.
 enum Outcome {
-    Made(Made),
+    Made(Box<Made>),
     GivenUp,
     /// One above it failed.
     Without,
@@ -179,7 +179,7 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
             Ok(Outcome::Made(made)) => {
                 let joined = made.joined.as_ref();
                 let end = joined.map_or(End::Whole, |(with, mark)| End::Joined { slab: mark.slab, with: *with });
-                (end, Ok(Some(made)))
+                (end, Ok(Some(*made)))
             }
             Ok(Outcome::GivenUp) => (End::GivenUp, Ok(None)),
             Ok(Outcome::Without) => (End::Failed, Ok(None)),
@@ -211,7 +211,7 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
                     match self.mark_above(&mut above, own.slab)? {
                         Above::Clean(mark) => {
                             let joined = Some((above, mark));
-                            return Ok(Outcome::Made(self.ended(start, stitcher.end_here(), joined)));
+                            return Ok(Outcome::Made(Box::new(self.ended(start, stitcher.end_here(), joined))));
                         }
                         Above::Dirty => {}
                         Above::Failed => return Ok(Outcome::Without),
@@ -225,7 +225,7 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
                 mark = self.pass(number, next + 1, in_flight.min(2), &mut stitcher)?;
             }
             if stitcher.next() == slabs {
-                return Ok(Outcome::Made(self.ended(start, stitcher.finish_piece()?, None)));
+                return Ok(Outcome::Made(Box::new(self.ended(start, stitcher.finish_piece()?, None))));
             }
             above += 1;
         }
