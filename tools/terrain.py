@@ -255,8 +255,9 @@ def filter_(arguments):
         jobs, told = {}, {"asra-stream, mesh included": folder / "out.laz"}
         jobs["asra-stream, mesh included"] = [arguments.program, *paths, *ours, "--write-classes", folder / "out.laz"]
         for stage in ("smrf", "csf", "pmf") if shutil.which("pdal") else ():
-            # Points that a stage does not look at stay what they were.
-            stages = [*map(str, paths), {"type": "filters.merge"}, {"type": "filters.assign", "value": "Classification = 1"}]
+            # Points that a stage does not look at stay what they were; returns of number 0 are refused.
+            first = [f"{name} = 1 WHERE {name} == 0" for name in ("ReturnNumber", "NumberOfReturns")]
+            stages = [*map(str, paths), {"type": "filters.merge"}, {"type": "filters.assign", "value": ["Classification = 1", *first]}]
             stages += [{"type": f"filters.{stage}"}, {"type": "writers.las", "filename": str(folder / f"{stage}.laz"), "forward": "all", "minor_version": 4}]
             (folder / f"{stage}.json").write_text(json.dumps(stages))
             jobs[f"PDAL, {stage}"], told[f"PDAL, {stage}"] = ["pdal", "pipeline", folder / f"{stage}.json"], folder / f"{stage}.laz"
