@@ -512,15 +512,15 @@ mod tests {
 
     #[test]
     fn pieces_are_for_many_threads_and_room() {
-        let workload = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
+        let workload = load(200_000_000, 1600).with_faces(vec![800_000; slab_count(1, 1600) as usize], false);
         let jobs = |budget: u64, threads: usize| {
             MemoryPlan::for_budget(budget, &workload, threads).unwrap().slab_jobs(&workload).unwrap()
         };
         for threads in [1, 2, 4] {
             assert_eq!(jobs(64 << 30, threads).pieces, 1);
         }
-        // 55 slabs are enough for two pieces.
-        assert_eq!([8, 16, 64].map(|threads| jobs(64 << 30, threads).pieces), [2; 3]);
+        // 80 slabs are enough for three pieces.
+        assert_eq!([8, 16, 64].map(|threads| jobs(64 << 30, threads).pieces), [2, 3, 3]);
         assert_eq!(jobs(MemoryPlan::least(&workload, 64), 64).pieces, 1);
         let (mut pieces, mut before) = (0, jobs(1 << 30, 64));
         for budget in 2..64u64 {
@@ -529,7 +529,7 @@ mod tests {
             pieces += usize::from(now.pieces > before.pieces);
             before = now;
         }
-        assert!(pieces > 0, "as many as fit");
+        assert!(pieces > 1, "as many as fit");
     }
 
     #[test]

@@ -37,7 +37,7 @@ use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
 
-/// Seams after which a piece gives up, if none is clean: where few are, much of it would be made for nothing.
+/// A piece gives up if of its first seams, so many, none is clean: where few are, much of it would be made for nothing.
 const TRIES: u32 = 3;
 
 /// The finished mesh and what is to be told of its making.

@@ -40,7 +40,7 @@ pub struct Means<'m, 'a, T> {
     pub workers: &'m Workers,
     /// Slabs of a piece that exist at a time between their making and their seam.
     pub in_flight: usize,
-    /// Seams above where a piece begins after which it gives up, if none of them is clean.
+    /// A piece gives up if of so many seams above the one that it begins with none is clean.
     pub tries: u32,
     /// A stitcher that begins at a checkpoint, for piece `.0`.
     pub stitcher: &'m (dyn Fn(usize, &Checkpoint) -> Stitcher<'a, T> + Sync),
@@ -78,14 +78,6 @@ struct Told {
 }
 
 /// What became of a piece.
-enum Outcome {
-    Made(Box<Made>),
-    GivenUp,
-    /// One above it failed.
-    Without,
-}
-
-/// What a piece made.
 struct Made {
     /// The slab that it began with.
     first: u32,
@@ -174,22 +166,18 @@ fn joined(mut pieces: Vec<Option<Made>>) -> Result<Stitched> {
 impl<T: Coordinate> Pieces<'_, '_, T> {
     /// Makes a piece. None if it gave up, or one above it failed.
     fn made(&self, number: usize) -> Result<Option<Made>> {
-        let outcome = defect::caught(|| self.run(number));
-        let (end, made) = match outcome {
-            Ok(Outcome::Made(made)) => {
-                let joined = made.joined.as_ref();
-                let end = joined.map_or(End::Whole, |(with, mark)| End::Joined { slab: mark.slab, with: *with });
-                (end, Ok(Some(*made)))
-            }
-            Ok(Outcome::GivenUp) => (End::GivenUp, Ok(None)),
-            Ok(Outcome::Without) => (End::Failed, Ok(None)),
-            Err(error) => (End::Failed, Err(error)),
+        let made = defect::caught(|| self.run(number));
+        let end = match &made {
+            Ok(Some(Made { joined: Some((with, mark)), .. })) => End::Joined { slab: mark.slab, with: *with },
+            Ok(Some(Made { joined: None, .. })) => End::Whole,
+            Ok(None) | Err(_) => End::Failed,
         };
-        self.tell(number, |told| told.end = Some(end));
+        // One that has given up has said so.
+        self.tell(number, |told| _ = told.end.get_or_insert(end));
         made
     }
 
-    fn run(&self, number: usize) -> Result<Outcome> {
+    fn run(&self, number: usize) -> Result<Option<Made>> {
         let Means { in_flight, tries, stitcher, .. } = *self.means;
         let (start, slabs) = (self.ranges[number].start, slabs_of(self.ranges));
         let mut stitcher = stitcher(number, &Checkpoint::at(start));
@@ -198,7 +186,7 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
             let upto = start.saturating_add(1).saturating_add(tries).min(self.upto(above));
             mark = self.pass(number, upto, in_flight, &mut stitcher)?;
             if self.gives_up(number, tries) {
-                return Ok(Outcome::GivenUp);
+                return Ok(None);
             }
         }
         loop {
@@ -211,10 +199,10 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
                     match self.mark_above(&mut above, own.slab)? {
                         Above::Clean(mark) => {
                             let joined = Some((above, mark));
-                            return Ok(Outcome::Made(Box::new(self.ended(start, stitcher.end_here(), joined))));
+                            return Ok(Some(self.ended(start, stitcher.end_here(), joined)));
                         }
                         Above::Dirty => {}
-                        Above::Failed => return Ok(Outcome::Without),
+                        Above::Failed => return Ok(None),
                     }
                 }
                 let next = stitcher.next();
@@ -225,7 +213,7 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
                 mark = self.pass(number, next + 1, in_flight.min(2), &mut stitcher)?;
             }
             if stitcher.next() == slabs {
-                return Ok(Outcome::Made(Box::new(self.ended(start, stitcher.finish_piece()?, None))));
+                return Ok(Some(self.ended(start, stitcher.finish_piece()?, None)));
             }
             above += 1;
         }

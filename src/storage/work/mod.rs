@@ -305,8 +305,8 @@ impl WorkFolder {
                 return self.committer.give(Box::new(commit)).map(|()| None);
             }
             match name_whole(&*self.store, &temporary, JOB, &Sealed::bytes(&job), true) {
-                // Where nothing is locked, another may have been first.
-                Err(error) if self.lock.is_none() && error.kind() == io::ErrorKind::AlreadyExists => {}
+                // Another may have been first.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 made => return made.map(|()| None).map_err(self.failed("write")),
             }
             if_there(self.store.remove(&temporary.name)).map_err(self.failed("remove"))?;
