@@ -498,9 +498,13 @@ impl WorkFolder {
         self.committer.settle(quick)
     }
 
-    /// Whether it is known what is made here.
-    pub fn has_begun(&self) -> bool {
-        !matches!(self.contents(JOB), Ok(None))
+    /// Ends a run that failed: commits are made, as by [`Self::settle`]. If what is made here is not known even then, nothing stays, as by [`Self::finish`]. Returns whether a run can go on from here.
+    ///
+    /// # Errors
+    /// [`Error::Io`], of an earlier commit, too.
+    pub fn leave(&self, quick: bool, last: &str) -> Result<bool> {
+        let (settled, is_known) = (self.settle(quick), !matches!(self.contents(JOB), Ok(None)));
+        if is_known { Ok(()) } else { self.finish(last) }.and(settled).map(|()| is_known)
     }
 
     /// Ends the run: nothing of it is needed any more. The folder goes, too, if it can; the manifest of phase `last` goes when all others are gone.
