@@ -45,8 +45,8 @@ READERS, RECORD = ("plan", "bucket"), 12
 USE = 0.8
 # Seconds from the end of a wave until the next has begun.
 BARRIER = 0.5
-# Threads for each piece of the surface (`run/planner.rs`).
-THREADS_OF_PIECE = 8
+# Threads for each piece of the surface, and the slabs that it has at least (`run/planner.rs`).
+THREADS_OF_PIECE, SLABS_OF_PIECE = 4, 24
 
 
 def call(command):
@@ -355,7 +355,7 @@ def stages(options, program):
         calling, workers = median(stage, "calling"), median(stage, "workers")
         if stage != "surface":
             return max(calling, (calling + workers) / processors), calling + workers / processors
-        pieces = min(-(-processors // THREADS_OF_PIECE), slabs)
+        pieces = max(1, min(-(-processors // THREADS_OF_PIECE), slabs // SLABS_OF_PIECE))
         of_piece = calling * (1 / pieces + (2 / slabs if pieces > 1 else 0))
         # No job is less than a slab.
         jobs = workers / slabs * -(-slabs // processors)

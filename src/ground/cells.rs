@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::input::{Carried, Cloud};
 use crate::points::scalar::{Endian, reader};
 use crate::points::{Batch, Points};
-use crate::resources::workers::Workers;
+use crate::resources::workers::{Spares, Workers};
 use crate::storage::spool::Workspace;
 
 /// What is kept of the heights of a cell's points while there may be more. None of it depends on the order of points.
@@ -116,6 +116,8 @@ pub fn gather<G: Gathered>(
     let class =
         class.column(CLASS).map(|column| (column.offset, class.stride(), reader(column.scalar, Endian::NATIVE)));
     let (mut from, mut first) = (None, true);
+    // Handed back to the workers: what one thread takes and another gives back, the allocator keeps for long.
+    let spares = Spares::<Vec<(Place, u32, f64)>>::default();
     loop {
         let mut pass = Pass::<G> { from, until: None, most: most as usize, tiles: BTreeMap::new() };
         let work = |batch: &Batch| {
@@ -128,10 +130,11 @@ pub fn gather<G: Gathered>(
                     }
                 }
             }
-            let cells = match &batch.points {
-                Points::Single(points) => cells_of(points.iter().map(|p| p.map(f64::from)), side),
-                Points::Double(points) => cells_of(points.iter().copied(), side),
-            };
+            let mut cells = spares.take().unwrap_or_default();
+            match &batch.points {
+                Points::Single(points) => cells_of(points.iter().map(|p| p.map(f64::from)), side, &mut cells),
+                Points::Double(points) => cells_of(points.iter().copied(), side, &mut cells),
+            }
             Ok((cells, classes, batch.records()))
         };
         cloud.for_each_batch(
@@ -161,7 +164,8 @@ pub fn gather<G: Gathered>(
                         });
                     }
                 }
-                pass.add(cells);
+                pass.add(&cells);
+                spares.give(cells);
                 Ok(())
             },
         )?;
@@ -178,12 +182,14 @@ pub fn gather<G: Gathered>(
 }
 
 /// For each point, the tile it lies in, the number of its cell in that, and its height.
-fn cells_of(points: impl Iterator<Item = [f64; 3]>, side: f64) -> Vec<(Place, u32, f64)> {
+fn cells_of(points: impl ExactSizeIterator<Item = [f64; 3]>, side: f64, out: &mut Vec<(Place, u32, f64)>) {
     let cell = |point: [f64; 3]| {
         let (place, number) = place_of(cell_of(point, side));
         (place, number as u32, point[2])
     };
-    points.map(cell).collect()
+    out.clear();
+    out.reserve_exact(points.len());
+    out.extend(points.map(cell));
 }
 
 /// A pass that fills the tiles from one place on, as many as memory holds.
@@ -196,8 +202,8 @@ struct Pass<G> {
 }
 
 impl<G: Gathered> Pass<G> {
-    fn add(&mut self, cells: Vec<(Place, u32, f64)>) {
-        let mut cells = cells.into_iter().peekable();
+    fn add(&mut self, cells: &[(Place, u32, f64)]) {
+        let mut cells = cells.iter().copied().peekable();
         while let Some(&(place, ..)) = cells.peek() {
             // Points that follow each other lie near each other, mostly.
             let of_place = std::iter::from_fn(|| cells.next_if(|(next, ..)| *next == place));

@@ -26,9 +26,10 @@ use self::cells::{Cells, Lowest, gather};
 use self::fill::{REACH, fill};
 use self::opening::open;
 pub use self::options::GroundOptions;
+use self::surface::small_holes_filled;
 use self::tiles::{Place, TILE, Tiles};
 pub use self::verdict::GroundModel;
-use self::window::{SHARE, WINDOW, filled, first_cell, jobs_in_flight, middle};
+use self::window::{SHARE, WINDOW, first_cell, jobs_in_flight, middle};
 use crate::error::Result;
 use crate::input::Cloud;
 use crate::resources::workers::Workers;
@@ -98,7 +99,8 @@ impl Found {
             Ok(made)
         };
         let sunk = step(&self.lowest, &|tiles, place| without_pits(tiles, place, asked.pit as f32))?;
-        let whole = step(&sunk, &|tiles, place| Ok(middle(&filled(tiles, place)?, WINDOW, 0)))?;
+        // What a window without points holds stays unknown. If it were filled, a roof that the data's end cuts would go on beyond it and sink slowly there, and no window would see a step.
+        let whole = step(&sunk, &|tiles, place| small_holes_filled(tiles, place, asked.window))?;
         let ground = step(&whole, &|tiles, place| {
             let own = sunk.window(first_cell(place, 0), TILE)?;
             on_ground(tiles, place, own, asked)

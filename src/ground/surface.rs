@@ -30,13 +30,15 @@ pub fn without_small_holes(
     workers.in_order_range(
         jobs_in_flight(budget, workers),
         places.len(),
-        |number| Ok((places[number], filled(heights, places[number], radius.min(MOST))?)),
+        |number| Ok((places[number], small_holes_filled(heights, places[number], radius)?)),
         |(place, heights)| out.append(place, &heights),
     )?;
     Ok(out)
 }
 
-fn filled(heights: &Tiles, place: Place, radius: u32) -> Result<Vec<f32>> {
+/// A tile of [`without_small_holes`]. No radius is larger than [`MOST`].
+pub(super) fn small_holes_filled(heights: &Tiles, place: Place, radius: u32) -> Result<Vec<f32>> {
+    let radius = radius.min(MOST);
     let mut window = heights.window(first_cell(place, REACH), WINDOW)?;
     if radius == 0 {
         return Ok(middle(&window, WINDOW, 0));

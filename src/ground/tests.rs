@@ -1,6 +1,6 @@
 //! The filter against its definition, cell by cell, on whole rasters.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use proptest::prelude::*;
 
@@ -79,8 +79,8 @@ fn twin(points: &[[f64; 3]], asked: GroundOptions) -> Vec<bool> {
         round.filter(|height| !height.is_nan()).fold(f32::INFINITY, f32::min)
     };
     let opened = |raster: &[f32], c: [i64; 2], cells: &[(i64, i64)]| {
-        let lowest = cells.iter().map(|(dy, dx)| lowest_round(raster, [c[0] + dy, c[1] + dx], cells));
-        lowest.filter(|height| *height < f32::INFINITY).fold(f32::NEG_INFINITY, f32::max)
+        let middles = cells.iter().map(|(dy, dx)| [c[0] + dy, c[1] + dx]).filter(|m| !look_up(raster, *m).is_nan());
+        middles.map(|middle| lowest_round(raster, middle, cells)).fold(f32::NEG_INFINITY, f32::max)
     };
     let mut all = raster(&lowest);
     fill(&mut all, side);
@@ -91,12 +91,24 @@ fn twin(points: &[[f64; 3]], asked: GroundOptions) -> Vec<bool> {
         .filter(|(c, height)| -opened(&upside_down, **c, &one) - **height <= asked.pit as f32)
         .map(|(c, height)| (*c, *height))
         .collect();
-    let surface = whole(&sunk);
     let windows: Vec<Vec<(i64, i64)>> = (1..=asked.window).map(window).collect();
+    let mut surface = whole(&sunk);
+    // Nothing is known of cells that lie in a window without points.
+    let widest = windows.last().unwrap();
+    let is_empty: HashSet<[i64; 2]> = (0..side * side)
+        .map(|i| [first[0] + (i / side) as i64, first[1] + (i % side) as i64])
+        .filter(|c| widest.iter().all(|(dy, dx)| !sunk.contains_key(&[c[0] + dy, c[1] + dx])))
+        .collect();
+    for (i, height) in surface.iter_mut().enumerate() {
+        let c = [first[0] + (i / side) as i64, first[1] + (i % side) as i64];
+        if widest.iter().any(|(dy, dx)| is_empty.contains(&[c[0] + dy, c[1] + dx])) {
+            *height = f32::NAN;
+        }
+    }
     let on_ground = |c: [i64; 2]| {
         let mut before = look_up(&surface, c);
         windows.iter().zip(1..).all(|(cells, radius)| {
-            let opened = opened(&surface, c, cells);
+            let opened = opened(&surface, c, cells).min(before);
             let lowered = before - opened;
             before = opened;
             lowered <= (asked.slope * asked.cell * f64::from(radius)) as f32
@@ -179,6 +191,40 @@ fn boxes_crowns_and_strays_are_no_ground_and_hills_are() {
         }
     }
     assert!(wrong[0] * 100 < ground && wrong[1] == 0, "{wrong:?} of {ground}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    /// The data ends as it likes: at any angle, across roofs.
+    #[test]
+    fn a_roof_that_the_end_of_the_data_cuts_is_no_ground(
+        seed in any::<u64>(),
+        turned in 0.0f64..1.6,
+        slope in prop::array::uniform2(-0.1f64..0.1),
+        roof in 3.0f64..9.0,
+        density in 2usize..6,
+    ) {
+        const SIDE: f64 = 60.0;
+        let mut state = seed;
+        let mut next = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / (1u64 << 24) as f64
+        };
+        // A roof along the middle half of one side, as deep as half the widest window.
+        let (mut points, mut is_roof) = (Vec::new(), Vec::new());
+        for _ in 0..SIDE as usize * SIDE as usize * density {
+            let [u, v] = [next() * SIDE, next() * SIDE];
+            let (x, y) = (u * turned.cos() - v * turned.sin(), u * turned.sin() + v * turned.cos());
+            is_roof.push(u < 8.0 && (15.0..45.0).contains(&v));
+            let lift = if is_roof[points.len()] { roof } else { 0.0 };
+            points.push([x, y, slope[0] * x + slope[1] * y + lift + 0.05 * next()]);
+        }
+        let found = verdicts(&points, GroundOptions { window: 18, ..USUAL }, 1 << 26, 2);
+        let count = |roof: bool, ground: bool| is_roof.iter().zip(&found).filter(|at| at == &(&roof, &ground)).count();
+        prop_assert_eq!(count(true, true), 0);
+        prop_assert!(count(false, false) * 50 < count(false, true), "{} of {}", count(false, false), count(false, true));
+    }
 }
 
 #[test]

@@ -1,8 +1,7 @@
 //! Windows round tiles: what a job reads and gives.
 
-use super::fill::{REACH, fill};
-use super::tiles::{Place, TILE, Tiles};
-use crate::error::Result;
+use super::fill::REACH;
+use super::tiles::{Place, TILE};
 use crate::resources::workers::Workers;
 
 /// The part of the budget that the first step's tiles take: one in so many.
@@ -25,13 +24,6 @@ const _: () = assert!(TILE.is_multiple_of(REACH));
 /// The first cell of a window that reaches `beyond` cells farther than a tile.
 pub fn first_cell(place: Place, beyond: usize) -> Place {
     place.map(|at| at * TILE as i64 - beyond as i64)
-}
-
-/// A window round a tile, filled.
-pub fn filled(tiles: &Tiles, place: Place) -> Result<Vec<f32>> {
-    let mut window = tiles.window(first_cell(place, REACH), WINDOW)?;
-    fill(&mut window, WINDOW);
-    Ok(window)
 }
 
 /// The tile in the middle of a window of `side` cells, and `margin` cells round it.

@@ -31,6 +31,7 @@ use crate::format::e57;
 use crate::format::point_format::PointFormat;
 use crate::format::unpack::Unpacking;
 use crate::points::attribute::{Schema, Wanted};
+use crate::points::clip::Clip;
 use crate::points::crs::Crs;
 use crate::points::filter::{Sieve, Verdict};
 use crate::points::seen_from::SeenFrom;
@@ -72,6 +73,8 @@ pub struct Cloud<'a> {
     verdict: Option<Arc<dyn Verdict>>,
     seen_from: SeenFrom,
     crs: Option<Crs>,
+    /// What the first file that tells another system tells, if one was given in its place.
+    overruled: Option<(PathBuf, Crs)>,
     unpacked: u64,
     unpacked_later: u64,
     /// Bytes that were fetched from object stores, of so many.
@@ -122,6 +125,7 @@ impl<'a> Cloud<'a> {
             verdict: None,
             seen_from: options.seen_from.clone(),
             crs: None,
+            overruled: None,
             unpacked: 0,
             unpacked_later: 0,
             fetched: (0, 0),
@@ -154,6 +158,9 @@ impl<'a> Cloud<'a> {
             cloud.formats.push(format);
         }
         if let Some(given) = &options.crs {
+            let other = |crs: &&Crs| given.as_ref().is_some_and(|given| !crs.same_as(given));
+            cloud.overruled = (cloud.sources.iter())
+                .find_map(|source| Some((source.path.clone(), source.crs.as_ref().filter(other)?.clone())));
             cloud.sources.iter_mut().for_each(|source| source.crs.clone_from(given));
         }
         cloud.crs = common_crs(&cloud.sources)?;
@@ -199,6 +206,7 @@ impl<'a> Cloud<'a> {
             verdict: None,
             seen_from: options.seen_from.clone(),
             crs,
+            overruled: None,
             unpacked: 0,
             unpacked_later: 0,
             fetched: (0, 0),
@@ -295,7 +303,10 @@ impl<'a> Cloud<'a> {
             all => format!(" and {} more", all - NAMED),
         };
         Some(match silent.len() {
-            0 => crs.to_string(),
+            0 => match &self.overruled {
+                Some((path, theirs)) => format!("{crs}, as given; {} tells {theirs}", path.display()),
+                None => crs.to_string(),
+            },
             _ => format!("{crs}; taken to be that of {}{more}, too, which do not tell", named.join(", ")),
         })
     }
@@ -307,6 +318,18 @@ impl<'a> Cloud<'a> {
             Sieve::new(&self.filter, self.carried(carried), self.formats.iter().map(|format| format.attributes()));
         let (precision, verdict) = (self.precision, self.verdict.clone());
         Blocks::of(&self.formats, precision, Arc::new(sieve), verdict)
+    }
+
+    /// The polygons that points are clipped by.
+    pub(crate) fn clip(&self) -> Option<&Clip> {
+        self.filter.clip.as_deref()
+    }
+
+    /// A pass over all points, whether they count or not.
+    pub(crate) fn all_blocks(&self) -> Blocks<'_> {
+        let sieve =
+            Sieve::new(&Filter::default(), Schema::default(), self.formats.iter().map(|format| format.attributes()));
+        Blocks::of(&self.formats, self.precision, Arc::new(sieve), None)
     }
 
     /// How many blocks each file has.

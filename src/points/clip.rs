@@ -7,6 +7,7 @@ use robust::{Coord, orient2d};
 use serde_json::Value;
 
 use crate::error::{Error, Result};
+use crate::points::bounds::Bounds;
 use crate::points::crs::Crs;
 use crate::points::unit::Measure;
 
@@ -110,6 +111,18 @@ impl Clip {
             )));
         }
         Ok(())
+    }
+
+    /// That its polygons lie elsewhere than all points, if they do.
+    pub(crate) fn elsewhere(&self, points: &Bounds) -> Option<Error> {
+        let ([[west, south], [east, north]], [a, b, _], [c, d, _]) = (self.bounds, points.min, points.max);
+        let apart = a <= c && (east < a || west > c || north < b || south > d);
+        apart.then(|| Error::Malformed {
+            path: self.path.clone(),
+            place: "polygons".into(),
+            expected: format!("some where the points lie, from {a} {b} to {c} {d}"),
+            found: format!("them from {west} {south} to {east} {north}"),
+        })
     }
 }
 

@@ -16,7 +16,7 @@ use crate::points::filter::Verdict;
 use crate::points::scalar::{Endian, reader};
 use crate::points::unit::Measure;
 use crate::points::{Batch, Points};
-use crate::resources::workers::Workers;
+use crate::resources::workers::{Spares, Workers};
 use crate::run::job::Job;
 use crate::run::phase::Phase;
 use crate::run::progress::{Progress, Warning};
@@ -332,6 +332,8 @@ fn classified(file: AtomicFile, cloud: &Cloud, model: &GroundModel, workers: &Wo
         WRITTEN.map(|name| schema.column(name).map(|column| (column.offset, reader(column.scalar, Endian::NATIVE))));
     let coarse_angles = schema.attributes().iter().any(|a| a.name == "scan_angle" && a.scalar.bytes() == 1);
     let stride = schema.stride();
+    // Handed back to the workers, as in `gather`.
+    let spares = Spares::<Vec<ClassifiedPoint>>::default();
     let work = |batch: &Batch| {
         let verdicts = model.judge(&batch.points)?;
         let of = |number: usize| {
@@ -352,9 +354,16 @@ fn classified(file: AtomicFile, cloud: &Cloud, model: &GroundModel, workers: &Wo
                 time: value(6),
             }
         };
-        Ok((0..batch.points.len()).map(of).collect::<Vec<_>>())
+        let mut points = spares.take().unwrap_or_default();
+        points.clear();
+        points.extend((0..batch.points.len()).map(of));
+        Ok(points)
     };
-    cloud.for_each_batch(workers, in_flight, Carried::Only(&WRITTEN), work, |points| file.append(&points))?;
+    cloud.for_each_batch(workers, in_flight, Carried::Only(&WRITTEN), work, |points| {
+        file.append(&points)?;
+        spares.give(points);
+        Ok(())
+    })?;
     file.filled()
 }
 

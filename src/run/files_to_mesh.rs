@@ -71,18 +71,17 @@ pub fn run(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Repo
     let work = Arc::new(WorkFolder::open(folder)?);
     match run_in(job, Source::Points(Some(&work)), workers, progress) {
         Ok(report) => work.finish(OUTPUT).map(|()| report),
-        // Nothing is there that a run could go on from.
-        Err(error) if !work.has_begun() => Err(work.finish(OUTPUT).err().unwrap_or(error)),
         Err(error) => {
-            if let Error::OutputExists(_) = error {
-                // It is somebody else's: the run that goes on must not take it for its own.
-                work.set_aside(OUTPUT)?;
-            }
             // What is whole stays, whatever ended the run.
-            let settled = work.settle(matches!(error, Error::Interrupted));
-            Err(match error {
-                Error::Interrupted if settled.is_ok() => Error::Suspended(folder.clone()),
-                error => error,
+            let left = work.leave(matches!(error, Error::Interrupted), OUTPUT);
+            Err(match (error, left) {
+                (error @ Error::OutputExists(_), Ok(true) | Err(_)) => {
+                    // It is somebody else's: the run that goes on must not take it for its own.
+                    work.set_aside(OUTPUT)?;
+                    error
+                }
+                (Error::Interrupted, Ok(true)) => Error::Suspended(folder.clone()),
+                (error, _) => error,
             })
         }
     }

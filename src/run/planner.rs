@@ -39,8 +39,11 @@ const PROCESS: u64 = 5 << 20;
 /// What a least budget has beside what its hungriest pass needs.
 const BESIDE: u64 = 2 << 20;
 
-/// Threads that a piece of the surface keeps busy: what stitching does for each slab is a tenth of what its making takes.
-const THREADS_OF_PIECE: usize = 8;
+/// Threads that a piece of the surface keeps busy: what stitching does for each slab is a quarter of what its making takes.
+const THREADS_OF_PIECE: usize = 4;
+
+/// A piece has so many slabs at least: where seams are not clean, several are made twice at its ends.
+const SLABS_OF_PIECE: usize = 24;
 
 /// The smallest chunk of a bucket: whole points of either precision, whole pages of memory and disk.
 const CHUNK: u64 = 12 << 10;
@@ -78,7 +81,8 @@ impl MemoryPlan {
             });
         }
         let threads = threads.max(1);
-        Self::share_out(budget, workload, (threads, threads.div_ceil(THREADS_OF_PIECE)), None)
+        let pieces = threads.div_ceil(THREADS_OF_PIECE).min(workload.slabs().len() / SLABS_OF_PIECE).max(1);
+        Self::share_out(budget, workload, (threads, pieces), None)
     }
 
     /// The same plan, when the faces of all slabs have been counted, with what closing the cells was found to take, if they were closed here: what is not yet given out is shared out anew. Where slabs have no room beside what was kept in
@@ -427,14 +431,15 @@ mod tests {
 
     #[test]
     fn pieces_are_for_many_threads_and_room() {
-        let workload = load(200_000_000, 1085).with_faces(vec![800_000; slab_count(1, 1085) as usize], false);
+        let workload = load(200_000_000, 1600).with_faces(vec![800_000; slab_count(1, 1600) as usize], false);
         let jobs = |budget: u64, threads: usize| {
             MemoryPlan::for_budget(budget, &workload, threads).unwrap().slab_jobs(&workload).unwrap()
         };
-        for threads in [1, 2, 8] {
+        for threads in [1, 2, 4] {
             assert_eq!(jobs(64 << 30, threads).pieces, 1);
         }
-        assert_eq!((jobs(64 << 30, 16).pieces, jobs(64 << 30, 64).pieces), (2, 8));
+        // 80 slabs are enough for three pieces.
+        assert_eq!([8, 16, 64].map(|threads| jobs(64 << 30, threads).pieces), [2, 3, 3]);
         assert_eq!(jobs(MemoryPlan::least(&workload, 64), 64).pieces, 1);
         let (mut pieces, mut before) = (0, jobs(1 << 30, 64));
         for budget in 2..64u64 {

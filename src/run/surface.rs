@@ -37,6 +37,9 @@ use crate::stitch::slab::{Making, SlabMesh};
 use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
 
+/// A piece gives up if of its first seams, so many, none is clean: where few are, much of it would be made for nothing.
+const TRIES: u32 = 3;
+
 /// The finished mesh and what is to be told of its making.
 #[derive(Debug)]
 pub struct Reconstructed {
@@ -225,6 +228,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
     let means = Means {
         workers: &context.workers,
         in_flight: jobs.in_flight(),
+        tries: TRIES,
         stitcher: &unasked,
         make: &make,
         taken: &taken,

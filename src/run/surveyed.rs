@@ -9,6 +9,7 @@ use crate::grid::partition::Slabs;
 use crate::grid::survey::{Density, Survey, Wanted, planes_with_points, seen_from, survey, turned_bounds};
 use crate::input::Cloud;
 use crate::points::Precision;
+use crate::points::unit::Measure;
 use crate::resources::workers::Workers;
 use crate::run::estimate::{EstimateInput, estimate_faces, estimate_open_faces, level_to_expect};
 use crate::run::fineness::{auto_side, default_side};
@@ -113,8 +114,17 @@ pub fn survey_with(
         }
         open => open,
     };
+    let fits = |error| match error {
+        Error::Raster { cells, axis, limit, .. } if cloud.measure() == Some(Measure::Degrees) => Error::Raster {
+            cells,
+            axis,
+            limit,
+            advice: "the coordinates are degrees; reproject the input to metres or feet",
+        },
+        error => error,
+    };
     let grid = match &open {
-        None => Grid::new(survey.points, &survey.bounds, resolution, settings.axis)?,
+        None => Grid::new(survey.points, &survey.bounds, resolution, settings.axis).map_err(fits)?,
         Some(open) => {
             let turn = open.facing.turn(&survey.bounds)?;
             let bounds = match turn {
@@ -124,7 +134,8 @@ pub fn survey_with(
                     turned_bounds(cloud, turn, workers, in_flight, |records| passes.read(records))?
                 }
             };
-            let grid = open.grid(survey.points, &bounds, resolution, settings.axis, settings.surface.smooth)?;
+            let grid =
+                open.grid(survey.points, &bounds, resolution, settings.axis, settings.surface.smooth).map_err(fits)?;
             match turn {
                 Some(turn) => grid.turned(turn),
                 None => grid,

@@ -117,7 +117,7 @@ fn made<T: Coordinate>(
     (looks, means): (u32, &Means<'_, '_, T>),
     arrived: impl Fn(u32) -> Option<usize>,
 ) -> Result<(MeshSpool, Apart)> {
-    let Means { workers, in_flight, stitcher, make, taken, spares } = *means;
+    let Means { workers, in_flight, stitcher, make, taken, spares, .. } = *means;
     let mut stitcher = stitcher(0, &Checkpoint::at(first));
     let (mut marks, mut to) = (Vec::new(), None);
     let mut next = stitcher.next();

@@ -8,10 +8,12 @@
 //! ```
 //!
 //! What the piece above made below the seam at which it is joined is cut off. A clean seam comes out on both sides as it does where stitching begins there, so the mesh, its figures and the
-//! reports of seams are those of one stitcher, whatever the pieces. If no seam is clean in both orders, the piece below goes on to the end: then it is the whole mesh.
+//! reports of seams are those of one stitcher, whatever the pieces. If no seam is clean in both orders, the piece below goes on to the end: then it is the whole mesh. A piece gives up
+//! if none of its first seams is clean but that below it, as much of what it would make may be for nothing: the one below goes on through its slabs.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
@@ -38,6 +40,8 @@ pub struct Means<'m, 'a, T> {
     pub workers: &'m Workers,
     /// Slabs of a piece that exist at a time between their making and their seam.
     pub in_flight: usize,
+    /// A piece gives up if of so many seams above the one that it begins with none is clean.
+    pub tries: u32,
     /// A stitcher that begins at a checkpoint, for piece `.0`.
     pub stitcher: &'m (dyn Fn(usize, &Checkpoint) -> Stitcher<'a, T> + Sync),
     /// Makes a slab.
@@ -55,6 +59,8 @@ enum End {
     Joined { slab: u32, with: usize },
     /// After the last slab.
     Whole,
+    /// As none of its first seams is clean but that below it.
+    GivenUp,
     /// With an error.
     Failed,
 }
@@ -66,6 +72,8 @@ struct Told {
     marks: Vec<Mark>,
     /// The seams below all slabs before this one have been closed.
     closed: u32,
+    /// A piece below is joined to it.
+    is_joined: bool,
     end: Option<End>,
 }
 
@@ -93,6 +101,8 @@ struct Pieces<'m, 'a, T> {
     ranges: &'m [Range<u32>],
     told: Vec<(Mutex<Told>, Condvar)>,
     copies: Copies<T>,
+    /// The slabs that a stitcher has taken.
+    taken: Vec<AtomicBool>,
 }
 
 /// Stitches ranges of slabs that follow each other, from slab 0 on, side by side; the first on the calling thread.
@@ -105,7 +115,8 @@ struct Pieces<'m, 'a, T> {
 pub fn stitch<T: Coordinate>(ranges: &[Range<u32>], means: &Means<'_, '_, T>) -> Result<Stitched> {
     assert!(!ranges.is_empty() && ranges[1..].iter().all(|range| !range.is_empty()), "each piece has a slab");
     let told = ranges.iter().map(|_| Default::default()).collect();
-    let pieces = Pieces { means, ranges, told, copies: Copies::of(ranges) };
+    let taken = (0..slabs_of(ranges)).map(|_| AtomicBool::new(false)).collect();
+    let pieces = Pieces { means, ranges, told, copies: Copies::of(ranges), taken };
     let mut made: Vec<Result<Option<Made>>> = ranges.iter().map(|_| Ok(None)).collect();
     let (first, others) = made.split_first_mut().expect("there is a range");
     std::thread::scope(|scope| {
@@ -153,7 +164,7 @@ fn joined(mut pieces: Vec<Option<Made>>) -> Result<Stitched> {
 }
 
 impl<T: Coordinate> Pieces<'_, '_, T> {
-    /// Makes a piece. None if one above it failed.
+    /// Makes a piece. None if it gave up, or one above it failed.
     fn made(&self, number: usize) -> Result<Option<Made>> {
         let made = defect::caught(|| self.run(number));
         let end = match &made {
@@ -161,44 +172,29 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
             Ok(Some(Made { joined: None, .. })) => End::Whole,
             Ok(None) | Err(_) => End::Failed,
         };
-        self.tell(number, |told| told.end = Some(end));
+        // One that has given up has said so.
+        self.tell(number, |told| _ = told.end.get_or_insert(end));
         made
     }
 
     fn run(&self, number: usize) -> Result<Option<Made>> {
-        let Means { workers, in_flight, stitcher, taken, spares, .. } = *self.means;
-        let Range { start, end } = self.ranges[number].clone();
-        let slabs = self.ranges.last().map_or(0, |range| range.end);
+        let Means { in_flight, tries, stitcher, .. } = *self.means;
+        let (start, slabs) = (self.ranges[number].start, slabs_of(self.ranges));
         let mut stitcher = stitcher(number, &Checkpoint::at(start));
-        let take = |slab: SlabMesh<T>, stitcher: &mut Stitcher<'_, T>| -> Result<Option<Mark>> {
-            let at = stitcher.next();
-            stitcher.add(slab)?.into_iter().for_each(|slab| spares.give(slab));
-            let mark = stitcher.mark();
-            self.tell(number, |told| {
-                told.marks.extend(mark);
-                told.closed = at + 1;
-            });
-            if (start..end).contains(&at) {
-                taken(at);
+        let (mut above, mut mark) = (number + 1, None);
+        if number > 0 {
+            let upto = start.saturating_add(1).saturating_add(tries).min(self.upto(above));
+            mark = self.pass(number, upto, in_flight, &mut stitcher)?;
+            if self.gives_up(number, tries) {
+                return Ok(None);
             }
-            Ok(mark)
-        };
-        let is_last = end == slabs;
-        // The slab above the last one closes the seam between them.
-        let (first, upto) = (stitcher.next(), if is_last { slabs } else { end + 1 });
-        let mut mark = None;
-        workers.in_order_range(
-            in_flight,
-            (upto - first) as usize,
-            |job| self.slab(first + job as u32),
-            |slab| {
-                mark = take(slab, &mut stitcher)?;
-                Ok(())
-            },
-        )?;
-        let mut above = number + 1;
-        if !is_last {
-            loop {
+        }
+        loop {
+            let upto = self.upto(above);
+            if stitcher.next() < upto {
+                mark = self.pass(number, upto, in_flight, &mut stitcher)?;
+            }
+            while above < self.ranges.len() && !self.has_given_up(above) {
                 if let Some(own) = mark {
                     match self.mark_above(&mut above, own.slab)? {
                         Above::Clean(mark) => {
@@ -214,18 +210,58 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
                     break;
                 }
                 // One at a time: it may well be the last.
-                workers.in_order_range(
-                    in_flight.min(2),
-                    1,
-                    |_| (self.means.make)(next),
-                    |slab| {
-                        mark = take(slab, &mut stitcher)?;
-                        Ok(())
-                    },
-                )?;
+                mark = self.pass(number, next + 1, in_flight.min(2), &mut stitcher)?;
             }
+            if stitcher.next() == slabs {
+                return Ok(Some(self.ended(start, stitcher.finish_piece()?, None)));
+            }
+            above += 1;
         }
-        Ok(Some(self.ended(start, stitcher.finish_piece()?, None)))
+    }
+
+    /// The first slab that a piece does not pass over before it looks for a seam at which it can be joined to one above.
+    fn upto(&self, above: usize) -> u32 {
+        // The slab above the last one closes the seam between them.
+        self.ranges.get(above).map_or(slabs_of(self.ranges), |range| range.start + 1)
+    }
+
+    /// Has a piece take all slabs up to one. Gives what the last seam is, if it is clean.
+    fn pass(&self, number: usize, upto: u32, in_flight: usize, stitcher: &mut Stitcher<'_, T>) -> Result<Option<Mark>> {
+        let Means { workers, taken, spares, .. } = *self.means;
+        let first = stitcher.next();
+        let mut mark = None;
+        let take = |slab: SlabMesh<T>| {
+            let at = stitcher.next();
+            stitcher.add(slab)?.into_iter().for_each(|slab| spares.give(slab));
+            mark = stitcher.mark();
+            self.tell(number, |told| {
+                told.marks.extend(mark);
+                told.closed = at + 1;
+            });
+            if !self.taken[at as usize].swap(true, Ordering::Relaxed) {
+                taken(at);
+            }
+            Ok(())
+        };
+        workers.in_order_range(in_flight, (upto - first) as usize, |job| self.slab(first + job as u32), take)?;
+        Ok(mark)
+    }
+
+    /// Whether a piece gives up: of so many seams above where it begins, none is clean, and no piece was joined to it.
+    fn gives_up(&self, number: usize, tries: u32) -> bool {
+        let (told, changed) = &self.told[number];
+        let (mut told, start) = (told.lock().expect(NO_PANIC), self.ranges[number].start);
+        let is_in_vain =
+            told.closed.saturating_sub(start + 1) >= tries && told.marks.iter().all(|mark| mark.slab <= start);
+        if is_in_vain && !told.is_joined && told.end.is_none() {
+            told.end = Some(End::GivenUp);
+            changed.notify_all();
+        }
+        told.end == Some(End::GivenUp)
+    }
+
+    fn has_given_up(&self, number: usize) -> bool {
+        self.told[number].0.lock().expect(NO_PANIC).end == Some(End::GivenUp)
     }
 
     fn ended(&self, first: u32, (stitched, areas): (Stitched, Vec<f64>), joined: Option<(usize, Mark)>) -> Made {
@@ -259,6 +295,7 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
             loop {
                 match told.end {
                     Some(End::Failed) => return Ok(Above::Failed),
+                    Some(End::GivenUp) => return Ok(Above::Dirty),
                     Some(End::Joined { slab: end, with }) if slab >= end => {
                         *above = with;
                         break;
@@ -266,14 +303,20 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
                     _ => {}
                 }
                 if slab < told.closed || told.end == Some(End::Whole) {
-                    let mark = told.marks.iter().find(|mark| mark.slab == slab);
-                    return Ok(mark.map_or(Above::Dirty, |mark| Above::Clean(*mark)));
+                    let mark = told.marks.iter().find(|mark| mark.slab == slab).copied();
+                    told.is_joined |= mark.is_some();
+                    return Ok(mark.map_or(Above::Dirty, Above::Clean));
                 }
                 self.means.workers.check_cancelled()?;
                 told = changed.wait_timeout(told, LOOK).expect(NO_PANIC).0;
             }
         }
     }
+}
+
+/// The number of slabs that ranges have.
+fn slabs_of(ranges: &[Range<u32>]) -> u32 {
+    ranges.last().map_or(0, |range| range.end)
 }
 
 /// What a piece says of a seam.
@@ -286,7 +329,7 @@ enum Above {
 impl<T: Coordinate> Copies<T> {
     /// Of the slabs that each piece passes over: its own, the one before and the one after.
     fn of(ranges: &[Range<u32>]) -> Copies<T> {
-        let slabs = ranges.last().map_or(0, |range| range.end);
+        let slabs = slabs_of(ranges);
         let mut users: BTreeMap<u32, Copied<T>> = BTreeMap::new();
         for boundary in ranges[1..].iter().map(|range| range.start) {
             for number in [boundary - 1, boundary] {
@@ -298,11 +341,11 @@ impl<T: Coordinate> Copies<T> {
         Copies(Mutex::new(users))
     }
 
-    /// A copy of a slab, if one was made; whoever takes one is one user less.
+    /// A copy of a slab, if one was made; whoever takes one is one user less. A piece that goes on past its end may take what another would have.
     fn take(&self, number: u32) -> Option<SlabMesh<T>> {
         let mut copies = self.0.lock().expect(NO_PANIC);
         let (users, copy) = copies.get_mut(&number)?;
-        *users -= 1;
+        *users = users.checked_sub(1)?;
         if *users == 0 { copy.take() } else { copy.clone() }
     }
 

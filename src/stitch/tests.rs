@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use proptest::prelude::*;
 
@@ -221,10 +221,10 @@ impl Stitching<'_> {
             && alone.seams == whole.seams[checkpoint.slab as usize..]
     }
 
-    /// Stitches pieces of the ranges, with slabs that `make` makes.
+    /// Stitches pieces of the ranges, which give up after so many seams, with slabs that `make` makes.
     fn in_pieces(
         &self,
-        ranges: &[Range<u32>],
+        (ranges, tries): (&[Range<u32>], u32),
         workers: &Workers,
         make: &(dyn Fn(u32) -> Result<SlabMesh<f32>> + Sync),
     ) -> Result<Written> {
@@ -232,6 +232,7 @@ impl Stitching<'_> {
         let means = Means {
             workers,
             in_flight: 2,
+            tries,
             stitcher: &|_, from| self.stitcher(from),
             make,
             taken: &|number| taken.lock().unwrap().push(number),
@@ -250,6 +251,7 @@ impl Stitching<'_> {
         let means = Means {
             workers,
             in_flight: 2,
+            tries: u32::MAX,
             stitcher: &|_, from| self.stitcher(from),
             make: &|number| self.slab(number),
             taken: &|_| (),
@@ -378,14 +380,56 @@ fn all_sets_of_boundaries_give_one_mesh() {
                     let starts: Vec<u32> = std::iter::once(0).chain(starts).chain([count]).collect();
                     let ranges: Vec<Range<u32>> = starts.windows(2).map(|pair| pair[0]..pair[1]).collect();
                     dirty += ranges[1..].iter().filter(|range| !whole.seams[range.start as usize - 1].clean).count();
-                    sets += 1;
-                    let found = stitching.in_pieces(&ranges, &workers, &|number| stitching.slab(number)).unwrap();
-                    assert!(found == whole, "{case:?}, {ranges:?}");
+                    for tries in [1, u32::MAX] {
+                        sets += 1;
+                        let of = (&ranges[..], tries);
+                        let found = stitching.in_pieces(of, &workers, &|number| stitching.slab(number)).unwrap();
+                        assert!(found == whole, "{case:?}, {ranges:?}, {tries}");
+                    }
                 }
             });
         }
     }
     assert!(sets > 100 && dirty > 50, "{sets} sets, {dirty} dirty boundaries in them");
+}
+
+/// A piece none of whose first seams is clean gives up, and hardly a slab is made in vain.
+#[test]
+fn a_piece_in_vain_gives_up() {
+    const TRIES: u32 = 2;
+    let workers = Workers::new(2).unwrap();
+    let (mut in_vain, mut saved) = (0, 0);
+    for mut case in cases(5..6, Some(8)) {
+        case.settings.fineness = Fineness::Given(Resolution::Slices(128));
+        Stitching::of(&case, |stitching| {
+            let (whole, _) = stitching.run(&Checkpoint::at(0));
+            let count = stitching.slabs.len() as u32;
+            for start in 1..count {
+                let ranges = [0..start, start..count];
+                let made = |tries: u32| {
+                    let made = AtomicUsize::new(0);
+                    let make = |number: u32| {
+                        made.fetch_add(1, Ordering::Relaxed);
+                        stitching.slab(number)
+                    };
+                    assert!(stitching.in_pieces((&ranges, tries), &workers, &make).unwrap() == whole);
+                    made.into_inner()
+                };
+                // The seam at which it begins is not clean for the lower piece, none of the others for the upper one.
+                let (of_upper, clean) = stitching.run(&Checkpoint::at(start));
+                let is_dirty = !whole.seams[start as usize - 1].clean && clean.iter().all(|one| one.slab <= start);
+                if is_dirty && of_upper.seams.len() > TRIES as usize + 4 {
+                    // The two slabs of the first seam, and one for each of the others.
+                    let most = count as usize + TRIES as usize + 2;
+                    let with = made(TRIES);
+                    assert!(with <= most, "from {start} of {count}: {with} made");
+                    in_vain += 1;
+                    saved += made(u32::MAX) - with;
+                }
+            }
+        });
+    }
+    assert!(in_vain > 2 && saved > in_vain, "{in_vain} in vain, {saved} saved");
 }
 
 /// Of errors, that of the lowest slab is told; panics are errors, and a wish to stop is heard.
@@ -403,7 +447,9 @@ fn pieces_fail_as_one_does() {
                     bad if bad == first || bad == second => Err(Error::Usage(format!("slab {bad}"))),
                     number => stitching.slab(number),
                 };
-                let Err(Error::Usage(told)) = stitching.in_pieces(&ranges, &workers, &make) else { panic!("no error") };
+                let Err(Error::Usage(told)) = stitching.in_pieces((&ranges, u32::MAX), &workers, &make) else {
+                    panic!("no error")
+                };
                 assert_eq!(told, format!("slab {first}"), "and {second}");
             }
             let make = |number: u32| {
@@ -412,7 +458,7 @@ fn pieces_fail_as_one_does() {
                 }
                 stitching.slab(number)
             };
-            let failed = stitching.in_pieces(&ranges, &workers, &make);
+            let failed = stitching.in_pieces((&ranges, u32::MAX), &workers, &make);
             assert!(matches!(failed, Err(Error::Internal(_))), "{failed:?}");
             let make = |number: u32| {
                 if number == first {
@@ -420,7 +466,7 @@ fn pieces_fail_as_one_does() {
                 }
                 stitching.slab(number)
             };
-            let stopped = stitching.in_pieces(&ranges, &workers, &make);
+            let stopped = stitching.in_pieces((&ranges, u32::MAX), &workers, &make);
             workers.cancel_flag().store(false, Ordering::Relaxed);
             // With nothing left to do, the wish comes too late.
             assert!(matches!(stopped, Err(Error::Interrupted)) || first + 2 >= count, "{stopped:?}");

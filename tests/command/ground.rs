@@ -350,5 +350,6 @@ fn points_are_clipped_by_polygons() {
     f.write("deg.json", r#"{"type":"Polygon","coordinates":[[[3,43],[4,43],[4,44],[3,43]]]}"#);
     f.fails("s.xyz --crs EPSG:2154 --clip deg.json -o x.ply", 2, &["deg.json: ", "degrees by their looks"]);
     f.write("far.wkt", "POLYGON((0 0,9 0,9 9,0 0))");
-    f.fails("s.xyz --clip far.wkt -o x.ply", 65, &["no points", "left out by filters"]);
+    f.fails("s.xyz --clip far.wkt -o x.ply", 65, &["far.wkt: polygons: ", "from 0 0 to 9 9", "lie, from 7000"]);
+    f.fails("s.xyz --clip p.wkt --bounds 0,0,9,9 -o x.ply", 65, &["no points", "left out by filters"]);
 }

@@ -11,6 +11,7 @@ use super::fields;
 use crate::error::Result;
 use crate::input::{Cloud, Filter, InputOptions, Opening, Withheld};
 use crate::points::attribute::Wanted;
+use crate::points::crs::Crs;
 use crate::points::unit::{Measure, Unit};
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
@@ -375,6 +376,10 @@ fn reference_systems_are_read_and_must_agree() {
     let line = open(&[&silent, &text]).unwrap().crs_line().unwrap();
     assert!(line.starts_with("EPSG:25832 (somewhere); taken to be that of ") && line.contains("silent.las"), "{line}");
     assert_eq!(open(&[&silent]).unwrap().crs_line(), None);
+    let given = InputOptions { crs: Some(Crs::given("EPSG:25833").unwrap()), ..InputOptions::default() };
+    let line = |path: &PathBuf| Cloud::open(std::slice::from_ref(path), &given).unwrap().crs_line().unwrap();
+    assert!(line(&keys).starts_with("EPSG:25833, as given; ") && line(&keys).ends_with("keys.las tells EPSG:25832"));
+    assert_eq!((line(&silent), line(&other)), ("EPSG:25833".to_owned(), "EPSG:25833".to_owned()));
     let error = open(&[&keys, &silent, &other]).unwrap_err().to_string();
     assert!(
         error.contains("keys.las in EPSG:25832, ") && error.contains("other.las in EPSG:25833 (somewhere)"),

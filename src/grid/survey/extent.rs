@@ -104,10 +104,27 @@ pub fn survey(
         },
     )?;
     if total.points == 0 {
-        return Err(Error::NoPoints { dropped: total.dropped, filtered: total.filtered });
+        return Err(no_points(cloud, total.dropped, total.filtered));
     }
     let density = (wanted == Wanted::Density).then(|| Density::of(&levels.finish(total.points), total.points));
     Ok((total, sketching.finish(), density))
+}
+
+/// Why there are no points: of polygons that lie elsewhere, both places are told.
+fn no_points(cloud: &Cloud, dropped: u64, filtered: u64) -> Error {
+    let elsewhere = cloud.clip().filter(|_| filtered > 0).and_then(|clip| clip.elsewhere(&whole_box(cloud).ok()?));
+    elsewhere.unwrap_or(Error::NoPoints { dropped, filtered })
+}
+
+/// The box of all points, whether they count or not.
+fn whole_box(cloud: &Cloud) -> Result<Bounds> {
+    let (mut blocks, mut batch) = (cloud.all_blocks(), Batch::new(cloud.precision()));
+    let mut bounds = Bounds::EMPTY;
+    while let Some(block) = blocks.next_block()? {
+        block.decode(&mut batch)?;
+        bounds = bounds.union(bounds_of_batch(&batch.points));
+    }
+    Ok(bounds)
 }
 
 fn bounds_of_batch(points: &Points) -> Bounds {

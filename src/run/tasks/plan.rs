@@ -53,9 +53,7 @@ pub fn plan_tasks(
         None => WorkFolder::to_plan(&folder, local)?,
     });
     let planned = plan_in(&work, job, &files, (command, processes), workers, progress);
-    // Where it is not even known what is made, nothing stays.
-    let nothing = planned.is_err() && !work.has_begun();
-    let settled = if nothing { work.finish(PLAN) } else { work.settle(false) };
+    let settled = if planned.is_err() { work.leave(false, PLAN).map(drop) } else { work.settle(false) };
     planned.and(settled)?;
     // Whoever waits for the lock waits no longer.
     drop(work);

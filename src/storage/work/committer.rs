@@ -121,6 +121,7 @@ impl Drop for Committer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::storage::work::WorkFolder;
 
     #[test]
     fn commits_are_made_in_order_until_one_fails() {
@@ -138,6 +139,29 @@ mod tests {
             assert_eq!(told.iter().filter(|told| **told).count() + usize::from(last), 1, "the error is told once");
             assert_eq!(*made.lock().unwrap(), [(0, true), (1, true), (2, true)]);
         }
+    }
+
+    #[test]
+    fn a_run_that_fails_before_its_first_commit_is_made_can_be_gone_on_from() {
+        let dir = tempfile::tempdir().unwrap();
+        let work = WorkFolder::open(dir.path()).unwrap();
+        let (go, wait) = crossbeam_channel::bounded::<()>(0);
+        let slow = move |_| wait.recv().map_err(|_| Error::Usage("nobody lets it go".into()));
+        work.committer().give(Box::new(slow)).unwrap();
+        work.begin(&serde_json::json!({ "k": 4 })).unwrap();
+        let releasing = thread::spawn(move || {
+            thread::sleep(std::time::Duration::from_millis(20));
+            go.send(())
+        });
+        assert!(work.leave(true, "output").unwrap());
+        releasing.join().unwrap().unwrap();
+        drop(work);
+        let work = WorkFolder::open(dir.path()).unwrap();
+        assert!(work.begin(&serde_json::json!({ "k": 5 })).unwrap().is_some());
+        // One of which nothing is known leaves nothing.
+        let empty = dir.path().join("empty");
+        assert!(!WorkFolder::open(&empty).unwrap().leave(true, "output").unwrap());
+        assert!(!empty.exists());
     }
 
     #[test]

@@ -298,9 +298,15 @@ impl WorkFolder {
         let job = serde_json::json!({ "format": FORMAT, "job": job });
         let Some(bytes) = self.contents(JOB)? else {
             let temporary = self.create("job")?;
+            if self.attempt.is_some() {
+                // Nobody else asks for it, and what rests on it is committed after it.
+                let (store, bytes, failed) = (Arc::clone(&self.store), Sealed::bytes(&job), self.failed("write"));
+                let commit = move |durable| name_whole(&*store, &temporary, JOB, &bytes, durable).map_err(failed);
+                return self.committer.give(Box::new(commit)).map(|()| None);
+            }
             match name_whole(&*self.store, &temporary, JOB, &Sealed::bytes(&job), true) {
-                // Where nothing is locked, another may have been first.
-                Err(error) if self.lock.is_none() && error.kind() == io::ErrorKind::AlreadyExists => {}
+                // Another may have been first.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 made => return made.map(|()| None).map_err(self.failed("write")),
             }
             if_there(self.store.remove(&temporary.name)).map_err(self.failed("remove"))?;
@@ -418,10 +424,13 @@ impl WorkFolder {
     /// [`Error::Io`].
     pub fn set_aside(&self, phase: &str) -> Result<()> {
         let (name, aside) = (manifest_of(phase), format!("{DONE}/{phase}.bad"));
-        let moved = if_there(self.store.remove(&aside))
-            .and_then(|()| if_there(self.store.link(&name, &aside)))
-            .and_then(|()| if_there(self.store.remove(&name)))
-            .and_then(|()| self.store.sync_names(DONE));
+        let moved = if_there(self.store.remove(&aside)).and_then(|()| match self.store.link(&name, &aside) {
+            // Where nothing was, nothing has to become durable.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            linked => {
+                linked.and_then(|()| if_there(self.store.remove(&name))).and_then(|()| self.store.sync_names(DONE))
+            }
+        });
         moved.map_err(self.failed("rename"))
     }
 
@@ -489,9 +498,13 @@ impl WorkFolder {
         self.committer.settle(quick)
     }
 
-    /// Whether it is known what is made here.
-    pub fn has_begun(&self) -> bool {
-        !matches!(self.contents(JOB), Ok(None))
+    /// Ends a run that failed: commits are made, as by [`Self::settle`]. If what is made here is not known even then, nothing stays, as by [`Self::finish`]. Returns whether a run can go on from here.
+    ///
+    /// # Errors
+    /// [`Error::Io`], of an earlier commit, too.
+    pub fn leave(&self, quick: bool, last: &str) -> Result<bool> {
+        let (settled, is_known) = (self.settle(quick), !matches!(self.contents(JOB), Ok(None)));
+        if is_known { Ok(()) } else { self.finish(last) }.and(settled).map(|()| is_known)
     }
 
     /// Ends the run: nothing of it is needed any more. The folder goes, too, if it can; the manifest of phase `last` goes when all others are gone.
