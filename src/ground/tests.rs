@@ -9,7 +9,8 @@ use crate::input::{Arrays, InputOptions, PointSlice};
 use crate::points::Points;
 use crate::points::filter::Verdict;
 
-const USUAL: GroundOptions = GroundOptions { cell: 1.0, window: 4, slope: 0.15, pit: 5.0, near: 0.3, scaling: 0.6 };
+const USUAL: GroundOptions =
+    GroundOptions { cell: 1.0, window: 4, hole: 4, slope: 0.15, storey: 2.7, pit: 5.0, near: 0.3, scaling: 0.6 };
 
 /// The verdicts on points, with so much memory and so many threads.
 fn verdicts(points: &[[f64; 3]], asked: GroundOptions, budget: u64, threads: usize) -> Vec<bool> {
@@ -94,7 +95,7 @@ fn twin(points: &[[f64; 3]], asked: GroundOptions) -> Vec<bool> {
     let windows: Vec<Vec<(i64, i64)>> = (1..=asked.window).map(window).collect();
     let mut surface = whole(&sunk);
     // Nothing is known of cells that lie in a window without points.
-    let widest = windows.last().unwrap();
+    let widest = window(asked.hole);
     let is_empty: HashSet<[i64; 2]> = (0..side * side)
         .map(|i| [first[0] + (i / side) as i64, first[1] + (i % side) as i64])
         .filter(|c| widest.iter().all(|(dy, dx)| !sunk.contains_key(&[c[0] + dy, c[1] + dx])))
@@ -111,7 +112,7 @@ fn twin(points: &[[f64; 3]], asked: GroundOptions) -> Vec<bool> {
             let opened = opened(&surface, c, cells).min(before);
             let lowered = before - opened;
             before = opened;
-            lowered <= (asked.slope * asked.cell * f64::from(radius)) as f32
+            lowered <= (asked.slope * asked.cell * f64::from(radius)).min(asked.storey) as f32
         })
     };
     let ground: HashMap<[i64; 2], f32> =
@@ -164,10 +165,12 @@ proptest! {
         extent in 5.0f64..200.0,
         corner in prop::array::uniform2(-150.0f64..150.0),
         window in 1u32..5,
+        hole in 1u32..7,
+        storey in 0.1f64..1.0,
         budget in 0u64..(8 << 20),
     ) {
         let points = scene(count, seed, extent, corner);
-        let asked = GroundOptions { window, ..USUAL };
+        let asked = GroundOptions { window, hole, storey, ..USUAL };
         let expected = twin(&points, asked);
         prop_assert_eq!(&verdicts(&points, asked, budget.max(SHARE * tiles::TILE_BYTES), 2), &expected);
         prop_assert_eq!(&verdicts(&points, asked, 1 << 30, 1), &expected);
@@ -220,8 +223,41 @@ proptest! {
             let lift = if is_roof[points.len()] { roof } else { 0.0 };
             points.push([x, y, slope[0] * x + slope[1] * y + lift + 0.05 * next()]);
         }
-        let found = verdicts(&points, GroundOptions { window: 18, ..USUAL }, 1 << 26, 2);
+        let found = verdicts(&points, GroundOptions { window: 18, hole: 18, ..USUAL }, 1 << 26, 2);
         let count = |roof: bool, ground: bool| is_roof.iter().zip(&found).filter(|at| at == &(&roof, &ground)).count();
+        prop_assert_eq!(count(true, true), 0);
+        prop_assert!(count(false, false) * 50 < count(false, true), "{} of {}", count(false, false), count(false, true));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8))]
+
+    /// Halls narrower than the widest window and higher than two storeys, at any angle, on slopes. Of lower ones, cells that are filled along a wall can be half as high, and the fall comes in two steps.
+    #[test]
+    fn a_hall_is_no_ground(
+        seed in any::<u64>(),
+        turned in 0.0f64..1.6,
+        slope in prop::array::uniform2(-0.05f64..0.05),
+        hall in 6.0f64..14.0,
+        width in 10.0f64..60.0,
+    ) {
+        const SIDE: f64 = 160.0;
+        let mut state = seed;
+        let mut next = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / (1u64 << 24) as f64
+        };
+        let (mut points, mut is_hall) = (Vec::new(), Vec::new());
+        for _ in 0..SIDE as usize * SIDE as usize * 2 {
+            let [u, v] = [next(), next()].map(|at| (at - 0.5) * SIDE);
+            let (x, y) = (u * turned.cos() - v * turned.sin(), u * turned.sin() + v * turned.cos());
+            is_hall.push(u.abs() < width / 2.0 && v.abs() < 45.0);
+            let lift = if is_hall[points.len()] { hall } else { 0.0 };
+            points.push([x, y, slope[0] * x + slope[1] * y + lift + 0.05 * next()]);
+        }
+        let found = verdicts(&points, GroundOptions { window: 40, hole: 18, ..USUAL }, 1 << 26, 2);
+        let count = |hall: bool, ground: bool| is_hall.iter().zip(&found).filter(|at| at == &(&hall, &ground)).count();
         prop_assert_eq!(count(true, true), 0);
         prop_assert!(count(false, false) * 50 < count(false, true), "{} of {}", count(false, false), count(false, true));
     }
