@@ -99,7 +99,7 @@ impl Found {
             Ok(made)
         };
         let sunk = step(&self.lowest, &|tiles, place| without_pits(tiles, place, asked.pit as f32))?;
-        // What a hole holds that is wider stays unknown. If it were filled, a roof that the data's end cuts would go on beyond it and sink slowly there, and no window would see a step.
+        // Wider holes stay unknown, and so does what lies beyond the end of the data. Filled from a roof that the end cuts, the roof would go on there and sink slowly, and no window would see a step.
         let whole = step(&sunk, &|tiles, place| small_holes_filled(tiles, place, asked.hole))?;
         let ground = step(&whole, &|tiles, place| {
             let own = sunk.window(first_cell(place, 0), TILE)?;

@@ -1,50 +1,57 @@
 //! Morphological opening of heights with growing windows: the highest surface under which a window of that size fits everywhere.
 //!
-//! Window r is the cell and r steps from it, by turns to the four neighbours (odd steps) and the eight (even ones): an octagon. Each window is thus made of the one before,
-//! so that a larger one never leaves more; and one more step takes one pass over the cells.
+//! Window r is the cell and r steps from it, by turns to the four neighbours (odd steps) and the eight (even ones): an octagon. Each window is thus made of the one before
+//! in one pass over the cells.
 
 /// Lowers the middle of `heights`, rows of `width` cells, to the surfaces under windows 1, 2, … `most`, and shows each to `seen`. The middle is what lies 2 `most` cells from all ends. What is
 /// not known is NaN, hinders no window, is no window's middle, and stays so. No surface is higher than that before it.
 ///
 /// ```text
-///  .------------------------------.
-///  |   eroded: heights            |    for window r, only what lies r cells from the middle is dilated
-///  |    .------------------.      |
-///  |    |  dilated         |      |
-///  |    |    .--------.    |      |
-///  |    | r  | middle | r  |      |
+///  .--------------------------.
+///  | eroded: all              |
+///  |   .------------------.   |
+///  |   | dilated          |   |    for window r, only what lies r cells from the middle is dilated
+///  |   |    .--------.    |   |
+///  |   | r  | middle |    |   |
+///  |   |    '--------'    |   |
+///  |   '------------------'   |
+///  '--------------------------'
 /// ```
 pub fn open(heights: &[f32], width: usize, most: u32, mut seen: impl FnMut(u32, &[f32])) {
-    let part = |cells: &[f32], margin: usize| -> Vec<f32> {
-        let first = 2 * most as usize - margin;
-        let rows = cells.chunks_exact(width).skip(first).take(cells.len() / width - 2 * first);
-        rows.flat_map(|row| row[first..width - first].iter().copied()).collect()
-    };
+    let ends = 2 * most as usize;
     let mut eroded: Vec<f32> =
         heights.iter().map(|height| if height.is_nan() { f32::INFINITY } else { *height }).collect();
-    let (mut rows, mut surface) = (vec![0.0; heights.len()], part(heights, 0));
+    let (mut rows, mut surface) = (vec![0.0; heights.len()], without_ends(heights, width, ends));
     for window in 1..=most {
         step(&mut eroded, &mut rows, width, window, f32::INFINITY, |a, b| if b < a { b } else { a });
         let margin = window as usize;
-        let mut opened = part(&eroded, margin);
+        let mut opened = without_ends(&eroded, width, ends - margin);
         // No window has its middle where nothing is known: one that hangs over the end of the data would fit on what lies along it.
-        for (opened, _) in opened.iter_mut().zip(part(heights, margin)).filter(|(_, height)| height.is_nan()) {
+        for (opened, _) in
+            opened.iter_mut().zip(without_ends(heights, width, ends - margin)).filter(|(_, height)| height.is_nan())
+        {
             *opened = f32::NEG_INFINITY;
         }
-        let across = width - 4 * most as usize + 2 * margin;
+        let across = width - 2 * (ends - margin);
         let spare = &mut rows[..opened.len()];
         for window in 1..=window {
             step(&mut opened, spare, across, window, f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
         }
-        let middle = opened.chunks_exact(across).skip(margin).flat_map(|row| &row[margin..across - margin]);
+        let middle = without_ends(&opened, across, margin);
         // The middles of a larger window's parts need not be known, so it could leave more.
         for (lower, opened) in surface.iter_mut().zip(middle) {
-            if *opened < *lower {
-                *lower = *opened;
+            if opened < *lower {
+                *lower = opened;
             }
         }
         seen(window, &surface);
     }
+}
+
+/// What lies so many cells from all ends of rows of `width` cells.
+fn without_ends(cells: &[f32], width: usize, ends: usize) -> Vec<f32> {
+    let rows = cells.chunks_exact(width).skip(ends).take(cells.len() / width - 2 * ends);
+    rows.flat_map(|row| row[ends..width - ends].iter().copied()).collect()
 }
 
 /// The surface under one window, of heights that are all known.
@@ -135,12 +142,6 @@ mod tests {
             .collect()
     }
 
-    /// What lies so many cells from all ends.
-    fn middle(cells: &[f32], width: usize, margin: usize) -> Vec<f32> {
-        let rows = cells.chunks_exact(width).skip(margin).take(cells.len() / width - 2 * margin);
-        rows.flat_map(|row| row[margin..width - margin].to_vec()).collect()
-    }
-
     proptest! {
         #[test]
         fn as_its_definition_says_and_never_more_than_a_smaller_window(
@@ -150,11 +151,11 @@ mod tests {
                 (Just(most), Just(width), prop::collection::vec(height, width * rows))
             }),
         ) {
-            let mut before = middle(&heights, width, 2 * most as usize);
+            let mut before = without_ends(&heights, width, 2 * most as usize);
             let mut windows = 0;
             open(&heights, width, most, |window, found| {
                 windows += 1;
-                let lower = middle(&opened(&heights, width, window), width, 2 * most as usize);
+                let lower = without_ends(&opened(&heights, width, window), width, 2 * most as usize);
                 let expected: Vec<f32> = lower.iter().zip(&before).map(|(now, before)| if now < before { *now } else { *before }).collect();
                 assert_eq!(found.iter().map(|h| h.to_bits()).collect::<Vec<_>>(), expected.iter().map(|h| h.to_bits()).collect::<Vec<_>>());
                 before.copy_from_slice(found);

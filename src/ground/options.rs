@@ -11,7 +11,7 @@ pub struct GroundOptions {
     pub hole: u32,
     /// The steepest ground, as rise over run.
     pub slope: f64,
-    /// A step that no ground has, whatever the window: a storey.
+    /// The highest step that ground can have from one window to the next, whatever the window: a storey.
     pub storey: f64,
     /// A cell lies in a pit if it is so far below all its neighbours: a stray point below the ground.
     pub pit: f64,

@@ -28,7 +28,7 @@ impl WorkFolder {
         // Manifests first: what they name must be there for as long as they are.
         for folder in [DONE, DATA] {
             let names = self.store.list(folder).map_err(self.failed("read the folder"))?;
-            // For a file that is as long as the points, the system takes a good part of a second.
+            // Side by side: of a file that is as long as the points, the system needs a good part of a second to take the name away.
             names
                 .into_par_iter()
                 .map(|name| format!("{folder}/{name}"))
