@@ -215,13 +215,6 @@ def errors(found, truth):
     return [100 * np.mean(~found[truth]), 100 * np.mean(found[~truth]), 100 * np.mean(found != truth)]
 
 
-def ground_height(places):
-    """Heights of a triangulation of the places, in the middles of squares of a metre."""
-    import numpy as np
-
-    return lambda middles: triangulated(places, np.column_stack([middles, np.zeros(len(middles))]))
-
-
 def apart(found, truth, places):
     """How far the triangulations of two sets of the places lie apart: root mean square and 95 %, where both are."""
     import numpy as np
@@ -230,7 +223,8 @@ def apart(found, truth, places):
         return ["–", "–"]
     low, high = np.floor(places[:, :2].min(axis=0)), np.ceil(places[:, :2].max(axis=0))
     middles = np.stack(np.meshgrid(*(np.arange(a, b) + 0.5 for a, b in zip(low, high))), axis=-1).reshape(-1, 2)
-    off = np.abs(ground_height(places[found])(middles) - ground_height(places[truth])(middles))
+    middles = np.column_stack([middles, np.zeros(len(middles))])
+    off = np.abs(triangulated(places[found], middles) - triangulated(places[truth], middles))
     off = off[np.isfinite(off)]
     return [f"{np.sqrt((off**2).mean()):.3f}", f"{np.quantile(off, 0.95):.3f}"]
 

@@ -99,8 +99,8 @@ impl Found {
             Ok(made)
         };
         let sunk = step(&self.lowest, &|tiles, place| without_pits(tiles, place, asked.pit as f32))?;
-        // What a window without points holds stays unknown. If it were filled, a roof that the data's end cuts would go on beyond it and sink slowly there, and no window would see a step.
-        let whole = step(&sunk, &|tiles, place| small_holes_filled(tiles, place, asked.window))?;
+        // Wider holes stay unknown, and so does what lies beyond the end of the data. Filled from a roof that the end cuts, the roof would go on there and sink slowly, and no window would see a step.
+        let whole = step(&sunk, &|tiles, place| small_holes_filled(tiles, place, asked.hole))?;
         let ground = step(&whole, &|tiles, place| {
             let own = sunk.window(first_cell(place, 0), TILE)?;
             on_ground(tiles, place, own, asked)
@@ -112,8 +112,8 @@ impl Found {
 
 /// A tile without what lies in a pit: so much lower than a closing with its neighbours leaves it. What is filled beside a pit is filled with it, and no lower.
 fn without_pits(tiles: &Tiles, place: Place, pit: f32) -> Result<Vec<f32>> {
-    // Twice the window's radius, and one.
-    const MARGIN: usize = 3;
+    // Twice the window's radius.
+    const MARGIN: usize = 2;
     let side = TILE + 2 * MARGIN;
     let window = tiles.window(first_cell(place, REACH), WINDOW)?;
     let mut own = middle(&window, WINDOW, 0);
@@ -121,7 +121,7 @@ fn without_pits(tiles: &Tiles, place: Place, pit: f32) -> Result<Vec<f32>> {
     fill(&mut whole, WINDOW);
     let upside_down: Vec<f32> = middle(&whole, WINDOW, MARGIN).iter().map(|height| -height).collect();
     open(&upside_down, side, 1, |_, closed| {
-        for (own, closed) in own.iter_mut().zip(middle(closed, side, 0)) {
+        for (own, closed) in own.iter_mut().zip(closed) {
             if -closed - *own > pit {
                 *own = f32::NAN;
             }
@@ -137,14 +137,13 @@ fn on_ground(whole: &Tiles, place: Place, mut own: Vec<f32>, asked: GroundOption
     let window = whole.window(first_cell(place, margin), side)?;
     let mut before = middle(&window, side, 0);
     open(&window, side, asked.window, |radius, opened| {
-        let opened = middle(opened, side, 0);
-        let most = (asked.slope * asked.cell * f64::from(radius)) as f32;
-        for ((own, before), opened) in own.iter_mut().zip(&before).zip(&opened) {
-            if before - opened > most {
+        let most = (asked.slope * asked.cell * f64::from(radius)).min(asked.storey) as f32;
+        for ((own, before), opened) in own.iter_mut().zip(&mut before).zip(opened) {
+            if *before - opened > most {
                 *own = f32::NAN;
             }
+            *before = *opened;
         }
-        before = opened;
     });
     Ok(own)
 }

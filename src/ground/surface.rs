@@ -36,7 +36,7 @@ pub fn without_small_holes(
     Ok(out)
 }
 
-/// A tile of [`without_small_holes`]. No radius is larger than [`MOST`].
+/// A tile of [`without_small_holes`]. A radius above [`MOST`] counts as [`MOST`].
 pub(super) fn small_holes_filled(heights: &Tiles, place: Place, radius: u32) -> Result<Vec<f32>> {
     let radius = radius.min(MOST);
     let mut window = heights.window(first_cell(place, REACH), WINDOW)?;

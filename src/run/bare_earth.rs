@@ -145,19 +145,21 @@ const JUDGING: u64 = 4 << 20;
 
 /// The memory that is left for all else, of a budget, where points are judged.
 pub(crate) fn budget_beside(settings: &Settings, budget: u64, workers: &Workers) -> u64 {
-    match is_asked(settings) {
-        true => budget.saturating_sub(JUDGING * workers.threads() as u64),
-        false => budget,
-    }
+    budget.saturating_sub(judging(settings, workers))
+}
+
+/// The memory that judging points takes, if they are judged.
+fn judging(settings: &Settings, workers: &Workers) -> u64 {
+    if is_asked(settings) { JUDGING * workers.threads() as u64 } else { 0 }
 }
 
 /// An error of what has the budget that [`budget_beside`] leaves: the figures of a refusal are those of the whole.
 pub(crate) fn of_whole_budget(error: Error, settings: &Settings, budget: u64, workers: &Workers) -> Error {
-    let beside = budget - budget_beside(settings, budget, workers);
+    let judging = judging(settings, workers);
     match error {
-        Error::Budget { given, needed, what } => Error::Budget {
-            given: given + beside,
-            needed: ByteSize((needed.0 + beside).next_multiple_of(1 << 20)),
+        Error::Budget { needed, what, .. } if judging > 0 => Error::Budget {
+            given: ByteSize(budget),
+            needed: ByteSize((needed.0 + judging).next_multiple_of(1 << 20)),
             what,
         },
         other => other,

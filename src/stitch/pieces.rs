@@ -77,7 +77,7 @@ struct Told {
     end: Option<End>,
 }
 
-/// What became of a piece.
+/// What a piece made.
 struct Made {
     /// The slab that it began with.
     first: u32,

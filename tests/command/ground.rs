@@ -64,6 +64,22 @@ fn the_filter_tells_the_ground_and_its_verdicts_tell_it_again() {
     assert_eq!(&tally["classification"], classes);
 }
 
+/// Points are judged while all else goes on, for which the least budget has room, however little was given.
+#[test]
+fn the_budget_that_a_refusal_names_is_enough() {
+    let f = Folder::new();
+    f.write("s.xyz", scene());
+    for threads in [1, 2, 5] {
+        let run = format!(
+            "s.xyz --surface ground --crs EPSG:2154 --write-classes c.laz --dtm d.tif -o g.ply --overwrite -j {threads}"
+        );
+        let refused = f.run(&format!("{run} --max-memory 1M"));
+        let (_, least) = refused.err.split_once("pass --max-memory ").unwrap_or_else(|| panic!("{}", refused.err));
+        let (least, _) = least.split_once(' ').unwrap();
+        f.ok(&format!("{run} --max-memory {least}"));
+    }
+}
+
 /// Buildings alone have a lowest surface, too, which is not the ground.
 #[test]
 fn classes_without_ground_are_told() {

@@ -15,6 +15,7 @@
 //! names is nothing, and goes when the next run opens the folder. A manifest is never written over; one whose files are damaged is set aside under the ending `.bad`.
 
 pub mod committer;
+mod ending;
 pub mod journal;
 pub mod log;
 pub mod objects;
@@ -496,45 +497,6 @@ impl WorkFolder {
     /// [`Error::Io`].
     pub fn settle(&self, quick: bool) -> Result<()> {
         self.committer.settle(quick)
-    }
-
-    /// Ends a run that failed: commits are made, as by [`Self::settle`]. If what is made here is not known even then, nothing stays, as by [`Self::finish`]. Returns whether a run can go on from here.
-    ///
-    /// # Errors
-    /// [`Error::Io`], of an earlier commit, too.
-    pub fn leave(&self, quick: bool, last: &str) -> Result<bool> {
-        let (settled, is_known) = (self.settle(quick), !matches!(self.contents(JOB), Ok(None)));
-        if is_known { Ok(()) } else { self.finish(last) }.and(settled).map(|()| is_known)
-    }
-
-    /// Ends the run: nothing of it is needed any more. The folder goes, too, if it can; the manifest of phase `last` goes when all others are gone.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn finish(&self, last: &str) -> Result<()> {
-        self.committer.settle(true)?;
-        if self.is_remote() {
-            // Others may be at work there, which nothing tells.
-            return Ok(());
-        }
-        // Manifests first: what they name must be there for as long as they are.
-        for folder in [DONE, DATA] {
-            for name in self.store.list(folder).map_err(self.failed("read the folder"))? {
-                let name = format!("{folder}/{name}");
-                if name != manifest_of(last) {
-                    self.store.remove(&name).map_err(self.failed("remove"))?;
-                }
-            }
-        }
-        for name in [JOB, &manifest_of(last)] {
-            if_there(self.store.remove(name)).map_err(self.failed("remove"))?;
-        }
-        if self.lock.is_some() {
-            let folders = [self.path.join(DONE), self.path.join(DATA)];
-            let _ = folders.iter().try_for_each(std::fs::remove_dir);
-            let _ = std::fs::remove_file(self.path.join(LOCK)).and_then(|()| std::fs::remove_dir(&self.path));
-        }
-        Ok(())
     }
 
     /// All of a small file, if there is one.
