@@ -104,31 +104,45 @@ fn borders(field: &Field<'_>, of: &[u32], count: u32) -> Vec<Border> {
     of.par_chunks(slice).enumerate().fold(none, add).reduce(none, both)
 }
 
+/// How many layers of cells beside walls belong to the part that they lie on. Beside a wall askew to all axes there are three.
+///
+/// ```text
+///   i i i i i i i       i: beside no wall, so that it holds the part together
+///   3 3 2 2 1 1 1       1, 2, 3: beside a wall (one of the 26 round it is occupied), in the round that takes them
+///   # 3 3 3 2 2 2
+///   . # # # 3 3 3
+/// ```
+const LAYERS: usize = 3;
+
 /// Parts of the components of what is `inside`, numbered from 1 on, and how many there are. They hang together by faces of cells that lie beside no wall, so that what leads through a
-/// hole between samples parts them; cells beside walls belong to the first part next to them, and what has no other cells is a part of its own.
+/// hole between samples parts them. [`LAYERS`] times, cells beside walls join the first part next to them. What is left then are parts of its own.
 fn parts(field: &Field<'_>, inside: &[bool]) -> (Vec<u32>, u32) {
     let core: Vec<bool> = inside.iter().zip(&field.lined).map(|(inside, lined)| inside & !lined).collect();
     let (mut of, count) = numbered(field.block, &core);
-    let nearest = |cell: usize| {
-        if !(inside[cell] & field.lined[cell]) {
-            return None;
+    let cells = (0..of.len()).into_par_iter().with_min_len(ALONE);
+    let mut left: Vec<usize> = cells.filter(|&cell| inside[cell] & field.lined[cell]).collect();
+    for _ in 0..LAYERS {
+        let nearest = |&cell: &usize| {
+            let beside = field.block.beside(cell).into_iter().map(|next| of[next]);
+            (cell, beside.filter(|number| *number != 0).min())
+        };
+        let found: Vec<(usize, Option<u32>)> = left.par_iter().with_min_len(ALONE).map(nearest).collect();
+        left.clear();
+        for (cell, number) in found {
+            match number {
+                Some(number) => of[cell] = number,
+                None => left.push(cell),
+            }
         }
-        let beside = field.block.beside(cell).into_iter().map(|next| of[next]).filter(|number| *number != 0);
-        Some((cell, beside.min().unwrap_or(0)))
-    };
-    let lined: Vec<(usize, u32)> = (0..of.len()).into_par_iter().with_min_len(ALONE).filter_map(nearest).collect();
-    let alone = |number: &u32| *number == 0;
-    if lined.iter().any(|(_, number)| alone(number)) {
-        let mut left = vec![false; of.len()];
-        lined.iter().filter(|(_, number)| alone(number)).for_each(|(cell, _)| left[*cell] = true);
-        let (others, more) = numbered(field.block, &left);
-        let all =
-            lined.iter().map(|&(cell, number)| (cell, if alone(&number) { count + others[cell] } else { number }));
-        all.for_each(|(cell, number)| of[cell] = number);
-        return (of, count + more);
     }
-    lined.into_iter().for_each(|(cell, number)| of[cell] = number);
-    (of, count)
+    if left.is_empty() {
+        return (of, count);
+    }
+    let mut alone = vec![false; of.len()];
+    left.iter().for_each(|&cell| alone[cell] = true);
+    let (others, more) = numbered(field.block, &alone);
+    left.iter().for_each(|&cell| of[cell] = count + others[cell]);
+    (of, count + more)
 }
 
 /// The number of cells that one thread takes at a time.
