@@ -43,19 +43,14 @@ pub struct Sheets<'a> {
     pub factor: u32,
 }
 
-/// The plane that a wall's occupied cells lie in.
-#[derive(Debug, Clone, Copy, Default)]
-struct Plane {
-    /// The middle of the cells, in cells of the grid.
-    middle: [f64; 3],
-    normal: [f64; 3],
-}
+/// The sum of a wall's occupied cells, in cells of the grid, and how many there are.
+type Sum = ([u64; 3], u64);
 
 /// The planes of walls, and how far from a plane's middle and from the plane a cell lies in it.
 struct Planes<'a> {
     sheets: Sheets<'a>,
-    /// One for each wall.
-    planes: Vec<Plane>,
+    /// What the middle of each wall comes from.
+    sums: Vec<Sum>,
     along: f64,
     across: f64,
     /// How many cells of the level off a wall may be.
@@ -83,9 +78,7 @@ impl Sheets<'_> {
         }
         Ok(())
     }
-}
 
-impl Sheets<'_> {
     /// Which walls have a cell from `first` on and before `end`.
     fn within(&self, first: u32, end: u32) -> std::ops::Range<usize> {
         let at = |cell: u32| self.walls.partition_point(|wall| wall.cell < cell);
@@ -94,7 +87,7 @@ impl Sheets<'_> {
 
     /// The planes of the walls, for sheets whose gaps a ball of radius `between` spans.
     fn planes(&self, between: f64, occupancy: &Occupancy, context: &Context) -> Result<Planes<'_>> {
-        let mut sums = vec![([0u64; 3], 0u64); self.walls.len()];
+        let mut sums: Vec<Sum> = vec![([0; 3], 0); self.walls.len()];
         let mut runs = Runs::default();
         for y in 0..occupancy.cells[1] {
             context.workers.check_cancelled()?;
@@ -116,18 +109,13 @@ impl Sheets<'_> {
                 }
             }
         }
-        let plane = |(wall, (sum, count)): (&SheetWall, ([u64; 3], u64))| Plane {
-            middle: sum.map(|sum| sum as f64 / count.max(1) as f64),
-            normal: wall.normal.map(f64::from),
-        };
-        let planes = self.walls.iter().zip(sums).map(plane).collect();
         let factor = f64::from(self.factor);
         let along = between + factor;
         // A wall's middle lies in its cell.
         let reach = (along / factor) as i64 + 1;
         let mut rows: Vec<[i64; 2]> = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |z| [y, z])).collect();
         rows.sort_by_key(|[y, z]| y * y + z * z);
-        Ok(Planes { sheets: *self, planes, along, across: (1.0 + factor) / 2.0, reach, rows })
+        Ok(Planes { sheets: *self, sums, along, across: (1.0 + factor) / 2.0, reach, rows })
     }
 }
 
@@ -177,15 +165,16 @@ impl Planes<'_> {
     fn hold(&self, cell: [i64; 3]) -> bool {
         let Sheets { block, factor, .. } = self.sheets;
         let [x, y, z] = cell.map(|c| c / i64::from(factor));
-        let near = |plane: &Plane| {
-            let d: [f64; 3] = [0, 1, 2].map(|a| cell[a] as f64 - plane.middle[a]);
-            let dot = |b: &[f64; 3]| d[0] * b[0] + d[1] * b[1] + d[2] * b[2];
-            dot(&d) <= self.along * self.along && dot(&plane.normal).abs() <= self.across
+        let near = |wall: usize| {
+            let (sum, count) = self.sums[wall];
+            let d: [f64; 3] = [0, 1, 2].map(|a| cell[a] as f64 - sum[a] as f64 / count as f64);
+            let dot = |b: [f64; 3]| d[0] * b[0] + d[1] * b[1] + d[2] * b[2];
+            dot(d) <= self.along * self.along && dot(self.sheets.walls[wall].normal.map(f64::from)).abs() <= self.across
         };
         self.rows.iter().any(|&[dy, dz]| {
             let [first, end] = [x - self.reach, x + self.reach + 1].map(|x| x.clamp(0, i64::from(block.cells[0])));
             let row = block.at([first, y + dy, z + dz]).map(|first| first as u32);
-            row.is_some_and(|row| self.planes[self.sheets.within(row, row + (end - first) as u32)].iter().any(near))
+            row.is_some_and(|row| self.sheets.within(row, row + (end - first) as u32).any(near))
         })
     }
 

@@ -119,29 +119,25 @@ const LAYERS: usize = 3;
 fn parts(field: &Field<'_>, inside: &[bool]) -> (Vec<u32>, u32) {
     let core: Vec<bool> = inside.iter().zip(&field.lined).map(|(inside, lined)| inside & !lined).collect();
     let (mut of, count) = numbered(field.block, &core);
-    let cells = (0..of.len()).into_par_iter().with_min_len(ALONE);
-    let mut left: Vec<usize> = cells.filter(|&cell| inside[cell] & field.lined[cell]).collect();
+    let cells = (0..of.len() as u32).into_par_iter().with_min_len(ALONE);
+    let mut left: Vec<u32> = cells.filter(|&cell| inside[cell as usize] & field.lined[cell as usize]).collect();
     for _ in 0..LAYERS {
-        let nearest = |&cell: &usize| {
-            let beside = field.block.beside(cell).into_iter().map(|next| of[next]);
-            (cell, beside.filter(|number| *number != 0).min())
+        let first_beside = |&cell: &u32| {
+            let beside = field.block.beside(cell as usize).into_iter().map(|next| of[next]);
+            beside.filter(|number| *number != 0).min().unwrap_or(0)
         };
-        let found: Vec<(usize, Option<u32>)> = left.par_iter().with_min_len(ALONE).map(nearest).collect();
-        left.clear();
-        for (cell, number) in found {
-            match number {
-                Some(number) => of[cell] = number,
-                None => left.push(cell),
-            }
-        }
+        let numbers: Vec<u32> = left.par_iter().with_min_len(ALONE).map(first_beside).collect();
+        left.iter().zip(&numbers).for_each(|(&cell, &number)| of[cell as usize] = number);
+        let mut numbers = numbers.into_iter();
+        left.retain(|_| numbers.next() == Some(0));
     }
     if left.is_empty() {
         return (of, count);
     }
     let mut alone = vec![false; of.len()];
-    left.iter().for_each(|&cell| alone[cell] = true);
+    left.iter().for_each(|&cell| alone[cell as usize] = true);
     let (others, more) = numbered(field.block, &alone);
-    left.iter().for_each(|&cell| of[cell] = count + others[cell]);
+    left.iter().for_each(|&cell| of[cell as usize] = count + others[cell as usize]);
     (of, count + more)
 }
 
