@@ -425,6 +425,10 @@ mod tests {
     use crate::grid::Cell;
     use crate::run::testing::with_context;
 
+    /// All cells count, and the field tells the sides.
+    const ASKED: ClosingOptions =
+        ClosingOptions { seal: Sealing::Auto, window: None, keep_outliers: true, min_component: None, rough: false };
+
     /// Cells of points at random on a sphere, of which one half has so many times fewer.
     fn sphere(cells: Cell, points: usize, sparser: f64, numbers: &mut TestRng) -> BTreeSet<Cell> {
         let [middle, radius] = [f64::from(cells[0]) / 2.0, f64::from(cells[0]) / 2.0 - 3.0];
@@ -506,14 +510,7 @@ mod tests {
             let cells = [72; 3];
             with_context(cells, |context| {
                 let occupancy = Occupancy::of_cells(occupied, cells, context).unwrap();
-                let asked = ClosingOptions {
-                    seal: Sealing::Auto,
-                    window: None,
-                    keep_outliers: true,
-                    min_component: None,
-                    rough: false,
-                };
-                let solid = close(occupancy, 1.0, asked, context, |_, _| ()).unwrap().solid;
+                let solid = close(occupancy, 1.0, ASKED, context, |_, _| ()).unwrap().solid;
                 let (mut bits, mut runs) = (crate::grid::slice::Bits::new(72, 72), crate::grid::slice::Runs::default());
                 let filled = air.iter().filter(|[x, y, z]| {
                     solid.store.paint(i64::from(*y), &mut bits, &mut runs).unwrap();
@@ -547,14 +544,7 @@ mod tests {
                 let sealed = others.filter(|_| judged(&first)[0]).find(|factor| judged(&found(*factor))[1]);
                 let expected = Parted::of(&sealed.map_or(first, found), sealed.unwrap_or(factor), 0, None);
 
-                let asked = ClosingOptions {
-                    seal: Sealing::Auto,
-                    window: None,
-                    keep_outliers: true,
-                    min_component: None,
-                    rough: false,
-                };
-                let closed = close(occupancy(), 1.0, asked, context, |_, _| ()).unwrap();
+                let closed = close(occupancy(), 1.0, ASKED, context, |_, _| ()).unwrap();
                 assert_eq!(closed.how, How::Sign(expected), "seed {seed}");
                 taken.insert(sealed.map(|sealed| sealed / factor));
             });

@@ -46,12 +46,14 @@ pub struct Sheets<'a> {
 /// The sum of a wall's occupied cells, in cells of the grid, and how many there are.
 type Sum = ([u64; 3], u64);
 
-/// The planes of walls, and how far from a plane's middle and from the plane a cell lies in it.
+/// The planes of walls.
 struct Planes<'a> {
     sheets: Sheets<'a>,
     /// What the middle of each wall comes from.
     sums: Vec<Sum>,
+    /// How far from the middle of a plane cells lie in it, at the most, in cells of the grid.
     along: f64,
+    /// How far from the plane.
     across: f64,
     /// How many cells of the level off a wall may be.
     reach: i64,
@@ -208,9 +210,9 @@ impl Planes<'_> {
                 row.iter_mut().zip(occupied.row(z)).for_each(|(thick, occupied)| *thick = !(*thick | occupied));
                 clip(row, width);
             }
-            let far = Runs::from_bits(&thick);
+            let closed = Runs::from_bits(&thick);
             for z in 0..rows {
-                for x in far.row(z).iter().flat_map(|run| run.start..run.end) {
+                for x in closed.row(z).iter().flat_map(|run| run.start..run.end) {
                     if !self.hold([i64::from(x), y, i64::from(z)]) {
                         thick.row_mut(z)[x as usize / 64] &= !(1 << (x % 64));
                     }
