@@ -639,6 +639,36 @@ proptest! {
     }
 }
 
+/// A point in a column that is not kept may lie where the surface is cut off. Vertices there must stay as they are.
+#[test]
+fn a_point_where_a_sheet_is_cut_off_changes_nothing() {
+    let points: [[f32; 3]; 13] = [
+        [7.70295906, 4.95649004, 3.97059107],
+        [7.92642164, 3.71603942, 1.80267251],
+        [6.91583633, 6.20179224, 1.2450856],
+        [4.74966192, 4.69673872, 0.869017422],
+        [5.3498764, 20.1864204, 0.519923866],
+        [0.128977612, 0.127403513, 0.988242626],
+        [1.07827854, 0.348345548, 0.593433857],
+        [2.00912189, 0.256427646, 0.35788703],
+        [3.82005048, 0.290626526, 0.799719512],
+        [4.5677495, 0.828621805, 0.205739006],
+        [5.35837078, 0.540621042, 1.1063596],
+        [6.57882929, 0.493908703, 0.304234147],
+        [0.5, 0.5, 0.5],
+    ];
+    let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
+    let settings = Settings {
+        fineness: Fineness::Given(Resolution::Cell(1.0)),
+        axis: AxisChoice::Fixed(Axis::Z),
+        min_component: None,
+        surface: SurfaceOptions { diagonals: Diagonals::Random, fit: Fit::Nearest, ..Settings::default().surface },
+        open: Some(Open { max_hole: Hole::Cells(3), ..Open::sheet("+x".parse().unwrap()) }),
+        ..Settings::default()
+    };
+    assert_same_open(&points, true, &settings).unwrap();
+}
+
 /// Points of a surface, half a cell apart over `size` cells of side 1; `heights` gives those of a place.
 fn sampled<I: IntoIterator<Item = f64>>(size: [u32; 2], heights: impl Fn(f64, f64) -> I) -> Vec<[f64; 3]> {
     let places =

@@ -29,6 +29,15 @@ impl Solid {
         })
     }
 
+    /// The solid with some more cells.
+    pub(super) fn with(&self, cells: &SliceStore, context: &Context) -> Result<Solid> {
+        self.with_slices(context, |y, slice, _, runs: &mut Runs| {
+            cells.read(y, runs)?;
+            slice.paint(runs, 0, 0);
+            Ok(())
+        })
+    }
+
     /// The solid without some cells.
     pub(super) fn without(&self, cells: &SliceStore, context: &Context) -> Result<Solid> {
         self.with_slices(context, |y, slice, gone, runs: &mut Runs| {

@@ -133,8 +133,10 @@ impl Fitting {
         let targets: Vec<[f64; 3]> = surface.positions.iter().map(|&q| to_file(q, params)).collect();
         let rest = surface.rest.iter().map(|&q| to_file(q, params)).collect();
         let sorted = sorted(points);
-        let finds_point =
-            |v: usize| matches!(params.fit, Fit::Facets | Fit::Nearest) && !surface.middle[v] && !surface.bridged[v];
+        let finds_point = |v: usize| {
+            matches!(params.fit, Fit::Facets | Fit::Nearest)
+                && !(surface.middle[v] || surface.bridged[v] || surface.cut_off[v])
+        };
         let nearest: Vec<Nearest> = (0..targets.len())
             .map(|v| if finds_point(v) { nearest(targets[v], &sorted, params.w) } else { None })
             .collect();

@@ -40,6 +40,8 @@ pub struct Ground {
     level: BTreeMap<Place, f32>,
     /// Columns that are kept.
     kept: BTreeSet<Place>,
+    /// Columns whose faces are made.
+    live: BTreeSet<Place>,
     /// How many cells of each column are solid.
     solid: BTreeMap<Place, i32>,
 }
@@ -105,6 +107,7 @@ impl Ground {
         let kept = without_pinches(&closed);
 
         let reach = 7 + 2 * (open.smooth.max(1) as i32 - 1);
+        let live: BTreeSet<Place> = all(0).into_iter().filter(|p| kept.iter().any(|k| near(*k, *p, reach))).collect();
         let lattice = Lattice::new(&known, [columns, slices], 2 * (open.bridge + reach + 1), steps);
         let mut level = BTreeMap::new();
         let mut tops = BTreeMap::new();
@@ -114,7 +117,7 @@ impl Ground {
                     level.insert(p, mean(p, top[&p]) as f32);
                 }
                 tops.insert(p, top[&p] + 1);
-            } else if kept.iter().any(|k| near(*k, p, reach)) {
+            } else if live.contains(&p) {
                 let h = lattice.between(0, p).expect("there are points near") as f32;
                 level.insert(p, h);
                 tops.insert(p, (h as i32 + 1).min(cells[open.up] as i32));
@@ -141,7 +144,7 @@ impl Ground {
             None => kept,
             Some(jump) => without_pinches(&kept.iter().copied().filter(|p| !foot(p, jump)).collect()),
         };
-        Ground { open, cells, data, level, kept, solid }
+        Ground { open, cells, data, level, kept, live, solid }
     }
 
     /// The solid cells.
@@ -157,6 +160,12 @@ impl Ground {
             }
         }
         out
+    }
+
+    /// Whether all faces at a corner are made.
+    pub fn makes_all_round(&self, corner: Corner) -> bool {
+        let [x, y] = [corner[2 - self.open.up], corner[1]];
+        self.open.base || [[x - 1, y - 1], [x, y - 1], [x - 1, y], [x, y]].iter().all(|p| self.live.contains(p))
     }
 
     /// Whether the triangles of a face are written.

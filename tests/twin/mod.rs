@@ -1,4 +1,4 @@
-//! The naive twin: the whole reconstruction in memory, written for obviousness from `docs/algorithm.md` alone.
+//! The naive twin: the whole reconstruction in memory, written for obviousness from `docs/algorithm.md` cut_off.
 //!
 //! It shares no code with the crate. Everything is dense or a map, every definition is applied as it reads, nothing is
 //! looked up in a table; a cloud of some hundred points in a dozen slices is what it is for. The streaming
@@ -152,6 +152,7 @@ pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
         let mut surface = surface::surface(&solid, params.smooth, params.diagonals);
         surface.kept = surface.faces.iter().map(|face| ground.keeps(face)).collect();
         for v in 0..surface.positions.len() {
+            surface.cut_off[v] = surface.corners[v].is_some_and(|corner| !ground.makes_all_round(corner));
             if let Some(corner) = surface.corners[v]
                 && let Some((height, bridged)) = ground.level(corner, surface.positions[v])
             {

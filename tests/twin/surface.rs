@@ -39,6 +39,8 @@ pub struct Surface {
     pub corners: Vec<Option<Corner>>,
     /// Whether a vertex bridges a hole.
     pub bridged: Vec<bool>,
+    /// Whether a vertex lies where the surface is cut off: not all faces round it are made.
+    pub cut_off: Vec<bool>,
     /// The solid whose surface it is.
     pub solid: Cells,
 }
@@ -187,6 +189,7 @@ pub fn surface(solid: &Cells, smooth: u32, diagonals: Diagonals) -> Surface {
         middle: vec![false; count],
         corners: vec![None; count],
         bridged: vec![false; count],
+        cut_off: vec![false; count],
         solid: solid.clone(),
         ..Surface::default()
     };

@@ -12,8 +12,8 @@ use crate::grid::trace::{Digests, Trace, are_same, digest};
 use crate::storage::spool::Spool;
 use crate::storage::work::sections::{SectionReader, SectionWriter};
 
-/// Columns round those that are kept whose faces are made, so that what is kept is as it would be on a closed surface: vertices with a point lie
-/// within five of a column with points, and the triangles round their neighbours within seven. For one step of smoothing.
+/// Columns round those that are kept whose faces are made, so that what is kept is as it would be on a closed surface: a vertex whose point is in a kept
+/// column lies within five of it, and the triangles round its neighbours within seven. For one step of smoothing.
 const LIVE: u32 = 7;
 
 /// Columns that are made round those that are kept, after `smooth` steps of smoothing: each further one sees two more.
@@ -312,6 +312,11 @@ impl Columns {
     pub fn holds(&self, corner: [u32; 3], mask: u8) -> bool {
         let live = self.live_round(i64::from(corner[1]), i64::from(corner[self.up.across()]));
         !self.at_bottom(corner) && is_touched(mask, live, self.up.axis)
+    }
+
+    /// Whether all faces at a corner that is not on the bottom are made.
+    pub fn makes_all_round(&self, corner: [u32; 3]) -> bool {
+        !self.trimmed || self.live_round(i64::from(corner[1]), i64::from(corner[self.up.across()])) == 0b1111
     }
 
     /// Whether a corner lies on the bottom of the grid.

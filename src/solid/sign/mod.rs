@@ -47,6 +47,7 @@ pub use self::block::{Block, PAD, Side};
 use self::field::Field;
 use self::normal::Wall;
 use self::sheet::Sheet;
+pub use self::sheet::SheetWall;
 pub use self::sights::Sights;
 
 /// The most cells along any axis of a level that is held whole.
@@ -128,8 +129,8 @@ pub struct Signed {
     pub open: Vec<Patch>,
     /// Patches of walls with the inside on both sides: of slots and folds that were filled.
     pub filled: Vec<Patch>,
-    /// The walls of the open patches, as indices of the block, in order.
-    pub sheets: Vec<u32>,
+    /// The walls of the open patches, in the order of their cells.
+    pub sheets: Vec<SheetWall>,
 }
 
 /// A patch of walls that part nothing.
@@ -220,6 +221,8 @@ impl Signed {
         let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
         let mut sheets: Vec<u32> = open.iter().flat_map(|sheet| &sheet.walls).copied().collect();
         sheets.sort_unstable();
+        let in_sheets = two_sided.iter().filter(|wall| sheets.binary_search(&wall.cell).is_ok());
+        let sheets = in_sheets.map(|wall| SheetWall { cell: wall.cell, normal: wall.normal }).collect();
         let [open, filled] =
             [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
         let emptied = emptied.iter().filter(|empty| **empty).count() as u64;

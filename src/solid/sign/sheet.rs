@@ -24,6 +24,15 @@ pub struct Sheet {
     pub walls: Vec<u32>,
 }
 
+/// A wall of a sheet, on the level of the sign.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SheetWall {
+    /// Its cell, as an index of the level's block.
+    pub cell: u32,
+    /// Its normal.
+    pub normal: [f32; 3],
+}
+
 /// Finds the patches of walls that have `side` on both sides, the largest first.
 pub fn find(block: &Block, walls: &[Wall], sides: &[Side], side: Side) -> Vec<Sheet> {
     let is = |cell: u32| sides[cell as usize] == side;

@@ -65,10 +65,10 @@ pub fn bare(field: &Field<'_>, walls: &[Wall]) -> Option<Bare> {
     }
 }
 
-/// Bytes that [`bare`] takes beside the field, in a block of so many cells of which so many are lined: three flags, two numbers for each cell; and for each that is lined, what was
-/// found of it, as it is and in the vectors that grow before, or as many runs of cells, each of them likewise, with its root and number.
+/// Bytes that [`bare`] takes beside the field, in a block of so many cells of which so many are lined: three flags, two numbers for each cell; and for each that is lined, its own and
+/// its component's number, in vectors that grow, or as many runs of cells, each of them likewise, with its root and number.
 pub fn bytes(cells: u64, lined: u64) -> u64 {
-    let (of_lined, of_run) = (3 * size_of::<(u32, u32)>(), 2 * size_of::<Range<usize>>() + 2 * size_of::<u32>());
+    let (of_lined, of_run) = (4 * size_of::<u32>(), 2 * size_of::<Range<usize>>() + 2 * size_of::<u32>());
     cells * (3 + 2 * size_of::<u32>() as u64) + lined * of_lined.max(of_run) as u64
 }
 
@@ -111,30 +111,41 @@ fn borders(field: &Field<'_>, of: &[u32], count: u32) -> Vec<Border> {
     of.par_chunks(slice).enumerate().fold(none, add).reduce(none, both)
 }
 
+/// How many layers of cells beside walls belong to the part that they lie on. Beside a wall askew to all axes there are three.
+///
+/// ```text
+///   i i i i i i i       i: beside no wall, so that it holds the part together
+///   3 3 2 2 1 1 1       1, 2, 3: beside a wall (one of the 26 round it is occupied), in the round that takes them
+///   # 3 3 3 2 2 2
+///   . # # # 3 3 3
+/// ```
+const LAYERS: usize = 3;
+
 /// Parts of the components of what is `inside`, numbered from 1 on, and how many there are. They hang together by faces of cells that lie beside no wall, so that what leads through a
-/// hole between samples parts them; cells beside walls belong to the first part next to them, and what has no other cells is a part of its own.
+/// hole between samples parts them. [`LAYERS`] times, cells beside walls join the first part next to them. What is left then are parts of its own.
 fn parts(field: &Field<'_>, inside: &[bool]) -> (Vec<u32>, u32) {
     let core: Vec<bool> = inside.iter().zip(&field.lined).map(|(inside, lined)| inside & !lined).collect();
     let (mut of, count) = numbered(field.block, &core);
-    let nearest = |cell: usize| {
-        if !(inside[cell] & field.lined[cell]) {
-            return None;
-        }
-        let beside = field.block.beside(cell).into_iter().map(|next| of[next]).filter(|number| *number != 0);
-        Some((cell as u32, beside.min().unwrap_or(0)))
-    };
-    let lined: Vec<(u32, u32)> = (0..of.len()).into_par_iter().with_min_len(ALONE).filter_map(nearest).collect();
-    let alone = |number: &u32| *number == 0;
-    if lined.iter().any(|(_, number)| alone(number)) {
-        let mut left = vec![false; of.len()];
-        lined.iter().filter(|(_, number)| alone(number)).for_each(|(cell, _)| left[*cell as usize] = true);
-        let (others, more) = numbered(field.block, &left);
-        let number_of = |cell: usize, number: u32| if alone(&number) { count + others[cell] } else { number };
-        lined.iter().for_each(|&(cell, number)| of[cell as usize] = number_of(cell as usize, number));
-        return (of, count + more);
+    let cells = (0..of.len() as u32).into_par_iter().with_min_len(ALONE);
+    let mut left: Vec<u32> = cells.filter(|&cell| inside[cell as usize] & field.lined[cell as usize]).collect();
+    for _ in 0..LAYERS {
+        let first_beside = |&cell: &u32| {
+            let beside = field.block.beside(cell as usize).into_iter().map(|next| of[next]);
+            beside.filter(|number| *number != 0).min().unwrap_or(0)
+        };
+        let numbers: Vec<u32> = left.par_iter().with_min_len(ALONE).map(first_beside).collect();
+        left.iter().zip(&numbers).for_each(|(&cell, &number)| of[cell as usize] = number);
+        let mut numbers = numbers.into_iter();
+        left.retain(|_| numbers.next() == Some(0));
     }
-    lined.into_iter().for_each(|(cell, number)| of[cell as usize] = number);
-    (of, count)
+    if left.is_empty() {
+        return (of, count);
+    }
+    let mut alone = vec![false; of.len()];
+    left.iter().for_each(|&cell| alone[cell as usize] = true);
+    let (others, more) = numbered(field.block, &alone);
+    left.iter().for_each(|&cell| of[cell as usize] = count + others[cell as usize]);
+    (of, count + more)
 }
 
 /// The number of cells that one thread takes at a time.

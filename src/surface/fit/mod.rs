@@ -142,6 +142,10 @@ impl<T: Coordinate> Search<'_, T> {
         if let Kind::Midpoint(_) = vertex.kind {
             return;
         }
+        // Where a surface is cut off, points that are not kept may lie near. What has a point may be contracted, and needs a whole star.
+        if self.task.surface.columns().is_some_and(|columns| !columns.makes_all_round(vertex.corner)) {
+            return;
+        }
         let q = self.task.q[v as usize];
         let at = (v - self.first) as usize;
         let w = self.grid.cell_size();

@@ -44,13 +44,15 @@ proptest! {
         let is_gap = gaps(&block, &occupied);
         let is_lined = |cell: usize| block.around().iter().any(|step| occupied[cell.wrapping_add_signed(*step)]);
         let lined: Vec<bool> = (0..inside.len()).map(|cell| inside[cell] && is_lined(cell)).collect();
-        // Parts: cells that lie beside no wall hang together by faces, those beside walls belong to the first one next to them, and the rest to its own.
+        // Parts: cells that lie beside no wall hang together by faces. Three times, those beside walls join the first part next to them; the rest hangs together by itself.
         let core: Vec<bool> = inside.iter().zip(&lined).map(|(inside, lined)| *inside && !lined).collect();
-        let cores = components(&block, &core, 1);
-        let mut part: Vec<Option<usize>> = (0..inside.len()).map(|cell| {
-            let beside = || (0..inside.len()).filter(|&o| inside[cell] && (o == cell || faces(cell, o)));
-            beside().filter_map(|o| cores[o]).min()
-        }).collect();
+        let mut part: Vec<Option<usize>> = components(&block, &core, 1);
+        for _ in 0..3 {
+            let before = part.clone();
+            for cell in (0..inside.len()).filter(|&cell| inside[cell] && before[cell].is_none()) {
+                part[cell] = (0..inside.len()).filter(|&o| faces(cell, o)).filter_map(|o| before[o]).min();
+            }
+        }
         let rest: Vec<bool> = inside.iter().zip(&part).map(|(inside, of)| *inside && of.is_none()).collect();
         part.iter_mut().zip(components(&block, &rest, 1)).for_each(|(of, rest)| *of = of.or(rest));
         let borders = |of: &[Option<usize>]| {
