@@ -125,6 +125,8 @@ pub struct Signed {
     pub part_nothing: u64,
     /// How many of these have the outside there.
     pub part_outside: u64,
+    /// Where these lie: how many places there are, and how many at which they are sparse.
+    pub where_outside: [u64; 2],
     /// Patches of walls with the outside on both sides, the largest first: sheets.
     pub open: Vec<Patch>,
     /// Patches of walls with the inside on both sides: of slots and folds that were filled.
@@ -218,6 +220,8 @@ impl Signed {
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
         let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
         let part_outside = two_sided.iter().map(of).filter(|both| *both == [Side::Outside; 2]).count() as u64;
+        let outside = two_sided.iter().filter(|wall| of(wall) == [Side::Outside; 2]);
+        let where_outside = sheet::sparse(outside.map(|wall| block.cell(wall.cell as usize)));
         let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
         let mut sheets: Vec<u32> = open.iter().flat_map(|sheet| &sheet.walls).copied().collect();
         sheets.sort_unstable();
@@ -231,6 +235,7 @@ impl Signed {
             walls: two_sided.len() as u64,
             part_nothing,
             part_outside,
+            where_outside,
             open,
             filled,
             sheets,

@@ -8,6 +8,8 @@
 //!      o o # # # o o
 //! ```
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 
 use super::block::Side;
@@ -61,6 +63,27 @@ pub fn find(block: &Block, walls: &[Wall], sides: &[Side], side: Side) -> Vec<Sh
     }
     sheets.sort_by_key(|sheet| std::cmp::Reverse(sheet.walls.len()));
     sheets
+}
+
+/// A place is a cell four times as wide, in which at least so many of the eight twice as wide hold walls.
+const PLACE: u32 = 3;
+
+/// Fewer walls to a cell twice as wide are sparse: the sides of cells are .9 sampling distances there (docs/algorithm.md, section 5.1).
+const SPARSE: f64 = 1.9;
+
+/// How many places some walls have, and at how many they are sparse.
+pub fn sparse(walls: impl Iterator<Item = [usize; 3]>) -> [u64; 2] {
+    let mut places: BTreeMap<[usize; 3], (u32, u8)> = BTreeMap::new();
+    for cell in walls {
+        let (count, eighths) = places.entry(cell.map(|c| c / 4)).or_default();
+        *count += 1;
+        *eighths |= 1 << cell.iter().fold(0, |eighth, c| 2 * eighth + c / 2 % 2);
+    }
+    let held =
+        places.into_values().map(|(count, eighths)| (count, eighths.count_ones())).filter(|(_, held)| *held >= PLACE);
+    held.fold([0, 0], |[all, sparse], (count, held)| {
+        [all + 1, sparse + u64::from(f64::from(count) < SPARSE * f64::from(held))]
+    })
 }
 
 /// How far, in cells, walls are asked what they part.
