@@ -1144,18 +1144,28 @@ fn progress_in_json_is_an_object_a_line_to_the_end() {
     assert_eq!(f.ok("k.ply -o q.ply --progress json -q").err, "");
 }
 
+/// A pipe is closed over its ends where they are a third of its length wide. Where they are half of it, it stays a pipe.
 #[test]
 fn a_pipe_is_closed_over_its_ends_and_not_called_sealed() {
     let f = Folder::new();
-    let place = |i: u32| (f64::from(i) * 2.399963, f64::from(i) / 1500.0);
-    let line = |(angle, z): (f64, f64)| format!("{} {} {z}\n", angle.cos(), angle.sin());
-    f.write("pipe.xyz", (0..6000).map(|i| line(place(i))).collect::<String>());
+    let pipe = |length: u32| -> String {
+        let place = |i: u32| (f64::from(i) * 2.399963, f64::from(i) / 1500.0);
+        let line = |(angle, z): (f64, f64)| format!("{} {} {z}\n", angle.cos(), angle.sin());
+        (0..1500 * length).map(|i| line(place(i))).collect()
+    };
+    f.write("pipe.xyz", pipe(6));
     let answer = f.ok("pipe.xyz -o p.ply --report r.json -v");
     let closing = &report(&f, "r.json")["closing"];
     assert!(closing["bridged"].as_f64().unwrap() > 0.02, "{closing}");
     assert_eq!((&closing["sealed"], &closing["parted"]), (&false.into(), &true.into()), "{closing}");
     assert!(answer.err.contains("\nclosing  closed over holes: "), "{}", answer.err);
     assert!(answer.err.contains(" % of the surface bridges holes"), "{}", answer.err);
+    f.write("short.xyz", pipe(4));
+    let answer = f.ok("short.xyz -o s.ply --report s.json -v");
+    let report = report(&f, "s.json");
+    assert_eq!(report["check"]["genus"], 1, "{report:#}");
+    assert!(report["closing"]["open"][0]["share"].as_f64().unwrap() > 0.9, "{report:#}");
+    assert!(answer.err.contains("\nclosing  not sealed: "), "{}", answer.err);
 }
 
 /// The knot has one handle, but so few points leave another one that is a cell wide.

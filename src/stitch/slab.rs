@@ -15,7 +15,7 @@ use crate::solid::Solid;
 use crate::stitch::numbers::{InSlab, Named};
 use crate::stitch::size::{Size, Stages, Told};
 use crate::surface::attributes::attributes;
-use crate::surface::contract::{Groups, NONE, Stars, contract, is_gone};
+use crate::surface::contract::{Groups, NONE, Stars, contract, is_closed, is_gone};
 use crate::surface::extract::{Surface, Triangles};
 use crate::surface::facets::{Centred, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
@@ -355,6 +355,7 @@ impl<T: Coordinate> SlabMesh<T> {
         }
         let SlabMesh { triangles, stars, fitted, smoothed, kept, state, .. } = self;
         let distance = |v: u32| fitted.distance(v as usize, smoothed[v as usize]);
+        debug_assert!((0..).zip(&group).all(|(v, group)| *group == NONE || is_closed(triangles, stars, v)));
         let groups = Groups { group: &group, distance, kept };
         contract(triangles, stars, groups, |dead, _| state[dead as usize] = VertexState::Contracted);
     }

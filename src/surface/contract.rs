@@ -119,7 +119,6 @@ pub fn contract<D: Fn(u32) -> f64>(
     mut merged: impl FnMut(u32, u32),
 ) {
     let vertices = groups.group.len() as u32;
-    debug_assert!((0..vertices).all(|v| groups.group[v as usize] == NONE || is_closed(triangles, stars, v)));
     let mut alive = vec![true; vertices as usize];
     let mut scratch = Neighbourhoods::default();
     // Only vertices with a neighbour of their own group can ever be contracted; later rounds look at what is left of them.
@@ -155,7 +154,7 @@ pub fn contract<D: Fn(u32) -> f64>(
 }
 
 /// Whether the triangles at a vertex go all round it: each corner that comes after it in one comes before it in another.
-fn is_closed(triangles: &[[u32; 3]], stars: &Stars, v: u32) -> bool {
+pub fn is_closed(triangles: &[[u32; 3]], stars: &Stars, v: u32) -> bool {
     let corner = |(t, p): (usize, usize), after: usize| triangles[t][(p + after) % 3];
     stars.at(v, triangles).all(|at| stars.at(v, triangles).any(|other| corner(other, 2) == corner(at, 1)))
 }
