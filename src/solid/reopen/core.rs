@@ -12,7 +12,8 @@ use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::layers::{Found, Stretch};
+use super::found::Found;
+use super::layers::Stretch;
 use super::open::{self, Change};
 use super::tile::{TILE, Tile};
 use super::{Slabs, joined};

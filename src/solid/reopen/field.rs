@@ -12,7 +12,8 @@ use std::ops::Range;
 
 use super::Slabs;
 use super::blocks::{self, BLOCK};
-use super::layers::{Found, Held, Layers, Stretch};
+use super::found::Found;
+use super::layers::{Held, Layers, Stretch};
 use super::tile::Tile;
 use super::wall::Dipole;
 use crate::error::Result;

@@ -19,6 +19,7 @@
 mod blocks;
 mod core;
 mod field;
+mod found;
 mod layers;
 mod open;
 mod plane;
@@ -41,7 +42,8 @@ use bytemuck::Pod;
 
 use self::blocks::{BLOCK, Blocks};
 use self::field::{Kernel, RANGE};
-use self::layers::{Cells, Found, Held, Layers, Rounds, Stretch};
+use self::found::Found;
+use self::layers::{Cells, Held, Layers, Rounds, Stretch};
 use self::plane::{Moments, Near, Sum};
 use self::signs::Signs;
 use self::tile::{TILE, Tile};
