@@ -308,8 +308,8 @@ pub fn close_below<T: Coordinate>(
 /// The side of the cells that the field is looked for on, in sampling distances, at the least.
 pub(crate) const COARSE: f64 = 1.1;
 
-/// The outside leaks through walls if they are sparse at one place in so many: at fins and sheets without gaps they are at up to .09 of the places, at bodies that need
-/// coarser cells at .16 and more.
+/// The outside leaks through walls if one place in so many is sparse: of fins and of sheets without gaps up to .09 of the places are, of bodies that need coarser cells .16
+/// and more.
 const SPARSE: u64 = 8;
 
 /// The last ball's radius, in sampling distances.

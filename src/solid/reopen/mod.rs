@@ -373,9 +373,8 @@ impl<'a> Slabs<'a> {
                 active.extend(&slices)
             },
         )?;
-        let job = job_bytes(&in_slice, &solid.faces, cells);
-        let jobs = context.memory.jobs_of(job);
-        context.account.reopening(job * (jobs as u64).min(u64::from(cells[1].div_ceil(CHUNK_SLICES))));
+        let (jobs, bytes) = context.chunk_jobs(job_bytes(&in_slice, &solid.faces, cells), cells[1]);
+        context.account.reopening(bytes);
         Ok(Some(Slabs { context, cells, active, allowed, jobs }))
     }
 

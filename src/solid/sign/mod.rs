@@ -125,7 +125,7 @@ pub struct Signed {
     pub part_nothing: u64,
     /// How many of these have the outside there.
     pub part_outside: u64,
-    /// Where these lie: how many places there are, and how many at which they are sparse.
+    /// Where these lie: how many places there are, and how many of these are sparse ([`sheet::sparse`]).
     pub where_outside: [u64; 2],
     /// Patches of walls with the outside on both sides, the largest first: sheets.
     pub open: Vec<Patch>,

@@ -68,10 +68,10 @@ pub fn find(block: &Block, walls: &[Wall], sides: &[Side], side: Side) -> Vec<Sh
 /// A place is a cell four times as wide, in which at least so many of the eight twice as wide hold walls.
 const PLACE: u32 = 3;
 
-/// Fewer walls to a cell twice as wide are sparse: the sides of cells are .9 sampling distances there (docs/algorithm.md, section 5.1).
-const SPARSE: f64 = 1.9;
+/// Walls to a cell twice as wide that a place has at the least, or else it is sparse: then cells have sides of less than .9 sampling distances there (docs/algorithm.md, section 5.1).
+const WALLS: f64 = 1.9;
 
-/// How many places some walls have, and at how many they are sparse.
+/// How many places some walls have, and how many of these are sparse.
 pub fn sparse(walls: impl Iterator<Item = [usize; 3]>) -> [u64; 2] {
     let mut places: BTreeMap<[usize; 3], (u32, u8)> = BTreeMap::new();
     for cell in walls {
@@ -82,7 +82,7 @@ pub fn sparse(walls: impl Iterator<Item = [usize; 3]>) -> [u64; 2] {
     let held =
         places.into_values().map(|(count, eighths)| (count, eighths.count_ones())).filter(|(_, held)| *held >= PLACE);
     held.fold([0, 0], |[all, sparse], (count, held)| {
-        [all + 1, sparse + u64::from(f64::from(count) < SPARSE * f64::from(held))]
+        [all + 1, sparse + u64::from(f64::from(count) < WALLS * f64::from(held))]
     })
 }
 
