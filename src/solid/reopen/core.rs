@@ -6,6 +6,15 @@
 //!   v v c c S        v: a cavity. The first group that reaches it lowers the number by 1, and makes no tunnel; one that reaches it, too, makes one.
 //!     S c c S
 //! ```
+//!
+//! *Rungs* are what is left of the target when cells have opened one by one, and goes across a slot: groups by which the number rises, so that handles vanish.
+//!
+//! ```text
+//!   S         S
+//!   S         S        # occupied cells that noise or a wall askew to the grid brought together, though their planes leave the middle of the slot outside:
+//!   S # # # # S        the slot goes round them, so the solid has a handle there
+//!   S         S
+//! ```
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -60,6 +69,31 @@ impl Slabs<'_> {
         Ok(opened)
     }
 
+    /// The rungs: of the target that the solid still holds, groups at the outside by which the Euler number rises, where they cut off no piece.
+    pub(super) fn rungs(&self, solid: &Solid, target: SliceStore) -> Result<SliceStore> {
+        let mut rungs = target;
+        // As in the core, one that is put back alters what others change.
+        while !rungs.is_empty() {
+            let mut all = true;
+            let labels = self.changes(solid, &rungs, None)?.judged(self.context, |change| {
+                let vanish = change.euler > 0 && change.joined == 1;
+                all &= vanish;
+                u8::from(vanish)
+            })?;
+            if !all {
+                rungs = self.judged(&labels, None)?;
+            }
+            let cuts = self.cuts(solid, &rungs)?;
+            if let Some(cuts) = &cuts {
+                rungs = self.less(&rungs, cuts)?;
+            }
+            if all && cuts.is_none() {
+                break;
+            }
+        }
+        Ok(rungs)
+    }
+
     /// Of what is opened, the groups that make a tunnel.
     fn tunnels(&self, solid: &Solid, opened: &SliceStore) -> Result<Option<SliceStore>> {
         let mut any = false;
@@ -101,7 +135,7 @@ impl Slabs<'_> {
                 let marked = marked.map(|marked| Slabs::stretch(marked, chunk, 1)).transpose()?;
                 self.each_change(chunk, solid, opened, marked.as_ref(), |cell, change| found.push(cell, change))
             },
-            |change| Changes { euler: change.euler.into(), touches: change.touches.into(), filler: [0; 3] },
+            Changes::from,
         )
     }
 
@@ -147,7 +181,7 @@ impl Slabs<'_> {
                     let within = row.iter().filter(|part| run.start <= part.start && part.end <= run.end);
                     let cells: u32 = within.map(|part| part.end - part.start).sum();
                     let euler = changes.by_ref().take(cells as usize).sum();
-                    Changes { euler, touches: u8::from(cells < run.end - run.start), filler: [0; 3] }
+                    Changes { euler, touches: u8::from(cells < run.end - run.start), ..Changes::default() }
                 }))
             },
             |parts: Parts<Changes>| labeller.add(parts),
@@ -303,7 +337,7 @@ impl Slabs<'_> {
     }
 
     /// The cells of `opened` that are not in `gone`.
-    fn less(&self, opened: &SliceStore, gone: &SliceStore) -> Result<SliceStore> {
+    pub(super) fn less(&self, opened: &SliceStore, gone: &SliceStore) -> Result<SliceStore> {
         let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
         self.each(
             |chunk| {
@@ -403,14 +437,23 @@ struct Changes {
     euler: i32,
     /// Whether it touches a marked cell.
     touches: u8,
+    /// Whether it reaches the outside.
+    joined: u8,
     /// Nothing.
-    filler: [u8; 3],
+    filler: [u8; 2],
+}
+
+impl From<Change> for Changes {
+    fn from(Change { euler, touches, joined }: Change) -> Changes {
+        Changes { euler: euler.into(), touches: touches.into(), joined: joined.into(), filler: [0; 2] }
+    }
 }
 
 impl Measure for Changes {
     fn add(&mut self, other: &Changes) {
         self.euler += other.euler;
         self.touches |= other.touches;
+        self.joined |= other.joined;
     }
 }
 

@@ -10,7 +10,7 @@
 //!        # + + + #            2. cells that the outside is near to on one side get a sign; others are hidden (wall)
 //!        # + + + #            3. hidden cells get theirs from one another (signs)
 //!        # # # # #            4. the winding number of all that tells what is outside (field)
-//!                             5. which opens from the outside, and makes neither pieces nor tunnels (open)
+//!                             5. which opens from the outside, and makes neither pieces nor tunnels (open, core)
 //! ```
 //!
 //! All passes go over chunks of slices and hold some slices more on either side; from pass to pass, what is known of each cell lies in spools. Only blocks of cells near
@@ -75,8 +75,8 @@ const SIGMA_CELLS: (f64, f64) = (2.0, 3.0);
 /// Rounds of growth, at most.
 const ROUNDS: u32 = 24;
 
-/// Steps of the work before growth, for progress.
-const STEPS: u64 = 9;
+/// Steps of the work before rungs, for progress.
+const STEPS: u64 = 10;
 
 /// Slices that a job holds, at most: its own, and those that the Gaussian reaches.
 const HELD: u32 = CHUNK_SLICES + 2 * (RANGE * SIGMA_CELLS.1) as u32;
@@ -274,16 +274,14 @@ impl Solid {
             return Ok(self);
         }
         step();
-        let mut opened = slabs.core(&self, &target, &sure)?;
+        let core = slabs.core(&self, &target, &sure)?;
         step();
-        for _ in 0..ROUNDS {
-            let (more, grown) = slabs.grown(&self, opened, &target)?;
-            opened = more;
-            if !grown {
-                break;
-            }
-        }
-        self.without(&opened, context)?.without_isolated_cells(context)
+        let opened = slabs.grown_from(&self, core, &target)?;
+        step();
+        let (solid, target) = (self.without(&opened, context)?, slabs.less(&target, &opened)?);
+        drop((self, opened));
+        let rungs = slabs.rungs(&solid, target)?;
+        solid.without(&rungs, context)?.without_isolated_cells(context)
     }
 
     /// The deep occupied cells: those that no cell outside the solid touches.
@@ -504,6 +502,18 @@ impl<'a> Slabs<'a> {
             |slices| out.extend(&slices),
         )?;
         Ok(out)
+    }
+
+    /// What is opened, when it has grown.
+    fn grown_from(&self, solid: &Solid, mut opened: SliceStore, target: &SliceStore) -> Result<SliceStore> {
+        for _ in 0..ROUNDS {
+            let (more, grown) = self.grown(solid, opened, target)?;
+            opened = more;
+            if !grown {
+                break;
+            }
+        }
+        Ok(opened)
     }
 
     /// A round of growth: what is opened then, and whether it is more.

@@ -5,6 +5,8 @@
 //!     # t t #          core: sure cells of it, in plates of 2 x 2 cells, if some lie deep in the solid and they reach the outside
 //!     # c c #          the rest opens cell by cell from the outside, where that changes no topology
 //!     # c c #
+//!     # r r #          rungs: groups of what is left of the target that open at once, where handles vanish by that
+//!     #     #
 //! ```
 
 use super::layers::{Held, Stretch};
@@ -113,7 +115,7 @@ pub struct Plate {
 }
 
 /// Calls `found` with the cells of a tile, which has a margin of 1, that are `opened`: with how the Euler number of the solid changes if the cell opens after those before
-/// it, in the order of cells; and with whether it shares a face with a cell of `marked`.
+/// it, in the order of cells; and with whether it shares a face with a cell of `marked`, and with the outside.
 pub fn changes(
     tile: &Tile,
     solid: &Stretch,
@@ -130,7 +132,8 @@ pub fn changes(
         if tile.holds(cell, 1) {
             let outside = neighbourhood(tile.place(cell), tile.strides(), |place| left[place] == 0);
             let touches = marked.is_some_and(|marked| faces(cell).into_iter().any(|next| marked.get(next)));
-            found(cell, Change { euler: euler_change(outside), touches });
+            let joined = faces(cell).into_iter().any(|next| !solid.get(next));
+            found(cell, Change { euler: euler_change(outside), touches, joined });
         }
         left[tile.place(cell)] = 0;
     });
@@ -143,6 +146,8 @@ pub struct Change {
     pub euler: i8,
     /// A cell that shares a face with it is marked.
     pub touches: bool,
+    /// One that shares a face with it was outside.
+    pub joined: bool,
 }
 
 /// Of the eight blocks of 2 x 2 x 2 cells that hold the middle of a cube of 27, the seven other cells: three that share a face with it, three an edge, one a corner.

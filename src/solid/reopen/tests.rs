@@ -158,6 +158,23 @@ fn slots_of_a_comb_open() {
     }
 }
 
+/// Where walls askew to the grid bring the two sides of a slot together, what is left across it goes: of 342 handles in 20 combs 190 are left; without that, no fewer than before.
+#[test]
+fn rungs_across_the_slots_of_a_comb_go() {
+    let (mut before_all, mut left_all) = (0, 0);
+    for turn in [[0.0, 0.3, 0.0], [0.3, 0.0, 0.0], [0.0, 0.0, 0.3], [0.3, 0.2, 0.1], [0.5, 0.5, 0.0]] {
+        for seed in 0..2 {
+            let places = comb(&mut Numbers::new(seed), 2.1, 2.1, 16.0, 0.0, 1.6, turn);
+            let (before, streamed, _) = both_ways(&places, 1.26, 1);
+            let handles = |marks: &Marks| 1 - euler(marks.all(), |cell| marks.at(cell));
+            assert!(streamed.groups().len() <= before.groups().len(), "{turn:?}, {seed}");
+            before_all += handles(&before);
+            left_all += handles(&streamed);
+        }
+    }
+    assert!(before_all > 100 && 3 * left_all < 2 * before_all, "{before_all} handles, {left_all} left");
+}
+
 /// Which cells round one may be outside for it to open, and what that does to the Euler number.
 #[test]
 fn a_cell_opens_where_that_changes_no_topology() {

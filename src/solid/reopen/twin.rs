@@ -247,11 +247,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
             group.iter().for_each(|cell| opened.put(*cell, true));
         }
     }
-    let left = |opened: &Marks| {
-        let mut left = solid.clone();
-        opened.all().filter(|cell| opened.at(*cell)).for_each(|cell| left.put(cell, false));
-        left
-    };
+    let left = |opened: &Marks| less(solid, opened);
     let with_bits = |opened: &mut Marks| {
         let before = opened.clone();
         for group in left(opened).groups() {
@@ -263,8 +259,6 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
     };
     with_bits(&mut opened);
     // Groups are put back until all that are left may stay.
-    let beside =
-        |group: &[Place], marks: &Marks| group.iter().any(|cell| FACES.iter().any(|d| marks.at(add(*cell, *d))));
     let cavities = cavities(solid);
     loop {
         let before = opened.clone();
@@ -281,21 +275,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
                 of_cluster.iter().for_each(|cell| opened.put(*cell, false));
             }
         }
-        // Those that cut off pieces.
-        let mut pieces = left(&opened).groups();
-        pieces.retain(|piece| beside(piece, &opened));
-        let at_first = solid.groups().iter().filter(|piece| piece.iter().any(|cell| opened.at(*cell))).count();
-        if pieces.len() > at_first {
-            let largest = pieces.iter().map(Vec::len).max().unwrap();
-            let mut cut_off = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
-            pieces.iter().filter(|piece| piece.len() < largest).flatten().for_each(|cell| cut_off.put(*cell, true));
-            let changes = self::changes(solid, &opened);
-            for group in opened.groups() {
-                if group.iter().map(|cell| changes[cell]).sum::<i64>() > 0 && beside(&group, &cut_off) {
-                    group.iter().for_each(|cell| opened.put(*cell, false));
-                }
-            }
-        }
+        put_back_what_cuts(solid, &mut opened);
         if opened.set == before.set {
             break;
         }
@@ -315,7 +295,52 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
             }
         }
     }
-    left(&opened)
+    // Rungs.
+    let solid = &left(&opened);
+    let mut rungs = target.clone();
+    rungs.all().filter(|cell| target.at(*cell) && !solid.at(*cell)).for_each(|cell| rungs.put(cell, false));
+    loop {
+        let before = rungs.clone();
+        let changes = changes(solid, &rungs);
+        for group in rungs.groups() {
+            let rises = group.iter().map(|cell| changes[cell]).sum::<i64>() > 0;
+            if !rises || !group.iter().any(|cell| FACES.iter().any(|d| !solid.at(add(*cell, *d)))) {
+                group.iter().for_each(|cell| rungs.put(*cell, false));
+            }
+        }
+        put_back_what_cuts(solid, &mut rungs);
+        if rungs.set == before.set {
+            return less(solid, &rungs);
+        }
+    }
+}
+
+/// The solid without what is opened.
+fn less(solid: &Marks, opened: &Marks) -> Marks {
+    let mut left = solid.clone();
+    opened.all().filter(|cell| opened.at(*cell)).for_each(|cell| left.put(cell, false));
+    left
+}
+
+/// Of what is opened, groups by which the Euler number rises do not open where they cut off pieces.
+fn put_back_what_cuts(solid: &Marks, opened: &mut Marks) {
+    let beside =
+        |group: &[Place], marks: &Marks| group.iter().any(|cell| FACES.iter().any(|d| marks.at(add(*cell, *d))));
+    let mut pieces = less(solid, opened).groups();
+    pieces.retain(|piece| beside(piece, opened));
+    let at_first = solid.groups().iter().filter(|piece| piece.iter().any(|cell| opened.at(*cell))).count();
+    if pieces.len() <= at_first {
+        return;
+    }
+    let largest = pieces.iter().map(Vec::len).max().unwrap();
+    let mut cut_off = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+    pieces.iter().filter(|piece| piece.len() < largest).flatten().for_each(|cell| cut_off.put(*cell, true));
+    let changes = changes(solid, opened);
+    for group in opened.groups() {
+        if group.iter().map(|cell| changes[cell]).sum::<i64>() > 0 && beside(&group, &cut_off) {
+            group.iter().for_each(|cell| opened.put(*cell, false));
+        }
+    }
 }
 
 /// How the Euler number of the solid changes with each cell that opens, one after the other.
