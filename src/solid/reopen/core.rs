@@ -7,6 +7,8 @@
 //!     S c c S
 //! ```
 //!
+//! What is wide comes first: cubes of 3 x 3 x 3 cells may make tunnels, as no hole between samples is as wide. So a bore that was filled opens from end to end.
+//!
 //! *Rungs* are what is left of the target when cells have opened one by one, and goes across a slot: groups by which the number rises, so that handles vanish.
 //!
 //! ```text
@@ -23,7 +25,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::found::Found;
 use super::layers::Stretch;
-use super::open::{self, Change};
+use super::open::{self, Change, Width};
 use super::tile::{TILE, Tile};
 use super::{Slabs, joined};
 use crate::error::Result;
@@ -31,34 +33,32 @@ use crate::grid::label::{Components, Labeller, Labels, Measure, Parts, Scratch, 
 use crate::grid::slice::{Run, Runs, SliceStore, Slices};
 use crate::solid::Solid;
 
-/// Parts of the solid that are cut off and have fewer cells are opened, too.
+/// Parts of the solid that are cut off and have fewer cells are opened, too, and so are those without samples.
 pub(super) const BITS: u64 = 30;
 
 impl Slabs<'_> {
-    /// The core: what is opened at once, with what it cuts off.
-    pub(super) fn core(&self, solid: &Solid, target: &SliceStore, sure: &SliceStore) -> Result<SliceStore> {
-        let parts = self.parts(
-            |chunk, found| {
-                let stretch = |store| Slabs::stretch(store, chunk, 1);
-                let slices = i64::from(chunk.start) - 1..i64::from(chunk.end) + 1;
-                let certain = both(&stretch(target)?, &stretch(sure)?, slices);
-                let solid = stretch(&solid.store)?;
-                for tile in self.tiles(chunk, 1)? {
-                    open::plates(&tile, &solid, &certain, |cell, plate| found.push(cell, plate));
-                }
-                Ok(())
-            },
-            |plate| Known { deep: plate.deep.into(), joined: plate.joined.into() },
-        )?;
-        let labels = parts.judged(self.context, |known| known.deep & known.joined)?;
-        let mut opened = self.with_bits(solid, self.judged(&labels, None)?)?;
+    /// The core: what is opened at once, with what it cuts off. What is wide opens first, and may make tunnels.
+    pub(super) fn core(
+        &self,
+        solid: &Solid,
+        occupied: &SliceStore,
+        target: &SliceStore,
+        sure: &SliceStore,
+    ) -> Result<SliceStore> {
+        let mut wide = self.with_bits(solid, occupied, self.groups(solid, target, sure, Width::Cube)?)?;
+        while let Some(pieces) = self.cut_off(solid, &wide)? {
+            wide = self.less(&wide, &self.beside(solid, &wide, &pieces)?)?;
+        }
+        let without_wide = if wide.is_empty() { None } else { Some(solid.without(&wide, self.context)?) };
+        let left = without_wide.as_ref().unwrap_or(solid);
+        let mut opened = self.with_bits(left, occupied, self.groups(left, target, sure, Width::Plate)?)?;
         // A group that is put back alters what others change: they are judged until all that are left may stay.
         while !opened.is_empty() {
-            let tunnels = self.tunnels(solid, &opened)?;
+            let tunnels = self.tunnels(left, &opened)?;
             if let Some(tunnels) = &tunnels {
                 opened = self.less(&opened, tunnels)?;
             }
-            let cuts = self.cuts(solid, &opened)?;
+            let cuts = self.cuts(left, &opened)?;
             if let Some(cuts) = &cuts {
                 opened = self.less(&opened, cuts)?;
             }
@@ -66,7 +66,27 @@ impl Slabs<'_> {
                 break;
             }
         }
-        Ok(opened)
+        if without_wide.is_none() { Ok(opened) } else { self.joined(&wide, &opened) }
+    }
+
+    /// The groups of the sure cells of the target that are as wide, reach the outside and lie deep in the solid.
+    fn groups(&self, solid: &Solid, target: &SliceStore, sure: &SliceStore, width: Width) -> Result<SliceStore> {
+        let reach = width.reach();
+        let parts = self.parts(
+            |chunk, found| {
+                let stretch = |store| Slabs::stretch(store, chunk, reach);
+                let slices = i64::from(chunk.start) - reach..i64::from(chunk.end) + reach;
+                let certain = both(&stretch(target)?, &stretch(sure)?, slices);
+                let solid = stretch(&solid.store)?;
+                for tile in self.tiles(chunk, reach)? {
+                    open::core(&tile, &solid, &certain, width, |cell, known| found.push(cell, known));
+                }
+                Ok(())
+            },
+            |cell| Known { deep: cell.deep.into(), joined: cell.joined.into() },
+        )?;
+        let labels = parts.judged(self.context, |known| known.deep & known.joined)?;
+        self.judged(&labels, None)
     }
 
     /// The rungs: of the target that the solid still holds, groups at the outside by which the Euler number rises, where they cut off no piece.
@@ -126,6 +146,12 @@ impl Slabs<'_> {
             u8::from(cuts)
         })?;
         Ok(if any { Some(self.judged(&labels, None)?) } else { None })
+    }
+
+    /// Of what is opened, the groups that share a face with a cell of `marked`.
+    fn beside(&self, solid: &Solid, opened: &SliceStore, marked: &SliceStore) -> Result<SliceStore> {
+        let labels = self.changes(solid, opened, Some(marked))?.judged(self.context, |change| change.touches)?;
+        self.judged(&labels, None)
     }
 
     /// The groups of what is opened, by faces, with what each changes, and whether it shares a face with a cell of `marked`.
@@ -244,14 +270,14 @@ impl Slabs<'_> {
         self.judged(&labels, None)
     }
 
-    /// What is opened, with the pieces of the solid that are thereby cut off and small.
-    fn with_bits(&self, solid: &Solid, opened: SliceStore) -> Result<SliceStore> {
+    /// What is opened, with the pieces of the solid that are thereby cut off and small, or have no samples.
+    fn with_bits(&self, solid: &Solid, occupied: &SliceStore, opened: SliceStore) -> Result<SliceStore> {
         if opened.is_empty() {
             return Ok(opened);
         }
-        let is_bit = |piece: &Piece| piece.touched > 0 && piece.cells < BITS;
+        let is_bit = |piece: &Piece| piece.touched > 0 && (piece.cells < BITS || piece.sampled == 0);
         let mut any = false;
-        let labels = self.pieces(solid, &opened, true)?.judged(self.context, |piece| {
+        let labels = self.pieces(solid, &opened, true, Some(occupied))?.judged(self.context, |piece| {
             any |= is_bit(piece);
             u8::from(is_bit(piece))
         })?;
@@ -260,7 +286,10 @@ impl Slabs<'_> {
 
     /// The pieces that opening cuts off from larger ones, if it makes more pieces of the solid.
     fn cut_off(&self, solid: &Solid, opened: &SliceStore) -> Result<Option<SliceStore>> {
-        let pieces = self.pieces(solid, opened, true)?;
+        if opened.is_empty() {
+            return Ok(None);
+        }
+        let pieces = self.pieces(solid, opened, true, None)?;
         let (mut after, mut before, mut largest) = (0u64, 0u64, 0);
         pieces.for_each(|piece| {
             if piece.touched > 0 {
@@ -271,7 +300,7 @@ impl Slabs<'_> {
         if after < 2 {
             return Ok(None);
         }
-        self.pieces(solid, opened, false)?.for_each(|piece| before += u64::from(piece.touched > 0))?;
+        self.pieces(solid, opened, false, None)?.for_each(|piece| before += u64::from(piece.touched > 0))?;
         if after <= before {
             return Ok(None);
         }
@@ -279,13 +308,21 @@ impl Slabs<'_> {
         Ok(Some(self.judged(&labels, None)?))
     }
 
-    /// The pieces of the solid; if `without_opened`, of what is left of it, and of each whether it lies beside what is opened; else whether it holds some of that.
-    fn pieces(&self, solid: &Solid, opened: &SliceStore, without_opened: bool) -> Result<Components<Piece>> {
+    /// The pieces of the solid; if `without_opened`, of what is left of it, and of each whether it lies beside what is opened; else whether it holds some of that. And which
+    /// have `occupied` cells, if these are given.
+    fn pieces(
+        &self,
+        solid: &Solid,
+        opened: &SliceStore,
+        without_opened: bool,
+        occupied: Option<&SliceStore>,
+    ) -> Result<Components<Piece>> {
         let mut labeller = Labeller::new(self.context);
         self.each(
             |chunk| {
                 let solid = Slabs::stretch(&solid.store, &chunk, 0)?;
                 let opened = Slabs::stretch(opened, &chunk, 1)?;
+                let occupied = occupied.map(|occupied| Slabs::stretch(occupied, &chunk, 0)).transpose()?;
                 let slice = |y: u32| match without_opened {
                     true => without(solid.slice(y.into()), opened.slice(y.into())),
                     false => solid.slice(y.into()).clone(),
@@ -300,7 +337,8 @@ impl Slabs<'_> {
                                 || opened.any(start..end, y, z + 1)
                                 || opened.any(start..end, y - 1, z)
                                 || opened.any(start..end, y + 1, z));
-                    Piece { cells: u64::from(run.end - run.start), touched: u64::from(touched) }
+                    let sampled = occupied.as_ref().is_some_and(|occupied| occupied.any(start..end, y, z));
+                    Piece { cells: (end - start) as u64, touched: touched.into(), sampled: sampled.into() }
                 }))
             },
             |parts: Parts<Piece>| labeller.add(parts),
@@ -477,11 +515,14 @@ struct Piece {
     cells: u64,
     /// Its runs that touch what is opened.
     touched: u64,
+    /// Its runs with occupied cells, if they were asked for.
+    sampled: u64,
 }
 
 impl Measure for Piece {
     fn add(&mut self, other: &Piece) {
         self.cells += other.cells;
         self.touched += other.touched;
+        self.sampled += other.sampled;
     }
 }

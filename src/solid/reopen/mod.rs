@@ -274,7 +274,7 @@ impl Solid {
             return Ok(self);
         }
         step();
-        let core = slabs.core(&self, &target, &sure)?;
+        let core = slabs.core(&self, occupied, &target, &sure)?;
         step();
         let opened = slabs.grown_from(&self, core, &target)?;
         step();
@@ -530,13 +530,18 @@ impl<'a> Slabs<'a> {
         if more.is_empty() {
             return Ok((opened, false));
         }
+        Ok((self.joined(&opened, &more)?, true))
+    }
+
+    /// The cells of two stores, of which none is in both.
+    fn joined(&self, one: &SliceStore, other: &SliceStore) -> Result<SliceStore> {
         let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
         self.each(
             |chunk| {
                 let (mut first, mut second, mut slices) = (Runs::default(), Runs::default(), Slices::default());
                 for y in chunk {
-                    opened.read(y, &mut first)?;
-                    more.read(y, &mut second)?;
+                    one.read(y, &mut first)?;
+                    other.read(y, &mut second)?;
                     let rows = (0..first.row_count()).map(|z| [first.row(z), second.row(z)].concat());
                     slices.push_runs(&joined(rows.collect()));
                 }
@@ -544,7 +549,7 @@ impl<'a> Slabs<'a> {
             },
             |slices| out.extend(&slices),
         )?;
-        Ok((out, true))
+        Ok(out)
     }
 }
 

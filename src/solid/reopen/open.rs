@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   S S S S S S        target: what had better be outside
-//!     # t t #          core: sure cells of it, in plates of 2 x 2 cells, if some lie deep in the solid and they reach the outside
+//!     # t t #          core: sure cells of it, in cubes of 3 x 3 x 3 cells or plates of 2 x 2, if some lie deep in the solid and they reach the outside
 //!     # c c #          the rest opens cell by cell from the outside, where that changes no topology
 //!     # c c #
 //!     # r r #          rungs: groups of what is left of the target that open at once, where handles vanish by that
@@ -78,9 +78,29 @@ pub fn target(tile: &Tile, walls: &Held<Wall>, solid: &Stretch, outside: &Stretc
     }
 }
 
-/// Calls `found` with the cells of a tile, which has a margin of 1, that may be the core: `certain` ones in plates of 2 x 2 cells that are outside; and what is known of each.
-pub fn plates(tile: &Tile, solid: &Stretch, certain: &Stretch, mut found: impl FnMut([i64; 3], Plate)) {
-    if !certain.any_of(tile.ranges(1)) {
+/// How wide what opens at once is, at the least.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Width {
+    /// Plates of 2 x 2 cells: a hole between samples may be as wide.
+    Plate,
+    /// Cubes of 3 x 3 x 3 cells: no wall has a hole as wide by chance.
+    Cube,
+}
+
+impl Width {
+    /// Cells that are looked at round one, either way.
+    pub fn reach(self) -> i64 {
+        match self {
+            Width::Plate => 1,
+            Width::Cube => 2,
+        }
+    }
+}
+
+/// Calls `found` with the cells of a tile, which has a margin of [`Width::reach`], that may be the core: `certain` ones in plates or cubes that are outside; and what is known
+/// of each.
+pub fn core(tile: &Tile, solid: &Stretch, certain: &Stretch, width: Width, mut found: impl FnMut([i64; 3], CoreCell)) {
+    if !certain.any_of(tile.ranges(tile.margin)) {
         return;
     }
     let mut kept = vec![0u8; tile.len()];
@@ -88,8 +108,11 @@ pub fn plates(tile: &Tile, solid: &Stretch, certain: &Stretch, mut found: impl F
     let was_solid = kept.clone();
     tile.paint(certain, 0, &mut kept);
     let strides = tile.strides();
-    certain.cells(tile.ranges(1), |cell| {
+    certain.cells(tile.ranges(tile.margin), |cell| {
         let place = tile.place(cell);
+        if was_solid[place] == 0 {
+            return;
+        }
         let plate = |across: usize| {
             let [a, b] = [(across + 1) % 3, (across + 2) % 3].map(|axis| strides[axis]);
             // The four plates across an axis that hold the cell.
@@ -97,17 +120,28 @@ pub fn plates(tile: &Tile, solid: &Stretch, certain: &Stretch, mut found: impl F
                 .into_iter()
                 .any(|low| [low, low + a, low + b, low + a + b].into_iter().all(|place| kept[place] == 0))
         };
-        if was_solid[place] == 1 && (0..3).any(plate) {
+        let is_wide = match width {
+            Width::Plate => (0..3).any(plate),
+            Width::Cube => in_cube(place, strides, |place| kept[place] == 0),
+        };
+        if is_wide {
             let joined = faces(cell).into_iter().any(|next| was_solid[tile.place(next)] == 0);
             let deep = !joined && neighbourhood(place, strides, |place| was_solid[place] == 0) == 0;
-            found(cell, Plate { deep, joined });
+            found(cell, CoreCell { deep, joined });
         }
     });
 }
 
+/// Whether one of the 27 cubes of 3 x 3 x 3 cells that hold a cell is outside.
+fn in_cube(place: usize, strides: [usize; 3], outside: impl Fn(usize) -> bool) -> bool {
+    let step = |[x, y, z]: [usize; 3]| x * strides[0] + y * strides[1] + z * strides[2];
+    let cube = || (0..27).map(|i| step([i % 3, i / 9, i / 3 % 3]));
+    cube().any(|back| cube().all(|on| outside(place - back + on)))
+}
+
 /// What is known of a cell that may be the core.
 #[derive(Debug, Clone, Copy)]
-pub struct Plate {
+pub struct CoreCell {
     /// No cell that touches it was outside.
     pub deep: bool,
     /// One that shares a face with it was.

@@ -96,7 +96,7 @@ pub fn signed(walls: &mut BTreeMap<[i64; 3], Wall>) {
 }
 
 /// The solid's cells that are left.
-pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
+pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
     let block = |cell: Place| cell.map(|c| c / i64::from(BLOCK));
     let deep = |cell: Place| cube(1).into_iter().all(|d| solid.at(add(cell, d)));
     let mut counts = BTreeMap::<Place, u32>::new();
@@ -107,7 +107,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
         |cell: Place, by: u32| evident.iter().any(|at| (0..3).all(|a| (at[a] - block(cell)[a]).abs() <= i64::from(by)));
     let active: Vec<Place> = places.filter(|cell| near(*cell, LOOKED_AT)).collect();
     if active.is_empty() {
-        return solid.clone();
+        return (solid.clone(), false);
     }
     // Planes, what is seen, signs, areas.
     let looked_at: BTreeSet<[i64; 3]> = active.iter().map(|cell| key(*cell)).collect();
@@ -222,47 +222,25 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
             target.put(cell, true);
         }
     }
-    // The core.
-    let certain = |cell: Place| target.at(cell) && sure.at(cell);
-    let open = |cell: Place| !solid.at(cell) || certain(cell);
-    let mut core = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
-    for cell in solid.all().filter(|cell| certain(*cell)) {
-        let plate = |axis: usize| {
-            (0..4).any(|from| {
-                let step = |i: i64| {
-                    let mut at = cell;
-                    at[(axis + 1) % 3] += (i & 1) - (from & 1);
-                    at[(axis + 2) % 3] += (i >> 1) - (from >> 1);
-                    at
-                };
-                (0..4).all(|i| open(step(i)))
-            })
-        };
-        core.put(cell, (0..3).any(plate));
-    }
-    let mut opened = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
-    for group in core.groups() {
-        let joined = group.iter().any(|cell| FACES.iter().any(|d| !solid.at(add(*cell, *d))));
-        if joined && group.iter().any(|cell| deep(*cell)) {
-            group.iter().for_each(|cell| opened.put(*cell, true));
+    // The core: what is wide first, which may make tunnels.
+    let mut wide = core(solid, points, (&target, &sure), true);
+    loop {
+        let cut_off = cut_off(solid, &wide);
+        let touching: Vec<Vec<Place>> =
+            wide.groups().into_iter().filter(|group| cut_off.as_ref().is_some_and(|cut| beside(group, cut))).collect();
+        touching.iter().flatten().for_each(|cell| wide.put(*cell, false));
+        if cut_off.is_none() {
+            break;
         }
     }
-    let left = |opened: &Marks| less(solid, opened);
-    let with_bits = |opened: &mut Marks| {
-        let before = opened.clone();
-        for group in left(opened).groups() {
-            let cut = group.iter().any(|cell| FACES.iter().any(|d| before.at(add(*cell, *d))));
-            if cut && group.len() < BITS as usize {
-                group.iter().for_each(|cell| opened.put(*cell, true));
-            }
-        }
-    };
-    with_bits(&mut opened);
+    let any_wide = wide.set.contains(&true);
+    let rest = &less(solid, &wide);
+    let mut opened = core(rest, points, (&target, &sure), false);
     // Groups are put back until all that are left may stay.
-    let cavities = cavities(solid);
+    let cavities = cavities(rest);
     loop {
         let before = opened.clone();
-        let changes = changes(solid, &opened);
+        let changes = changes(rest, &opened);
         let change = |group: &[Place]| group.iter().map(|cell| changes[cell]).sum::<i64>();
         // Those that lower the Euler number, with the cavities that they reach.
         let lowering: Vec<Vec<Place>> = opened.groups().into_iter().filter(|group| change(group) < 0).collect();
@@ -275,11 +253,12 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
                 of_cluster.iter().for_each(|cell| opened.put(*cell, false));
             }
         }
-        put_back_what_cuts(solid, &mut opened);
+        put_back_what_cuts(rest, &mut opened);
         if opened.set == before.set {
             break;
         }
     }
+    wide.all().filter(|cell| wide.at(*cell)).for_each(|cell| opened.put(cell, true));
     // Growth.
     for _ in 0..ROUNDS {
         for subgrid in 0..8 {
@@ -296,7 +275,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
         }
     }
     // Rungs.
-    let solid = &left(&opened);
+    let solid = &less(solid, &opened);
     let mut rungs = target.clone();
     rungs.all().filter(|cell| target.at(*cell) && !solid.at(*cell)).for_each(|cell| rungs.put(cell, false));
     loop {
@@ -310,7 +289,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> Marks {
         }
         put_back_what_cuts(solid, &mut rungs);
         if rungs.set == before.set {
-            return less(solid, &rungs);
+            return (less(solid, &rungs), any_wide);
         }
     }
 }
@@ -322,19 +301,64 @@ fn less(solid: &Marks, opened: &Marks) -> Marks {
     left
 }
 
-/// Of what is opened, groups by which the Euler number rises do not open where they cut off pieces.
-fn put_back_what_cuts(solid: &Marks, opened: &mut Marks) {
-    let beside =
-        |group: &[Place], marks: &Marks| group.iter().any(|cell| FACES.iter().any(|d| marks.at(add(*cell, *d))));
+/// Whether a group shares a face with a cell of some marks.
+fn beside(group: &[Place], marks: &Marks) -> bool {
+    group.iter().any(|cell| FACES.iter().any(|d| marks.at(add(*cell, *d))))
+}
+
+/// The groups of sure cells of the target in plates of 2 x 2 cells, or in cubes of 3 x 3 x 3, that reach the outside and lie deep, with what they cut off that is small or has no
+/// points.
+fn core(solid: &Marks, points: &Points, (target, sure): (&Marks, &Marks), wide: bool) -> Marks {
+    let certain = |cell: Place| target.at(cell) && sure.at(cell);
+    let open = |cell: Place| !solid.at(cell) || certain(cell);
+    // Boxes of cells, as their sides.
+    let boxes = if wide { vec![[3, 3, 3]] } else { vec![[1, 2, 2], [2, 1, 2], [2, 2, 1]] };
+    let mut core = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+    for cell in solid.all().filter(|cell| solid.at(*cell) && certain(*cell)) {
+        let within = |[a, b, c]: [i64; 3]| -> Vec<Place> {
+            (0..a).flat_map(|x| (0..b).flat_map(move |y| (0..c).map(move |z| [x, y, z]))).collect()
+        };
+        let lies_in = |sides: &[i64; 3]| {
+            let cells = within(*sides);
+            cells.iter().any(|back| cells.iter().all(|on| open([0, 1, 2].map(|a| cell[a] - back[a] + on[a]))))
+        };
+        core.put(cell, boxes.iter().any(lies_in));
+    }
+    let deep = |cell: Place| cube(1).into_iter().all(|d| solid.at(add(cell, d)));
+    let mut opened = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+    for group in core.groups() {
+        let joined = group.iter().any(|cell| FACES.iter().any(|d| !solid.at(add(*cell, *d))));
+        if joined && group.iter().any(|cell| deep(*cell)) {
+            group.iter().for_each(|cell| opened.put(*cell, true));
+        }
+    }
+    let before = opened.clone();
+    for piece in less(solid, &opened).groups() {
+        let is_sampled = piece.iter().any(|cell| points.contains_key(&key(*cell)));
+        if beside(&piece, &before) && (piece.len() < BITS as usize || !is_sampled) {
+            piece.iter().for_each(|cell| opened.put(*cell, true));
+        }
+    }
+    opened
+}
+
+/// The pieces that opening cuts off from larger ones, if it makes more.
+fn cut_off(solid: &Marks, opened: &Marks) -> Option<Marks> {
     let mut pieces = less(solid, opened).groups();
     pieces.retain(|piece| beside(piece, opened));
     let at_first = solid.groups().iter().filter(|piece| piece.iter().any(|cell| opened.at(*cell))).count();
-    if pieces.len() <= at_first {
-        return;
+    if pieces.len() <= at_first.max(1) {
+        return None;
     }
     let largest = pieces.iter().map(Vec::len).max().unwrap();
     let mut cut_off = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
     pieces.iter().filter(|piece| piece.len() < largest).flatten().for_each(|cell| cut_off.put(*cell, true));
+    Some(cut_off)
+}
+
+/// Of what is opened, groups by which the Euler number rises do not open where they cut off pieces.
+fn put_back_what_cuts(solid: &Marks, opened: &mut Marks) {
+    let Some(cut_off) = cut_off(solid, opened) else { return };
     let changes = changes(solid, opened);
     for group in opened.groups() {
         if group.iter().map(|cell| changes[cell]).sum::<i64>() > 0 && beside(&group, &cut_off) {
