@@ -1,4 +1,4 @@
-//! The core: what opens at once, in groups, where that makes neither tunnels nor pieces.
+//! The core and rungs: what opens at once, in groups, where that makes no pieces, and no tunnels but wide ones.
 //!
 //! ```text
 //!   S S S S S S      S solid, c core
@@ -51,22 +51,9 @@ impl Slabs<'_> {
         }
         let without_wide = if wide.is_empty() { None } else { Some(solid.without(&wide, self.context)?) };
         let left = without_wide.as_ref().unwrap_or(solid);
-        let mut opened = self.with_bits(left, occupied, self.groups(left, target, sure, Width::Plate)?)?;
-        // A group that is put back alters what others change: they are judged until all that are left may stay.
-        while !opened.is_empty() {
-            let tunnels = self.tunnels(left, &opened)?;
-            if let Some(tunnels) = &tunnels {
-                opened = self.less(&opened, tunnels)?;
-            }
-            let cuts = self.cuts(left, &opened)?;
-            if let Some(cuts) = &cuts {
-                opened = self.less(&opened, cuts)?;
-            }
-            if tunnels.is_none() && cuts.is_none() {
-                break;
-            }
-        }
-        if without_wide.is_none() { Ok(opened) } else { self.joined(&wide, &opened) }
+        let opened = self.with_bits(left, occupied, self.groups(left, target, sure, Width::Plate)?)?;
+        let opened = self.settled(left, opened, |opened| self.tunnels(left, opened))?;
+        if without_wide.is_none() { Ok(opened) } else { self.together(&wide, &opened) }
     }
 
     /// The groups of the sure cells of the target that are as wide, reach the outside and lie deep in the solid.
@@ -91,27 +78,39 @@ impl Slabs<'_> {
 
     /// The rungs: of the target that the solid still holds, groups at the outside by which the Euler number rises, where they cut off no piece.
     pub(super) fn rungs(&self, solid: &Solid, target: SliceStore) -> Result<SliceStore> {
-        let mut rungs = target;
-        // As in the core, one that is put back alters what others change.
-        while !rungs.is_empty() {
-            let mut all = true;
-            let labels = self.changes(solid, &rungs, None)?.judged(self.context, |change| {
-                let vanish = change.euler > 0 && change.joined == 1;
-                all &= vanish;
-                u8::from(vanish)
+        self.settled(solid, target, |rungs| {
+            let mut any = false;
+            let labels = self.changes(solid, rungs, None)?.judged(self.context, |change| {
+                let stays = change.euler <= 0 || change.joined == 0;
+                any |= stays;
+                u8::from(stays)
             })?;
-            if !all {
-                rungs = self.judged(&labels, None)?;
+            Ok(if any { Some(self.judged(&labels, None)?) } else { None })
+        })
+    }
+
+    /// Of what is opened, what is left when groups that `stay` and groups that cut off pieces are put back. A group that is put back alters what others change: they are judged until
+    /// all that are left may open.
+    fn settled(
+        &self,
+        solid: &Solid,
+        mut opened: SliceStore,
+        stay: impl Fn(&SliceStore) -> Result<Option<SliceStore>>,
+    ) -> Result<SliceStore> {
+        while !opened.is_empty() {
+            let stay = stay(&opened)?;
+            if let Some(stay) = &stay {
+                opened = self.less(&opened, stay)?;
             }
-            let cuts = self.cuts(solid, &rungs)?;
+            let cuts = self.cuts(solid, &opened)?;
             if let Some(cuts) = &cuts {
-                rungs = self.less(&rungs, cuts)?;
+                opened = self.less(&opened, cuts)?;
             }
-            if all && cuts.is_none() {
+            if stay.is_none() && cuts.is_none() {
                 break;
             }
         }
-        Ok(rungs)
+        Ok(opened)
     }
 
     /// Of what is opened, the groups that make a tunnel.

@@ -10,7 +10,7 @@
 //!        # + + + #            2. cells that the outside is near to on one side get a sign; others are hidden (wall)
 //!        # + + + #            3. hidden cells get theirs from one another (signs)
 //!        # # # # #            4. the winding number of all that tells what is outside (field)
-//!                             5. which opens from the outside, and makes neither pieces nor tunnels (open, core)
+//!                             5. which opens from the outside, and makes no pieces, and no tunnels but wide ones (open, core)
 //! ```
 //!
 //! All passes go over chunks of slices and hold some slices more on either side; from pass to pass, what is known of each cell lies in spools. Only blocks of cells near
@@ -530,11 +530,11 @@ impl<'a> Slabs<'a> {
         if more.is_empty() {
             return Ok((opened, false));
         }
-        Ok((self.joined(&opened, &more)?, true))
+        Ok((self.together(&opened, &more)?, true))
     }
 
     /// The cells of two stores, of which none is in both.
-    fn joined(&self, one: &SliceStore, other: &SliceStore) -> Result<SliceStore> {
+    fn together(&self, one: &SliceStore, other: &SliceStore) -> Result<SliceStore> {
         let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
         self.each(
             |chunk| {

@@ -1,4 +1,4 @@
-//! Which cells are opened: those that the winding number says are outside, as far as that makes no piece and no tunnel.
+//! Which cells are opened: those that the winding number says are outside, as far as that makes no piece, and no tunnel but a wide one.
 //!
 //! ```text
 //!   S S S S S S        target: what had better be outside

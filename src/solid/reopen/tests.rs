@@ -59,8 +59,18 @@ fn comb(
             (p[a], p[b]) = (angle.cos() * p[a] - angle.sin() * p[b], angle.sin() * p[a] + angle.cos() * p[b]);
         }
     }
-    let low = [0, 1, 2].map(|a| out.iter().map(|p| p[a]).fold(f64::MAX, f64::min));
-    out.iter().map(|p| [0, 1, 2].map(|a| p[a] - low[a])).collect()
+    to_zero(&out).0
+}
+
+/// Points moved to where coordinates begin, and by what.
+fn to_zero(places: &[[f64; 3]]) -> (Vec<[f64; 3]>, [f64; 3]) {
+    let low = [0, 1, 2].map(|a| places.iter().map(|p| p[a]).fold(f64::MAX, f64::min));
+    (places.iter().map(|p| [0, 1, 2].map(|a| p[a] - low[a])).collect(), low)
+}
+
+/// Handles of a piece without cavities.
+fn handles(marks: &Marks) -> i64 {
+    1 - euler(marks.all(), |cell| marks.at(cell))
 }
 
 /// The solid before, and what the stream and the twin leave of it.
@@ -185,7 +195,6 @@ fn rungs_across_the_slots_of_a_comb_go() {
         for seed in 0..2 {
             let places = comb(&mut Numbers::new(seed), 2.1, 2.1, 16.0, 0.0, 1.6, turn);
             let Both { before, streamed, .. } = both_ways(&places, 1.26, 1);
-            let handles = |marks: &Marks| 1 - euler(marks.all(), |cell| marks.at(cell));
             assert!(streamed.groups().len() <= before.groups().len(), "{turn:?}, {seed}");
             before_all += handles(&before);
             left_all += handles(&streamed);
@@ -218,8 +227,7 @@ fn a_wide_bore_opens() {
                 places.extend([[t, reach], [t, -reach], [reach, t], [-reach, t]].map(|[x, y]| turned([x, y, z])));
             }
         }
-        let low = [0, 1, 2].map(|a| places.iter().map(|p| p[a]).fold(f64::MAX, f64::min));
-        let places: Vec<[f64; 3]> = places.iter().map(|p| [0, 1, 2].map(|a| p[a] - low[a])).collect();
+        let (places, low) = to_zero(&places);
         let high = places.iter().map(|p| p[2]).fold(0.0, f64::max).floor() as i64;
         let middle = [20.0 - low[0], 20.0 - low[1]];
         let is_plug = |[x, y, z]: Place| {
@@ -230,7 +238,6 @@ fn a_wide_bore_opens() {
         };
         let Both { before, streamed, twin, .. } = both_ways_of(&places, is_plug, 1.26, 2);
         assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)), "{wide} {turn}");
-        let handles = |marks: &Marks| 1 - euler(marks.all(), |cell| marks.at(cell));
         assert_eq!((handles(&before), handles(&streamed)), (0, 1), "{wide} {turn}");
         assert_eq!(streamed.groups().len(), 1, "{wide} {turn}");
     }

@@ -95,7 +95,7 @@ pub fn signed(walls: &mut BTreeMap<[i64; 3], Wall>) {
     }
 }
 
-/// The solid's cells that are left.
+/// The solid's cells that are left, and whether wide cores opened, which may make tunnels.
 pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
     let block = |cell: Place| cell.map(|c| c / i64::from(BLOCK));
     let deep = |cell: Place| cube(1).into_iter().all(|d| solid.at(add(cell, d)));
