@@ -6,8 +6,8 @@
 
 use std::alloc::{GlobalAlloc, Layout as Piece, System};
 use std::path::Path;
+use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, PoisonError};
 
 use asra_stream::Error;
 use asra_stream::internals::input::{InputOptions, Layout};
@@ -64,8 +64,18 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
-/// One run at a time: all that is held is counted.
-static ALONE: Mutex<()> = Mutex::new(());
+/// Runs a test in a process of its own, where nothing else is counted; others run beside it.
+fn alone(test: &str, work: impl FnOnce()) {
+    const ALONE: &str = "BUDGET_TEST_ALONE";
+    if std::env::var_os(ALONE).is_some() {
+        return work();
+    }
+    let program = std::env::current_exe().unwrap();
+    let made = Command::new(program).args(["--exact", test, "--nocapture"]).env(ALONE, "1").output().unwrap();
+    let words = [made.stdout, made.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    eprint!("{}", words[1]);
+    assert!(made.status.success() && words[0].contains("1 passed"), "{}", words.concat());
+}
 
 #[derive(Debug, Clone, Copy)]
 enum Cloud {
@@ -225,7 +235,6 @@ impl Case {
 
     /// Runs with so many times the least budget that is named beforehand.
     fn keeps_its_plan(&self) -> Result<(), TestCaseError> {
-        let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().unwrap();
         let mut job = self.job(folder.path());
         let progress = || Progress::new(Show::Nothing);
@@ -347,90 +356,99 @@ fn keep_their_plans(cases: &impl Strategy<Value = Case>, number: u32) {
 
 #[test]
 fn no_more_is_counted_than_planned() {
-    keep_their_plans(&cases(), 14);
+    alone("no_more_is_counted_than_planned", || {
+        keep_their_plans(&cases(), 14);
+    });
 }
 
 /// What is seen from coarse cells is far too little here: the least that was named was refused in the end.
 #[test]
 fn the_least_budget_does_for_open_surfaces_over_sparse_clouds() {
-    keep_their_plans(&open_cases(), 4);
+    alone("the_least_budget_does_for_open_surfaces_over_sparse_clouds", || {
+        keep_their_plans(&open_cases(), 4);
+    });
 }
 
 /// Each piece has slabs of its own that wait.
 #[test]
 fn pieces_cost_no_more_than_planned() {
-    for (surface, fit, threads, factor) in [
-        (None, Fit::Nearest, 9, 1.0),
-        (None, Fit::Nearest, 9, 3.0),
-        (Some(Kind::Terrain), Fit::Auto, 17, 6.0),
-        (None, Fit::Plane, 33, 12.0),
-    ] {
-        let case = Case {
-            cloud: Cloud::Lumps,
-            points: 300_000,
-            k: 4.0,
-            surface,
-            fit,
-            threads,
-            carried: true,
-            factor,
-            ..PLAIN
-        };
-        case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
-    }
+    alone("pieces_cost_no_more_than_planned", || {
+        for (surface, fit, threads, factor) in [
+            (None, Fit::Nearest, 9, 1.0),
+            (None, Fit::Nearest, 9, 3.0),
+            (Some(Kind::Terrain), Fit::Auto, 17, 6.0),
+            (None, Fit::Plane, 33, 12.0),
+        ] {
+            let case = Case {
+                cloud: Cloud::Lumps,
+                points: 300_000,
+                k: 4.0,
+                surface,
+                fit,
+                threads,
+                carried: true,
+                factor,
+                ..PLAIN
+            };
+            case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
+        }
+    });
 }
 
 /// Stairs stand upright in one layer of cells: the walls round a terrain that are not made, and layers with most of a slab's triangles, once took twice the plan.
 #[test]
 fn walls_cost_no_more_than_planned() {
-    for (surface, fit, smooth) in [(Some(Kind::Terrain), Fit::Plane, 0), (None, Fit::Nearest, 1)] {
-        let case = Case { surface, fit, smooth, ..PLAIN };
-        case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
-    }
+    alone("walls_cost_no_more_than_planned", || {
+        for (surface, fit, smooth) in [(Some(Kind::Terrain), Fit::Plane, 0), (None, Fit::Nearest, 1)] {
+            let case = Case { surface, fit, smooth, ..PLAIN };
+            case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
+        }
+    });
 }
 
 /// Beside the plan, points are judged in the blocks in flight; before it, tiles are filled.
 #[test]
 fn the_ground_filter_keeps_the_budget() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    for (threads, budget) in [(1, 40 << 20), (2, 64 << 20), (4, 256 << 20)] {
-        let (cloud, points, noise, k) = (Cloud::Walls, 400_000, 0.0001, 4.0);
-        let surface = Some(Kind::Ground);
-        let case = Case {
-            cloud,
-            points,
-            noise,
-            k,
-            surface,
-            base: false,
-            fit: Fit::Auto,
-            smooth: 1,
-            threads,
-            carried: true,
-            simplified: false,
-            trimmed: false,
-            kept: false,
-            factor: 1.0,
-        };
-        let folder = tempfile::tempdir().unwrap();
-        let mut job = case.job(folder.path());
-        // Less than the least is refused, with a figure that does.
-        job.resources.max_memory = Some(budget / 2);
-        let refused = run(&job, &job.resources.workers().unwrap(), &mut Progress::new(Show::Nothing));
-        let budget = match refused {
-            Err(Error::Budget { needed, .. }) => needed.0,
-            Ok(_) => budget,
-            Err(error) => panic!("{error}"),
-        };
-        job.resources.max_memory = Some(budget);
-        let before = HELD.load(Relaxed);
-        MOST.store(before, Relaxed);
-        {
-            let workers = job.resources.workers().unwrap();
-            run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
+    alone("the_ground_filter_keeps_the_budget", || {
+        for (threads, budget) in [(1, 40 << 20), (2, 64 << 20), (4, 256 << 20)] {
+            let (cloud, points, noise, k) = (Cloud::Walls, 400_000, 0.0001, 4.0);
+            let surface = Some(Kind::Ground);
+            let case = Case {
+                cloud,
+                points,
+                noise,
+                k,
+                surface,
+                base: false,
+                fit: Fit::Auto,
+                smooth: 1,
+                threads,
+                carried: true,
+                simplified: false,
+                trimmed: false,
+                kept: false,
+                factor: 1.0,
+            };
+            let folder = tempfile::tempdir().unwrap();
+            let mut job = case.job(folder.path());
+            // Less than the least is refused, with a figure that does.
+            job.resources.max_memory = Some(budget / 2);
+            let refused = run(&job, &job.resources.workers().unwrap(), &mut Progress::new(Show::Nothing));
+            let budget = match refused {
+                Err(Error::Budget { needed, .. }) => needed.0,
+                Ok(_) => budget,
+                Err(error) => panic!("{error}"),
+            };
+            job.resources.max_memory = Some(budget);
+            let before = HELD.load(Relaxed);
+            MOST.store(before, Relaxed);
+            {
+                let workers = job.resources.workers().unwrap();
+                run(&job, &workers, &mut Progress::new(Show::Nothing)).unwrap();
+            }
+            let counted = (MOST.load(Relaxed) - before) as u64;
+            let granted = budget - beside_the_heap(threads);
+            assert!(counted <= granted, "{counted} of {granted} with {threads} threads");
         }
-        let counted = (MOST.load(Relaxed) - before) as u64;
-        let granted = budget - beside_the_heap(threads);
-        assert!(counted <= granted, "{counted} of {granted} with {threads} threads");
-    }
+    });
 }

@@ -20,6 +20,8 @@ fn sign(products: &[[f64; 4]]) -> i32 {
                     let high = part * factor;
                     [part.mul_add(*factor, -high), high]
                 })
+                // Most are none: of whole numbers, and of what one factor takes whole.
+                .filter(|part| *part != 0.0)
                 .collect();
         }
         for part in parts {
