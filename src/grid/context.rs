@@ -34,15 +34,10 @@ impl Context {
 
     /// Jobs in flight of a pass over the chunks of `cells`, with a ball of radius `radius`: at least one.
     pub fn jobs(&self, radius: u32, cells: Cell) -> usize {
-        let (jobs, bytes) = self.chunk_jobs(job_bytes(radius, cells), cells[1]);
-        self.account.pass(bytes);
-        jobs
-    }
-
-    /// Jobs of so many bytes each that are in flight at a time over the chunks of some slices, and the bytes of all of them.
-    pub fn chunk_jobs(&self, job: u64, slices: u32) -> (usize, u64) {
+        let job = job_bytes(radius, cells);
         let jobs = self.memory.jobs_of(job);
-        (jobs, job * (jobs as u64).min(u64::from(slices.div_ceil(CHUNK_SLICES))))
+        self.account.pass(job * (jobs as u64).min(u64::from(cells[1].div_ceil(CHUNK_SLICES))));
+        jobs
     }
 }
 

@@ -47,10 +47,12 @@ pub struct MemoryPlan {
 pub(crate) struct Passes {
     /// What goes to an object store, beside all others.
     pub(crate) transfers: u64,
-    /// Those before slabs are made.
-    pub(crate) before: u64,
-    /// Threads that have something to do in these.
-    pub(crate) busy_before: u64,
+    /// The survey.
+    pub(crate) surveying: Pass,
+    /// Sorting points into buckets.
+    pub(crate) bucketing: Pass,
+    /// Finding the occupied cells, closing them, and opening them again.
+    pub(crate) closing: Pass,
     /// The making of slabs.
     pub(crate) slabs: u64,
     /// The same as their stages counted it when they began; none before slabs are made.
@@ -59,6 +61,15 @@ pub(crate) struct Passes {
     pub(crate) asked: u64,
     /// The check, and the writing of the mesh.
     pub(crate) check: u64,
+}
+
+/// What one of them is expected to take.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+pub(crate) struct Pass {
+    /// Bytes of the heap.
+    pub(crate) bytes: u64,
+    /// Threads that have something to do in it.
+    pub(crate) busy: u64,
 }
 
 /// What is kept in memory from pass to pass where a budget has room for it, in bytes.

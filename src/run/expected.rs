@@ -6,12 +6,11 @@
 
 use crate::grid::context::{CHUNK_SLICES, job_bytes, runs_bytes};
 use crate::grid::slice::Bits;
-use crate::input::BLOCK_RECORDS;
 use crate::mesh::MeshSource;
 use crate::mesh::check::job::Need;
 use crate::mesh::spool::MeshSpool;
 use crate::nearest::bridged;
-use crate::resources::memory::{Closing, MemoryPlan, Passes};
+use crate::resources::memory::{Closing, MemoryPlan, Pass, Passes};
 use crate::run::planner::{
     FILLING, HEAP, KEPT_BACK, checking, deciding, jobs_of_all, looking, measuring, reopening, reopening_records,
     survey_jobs,
@@ -24,40 +23,40 @@ use crate::solid::heightfield;
 
 use crate::error::Result;
 
-/// What the process has beside the heap: data, and what the allocator needs to begin with.
-const OUTSIDE: u64 = 1 << 19;
+/// What the process and the allocator have, and what is taken from the heap whatever the program does, as it was found. [`HEAP`] is the most.
+const PROCESS: u64 = 5 << 19;
 
-/// What each thread, and the allocator for it, has to itself. Where slabs are made, what was given back is counted with them; the check's jobs hand their memory on.
-/// Budgets are given out with more ([`MemoryPlan::least`]), as some runs had.
+/// What each thread, and the allocator for it, has to itself beside what passes hold. Budgets are given out with more ([`MemoryPlan::least`]), as some runs had.
 ///
-/// The rule for these figures, and for those of slabs below: of runs of random configurations (`tools/memory.py`), what was resident beside what passes said was held; each figure
-/// as small as leaves nearly all runs below the plan.
-const THREAD_BEFORE_SLABS: u64 = 15 << 16;
+/// The rule for these figures, and for those of slabs below: of runs of random configurations (`tools/memory.py`), what was resident beside what passes said was held; each
+/// figure the one that leaves the fewest plans far from what was resident.
+const THREAD_BEFORE_SLABS: u64 = 1 << 16;
 const THREAD_OF_SLABS: u64 = 5 << 16;
-const THREAD_AFTER_SLABS: u64 = 1 << 19;
+const THREAD_AFTER_SLABS: u64 = 1 << 16;
 
 /// What each job that makes slabs has to itself, beside what its stages counted.
-const JOB_OF_SLABS: u64 = 13 << 16;
+const JOB_OF_SLABS: u64 = 4 << 16;
 
 /// What slabs have freed and the allocator still has, as a part of what they hold: where they give it back between their stages, and where they do not.
-const FREED: (u64, u64) = (12, 5);
+const FREED: (u64, u64) = (32, 16);
 
 impl Passes {
     /// The most of the heap at a time.
     fn heap(self) -> u64 {
-        Passes { slabs_counted: None, ..self }.beside_threads([0; 3], 0)
+        HEAP + Passes { slabs_counted: None, ..self }.beside_threads([0; 3], 0)
     }
 
     /// The most at a time, with so many threads.
     fn most(self, threads: usize) -> u64 {
-        OUTSIDE + self.beside_threads([THREAD_BEFORE_SLABS, THREAD_OF_SLABS, THREAD_AFTER_SLABS], threads as u64)
+        PROCESS + self.beside_threads([THREAD_BEFORE_SLABS, THREAD_OF_SLABS, THREAD_AFTER_SLABS], threads as u64)
     }
 
     fn beside_threads(self, [before, slabs, after]: [u64; 3], threads: u64) -> u64 {
         let of_slabs = self.slabs_counted.unwrap_or(self.slabs + threads * slabs);
-        let passes = [self.before + self.busy_before.min(threads) * before, of_slabs];
-        let passes = passes.into_iter().chain([self.asked, self.check].map(|pass| pass + threads * after));
-        HEAP + self.transfers + passes.max().unwrap_or(0)
+        let early = [self.surveying, self.bucketing, self.closing];
+        let early = early.map(|Pass { bytes, busy }| bytes + busy.min(threads) * before);
+        let late = [self.asked, self.check].map(|bytes| bytes + threads * after);
+        self.transfers + early.into_iter().chain(late).max().unwrap_or(0).max(of_slabs)
     }
 }
 
@@ -76,6 +75,18 @@ impl MemoryPlan {
         MemoryPlan { passes, predicted: most + kept_back, ..self }
     }
 
+    /// The same plan, when the cells are closed, of the passes up to then with what lay in memory then: what is expected of them by `self`, or was found.
+    pub(super) fn with_passes_before(
+        self,
+        before: &MemoryPlan,
+        workload: &Workload,
+        closing: Option<Closing>,
+    ) -> MemoryPlan {
+        let (surveying, bucketing) = (before.surveying(workload), before.bucketing(workload));
+        let passes = Passes { surveying, bucketing, closing: before.closing(workload, closing), ..self.passes };
+        self.with_passes(passes)
+    }
+
     /// The same plan when slabs have told that they and the mesh took so many bytes at a time; nothing if none was made here.
     pub(super) fn with_slabs_made(self, workload: &Workload, most: u64) -> MemoryPlan {
         if most == 0 {
@@ -88,7 +99,7 @@ impl MemoryPlan {
         let Ok(jobs) = self.slab_jobs(workload) else { return self };
         let beside = jobs.running.min(workload.slabs().len()) as u64 * JOB_OF_SLABS;
         let counted = held + held / if jobs.gives_back { FREED.0 } else { FREED.1 } + beside;
-        let counted = counted.min(self.budget.saturating_sub(OUTSIDE + HEAP + self.passes.transfers));
+        let counted = counted.min(self.budget.saturating_sub(PROCESS + self.passes.transfers));
         let passes = Passes { slabs_counted: Some(counted), ..self.passes };
         self.with_passes(passes)
     }
@@ -121,8 +132,9 @@ impl MemoryPlan {
         ];
         Ok(Passes {
             transfers: workload.transfers(),
-            before: self.before_slabs(workload, None),
-            busy_before: self.busy_before(workload),
+            surveying: self.surveying(workload),
+            bucketing: self.bucketing(workload),
+            closing: self.closing(workload, None),
             slabs: lasting + self.slab_jobs(workload)?.bytes_beside(workload, mesh),
             slabs_counted: None,
             asked: asked.into_iter().flatten().max().map_or(0, |most| mesh + most),
@@ -140,13 +152,27 @@ impl MemoryPlan {
         check.within(self.working).bytes() + most.min(FILLING * jobs_of_all(self.threads))
     }
 
-    /// The most memory that the passes take before slabs are made, beside the process; with what closing the cells was found to take, if that is known.
-    pub(super) fn before_slabs(&self, workload: &Workload, closing: Option<Closing>) -> u64 {
+    /// The survey.
+    fn surveying(&self, workload: &Workload) -> Pass {
+        let surveying = workload.surveying();
+        let threads = self.threads as u64;
+        let bytes = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, threads);
+        Pass { bytes, busy: self.busy(surveying.blocks) }
+    }
+
+    /// Sorting points into buckets.
+    fn bucketing(&self, workload: &Workload) -> Pass {
         let blocks = self.blocks(workload);
         let buckets = self.buckets_quota.min(workload.bucket_bytes());
         let open = self.open_chunks(workload);
-        let bucketing = blocks * workload.block_job() + if buckets > 0 { open / 2 } else { open };
+        // A block that waits for a thread is not read yet.
+        let sorted = blocks.min(self.threads as u64) * workload.block_job();
+        let bytes = buckets + sorted + if buckets > 0 { open / 2 } else { open };
+        Pass { bytes, busy: self.busy(blocks) }
+    }
 
+    /// Closing the cells and opening them again; with what it was found to take, if that is known.
+    fn closing(&self, workload: &Workload, closing: Option<Closing>) -> Pass {
         let sealing = workload.slice_bytes().min(self.slices_quota());
         // A pass over few slices has no more jobs than chunks.
         let of_pass =
@@ -170,28 +196,23 @@ impl MemoryPlan {
         });
         // Sides are told apart while occupied cells are all that there is, and those of a coarser level: as many bytes as later the solid has.
         let occupied = workload.standing_slice_bytes().min(sealing);
-        let passes = pass.max(slices).max(columns).max(reopening).max(looking(workload, blocks)).max(measuring);
+        let looking = looking(workload, self.blocks(workload));
+        let passes = pass.max(slices).max(columns).max(reopening).max(looking).max(measuring);
         let closing = (sealing + passes).max(occupied + field);
-
-        let surveying = workload.surveying();
-        let surveyed = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, self.threads as u64);
-        surveyed.max(buckets + bucketing).max(self.held(workload) + closing)
+        let chunks = u64::from(workload.cells[1].div_ceil(CHUNK_SLICES));
+        // Where a field is looked for, all threads look.
+        let busy = if workload.columns.is_none() { self.threads as u64 } else { self.busy(chunks) };
+        Pass { bytes: self.held(workload) + closing, busy }
     }
 
-    /// Threads that have something to do before slabs are made: where no field is looked for, no more than a pass has jobs.
-    fn busy_before(&self, workload: &Workload) -> u64 {
-        let threads = self.threads as u64;
-        if workload.columns.is_none() {
-            return threads;
-        }
-        let chunks = u64::from(workload.cells[1].div_ceil(CHUNK_SLICES));
-        // The calling thread is beside them.
-        threads.min(1 + chunks.max(self.blocks(workload)).max(workload.surveying().blocks))
+    /// Threads that have something to do in a pass of so many jobs: the calling one is beside them.
+    fn busy(&self, jobs: u64) -> u64 {
+        (self.threads as u64).min(1 + jobs)
     }
 
     /// Blocks of the input that are in flight at the most.
     fn blocks(&self, workload: &Workload) -> u64 {
-        (self.blocks_in_flight as u64).min(workload.points.div_ceil(BLOCK_RECORDS as u64))
+        (self.blocks_in_flight as u64).min(workload.blocks())
     }
 
     /// Bytes of open chunks: one is whole as memory goes, once it was another's.

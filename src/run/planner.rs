@@ -106,11 +106,7 @@ impl MemoryPlan {
             made = share(*kept);
         }
         // Until now, what leaves memory lay in it.
-        let before = self.before_slabs(workload, closing);
-        made.map(|plan| {
-            let passes = Passes { before, ..plan.passes };
-            plan.with_passes(passes)
-        })
+        made.map(|plan| plan.with_passes_before(self, workload, closing))
     }
 
     /// Bytes that all stores of slices together may take.

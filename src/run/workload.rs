@@ -93,7 +93,8 @@ impl SurveyWorkload {
     /// The same when it is known in how many blocks the points came, and how many the largest had: of text, nobody knows before.
     pub(crate) fn counted(self, (blocks, points): (u64, u64)) -> SurveyWorkload {
         // Where it is not known how many come, they lie in a vector that grows by doubling.
-        SurveyWorkload { blocks: self.blocks.min(blocks), points: self.points.min(points.next_power_of_two()), ..self }
+        let room = if self.blocks == u64::MAX { points.next_power_of_two() } else { points };
+        SurveyWorkload { blocks, points: self.points.min(room), ..self }
     }
 
     /// Bytes with so many blocks in flight, of which as many as there are threads are looked at.
@@ -421,8 +422,19 @@ impl Workload {
 
     /// Bytes that a block of input takes while its points are sorted: as it is mapped, decoded, sorted, with the buckets of its points.
     pub(crate) fn block_job(&self) -> u64 {
-        let points = self.points.min(BLOCK_RECORDS as u64);
+        let points = match self.surveying.points {
+            0 => self.points.min(BLOCK_RECORDS as u64),
+            most => self.points.min(most),
+        };
         BLOCK_BYTES as u64 + points * (2 * self.record() + 4) + 4 * self.buckets()
+    }
+
+    /// Blocks that the input comes in.
+    pub(crate) fn blocks(&self) -> u64 {
+        match self.surveying.blocks {
+            0 | u64::MAX => self.points.div_ceil(BLOCK_RECORDS as u64),
+            counted => counted,
+        }
     }
 
     /// Bytes of bits that one slab's job holds while it is fitted: the index of points.

@@ -84,13 +84,17 @@ const HELD: u32 = CHUNK_SLICES + 2 * (RANGE * SIGMA_CELLS.1) as u32;
 /// Bytes that a job holds for each active cell: its points or its plane, and its place; the same of what it gives.
 const FOR_CELL: u64 = (size_of::<Moments>() + size_of::<Wall>() + 2 * size_of::<u32>()) as u64;
 
-/// Bytes of a job over a chunk of slices, with so many active cells and faces of the solid in each slice: what is known of the cells, runs of the solid and of what is
+/// Bytes of the job over each chunk of slices, with so many active cells and faces of the solid in each slice: what is known of the cells, runs of the solid and of what is
 /// opened, two faces a run; their rows; and a tile, three times.
-fn job_bytes(in_slice: &[u32], faces: &[u32], cells: Cell) -> u64 {
+fn bytes_of_jobs(in_slice: &[u32], faces: &[u32], cells: Cell) -> Vec<u64> {
     let slices: Vec<u64> =
         in_slice.iter().zip(faces).map(|(cells, faces)| FOR_CELL * u64::from(*cells) + 8 * u64::from(*faces)).collect();
-    let held = slices.windows((HELD as usize).min(slices.len())).map(|slices| slices.iter().sum::<u64>()).max();
-    held.unwrap_or(0) + rows_and_tile(cells)
+    let reach = (HELD - CHUNK_SLICES) / 2;
+    let held = chunks(cells[1]).map(|chunk| {
+        let end = (chunk.end + reach).min(cells[1]);
+        slices[chunk.start.saturating_sub(reach) as usize..end as usize].iter().sum::<u64>()
+    });
+    held.map(|held| held + rows_and_tile(cells)).collect()
 }
 
 fn rows_and_tile(cells: Cell) -> u64 {
@@ -371,8 +375,11 @@ impl<'a> Slabs<'a> {
                 active.extend(&slices)
             },
         )?;
-        let (jobs, bytes) = context.chunk_jobs(job_bytes(&in_slice, &solid.faces, cells), cells[1]);
-        context.account.reopening(bytes);
+        let mut bytes = bytes_of_jobs(&in_slice, &solid.faces, cells);
+        bytes.sort_unstable_by(|a, b| b.cmp(a));
+        let jobs = context.memory.jobs_of(bytes[0]);
+        // Those that take the most may stand side by side.
+        context.account.reopening(bytes.iter().take(jobs).sum());
         Ok(Some(Slabs { context, cells, active, allowed, jobs }))
     }
 
