@@ -108,14 +108,15 @@ pub(super) fn surface_of<T: Coordinate>(
                 SurfaceLog::open(work, (T::PRECISION, schema), context)?;
             let mut stitcher = begun(mesh, &checkpoint);
             let first = if whole { slabs } else { stitcher.next() };
-            (0..first).for_each(means.taken);
+            // The mesh lies in files that outlast the run.
+            (0..first).for_each(|number| (means.taken)(number, 0));
             let mut number = first;
             let made = means.workers.in_order_range(
                 means.in_flight,
                 (slabs - first) as usize,
                 |job| (means.make)(first + job as u32),
                 |slab| {
-                    (means.taken)(number);
+                    (means.taken)(number, 0);
                     number += 1;
                     stitcher.add(slab)?.into_iter().for_each(|slab| means.spares.give(slab));
                     log.tell(&mut stitcher)
@@ -215,11 +216,10 @@ pub(super) fn with_slabs<T: Coordinate, R>(
         SlabMesh::make(number, &making, room)
     };
     let told = Mutex::new((&mut *progress, 0.0, Claim::of(&context.account.slabs)));
-    let taken = |number: u32| {
+    let taken = |number: u32, grown: u64| {
         let (progress, done, mesh) = &mut *told.lock().unwrap_or_else(PoisonError::into_inner);
         *done += work(number);
-        // The mesh has the part that comes of the slabs before.
-        mesh.set((memory.mesh_quota.min(workload.mesh_bytes()) as f64 * (*done / all).min(1.0)) as u64);
+        mesh.set((mesh.bytes() + grown).min(memory.mesh_quota));
         progress.add_weighed(faces_of_slab(number), *done / all);
     };
     let ranges = jobs.ranges(workload);

@@ -420,13 +420,13 @@ impl Workload {
         self.bucket_bytes() + self.slice_bytes().max(self.standing_slice_bytes() + self.mesh_bytes())
     }
 
-    /// Bytes that a block of input takes while its points are sorted: as it is mapped, decoded, sorted, with the buckets of its points.
+    /// Bytes that a block of input takes while its points are sorted: decoded, sorted, with the buckets of its points. What is mapped does not count.
     pub(crate) fn block_job(&self) -> u64 {
         let points = match self.surveying.points {
             0 => self.points.min(BLOCK_RECORDS as u64),
             most => self.points.min(most),
         };
-        BLOCK_BYTES as u64 + points * (2 * self.record() + 4) + 4 * self.buckets()
+        points * (2 * self.record() + 4) + 4 * self.buckets()
     }
 
     /// Blocks that the input comes in.

@@ -132,10 +132,10 @@ fn made<T: Coordinate>(
                     spares.give(slab);
                     return Ok(());
                 }
-                let at = stitcher.next();
+                let (at, before) = (stitcher.next(), stitcher.mesh().bytes());
                 stitcher.add(slab)?.into_iter().for_each(|slab| spares.give(slab));
                 if (first..upto).contains(&at) {
-                    taken(at);
+                    taken(at, stitcher.mesh().bytes() - before);
                 }
                 if let Some(mark) = stitcher.mark() {
                     to = arrived(mark.slab);

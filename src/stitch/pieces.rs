@@ -46,8 +46,8 @@ pub struct Means<'m, 'a, T> {
     pub stitcher: &'m (dyn Fn(usize, &Checkpoint) -> Stitcher<'a, T> + Sync),
     /// Makes a slab.
     pub make: &'m (dyn Fn(u32) -> Result<SlabMesh<T>> + Sync),
-    /// Told of each slab once when a stitcher has taken it.
-    pub taken: &'m (dyn Fn(u32) + Sync),
+    /// Told of each slab once when a stitcher has taken it, and of the bytes that its mesh has grown by.
+    pub taken: &'m (dyn Fn(u32, u64) + Sync),
     /// Where `make` takes room from: slabs that are no longer needed.
     pub spares: &'m Spares<SlabMesh<T>>,
 }
@@ -231,7 +231,7 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
         let first = stitcher.next();
         let mut mark = None;
         let take = |slab: SlabMesh<T>| {
-            let at = stitcher.next();
+            let (at, before) = (stitcher.next(), stitcher.mesh().bytes());
             stitcher.add(slab)?.into_iter().for_each(|slab| spares.give(slab));
             mark = stitcher.mark();
             self.tell(number, |told| {
@@ -239,7 +239,7 @@ impl<T: Coordinate> Pieces<'_, '_, T> {
                 told.closed = at + 1;
             });
             if !self.taken[at as usize].swap(true, Ordering::Relaxed) {
-                taken(at);
+                taken(at, stitcher.mesh().bytes() - before);
             }
             Ok(())
         };

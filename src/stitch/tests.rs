@@ -235,7 +235,7 @@ impl Stitching<'_> {
             tries,
             stitcher: &|_, from| self.stitcher(from),
             make,
-            taken: &|number| taken.lock().unwrap().push(number),
+            taken: &|number, _| taken.lock().unwrap().push(number),
             spares: &Spares::default(),
         };
         let stitched = pieces::stitch(ranges, &means)?;
@@ -254,7 +254,7 @@ impl Stitching<'_> {
             tries: u32::MAX,
             stitcher: &|_, from| self.stitcher(from),
             make: &|number| self.slab(number),
-            taken: &|_| (),
+            taken: &|_, _| (),
             spares: &Spares::default(),
         };
         let (mut meshes, pieces): (Vec<MeshSpool>, Vec<Apart>) =

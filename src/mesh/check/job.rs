@@ -44,7 +44,8 @@ impl Need {
     /// The same of a mesh of which it is known, or not, how many vertices lie between the least and the greatest that a group of its triangles names, at the most.
     pub(crate) fn of_groups(vertices: u64, triangles: u64, widest: Option<u64>, threads: usize) -> Need {
         let widest = widest.unwrap_or(vertices).min(vertices);
-        let jobs = Plan::in_flight(threads) as u64;
+        // What a job needs is lent to those that are under way, no more than there are threads.
+        let jobs = threads.max(1) as u64;
         let group = triangles.min(GROUP as u64);
         let near = group * size_of::<[u32; 3]>() as u64 + widest.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
         // A group can span more than a window only where there are more vertices.
@@ -96,15 +97,9 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// Jobs under way at a time.
-    fn in_flight(threads: usize) -> usize {
-        threads + 1
-    }
-
     pub(crate) fn for_budget(budget: u64, threads: usize) -> Plan {
-        let in_flight = Plan::in_flight(threads);
         let (jobs, components) = shares(budget);
-        Plan::of(jobs, components, in_flight)
+        Plan::of(jobs, components, threads)
     }
 
     /// For a mesh whose triangles name vertices near each other: no more than it needs.
@@ -112,7 +107,7 @@ impl Plan {
         let vertices = mesh.vertex_count();
         let need = Need::of(vertices, mesh.face_count(), threads);
         let (jobs, components) = shares(budget);
-        let plan = Plan::of(need.jobs.min(jobs), components, Plan::in_flight(threads));
+        let plan = Plan::of(need.jobs.min(jobs), components, threads);
         if jobs < need.jobs {
             return plan;
         }
@@ -120,11 +115,11 @@ impl Plan {
         Plan { window: (vertices as usize).clamp(WINDOW.0, WINDOW.1), ..plan }
     }
 
-    fn of(jobs: u64, components: u64, in_flight: usize) -> Plan {
-        let job = jobs / in_flight as u64;
+    fn of(jobs: u64, components: u64, threads: usize) -> Plan {
+        let job = jobs / threads.max(1) as u64;
         let most = (job / VERTEX_BYTES).clamp(u64::from(NEAR_RANGE) / 4, 1 << 31) as u32;
         Plan {
-            in_flight,
+            in_flight: threads + 1,
             block: BLOCK,
             window: (job / 48).clamp(WINDOW.0 as u64, WINDOW.1 as u64) as usize,
             far: (job / FAR_BYTES) as usize / GROUP * GROUP,
