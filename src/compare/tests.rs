@@ -205,7 +205,7 @@ fn shape(faces: std::ops::Range<usize>) -> impl Strategy<Value = Shape> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(if cfg!(debug_assertions) { 30 } else { 300 }))]
+    #![proptest_config(ProptestConfig::with_cases(if cfg!(debug_assertions) { 60 } else { 300 }))]
     #[test]
     fn any_mesh_against_any_mesh(mesh in shape(1..60), reference in shape(1..60), shared: bool) {
         // Often enough both are to lie on each other in part.

@@ -6,6 +6,7 @@
 
 use crate::grid::context::{CHUNK_SLICES, job_bytes, runs_bytes};
 use crate::grid::slice::Bits;
+use crate::input::BLOCK_BYTES;
 use crate::mesh::MeshSource;
 use crate::mesh::check::job::Need;
 use crate::mesh::spool::MeshSpool;
@@ -23,16 +24,15 @@ use crate::solid::heightfield;
 
 use crate::error::Result;
 
-/// What the process and the allocator have, and what is taken from the heap whatever the program does, as it was found. [`HEAP`] is the most.
-const PROCESS: u64 = 5 << 19;
-
-/// What each thread, and the allocator for it, has to itself beside what passes hold. Budgets are given out with more ([`MemoryPlan::least`]), as some runs had.
+/// What is resident whatever the program does, as it was found: the process, what the allocator keeps to itself, the coarse grid. Of the heap, [`HEAP`] is the most.
 ///
-/// The rule for these figures, and for those of slabs below: of runs of random configurations (`tools/memory.py`), what was resident beside what passes said was held; each
-/// figure the one that leaves the fewest plans far from what was resident.
-const THREAD_BEFORE_SLABS: u64 = 1 << 16;
+/// The rule for this figure and those below: of runs of random configurations (`tools/memory.py`), what was resident beside what passes said was held; each figure the one that
+/// leaves the fewest plans far from what was resident. Budgets are given out with more ([`MemoryPlan::least`]), as some runs had.
+const ALWAYS: u64 = 5 << 19;
+
+/// What each thread, and the allocator for it, has to itself beside what passes hold: in most, and where slabs are made.
+const THREAD_OF_PASS: u64 = 1 << 16;
 const THREAD_OF_SLABS: u64 = 5 << 16;
-const THREAD_AFTER_SLABS: u64 = 1 << 16;
 
 /// What each job that makes slabs has to itself, beside what its stages counted.
 const JOB_OF_SLABS: u64 = 4 << 16;
@@ -43,20 +43,20 @@ const FREED: (u64, u64) = (32, 16);
 impl Passes {
     /// The most of the heap at a time.
     fn heap(self) -> u64 {
-        HEAP + Passes { slabs_counted: None, ..self }.beside_threads([0; 3], 0)
+        HEAP + Passes { slabs_counted: None, ..self }.beside_threads([0; 2], 0)
     }
 
     /// The most at a time, with so many threads.
     fn most(self, threads: usize) -> u64 {
-        PROCESS + self.beside_threads([THREAD_BEFORE_SLABS, THREAD_OF_SLABS, THREAD_AFTER_SLABS], threads as u64)
+        ALWAYS + self.beside_threads([THREAD_OF_PASS, THREAD_OF_SLABS], threads as u64)
     }
 
-    fn beside_threads(self, [before, slabs, after]: [u64; 3], threads: u64) -> u64 {
-        let of_slabs = self.slabs_counted.unwrap_or(self.slabs + threads * slabs);
+    fn beside_threads(self, [thread, of_slabs]: [u64; 2], threads: u64) -> u64 {
+        let slabs = self.slabs_counted.unwrap_or(self.slabs + threads * of_slabs);
         let early = [self.surveying, self.bucketing, self.closing];
-        let early = early.map(|Pass { bytes, busy }| bytes + busy.min(threads) * before);
-        let late = [self.asked, self.check].map(|bytes| bytes + threads * after);
-        self.transfers + early.into_iter().chain(late).max().unwrap_or(0).max(of_slabs)
+        let early = early.map(|Pass { bytes, busy }| bytes + busy.min(threads) * thread);
+        let late = [self.asked, self.check].map(|bytes| bytes + threads * thread);
+        self.transfers + early.into_iter().chain(late).max().unwrap_or(0).max(slabs)
     }
 }
 
@@ -75,7 +75,7 @@ impl MemoryPlan {
         MemoryPlan { passes, predicted: most + kept_back, ..self }
     }
 
-    /// The same plan, when the cells are closed, of the passes up to then with what lay in memory then: what is expected of them by `self`, or was found.
+    /// The same plan with what the passes until the cells are closed take by the plan that they run with: what is expected of them, and of closing, if that is known, what was found.
     pub(super) fn with_passes_before(
         self,
         before: &MemoryPlan,
@@ -99,7 +99,7 @@ impl MemoryPlan {
         let Ok(jobs) = self.slab_jobs(workload) else { return self };
         let beside = jobs.running.min(workload.slabs().len()) as u64 * JOB_OF_SLABS;
         let counted = held + held / if jobs.gives_back { FREED.0 } else { FREED.1 } + beside;
-        let counted = counted.min(self.budget.saturating_sub(PROCESS + self.passes.transfers));
+        let counted = counted.min(self.budget.saturating_sub(ALWAYS + self.passes.transfers));
         let passes = Passes { slabs_counted: Some(counted), ..self.passes };
         self.with_passes(passes)
     }
@@ -165,9 +165,10 @@ impl MemoryPlan {
         let blocks = self.blocks(workload);
         let buckets = self.buckets_quota.min(workload.bucket_bytes());
         let open = self.open_chunks(workload);
-        // A block that waits for a thread is not read yet.
-        let sorted = blocks.min(self.threads as u64) * workload.block_job();
-        let bytes = buckets + sorted + if buckets > 0 { open / 2 } else { open };
+        // A block that waits for a thread is not decoded yet.
+        let under_way = blocks.min(self.threads as u64);
+        let sorting = blocks * BLOCK_BYTES as u64 + under_way * workload.sorting_a_block();
+        let bytes = buckets + sorting + if buckets > 0 { open / 2 } else { open };
         Pass { bytes, busy: self.busy(blocks) }
     }
 

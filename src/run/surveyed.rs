@@ -155,7 +155,7 @@ pub fn survey_with(
     let workload = workload.with_attributes(cloud.schema().stride()).with_fit(settings.fit());
     let workload = workload.with_bridging(settings.bridged, settings.trim.is_some());
     let workload = workload.with_level(level_to_expect(survey.points, &coarse_grid, &grid));
-    let surveying = SurveyWorkload { wanted: needed, ..surveying }.counted(survey.blocks);
+    let surveying = SurveyWorkload { wanted: needed, ..surveying }.counted(cloud, survey.blocks);
     let workload = workload.with_simplification(settings.simplify).with_survey(surveying);
     let mut workload = workload.with_sights(open.is_none() && !cloud.places().places.is_empty());
     if let Some(open) = &open {

@@ -91,9 +91,10 @@ impl SurveyWorkload {
     }
 
     /// The same when it is known in how many blocks the points came, and how many the largest had: of text, nobody knows before.
-    pub(crate) fn counted(self, (blocks, points): (u64, u64)) -> SurveyWorkload {
-        // Where it is not known how many come, they lie in a vector that grows by doubling.
-        let room = if self.blocks == u64::MAX { points.next_power_of_two() } else { points };
+    pub(crate) fn counted(self, cloud: &Cloud, (blocks, points): (u64, u64)) -> SurveyWorkload {
+        // Where it is not known how many come, or files differ, they lie in a vector that grows by doubling.
+        let is_known = matches!(cloud.sources(), [one] if one.records.is_some());
+        let room = if is_known { points } else { points.next_power_of_two() };
         SurveyWorkload { blocks, points: self.points.min(room), ..self }
     }
 
@@ -420,8 +421,13 @@ impl Workload {
         self.bucket_bytes() + self.slice_bytes().max(self.standing_slice_bytes() + self.mesh_bytes())
     }
 
-    /// Bytes that a block of input takes while its points are sorted: decoded, sorted, with the buckets of its points. What is mapped does not count.
+    /// Bytes that a block of input takes while its points are sorted: as it is read, where files cannot be mapped, and [beside that](Workload::sorting_a_block).
     pub(crate) fn block_job(&self) -> u64 {
+        BLOCK_BYTES as u64 + self.sorting_a_block()
+    }
+
+    /// Bytes of a block's points, decoded and sorted, with the buckets that they go to.
+    pub(crate) fn sorting_a_block(&self) -> u64 {
         let points = match self.surveying.points {
             0 => self.points.min(BLOCK_RECORDS as u64),
             most => self.points.min(most),
