@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
-use crate::format::point_format::{BLOCK_BYTES, BlockCutter, Decode};
+use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode};
 use crate::points::{Batch, Coordinate, Points};
 use crate::storage::mapped::{Bytes, Mapped};
 
@@ -25,6 +25,8 @@ pub struct LineBlock {
     pub bytes: Bytes,
     /// The number of its first line, counted from 1.
     pub first_line: u64,
+    /// How many lines it has.
+    pub count: usize,
 }
 
 impl LineCutter {
@@ -43,7 +45,7 @@ impl LineCutter {
         self.line
     }
 
-    /// The next lines, about [`BLOCK_BYTES`] of them; `None` at the end of the file.
+    /// The next lines, about [`BLOCK_BYTES`] of them, but no more than [`BLOCK_RECORDS`] lines; `None` at the end of the file.
     ///
     /// # Errors
     /// [`Error::Malformed`] if a line is longer than [`MAX_LINE`]; [`Error::Io`].
@@ -53,17 +55,25 @@ impl LineCutter {
             return Ok(None);
         }
         let bytes = self.file.bytes(self.at..self.at + left.min((BLOCK_BYTES + MAX_LINE) as u64))?;
-        // The block ends behind the line in which its size is reached, or with the file.
+        // The block ends behind the line in which its size is reached, behind its last line, or with the file.
         let searched = BLOCK_BYTES.min(bytes.len());
-        let end = match memchr::memchr(b'\n', &bytes[searched..]) {
-            Some(found) => searched + found + 1,
-            None if bytes.len() as u64 == left => bytes.len(),
-            None => return Err(self.endless(memchr::memchr_iter(b'\n', &bytes).count() as u64)),
+        let mut ends = memchr::memchr_iter(b'\n', &bytes).map(|at| at + 1);
+        let (mut whole, mut end) = (0, 0);
+        while end <= searched && whole < BLOCK_RECORDS {
+            let Some(next) = ends.next() else { break };
+            (whole, end) = (whole + 1, next);
+        }
+        let is_full = end > searched || whole == BLOCK_RECORDS;
+        let end = match is_full {
+            true => end,
+            false if bytes.len() as u64 == left => bytes.len(),
+            false => return Err(self.endless(whole as u64)),
         };
-        let block = LineBlock { bytes: self.file.bytes(self.at..self.at + end as u64)?, first_line: self.line };
+        let (bytes, first_line) = (self.file.bytes(self.at..self.at + end as u64)?, self.line);
         self.at += end as u64;
-        self.line += memchr::memchr_iter(b'\n', &block.bytes).count() as u64;
-        Ok(Some(block))
+        self.line += whole as u64;
+        let count = whole + usize::from(bytes.last() != Some(&b'\n'));
+        Ok(Some(LineBlock { bytes, first_line, count }))
     }
 
     /// The next lines, but at most `limit` that are not blank; also how many those are.
@@ -80,7 +90,7 @@ impl LineCutter {
                 self.at = at + range.start as u64;
                 self.line = first_line + number;
                 let bytes = self.file.bytes(at..self.at)?;
-                return Ok(Some((LineBlock { bytes, first_line }, filled)));
+                return Ok(Some((LineBlock { bytes, first_line, count: number as usize }, filled)));
             }
             filled += u64::from(!block.bytes[range].trim_ascii().is_empty());
         }
@@ -117,6 +127,14 @@ pub trait LineReading: Send + Sync {
     /// # Errors
     /// [`Error::Malformed`] with the line.
     fn fill<C: Coordinate>(&self, block: &LineBlock, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) -> Result<()>;
+
+    /// How many points a block has at the most, which are made room for.
+    fn most(&self, block: &LineBlock) -> usize {
+        block.count
+    }
+
+    /// Bytes of a point's attributes.
+    fn record(&self) -> usize;
 }
 
 /// Lines, and how points are read of them.
@@ -130,9 +148,17 @@ pub struct LinesRead<R> {
 impl<R: LineReading> Decode for LinesRead<R> {
     fn decode(&self, batch: &mut Batch) -> Result<()> {
         let Batch { points, attributes, .. } = batch;
+        let most = self.reading.most(&self.block);
+        attributes.reserve_exact(most * self.reading.record());
         match points {
-            Points::Single(points) => self.reading.fill(&self.block, points, attributes),
-            Points::Double(points) => self.reading.fill(&self.block, points, attributes),
+            Points::Single(points) => {
+                points.reserve_exact(most);
+                self.reading.fill(&self.block, points, attributes)
+            }
+            Points::Double(points) => {
+                points.reserve_exact(most);
+                self.reading.fill(&self.block, points, attributes)
+            }
         }
     }
 }
@@ -183,17 +209,21 @@ mod tests {
 
     #[test]
     fn blocks_are_whole_lines_and_numbered() {
-        let text: String = (1..=200_000).map(|i| format!("{i} 1.5 2.5 3.5\r\n")).collect();
+        // Long lines, then short ones.
+        let text = (1..=300_000).map(|i| if i < 200_000 { format!("{i} 1.5 2.5 3.5\r\n") } else { format!("{i} 1\n") });
+        let text: String = text.collect();
         let mut cutter = LineCutter::new(file(text.as_bytes()), 0, 1);
         let (mut joined, mut blocks) = (Vec::new(), 0);
         while let Some(block) = cutter.next().unwrap() {
             let first = std::str::from_utf8(&block.bytes).unwrap().split(' ').next().unwrap();
             assert_eq!(first.parse::<u64>().unwrap(), block.first_line);
+            assert_eq!(block.count, block.bytes.iter().filter(|byte| **byte == b'\n').count());
+            assert!(block.count <= BLOCK_RECORDS && block.bytes.len() <= BLOCK_BYTES + 32);
             joined.extend_from_slice(&block.bytes);
             blocks += 1;
         }
         assert_eq!(joined, text.as_bytes());
-        assert!(blocks > 2);
+        assert!(blocks > 4);
     }
 
     #[test]

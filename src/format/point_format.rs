@@ -54,6 +54,11 @@ pub(crate) trait PointFormat: fmt::Debug + Send + Sync {
         Vec::new()
     }
 
+    /// Bytes that a block takes before it is decoded: none where it is lent from a map, and nothing else is kept of it.
+    fn bytes_of_block(&self) -> u64 {
+        BLOCK_BYTES as u64
+    }
+
     /// Opens the file and starts cutting at its first record; blocks are to be decoded with attributes of `schema`.
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>>;
 }

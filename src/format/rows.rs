@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::lines::{LineBlock, LineCutter, LineReading, LinesRead, blanks, lines, number, quoted};
 use super::records::same_length;
 use crate::error::{Error, Result};
-use crate::format::point_format::{BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::scalar::Scalar;
 use crate::points::{Coordinate, Precision};
@@ -118,6 +118,10 @@ impl PointFormat for Rows {
         &self.attributes
     }
 
+    fn bytes_of_block(&self) -> u64 {
+        self.shape.content.heap(BLOCK_BYTES)
+    }
+
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
         let file = self.shape.content.open()?;
         same_length(&file, self.len)?;
@@ -181,5 +185,9 @@ impl LineReading for Reading {
             self.placing.place(&values, attributes);
         }
         Ok(())
+    }
+
+    fn record(&self) -> usize {
+        self.placing.stride()
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::lines::{AllLines, LineBlock, LineCutter, LineReading, blanks, lines, number, quoted};
 use super::records::same_length;
 use crate::error::{Error, Result};
-use crate::format::point_format::{BlockCutter, PointFormat};
+use crate::format::point_format::{BLOCK_BYTES, BlockCutter, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::{Coordinate, Precision};
 use crate::storage::mapped::{Content, Mapped};
@@ -39,6 +39,10 @@ impl PointFormat for Statements {
 
     fn attributes(&self) -> &[Attribute] {
         &self.attributes
+    }
+
+    fn bytes_of_block(&self) -> u64 {
+        self.content.heap(BLOCK_BYTES)
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {
@@ -92,5 +96,13 @@ impl LineReading for Reading {
             placing.place(&values, attributes);
         }
         Ok(())
+    }
+
+    fn most(&self, block: &LineBlock) -> usize {
+        lines(&block.bytes).filter(|(_, range)| first_word(&block.bytes[range.clone()], self.word)).count()
+    }
+
+    fn record(&self) -> usize {
+        self.placing.stride()
     }
 }

@@ -220,6 +220,11 @@ impl<'a> Cloud<'a> {
         &self.sources
     }
 
+    /// Bytes that a block takes before it is decoded, at the most.
+    pub(crate) fn bytes_of_block(&self) -> u64 {
+        self.formats.iter().map(|format| format.bytes_of_block()).max().unwrap_or(0)
+    }
+
     /// The widest precision of the files, which all decoded points have.
     pub fn precision(&self) -> Precision {
         self.precision

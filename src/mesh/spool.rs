@@ -73,34 +73,48 @@ struct Groups {
     last: (usize, u32, u32),
     /// All that were appended.
     triangles: u64,
-    /// Of all groups before, how many vertices lie between the two, at the most.
-    widest: u64,
+    /// Of all groups before, and of all triangles, how many vertices lie between the two, at the most.
+    spans: Spans,
+}
+
+/// How many vertices lie between the least and the greatest that some triangles name, at the most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Spans {
+    /// Of groups of [`GROUP`] triangles.
+    pub group: u64,
+    /// Of single triangles.
+    pub triangle: u64,
 }
 
 impl Groups {
-    const NONE: Groups = Groups { last: (0, u32::MAX, 0), triangles: 0, widest: 0 };
+    const NONE: Groups = Groups { last: (0, u32::MAX, 0), triangles: 0, spans: Spans { group: 0, triangle: 0 } };
 
     fn add(&mut self, mut faces: &[FaceRecord]) {
         self.triangles += faces.len() as u64;
         while !faces.is_empty() {
             let (count, mut low, mut high) = self.last;
             let (now, rest) = faces.split_at(faces.len().min(GROUP - count));
+            let mut widest = 0;
             for face in now {
                 let vertices = face.vertices;
-                for v in vertices {
-                    (low, high) = (low.min(v), high.max(v));
-                }
+                let [least, most] =
+                    [vertices.into_iter().min(), vertices.into_iter().max()].map(Option::unwrap_or_default);
+                (low, high, widest) = (low.min(least), high.max(most), widest.max(most - least));
+            }
+            if !now.is_empty() {
+                self.spans.triangle = self.spans.triangle.max(u64::from(widest) + 1);
             }
             (self.last, faces) = ((count + now.len(), low, high), rest);
             if self.last.0 == GROUP {
-                (self.widest, self.last) = (self.all(), Groups::NONE.last);
+                (self.spans, self.last) = (self.all(), Groups::NONE.last);
             }
         }
     }
 
-    fn all(&self) -> u64 {
+    fn all(&self) -> Spans {
         let (count, low, high) = self.last;
-        self.widest.max(if count > 0 { u64::from(high - low) + 1 } else { 0 })
+        let last = if count > 0 { u64::from(high - low) + 1 } else { 0 };
+        Spans { group: self.spans.group.max(last), ..self.spans }
     }
 }
 
@@ -232,8 +246,8 @@ impl MeshSpool {
         Ok(())
     }
 
-    /// How many vertices lie between the least and the greatest that a group of [`GROUP`] triangles names, at the most, if all its triangles were appended to it, and to nothing else.
-    pub fn widest_group(&self) -> Option<u64> {
+    /// How far apart the vertices of its triangles lie, if all of these were appended to it, and to nothing else.
+    pub fn spans(&self) -> Option<Spans> {
         let [Part { from: [0, 0], until: None, .. }] = &self.parts[..] else { return None };
         (self.groups.triangles == self.face_count()).then(|| self.groups.all())
     }
@@ -419,23 +433,24 @@ mod tests {
     }
 
     #[test]
-    fn the_widest_group_is_known_of_triangles_that_were_appended_to_one_part() {
+    fn spans_are_known_of_triangles_that_were_appended_to_one_part() {
         let folder = tempfile::tempdir().unwrap();
         let workspace = Workspace::new(folder.path()).unwrap();
         let mut mesh = MeshSpool::new(&workspace, Precision::Single, 0);
-        assert_eq!(mesh.widest_group(), Some(0));
+        let spans = |group, triangle| Some(Spans { group, triangle });
+        assert_eq!(mesh.spans(), spans(0, 0));
         let small = vec![FaceRecord::new([5, 6, 7]); GROUP - 1];
         mesh.append_faces(&small).unwrap();
-        assert_eq!(mesh.widest_group(), Some(3));
+        assert_eq!(mesh.spans(), spans(3, 3));
         // The first of these is the group's last, and the others are another's.
         mesh.append_faces(&[FaceRecord::new([0, 6, 9]), FaceRecord::new([40, 30, 48]), FaceRecord::new([31, 30, 32])])
             .unwrap();
-        assert_eq!(mesh.widest_group(), Some(19));
+        assert_eq!(mesh.spans(), spans(19, 19));
         mesh.append_faces(&[FaceRecord::new([28, 30, 31])]).unwrap();
-        assert_eq!(mesh.widest_group(), Some(21));
+        assert_eq!(mesh.spans(), spans(21, 19));
         let mut both = MeshSpool::new(&workspace, Precision::Single, 0);
         both.join(mesh);
-        assert_eq!(both.widest_group(), None);
+        assert_eq!(both.spans(), None);
     }
 
     proptest! {

@@ -296,6 +296,11 @@ impl Placing {
         self.places.iter().filter_map(|(own, _)| *own).max()
     }
 
+    /// Bytes of a record.
+    pub fn stride(&self) -> usize {
+        self.places.iter().map(|(_, scalar)| scalar.bytes()).sum()
+    }
+
     /// Appends the record of a point whose numbers are `values`.
     pub fn place(&self, values: &[f64], out: &mut Vec<u8>) {
         for (index, scalar) in &self.places {

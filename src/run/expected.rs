@@ -6,7 +6,6 @@
 
 use crate::grid::context::{CHUNK_SLICES, job_bytes, runs_bytes};
 use crate::grid::slice::Bits;
-use crate::input::BLOCK_BYTES;
 use crate::mesh::MeshSource;
 use crate::mesh::check::job::Need;
 use crate::mesh::spool::MeshSpool;
@@ -21,6 +20,7 @@ use crate::run::slab_jobs::STITCHING;
 use crate::run::workload::Workload;
 use crate::simplify::Extent;
 use crate::solid::heightfield;
+use crate::storage::spool;
 
 use crate::error::Result;
 
@@ -36,6 +36,9 @@ const THREAD_OF_SLABS: u64 = 5 << 16;
 
 /// What each job that makes slabs has to itself, beside what its stages counted.
 const JOB_OF_SLABS: u64 = 4 << 16;
+
+/// What a mesh's spools have room for at their ends.
+const SPOOLS: u64 = 4 * spool::PIECE as u64;
 
 /// What slabs have freed and the allocator still has, as a part of what they hold: where they give it back between their stages, and where they do not.
 const FREED: (u64, u64) = (32, 16);
@@ -93,8 +96,9 @@ impl MemoryPlan {
             return self;
         }
         let lasting = self.held(workload) + workload.standing_slice_bytes().min(self.slices_quota());
-        // What is on its way to the mesh is no more than that, once as it is gathered, once as it is handed on.
-        let stitching = (STITCHING * self.pieces as u64).min(2 * workload.mesh_bytes());
+        // What is on its way to the mesh is no more than a slab, once as it is gathered, once as it is handed on.
+        let widest = workload.slabs().iter().map(|slab| slab.bytes(&workload.made())).max().unwrap_or(0);
+        let stitching = self.pieces as u64 * STITCHING.min(2 * widest + SPOOLS);
         let held = lasting + most + stitching;
         let Ok(jobs) = self.slab_jobs(workload) else { return self };
         let beside = jobs.running.min(workload.slabs().len()) as u64 * JOB_OF_SLABS;
@@ -109,9 +113,7 @@ impl MemoryPlan {
         let in_memory = if self.mesh_quota > 0 { mesh.bytes().min(self.mesh_quota) } else { 0 };
         let (vertices, triangles) = (mesh.vertex_count(), mesh.face_count());
         let check = match checked {
-            true => {
-                Need::of_groups(vertices, triangles, mesh.widest_group(), self.threads).within(self.working).bytes()
-            }
+            true => Need::of_spans(vertices, triangles, mesh.spans(), self.threads).within(self.working).bytes(),
             false => 0,
         };
         let meanwhile = self.fills_meanwhile(vertices, triangles);
@@ -156,7 +158,7 @@ impl MemoryPlan {
     fn surveying(&self, workload: &Workload) -> Pass {
         let surveying = workload.surveying();
         let threads = self.threads as u64;
-        let bytes = surveying.bytes(survey_jobs(surveying, self.budget, self.threads) as u64, threads);
+        let bytes = surveying.bytes_as_read(survey_jobs(surveying, self.budget, self.threads) as u64, threads);
         Pass { bytes, busy: self.busy(surveying.blocks) }
     }
 
@@ -167,7 +169,7 @@ impl MemoryPlan {
         let open = self.open_chunks(workload);
         // A block that waits for a thread is not decoded yet.
         let under_way = blocks.min(self.threads as u64);
-        let sorting = blocks * BLOCK_BYTES as u64 + under_way * workload.sorting_a_block();
+        let sorting = blocks * workload.surveying().as_read + under_way * workload.sorting_a_block();
         let bytes = buckets + sorting + if buckets > 0 { open / 2 } else { open };
         Pass { bytes, busy: self.busy(blocks) }
     }
@@ -184,7 +186,14 @@ impl MemoryPlan {
             // The cells of the solid are made of them, slice by slice.
             let [width, slices, rows] = workload.cells;
             let given = of_pass(self.chunks_in_flight, CHUNK_SLICES) * (Bits::bytes(width, rows) + runs_bytes(rows));
-            given + heightfield::bytes_of_pass(of_slice, bridge, workload.smooth, slices, self.chunks_in_flight)
+            given
+                + heightfield::bytes_of_pass(
+                    of_slice,
+                    bridge,
+                    workload.smooth,
+                    slices,
+                    (self.chunks_in_flight, self.threads),
+                )
         });
         let job = reopening(workload);
         let measuring = measuring(workload);

@@ -73,6 +73,8 @@ pub struct SurveyWorkload {
     pub coordinates: u64,
     /// What is looked for.
     pub wanted: Wanted,
+    /// Bytes that a block takes before it is decoded.
+    pub as_read: u64,
 }
 
 impl SurveyWorkload {
@@ -87,25 +89,31 @@ impl SurveyWorkload {
             points: records().map(|records| records.map_or(most, |n| n.min(most))).max().unwrap_or(0),
             coordinates: 3 * cloud.precision().bytes() as u64,
             wanted,
+            as_read: BLOCK_BYTES as u64,
         }
     }
 
     /// The same when it is known in how many blocks the points came, and how many the largest had: of text, nobody knows before.
     pub(crate) fn counted(self, cloud: &Cloud, (blocks, points): (u64, u64)) -> SurveyWorkload {
-        // Where it is not known how many come, or files differ, they lie in a vector that grows by doubling.
-        let is_known = matches!(cloud.sources(), [one] if one.records.is_some());
-        let room = if is_known { points } else { points.next_power_of_two() };
-        SurveyWorkload { blocks, points: self.points.min(room), ..self }
+        // Where files differ, they lie in a vector that grows by doubling.
+        let is_one = matches!(cloud.sources(), [_]);
+        let room = if is_one { points } else { points.next_power_of_two() };
+        SurveyWorkload { blocks, points: self.points.min(room), as_read: cloud.bytes_of_block(), ..self }
     }
 
-    /// Bytes with so many blocks in flight, of which as many as there are threads are looked at.
+    /// Bytes with so many blocks in flight, of which as many as there are threads are looked at, whether or not files can be mapped.
     pub(crate) fn bytes(&self, in_flight: u64, threads: u64) -> u64 {
+        SurveyWorkload { as_read: BLOCK_BYTES as u64, ..*self }.bytes_as_read(in_flight, threads)
+    }
+
+    /// The same with blocks that take as much before they are decoded as was found.
+    pub(crate) fn bytes_as_read(&self, in_flight: u64, threads: u64) -> u64 {
         let in_flight = in_flight.min(self.blocks);
         let looking = self.points * self.coordinates + self.wanted.bytes_looking(self.points);
         let found = self.wanted.bytes_found(self.points);
         // All that was found has no more than one block's, as far as that is full.
         let all = self.wanted.bytes_found(self.points.saturating_mul(self.blocks));
-        in_flight * (BLOCK_BYTES as u64 + found) + in_flight.min(threads) * looking + all
+        in_flight * (self.as_read + found) + in_flight.min(threads) * looking + all
     }
 
     /// The most blocks that may be in flight in `room` bytes: one at least, and two for each thread at the most.
@@ -165,7 +173,13 @@ impl Workload {
             sighted: false,
             outlasting: false,
             transfers: false,
-            surveying: SurveyWorkload { blocks: 0, points: 0, coordinates: 0, wanted: Wanted::Extent },
+            surveying: SurveyWorkload {
+                blocks: 0,
+                points: 0,
+                coordinates: 0,
+                wanted: Wanted::Extent,
+                as_read: BLOCK_BYTES as u64,
+            },
         }
     }
 

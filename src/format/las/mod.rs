@@ -28,8 +28,9 @@ use super::unpack::Unpacking;
 use crate::error::{Error, Result};
 use crate::format::laz::{self, pieces};
 use crate::format::options::InputOptions;
-use crate::format::point_format::records_of_a_block;
-use crate::format::point_format::{BlockCutter, Decode, PointFormat, Source, Uncounted};
+use crate::format::point_format::{
+    BLOCK_BYTES, BlockCutter, Decode, PointFormat, Source, Uncounted, records_of_a_block,
+};
 use crate::points::attribute::{Attribute, Schema, Wanted};
 use crate::points::filter::Sieve;
 use crate::points::{Batch, Precision};
@@ -159,6 +160,14 @@ impl PointFormat for LasFile {
 
     fn attributes(&self) -> &[Attribute] {
         &self.attributes
+    }
+
+    fn bytes_of_block(&self) -> u64 {
+        match self.packing {
+            Packing::Plain => self.content.heap(BLOCK_BYTES),
+            // What is decompressed.
+            Packing::Laz(_) => BLOCK_BYTES as u64,
+        }
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {

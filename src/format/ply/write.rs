@@ -12,12 +12,14 @@ use crate::points::scalar::{Endian, Scalar};
 /// Bytes copied at once.
 const PIECE: usize = 1 << 20;
 
-/// Bytes that writing a mesh takes: a piece of it, or, where vertices are not as they lie in its spool, jobs with vertices' coordinates, as they are read and as they are moved, their
-/// records, and what is written.
+/// Bytes that writing a mesh takes: a piece of it, or, where vertices are not as they lie in its spool, jobs with vertices' coordinates, their records, and what is written of
+/// both; of the job that waits for its turn, the last.
 pub(crate) fn bytes(mesh: &MeshSpool, moves: bool, jobs: u64) -> u64 {
     let stride = mesh.schema().stride() as u64;
-    let of_vertex = 3 * 3 * size_of::<f64>() as u64 + 3 * stride;
-    let made = if moves || stride > 0 { (jobs * BLOCK as u64).min(mesh.vertex_count()) * of_vertex } else { 0 };
+    let coordinates = 3 * if moves { size_of::<f64>() } else { MeshSource::precision(mesh).bytes() } as u64;
+    let halves = (2 * jobs - 1).min(2 * mesh.vertex_count().div_ceil(BLOCK as u64));
+    let block = mesh.vertex_count().min(BLOCK as u64) * (coordinates + stride);
+    let made = if moves || stride > 0 { halves * block } else { 0 };
     made.max(mesh.bytes().min(PIECE as u64))
 }
 
@@ -58,18 +60,21 @@ fn made(
     first: u64,
     len: usize,
 ) -> Result<Vec<u8>> {
-    let (positions, stride) = match origin {
+    let (mut stored, mut moved) = (Vec::new(), Vec::new());
+    let (positions, stride): (&[u8], usize) = match origin {
         None => {
             let stride = 3 * mesh.precision().bytes();
-            let mut positions = vec![0; len * stride];
-            mesh.read_vertex_bytes(first, &mut positions)?;
-            (positions, stride)
+            stored.resize(len * stride, 0);
+            mesh.read_vertex_bytes(first, &mut stored)?;
+            (&stored, stride)
         }
         Some(origin) => {
-            let mut positions = vec![[0.0; 3]; len];
-            mesh.read_vertices(first, &mut positions)?;
-            let moved = positions.iter().flat_map(|p| [0, 1, 2].map(|a| (p[a] + origin[a]).to_ne_bytes()));
-            (moved.flatten().collect(), size_of::<[f64; 3]>())
+            moved.resize(len, [0.0; 3]);
+            mesh.read_vertices(first, &mut moved)?;
+            for position in &mut moved {
+                *position = [0, 1, 2].map(|a| position[a] + origin[a]);
+            }
+            (bytemuck::cast_slice(&moved), size_of::<[f64; 3]>())
         }
     };
     let records = records(mesh, first, len)?;

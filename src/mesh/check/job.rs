@@ -5,6 +5,7 @@ use super::components;
 use super::link::Examiner;
 use crate::mesh::MeshSource;
 use crate::mesh::measure::{self, Corners, GROUP};
+use crate::mesh::spool::Spans;
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
 
@@ -38,12 +39,12 @@ pub(crate) struct Need {
 impl Need {
     /// What the check of a mesh of so many vertices and triangles needs.
     pub(crate) fn of(vertices: u64, triangles: u64, threads: usize) -> Need {
-        Need::of_groups(vertices, triangles, None, threads)
+        Need::of_spans(vertices, triangles, None, threads)
     }
 
-    /// The same of a mesh of which it is known, or not, how many vertices lie between the least and the greatest that a group of its triangles names, at the most.
-    pub(crate) fn of_groups(vertices: u64, triangles: u64, widest: Option<u64>, threads: usize) -> Need {
-        let widest = widest.unwrap_or(vertices).min(vertices);
+    /// The same of a mesh of which it is known, or not, how far apart the vertices of its triangles lie.
+    pub(crate) fn of_spans(vertices: u64, triangles: u64, spans: Option<Spans>, threads: usize) -> Need {
+        let widest = spans.map_or(vertices, |spans| spans.group.min(vertices));
         // What a job needs is lent to those that are under way, no more than there are threads.
         let jobs = threads.max(1) as u64;
         let group = triangles.min(GROUP as u64);
@@ -54,11 +55,20 @@ impl Need {
 
         let range = vertices.min(u64::from(NEAR_RANGE));
         let corners = (range * CORNERS as u64).min(3 * triangles);
-        // A parent and two flags; and, where there are several ranges, edges that leave this one.
-        let of_vertex = size_of::<u32>() as u64 + 2 + if vertices > range { LEAVING } else { 0 };
+        // Of a mesh that is there, a range has as many as most have, or some more.
+        let corners = match spans {
+            Some(_) => {
+                corners.min((u128::from(27 * triangles) * u128::from(range) / u128::from(8 * vertices.max(1))) as u64)
+            }
+            None => corners,
+        };
+        // A parent and two flags; and, where there are several ranges, edges that leave this one, which are those of its last vertices.
+        let of_vertex = size_of::<u32>() as u64 + 2;
+        let last = if vertices > range { range.min(spans.map_or(range, |spans| spans.triangle)) } else { 0 };
         let stars = Stars::<[u32; 2]>::bytes(range, corners, triangles.min(BLOCK as u64));
         let positions = range.min(PIECE as u64) * size_of::<[f64; 3]>() as u64;
-        let looking = jobs.min(vertices.div_ceil(u64::from(NEAR_RANGE))) * (stars + range * of_vertex + positions);
+        let looking = jobs.min(vertices.div_ceil(u64::from(NEAR_RANGE)))
+            * (stars + range * of_vertex + last * LEAVING + positions);
         // First one, then the other.
         Need { jobs: surveying.max(looking), components: components::bytes(vertices) }
     }

@@ -123,19 +123,26 @@ pub fn bytes(columns: u32, bridge: u32, smooth: u32) -> u64 {
     u64::from(columns + 2 * (bridge + 1)) * u64::from(job_slices(side) + 2 * (side + ROUND_NEEDLES)) * BYTES_OF_COLUMN
 }
 
-/// Memory of all jobs of the pass that needs the most of so many `slices`, with no more than `in_flight` at a time: of those that interpolate, which are few, or of those over
-/// chunks, which read fewer lines.
-pub fn bytes_of_pass(columns: u32, bridge: u32, smooth: u32, slices: u32, in_flight: usize) -> u64 {
+/// Memory of all jobs of the pass that needs the most of so many `slices`, with no more than `in_flight` at a time on so many `threads`: of those that interpolate, which are few, or of
+/// those over chunks, which read fewer lines. Jobs that wait for their turn have only what they give.
+pub fn bytes_of_pass(columns: u32, bridge: u32, smooth: u32, slices: u32, (in_flight, threads): (usize, usize)) -> u64 {
     let side = lattice_side(bridge, smooth);
-    let jobs = |slices_of_job: u32| (in_flight as u64).min(u64::from(slices.div_ceil(slices_of_job)));
+    let all = |slices_of_job: u32, job: u64| {
+        let jobs = (in_flight as u64).min(u64::from(slices.div_ceil(slices_of_job)));
+        let running = jobs.min(threads as u64);
+        running * job + (jobs - running) * u64::from(slices_of_job) * u64::from(columns) * BYTES_GIVEN
+    };
     let lines = u64::from(CHUNK_SLICES + 2 * side);
     let over_chunk = u64::from(columns + 2 * (bridge + 1)) * lines * BYTES_OF_COLUMN;
-    (jobs(job_slices(side)) * bytes(columns, bridge, smooth)).max(jobs(CHUNK_SLICES) * over_chunk)
+    all(job_slices(side), bytes(columns, bridge, smooth)).max(all(CHUNK_SLICES, over_chunk))
 }
 
 /// Bytes for each column of each slice that a job reads: what is occupied of it, whether it is near data in four ways, its height, top, flags, and a third of the
 /// lattice's levels.
 const BYTES_OF_COLUMN: u64 = 40;
+
+/// Bytes that a job gives for each column of each of its slices: its height, top and flags; or its extent; or its cells, as runs of rows.
+const BYTES_GIVEN: u64 = 16;
 
 /// The side of the lattice's coarsest cells: twice as far as any live column lies from one with points, so that one of four neighbours holds some.
 fn lattice_side(bridge: u32, smooth: u32) -> u32 {

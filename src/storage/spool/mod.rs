@@ -164,7 +164,7 @@ impl Workspace {
 
 /// Bytes of a spool that are allocated together while it lies in memory. In pieces, so that what is there is never moved, nor
 /// twice there, as more comes.
-const PIECE: usize = 64 << 10;
+pub(crate) const PIECE: usize = 64 << 10;
 
 /// An append-only store of bytes, in memory while small, in an unlinked file once it outgrows its share.
 ///
