@@ -95,6 +95,9 @@ const SMOOTH: f32 = 0.85;
 /// The part of the walls round a wall that part nothing, from which on it belongs to a sheet.
 const MOST: f64 = 0.5;
 
+/// How far from a wall's plane, in cells, others lie in it.
+const IN_PLANE: f32 = 1.0;
+
 /// The number of walls that one thread takes at a time.
 const TOGETHER: usize = 256;
 
@@ -103,14 +106,7 @@ const SHEET_WEIGHT: f32 = 0.05;
 
 /// Takes weight from the walls of sheets: those in whose neighbourhood, as far as it is smooth, more walls have the same side on both sides than do not. Says how many.
 pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize {
-    let mut at = vec![u32::MAX; block.size()];
-    walls.iter().zip(0..).for_each(|(wall, i)| at[wall.cell as usize] = i);
-    // Rows of the ball: steps to their middles, and how far they go either way.
-    let rows: Vec<([i64; 2], usize)> = (-ROUND..=ROUND)
-        .flat_map(|y| (-ROUND..=ROUND).map(move |z| (y, z, ROUND * ROUND - y * y - z * z)))
-        .filter(|(.., left)| *left >= 0)
-        .map(|(y, z, left)| ([y, z].map(i64::from), left.isqrt() as usize))
-        .collect();
+    let near = Near::new(block, walls);
     let sheets: Vec<usize> = (0..walls.len())
         .into_par_iter()
         .with_min_len(TOGETHER)
@@ -119,25 +115,74 @@ pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize
             if wall.weight < super::normal::WEIGHT {
                 return false;
             }
-            let [x, y, z] = block.cell(wall.cell as usize).map(|c| c as i64);
             let (mut nothing, mut all) = (0u32, 0u32);
-            let found = rows.iter().filter_map(|&([dy, dz], far)| {
-                // Of rows that begin or end beyond the block, what lies in it.
-                let row = block.at([0, y + dy, z + dz])?;
-                let x = x as usize;
-                Some(at[row + x.saturating_sub(far)..=(row + x + far).min(row - PAD + block.width - 1)].iter())
-            });
-            for j in found.flatten().copied().filter(|j| *j != u32::MAX) {
-                let other = walls[j as usize].normal;
-                let along: f32 = (0..3).map(|a| other[a] * wall.normal[a]).sum();
-                if along.abs() >= SMOOTH {
-                    all += 1;
-                    nothing += u32::from(parts_nothing[j as usize]);
-                }
+            for j in near.of(wall.cell).filter(|&j| dot(walls[j].normal, wall.normal).abs() >= SMOOTH) {
+                all += 1;
+                nothing += u32::from(parts_nothing[j]);
             }
             f64::from(nothing) > MOST * f64::from(all)
         })
         .collect();
     sheets.iter().for_each(|&i| walls[i].weight *= SHEET_WEIGHT);
     sheets.len()
+}
+
+/// The walls whose cells are in `sheets`, which is sorted, and those that a sheet goes on in where it meets a body, which lies on one side of it there: those in the plane of a sheet's
+/// wall near them. In the order of the walls.
+pub fn with_rims(block: &Block, walls: &[Wall], sheets: &[u32]) -> Vec<SheetWall> {
+    if sheets.is_empty() {
+        return Vec::new();
+    }
+    let in_sheet = |wall: &Wall| sheets.binary_search(&wall.cell).is_ok();
+    let near = Near::new(block, walls);
+    let place = |wall: &Wall| block.cell(wall.cell as usize).map(|c| c as f32);
+    let goes_on = |wall: &Wall| {
+        let at = place(wall);
+        near.of(wall.cell).map(|j| &walls[j]).filter(|other| in_sheet(other)).any(|other| {
+            let there = place(other);
+            let across = dot([0, 1, 2].map(|a| at[a] - there[a]), other.normal);
+            across.abs() <= IN_PLANE && dot(wall.normal, other.normal).abs() >= SMOOTH
+        })
+    };
+    let is_of_sheet = |wall: &&Wall| in_sheet(wall) || goes_on(wall);
+    let of_sheets = walls.par_iter().with_min_len(TOGETHER).filter(is_of_sheet);
+    of_sheets.map(|wall| SheetWall { cell: wall.cell, normal: wall.normal }).collect()
+}
+
+/// Walls by their cells, to look at those within a ball.
+struct Near<'a> {
+    block: &'a Block,
+    /// The wall of each cell of the block; `u32::MAX` for none.
+    at: Vec<u32>,
+    /// Rows of the ball: steps to their middles, and how far they go either way.
+    rows: Vec<([i64; 2], usize)>,
+}
+
+impl Near<'_> {
+    fn new<'a>(block: &'a Block, walls: &[Wall]) -> Near<'a> {
+        let mut at = vec![u32::MAX; block.size()];
+        walls.iter().zip(0..).for_each(|(wall, i)| at[wall.cell as usize] = i);
+        let rows = (-ROUND..=ROUND)
+            .flat_map(|y| (-ROUND..=ROUND).map(move |z| (y, z, ROUND * ROUND - y * y - z * z)))
+            .filter(|(.., left)| *left >= 0)
+            .map(|(y, z, left)| ([y, z].map(i64::from), left.isqrt() as usize))
+            .collect();
+        Near { block, at, rows }
+    }
+
+    /// The walls within [`ROUND`] cells of a cell.
+    fn of(&self, cell: u32) -> impl Iterator<Item = usize> {
+        let [x, y, z] = self.block.cell(cell as usize).map(|c| c as i64);
+        let found = self.rows.iter().filter_map(move |&([dy, dz], far)| {
+            // Of rows that begin or end beyond the block, what lies in it.
+            let row = self.block.at([0, y + dy, z + dz])?;
+            let x = x as usize;
+            Some(self.at[row + x.saturating_sub(far)..=(row + x + far).min(row - PAD + self.block.width - 1)].iter())
+        });
+        found.flatten().filter(|j| **j != u32::MAX).map(|j| *j as usize)
+    }
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    (0..3).map(|i| a[i] * b[i]).sum()
 }
