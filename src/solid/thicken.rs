@@ -6,8 +6,8 @@
 //!      o o o o o o o o
 //! ```
 //!
-//! Of a sheet's occupied cells, those in the walls of its patch ([`crate::solid::sign`]), D is what a ball of squared radius r₁² round one of them covers. Solid
-//! become the cells that are farther than r₂ from all cells out of D, and lie in the plane of a wall near them. r₁ is 2.7 sampling distances,
+//! Of a sheet's occupied cells, those in the walls of its patch and in those that it goes on in beneath a body ([`crate::solid::sign`]), D is what a ball of squared radius r₁² round
+//! one of them covers. Solid become the cells that are farther than r₂ from all cells out of D, and lie in the plane of a wall near them. r₁ is 2.7 sampling distances,
 //! at least √6 cells: of a sheet whose samples lie at random, a disc of that radius is empty once in 10¹⁰. r₂ is a little less, so that a sheet across the axes hangs together by faces.
 //! Between two sheets side by side, such as the fins of a cooler, a ball may not fit. Planes leave the air between them.
 

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::super::Side;
 use super::super::block::Block;
 use super::super::normal::{WEIGHT, Wall};
-use super::super::sheet::{find, weigh};
+use super::super::sheet::{SheetWall, find, weigh, with_rims};
 use super::{Numbers, components, marked, numbers_of, places, square_between};
 
 fn random_sides(block: &Block, occupied: &[bool], share: f64, numbers: &mut Numbers) -> Vec<Side> {
@@ -63,6 +63,38 @@ proptest! {
         found.iter_mut().for_each(|walls| walls.sort_unstable());
         found.sort();
         expected.sort();
+        prop_assert_eq!(found, expected);
+    }
+
+    /// Walls near a sheet's wall that face as it does, and lie in its plane.
+    #[test]
+    fn sheets_go_on_in_their_planes(seed in any::<u64>(), share in 0.02f64..0.3, of_sheets in 0.0f64..0.4) {
+        let mut numbers = Numbers::new(seed);
+        let block = Block::new([14, 13, 15]);
+        let occupied = marked(&block, |_| numbers.part() < share);
+        let mut walls = walls_across(&block, &occupied, 0);
+        for wall in &mut walls {
+            let normal = numbers.direction().map(|c| c as f32);
+            wall.normal = if numbers.part() < 0.5 { [-1.0, 0.0, 0.0] } else { normal };
+        }
+        let sheets: Vec<u32> = walls.iter().map(|wall| wall.cell).filter(|_| numbers.part() < of_sheets).collect();
+        let found = with_rims(&block, &walls, &sheets);
+        let places = places(&block);
+        let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let goes_on = |wall: &Wall| {
+            walls.iter().filter(|other| sheets.contains(&other.cell)).any(|other| {
+                let [here, there] = [wall, other].map(|wall| places[wall.cell as usize]);
+                let apart = [0, 1, 2].map(|a| here[a] as f32 - there[a] as f32);
+                square_between(here, there) <= 36
+                    && dot(apart, other.normal).abs() <= 1.0
+                    && dot(wall.normal, other.normal).abs() >= 0.85
+            })
+        };
+        let expected: Vec<SheetWall> = walls
+            .iter()
+            .filter(|wall| sheets.contains(&wall.cell) || goes_on(wall))
+            .map(|wall| SheetWall { cell: wall.cell, normal: wall.normal })
+            .collect();
         prop_assert_eq!(found, expected);
     }
 
