@@ -85,16 +85,18 @@ const HELD: u32 = CHUNK_SLICES + 2 * (RANGE * SIGMA_CELLS.1) as u32;
 const FOR_CELL: u64 = (size_of::<Moments>() + size_of::<Wall>() + 2 * size_of::<u32>()) as u64;
 
 /// Bytes of the job over each chunk of slices, with so many active cells and faces of the solid in each slice: what is known of the cells, runs of the solid and of what is
-/// opened, two faces a run; their rows; and a tile, three times.
-fn bytes_of_jobs(in_slice: &[u32], faces: &[u32], cells: Cell) -> Vec<u64> {
+/// opened, two faces a run; their rows; and a tile, three times. And bytes of what it gives, of the chunk's own slices.
+fn bytes_of_jobs(in_slice: &[u32], faces: &[u32], cells: Cell) -> Vec<[u64; 2]> {
     let slices: Vec<u64> =
         in_slice.iter().zip(faces).map(|(cells, faces)| FOR_CELL * u64::from(*cells) + 8 * u64::from(*faces)).collect();
+    let slices_of = |range: Range<u32>| &slices[range.start as usize..range.end as usize];
     let reach = (HELD - CHUNK_SLICES) / 2;
     let held = chunks(cells[1]).map(|chunk| {
         let end = (chunk.end + reach).min(cells[1]);
-        slices[chunk.start.saturating_sub(reach) as usize..end as usize].iter().sum::<u64>()
+        let sum = |slices: Range<u32>| slices_of(slices).iter().sum::<u64>();
+        [sum(chunk.start.saturating_sub(reach)..end) + rows_and_tile(cells), sum(chunk)]
     });
-    held.map(|held| held + rows_and_tile(cells)).collect()
+    held.collect()
 }
 
 fn rows_and_tile(cells: Cell) -> u64 {
@@ -377,9 +379,11 @@ impl<'a> Slabs<'a> {
         )?;
         let mut bytes = bytes_of_jobs(&in_slice, &solid.faces, cells);
         bytes.sort_unstable_by(|a, b| b.cmp(a));
-        let jobs = context.memory.jobs_of(bytes[0]);
-        // Those that take the most may stand side by side.
-        context.account.reopening(bytes.iter().take(jobs).sum());
+        let jobs = context.memory.jobs_of(bytes[0][0]);
+        // Those that take the most may stand side by side; the others wait, with what they give.
+        let threads = context.workers.threads();
+        let in_flight = bytes.iter().take(jobs).enumerate();
+        context.account.reopening(in_flight.map(|(i, [all, given])| if i < threads { all } else { given }).sum());
         Ok(Some(Slabs { context, cells, active, allowed, jobs }))
     }
 
