@@ -57,6 +57,12 @@ fn shells_with_holes_are_closed_whatever_the_window() {
                 let share = made[0].0.volume as f64 / ball;
                 assert!((0.97..1.15).contains(&share), "size {size}, hole {hole}: {share} of the ball");
                 assert!(made[0].1.is_sealed(), "size {size}, hole {hole}: {:?}", made[0].1);
+                // A disc in a sphere; membranes begin beside the rim's neighbours.
+                let (radius, level) = (f64::from(size) / 2.0 - 1.0, (f64::from(size) / 128.0).max(1.0));
+                let share = |hole: f64| hole.max(0.0).powi(2) / (4.0 * radius * radius);
+                let (least, most) = (0.5 * share(hole - 3.0 * level), 1.5 * share(hole));
+                let spanned = made[0].1.spanned();
+                assert!((least..=most).contains(&spanned), "size {size}, hole {hole}: {spanned}, {least} to {most}");
                 assert!(made.iter().all(|(solid, _)| solid.faces == made[0].0.faces), "size {size}, hole {hole}");
             });
         }

@@ -31,7 +31,7 @@ impl Report {
         self.closing.sealed = !self.closing.ends
             && self.closing.parted
             && self.closing.narrow_handles == 0
-            && self.closing.bridged.is_none_or(|share| share < MUCH_BRIDGED);
+            && self.closing.over_holes() < MUCH_BRIDGED;
         self.warnings = self.find_warnings();
     }
 
@@ -57,18 +57,16 @@ impl Report {
         if self.parameters.open.is_none() {
             found.extend(self.closing.warnings(self.grid.cell_size));
         }
-        if let Some(share) = self.closing.bridged.filter(|share| *share >= MUCH_BRIDGED) {
+        if self.closing.over_holes() >= MUCH_BRIDGED {
+            let (share, far) = match self.closing.bridged.filter(|share| *share >= self.closing.spanned) {
+                Some(share) => (share, format!("it is farther than {REACH} cells from any point")),
+                None => (self.closing.spanned, "no sample is near it".to_owned()),
+            };
             let advice = match self.parameters.open {
                 Some(_) => "--max-hole bounds the holes that are bridged",
                 None => "asra-stream compare MESH CLOUD --heatmap FILE shows where",
             };
-            found.push(Warning::new(
-                format!(
-                    "{:.1} % of the surface bridges holes: it is farther than {REACH} cells from any point",
-                    100.0 * share
-                ),
-                advice,
-            ));
+            found.push(Warning::new(format!("{:.1} % of the surface bridges holes: {far}", 100.0 * share), advice));
         }
         let parts = self.check.as_ref().map_or(0, |check| check.components);
         if parts >= MANY_COMPONENTS && self.parameters.open.is_none() {
@@ -125,6 +123,12 @@ impl Report {
 }
 
 impl Closing {
+    /// The part of the surface that bridges holes: as it is measured on the mesh, or on the level that inside and outside were told apart on, where samples may be so few that hardly
+    /// any place is far from all in the grid's cells.
+    pub(super) fn over_holes(&self) -> f64 {
+        self.bridged.unwrap_or(0.0).max(self.spanned)
+    }
+
     /// The part of the samples that part nothing, in words.
     pub(super) fn same_sides(&self) -> String {
         format!("{:.1} % of the samples have the same side on both sides", 100.0 * self.part_nothing)

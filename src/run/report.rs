@@ -183,6 +183,8 @@ pub struct Closing {
     pub(crate) ends: bool,
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
     pub bridged: Option<f64>,
+    /// The part of the border between inside and outside, on the level that these were told apart on, that no sample is near, as holes are closed there.
+    pub spanned: f64,
     /// The part of the samples' cells that have the same side on both sides.
     pub part_nothing: f64,
     /// Patches that have the outside on both sides, the largest first.
@@ -360,6 +362,7 @@ impl Closing {
             parted: is_parted,
             ends: false,
             bridged: None,
+            spanned: parted.map_or(0.0, |parted| parted.spanned()),
             part_nothing: parted.map_or(0.0, |parted| parted.part_nothing as f64 / walls),
             open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),
             filled: parted.map_or_else(Vec::new, |parted| patches(&parted.filled)),

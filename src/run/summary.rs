@@ -189,7 +189,7 @@ impl Closing {
                 format!("closed, with handles that may not be the object's: {}", thousands(self.narrow_handles))
             }
             None if self.parted => {
-                format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.bridged.unwrap_or(0.0))
+                format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.over_holes())
             }
             None => format!("not sealed: {}", self.same_sides()),
         }

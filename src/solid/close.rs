@@ -95,6 +95,8 @@ pub struct Parted {
     pub walls: u64,
     /// How many have the inside on both sides, or the outside.
     pub part_nothing: u64,
+    /// Cells of membranes, where inside and outside meet and no wall is near: what holes are closed with.
+    pub membranes: u64,
     /// Patches with the outside on both sides, the largest first.
     pub open: Vec<PartingNothing>,
     /// Patches with the inside on both sides, the largest first.
@@ -143,11 +145,17 @@ impl Parted {
         Parted {
             walls: signed.walls,
             part_nothing: signed.part_nothing,
+            membranes: signed.membranes,
             open: signed.open.iter().map(patch).collect(),
             filled: signed.filled.iter().map(patch).collect(),
             outliers,
             sighted,
         }
+    }
+
+    /// The part of the border between inside and outside that membranes are, on that level.
+    pub fn spanned(&self) -> f64 {
+        self.membranes as f64 / (self.walls + self.membranes).max(1) as f64
     }
 
     /// Whether the mesh encloses the inside: the samples part inside and outside everywhere. No patch of walls has the same side on both of its

@@ -25,16 +25,25 @@ const FEW: usize = 9;
 /// How far from a membrane cells are asked anew, at the most.
 const FAR: f64 = 32.0;
 
+/// The cells of membranes: inside, beside no wall, beside the outside.
+fn cells(block: &Block, lined: &[bool], sides: &[Side]) -> impl Iterator<Item = usize> {
+    let is_border = |cell: usize| block.beside(cell).iter().any(|&next| sides[next] == Side::Outside);
+    (0..sides.len()).filter(move |&cell| sides[cell] == Side::Inside && !lined[cell] && is_border(cell))
+}
+
+/// How many cells membranes have: about as many as a hole has room for, but for its rim.
+pub fn count(block: &Block, lined: &[bool], sides: &[Side]) -> u64 {
+    cells(block, lined, sides).count() as u64
+}
+
 /// Stretches the membranes anew; what is `emptied`, if anything is, stays outside.
 pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], emptied: &[bool], sides: &mut [Side], workers: &Workers) {
     let size = [block.width, block.rows, block.slices];
     let mut membrane = vec![false; sides.len()];
     let mut count = 0;
-    for cell in (0..sides.len()).filter(|&cell| sides[cell] == Side::Inside && !lined[cell]) {
-        if block.beside(cell).iter().any(|&next| sides[next] == Side::Outside) {
-            membrane[cell] = true;
-            count += 1;
-        }
+    for cell in cells(block, lined, sides) {
+        membrane[cell] = true;
+        count += 1;
     }
     if count < FEW {
         return;

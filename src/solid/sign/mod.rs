@@ -127,6 +127,8 @@ pub struct Signed {
     pub part_outside: u64,
     /// Where these lie: how many places there are, and how many of these are sparse ([`sheet::sparse`]).
     pub where_outside: [u64; 2],
+    /// Cells of membranes: where inside and outside meet between walls.
+    pub membranes: u64,
     /// Patches of walls with the outside on both sides, the largest first: sheets.
     pub open: Vec<Patch>,
     /// Patches of walls with the inside on both sides: of slots and folds that were filled.
@@ -216,6 +218,7 @@ impl Signed {
         drop(field);
         context.workers.between_steps();
         membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
+        let membranes = membrane::count(&block, &lined, &sides);
         drop(lined);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
         let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
@@ -234,6 +237,7 @@ impl Signed {
             walls: two_sided.len() as u64,
             part_nothing,
             part_outside,
+            membranes,
             where_outside,
             open,
             filled,

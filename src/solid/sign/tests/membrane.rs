@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::super::Side;
 use super::super::block::Block;
-use super::super::membrane::stretch;
+use super::super::membrane::{count, stretch};
 use super::super::normal::two_sided;
 use super::{level, marked, numbers_of, workers};
 
@@ -64,7 +64,19 @@ proptest! {
         }).collect();
         let before = sides.clone();
         let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
-        stretch(&block, &walls, &lined(&block, &occupied), &[], &mut sides, &workers());
+        let lined = lined(&block, &occupied);
+        stretch(&block, &walls, &lined, &[], &mut sides, &workers());
+        let is_membrane = |&cell: &[usize; 3]| {
+            let index = block.index(cell);
+            let beside = block.strides().into_iter().flat_map(|step| [-step, step]);
+            let mut beside = beside.map(|step| sides[index.wrapping_add_signed(step)]);
+            sides[index] == Side::Inside && !lined[index] && beside.any(|side| side == Side::Outside)
+        };
+        let membranes = level(block.cells).filter(is_membrane).count() as u64;
+        prop_assert_eq!(count(&block, &lined, &sides), membranes);
+        // A disc, of which a ring beside the rim is lined.
+        prop_assert!(membranes as f64 <= std::f64::consts::PI * radius * radius * 2.0, "{}", membranes);
+        prop_assert!(radius < 4.0 || membranes > 0);
         for cell in level(block.cells) {
             let (index, d) = (block.index(cell), depth(cell));
             if from_axis(cell) <= radius && d.abs() > 2 && d < far {
