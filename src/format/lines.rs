@@ -55,7 +55,7 @@ impl LineCutter {
             return Ok(None);
         }
         let bytes = self.file.bytes(self.at..self.at + left.min((BLOCK_BYTES + MAX_LINE) as u64))?;
-        // The block ends behind the line in which its size is reached, behind its last line, or with the file.
+        // The block ends behind the line in which its size is reached, when it has as many lines as a block may have, or with the file.
         let searched = BLOCK_BYTES.min(bytes.len());
         let mut ends = memchr::memchr_iter(b'\n', &bytes).map(|at| at + 1);
         let (mut whole, mut end) = (0, 0);
@@ -128,7 +128,7 @@ pub trait LineReading: Send + Sync {
     /// [`Error::Malformed`] with the line.
     fn fill<C: Coordinate>(&self, block: &LineBlock, points: &mut Vec<[C; 3]>, attributes: &mut Vec<u8>) -> Result<()>;
 
-    /// How many points a block has at the most, which are made room for.
+    /// The most points that a block can have.
     fn most(&self, block: &LineBlock) -> usize {
         block.count
     }
@@ -149,16 +149,11 @@ impl<R: LineReading> Decode for LinesRead<R> {
     fn decode(&self, batch: &mut Batch) -> Result<()> {
         let Batch { points, attributes, .. } = batch;
         let most = self.reading.most(&self.block);
+        points.reserve_exact(most);
         attributes.reserve_exact(most * self.reading.record());
         match points {
-            Points::Single(points) => {
-                points.reserve_exact(most);
-                self.reading.fill(&self.block, points, attributes)
-            }
-            Points::Double(points) => {
-                points.reserve_exact(most);
-                self.reading.fill(&self.block, points, attributes)
-            }
+            Points::Single(points) => self.reading.fill(&self.block, points, attributes),
+            Points::Double(points) => self.reading.fill(&self.block, points, attributes),
         }
     }
 }

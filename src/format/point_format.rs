@@ -7,6 +7,7 @@ use crate::error::Result;
 use crate::points::attribute::{Attribute, Schema};
 use crate::points::crs::Crs;
 use crate::points::{Batch, Precision};
+use crate::storage::mapped::Content;
 
 /// The length a block of records aims at: large against the cost of handing it to another thread, small enough for a
 /// core's cache and for dozens in flight.
@@ -54,9 +55,9 @@ pub(crate) trait PointFormat: fmt::Debug + Send + Sync {
         Vec::new()
     }
 
-    /// Bytes that a block takes before it is decoded: none where it is lent from a map, and nothing else is kept of it.
-    fn bytes_of_block(&self) -> u64 {
-        BLOCK_BYTES as u64
+    /// The content that blocks are parts of until they are decoded; none if a block has bytes of its own.
+    fn lent_from(&self) -> Option<&Content> {
+        None
     }
 
     /// Opens the file and starts cutting at its first record; blocks are to be decoded with attributes of `schema`.

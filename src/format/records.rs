@@ -9,7 +9,7 @@ use bytemuck::Zeroable;
 
 use super::layout::Layout;
 use crate::error::{Error, Result};
-use crate::format::point_format::{BLOCK_BYTES, BlockCutter, Decode, PointFormat, records_of_a_block};
+use crate::format::point_format::{BlockCutter, Decode, PointFormat, records_of_a_block};
 use crate::points::attribute::{Attribute, Carrying, Schema};
 use crate::points::scalar::{Column, Endian, Scalar, reader};
 use crate::points::{Batch, Coordinate, Points, Precision};
@@ -135,8 +135,8 @@ impl PointFormat for FixedRecords {
         &self.attributes
     }
 
-    fn bytes_of_block(&self) -> u64 {
-        self.content.heap(BLOCK_BYTES)
+    fn lent_from(&self) -> Option<&Content> {
+        Some(&self.content)
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {

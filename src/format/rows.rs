@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::lines::{LineBlock, LineCutter, LineReading, LinesRead, blanks, lines, number, quoted};
 use super::records::same_length;
 use crate::error::{Error, Result};
-use crate::format::point_format::{BLOCK_BYTES, BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
+use crate::format::point_format::{BLOCK_RECORDS, BlockCutter, Decode, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::scalar::Scalar;
 use crate::points::{Coordinate, Precision};
@@ -118,8 +118,8 @@ impl PointFormat for Rows {
         &self.attributes
     }
 
-    fn bytes_of_block(&self) -> u64 {
-        self.shape.content.heap(BLOCK_BYTES)
+    fn lent_from(&self) -> Option<&Content> {
+        Some(&self.shape.content)
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {

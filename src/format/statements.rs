@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::lines::{AllLines, LineBlock, LineCutter, LineReading, blanks, lines, number, quoted};
 use super::records::same_length;
 use crate::error::{Error, Result};
-use crate::format::point_format::{BLOCK_BYTES, BlockCutter, PointFormat};
+use crate::format::point_format::{BlockCutter, PointFormat};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::{Coordinate, Precision};
 use crate::storage::mapped::{Content, Mapped};
@@ -41,8 +41,8 @@ impl PointFormat for Statements {
         &self.attributes
     }
 
-    fn bytes_of_block(&self) -> u64 {
-        self.content.heap(BLOCK_BYTES)
+    fn lent_from(&self) -> Option<&Content> {
+        Some(&self.content)
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {

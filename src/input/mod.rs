@@ -38,7 +38,7 @@ use crate::points::seen_from::SeenFrom;
 use crate::points::unit::{Measure, Unit, measured};
 use crate::points::{Batch, Precision};
 use crate::resources::workers::{Spares, Workers};
-use crate::storage::mapped;
+use crate::storage::mapped::{self, Content};
 use crate::storage::spool::Workspace;
 use crate::storage::steady::{Stamp, settle};
 
@@ -220,9 +220,10 @@ impl<'a> Cloud<'a> {
         &self.sources
     }
 
-    /// Bytes that a block takes before it is decoded, at the most.
+    /// Bytes of the heap that a block takes before it is decoded, at the most: none if all files are mapped, and blocks lent from them.
     pub(crate) fn bytes_of_block(&self) -> u64 {
-        self.formats.iter().map(|format| format.bytes_of_block()).max().unwrap_or(0)
+        let are_lent = self.formats.iter().all(|format| format.lent_from().is_some_and(Content::is_mapped));
+        if are_lent { 0 } else { BLOCK_BYTES as u64 }
     }
 
     /// The widest precision of the files, which all decoded points have.

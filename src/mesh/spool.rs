@@ -96,14 +96,11 @@ impl Groups {
             let (now, rest) = faces.split_at(faces.len().min(GROUP - count));
             let mut widest = 0;
             for face in now {
-                let vertices = face.vertices;
-                let [least, most] =
-                    [vertices.into_iter().min(), vertices.into_iter().max()].map(Option::unwrap_or_default);
+                let [a, b, c] = face.vertices;
+                let (least, most) = (a.min(b).min(c), a.max(b).max(c));
                 (low, high, widest) = (low.min(least), high.max(most), widest.max(most - least));
             }
-            if !now.is_empty() {
-                self.spans.triangle = self.spans.triangle.max(u64::from(widest) + 1);
-            }
+            self.spans.triangle = self.spans.triangle.max(u64::from(widest) + 1);
             (self.last, faces) = ((count + now.len(), low, high), rest);
             if self.last.0 == GROUP {
                 (self.spans, self.last) = (self.all(), Groups::NONE.last);

@@ -92,6 +92,14 @@ impl Points {
         }
     }
 
+    /// Makes room for so many more, and no more than those.
+    pub fn reserve_exact(&mut self, count: usize) {
+        match self {
+            Points::Single(points) => points.reserve_exact(count),
+            Points::Double(points) => points.reserve_exact(count),
+        }
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         match self {

@@ -123,8 +123,8 @@ impl Report {
 }
 
 impl Closing {
-    /// The part of the surface that bridges holes: as it is measured on the mesh, or on the level that inside and outside were told apart on, where samples may be so few that hardly
-    /// any place is far from all in the grid's cells.
+    /// The part of the surface that bridges holes: the larger of what the mesh shows, and of what the level shows that tells inside and outside apart. Where samples lie many cells apart,
+    /// hardly any place of a hole is far from all of them in the mesh's measure.
     pub(super) fn over_holes(&self) -> f64 {
         self.bridged.unwrap_or(0.0).max(self.spanned)
     }

@@ -183,7 +183,7 @@ pub struct Closing {
     pub(crate) ends: bool,
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
     pub bridged: Option<f64>,
-    /// The part of the border between inside and outside, on the level that these were told apart on, that no sample is near, as holes are closed there.
+    /// The part of the border between inside and outside that no sample is near, on the level that tells them apart: what holes are closed with there.
     pub spanned: f64,
     /// The part of the samples' cells that have the same side on both sides.
     pub part_nothing: f64,

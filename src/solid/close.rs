@@ -153,7 +153,7 @@ impl Parted {
         }
     }
 
-    /// The part of the border between inside and outside that membranes are, on that level.
+    /// The part of the border between inside and outside that is membranes, on that level.
     pub fn spanned(&self) -> f64 {
         self.membranes as f64 / (self.walls + self.membranes).max(1) as f64
     }

@@ -100,10 +100,9 @@ impl Content {
         Ok(Arc::new(Mapped { _watched: watched, map, ..mapped }))
     }
 
-    /// Bytes of the heap that `bytes` of it take while somebody has them: none where they are lent from a map.
-    pub fn heap(&self, bytes: usize) -> u64 {
-        let is_lent = self.open().is_ok_and(|mapped| mapped.map.is_some());
-        if is_lent { 0 } else { bytes as u64 }
+    /// Whether its bytes are lent from a map, and take no memory of the heap.
+    pub fn is_mapped(&self) -> bool {
+        self.open().is_ok_and(|mapped| mapped.map.is_some())
     }
 
     /// Opens it for plain reads only: the fallback of [`Content::open`], and the choice for a look at a few places.
@@ -257,7 +256,7 @@ mod tests {
         let (_dir, path, content) = sample(300_000);
         let mapped = Content::named(&path).open().unwrap();
         let plain = Arc::new(Content::named(&path).unmapped().unwrap());
-        assert!(mapped.map.is_some() && Content::named(&path).heap(7) == 0);
+        assert!(mapped.map.is_some() && Content::named(&path).is_mapped());
         for range in [0..0, 0..300_000, 1..77_777, 65_535..65_537, 299_999..300_000] {
             let expected = &content[range.start as usize..range.end as usize];
             assert_eq!(&*mapped.bytes(range.clone()).unwrap(), expected);

@@ -28,9 +28,7 @@ use super::unpack::Unpacking;
 use crate::error::{Error, Result};
 use crate::format::laz::{self, pieces};
 use crate::format::options::InputOptions;
-use crate::format::point_format::{
-    BLOCK_BYTES, BlockCutter, Decode, PointFormat, Source, Uncounted, records_of_a_block,
-};
+use crate::format::point_format::{BlockCutter, Decode, PointFormat, Source, Uncounted, records_of_a_block};
 use crate::points::attribute::{Attribute, Schema, Wanted};
 use crate::points::filter::Sieve;
 use crate::points::{Batch, Precision};
@@ -162,12 +160,9 @@ impl PointFormat for LasFile {
         &self.attributes
     }
 
-    fn bytes_of_block(&self) -> u64 {
-        match self.packing {
-            Packing::Plain => self.content.heap(BLOCK_BYTES),
-            // What is decompressed.
-            Packing::Laz(_) => BLOCK_BYTES as u64,
-        }
+    fn lent_from(&self) -> Option<&Content> {
+        // What is decompressed is the block's own.
+        matches!(self.packing, Packing::Plain).then_some(&self.content)
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {

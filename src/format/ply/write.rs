@@ -12,14 +12,14 @@ use crate::points::scalar::{Endian, Scalar};
 /// Bytes copied at once.
 const PIECE: usize = 1 << 20;
 
-/// Bytes that writing a mesh takes: a piece of it, or, where vertices are not as they lie in its spool, jobs with vertices' coordinates, their records, and what is written of
-/// both; of the job that waits for its turn, the last.
+/// Bytes that writing a mesh takes: a piece of it; or, where vertices are not written as they lie in its spool, jobs that make blocks of them. A job has what it reads, coordinates and
+/// records, and as many bytes that it writes; one job waits for its turn, and has only these.
 pub(crate) fn bytes(mesh: &MeshSpool, moves: bool, jobs: u64) -> u64 {
     let stride = mesh.schema().stride() as u64;
     let coordinates = 3 * if moves { size_of::<f64>() } else { MeshSource::precision(mesh).bytes() } as u64;
-    let halves = (2 * jobs - 1).min(2 * mesh.vertex_count().div_ceil(BLOCK as u64));
+    let blocks = (2 * jobs - 1).min(2 * mesh.vertex_count().div_ceil(BLOCK as u64));
     let block = mesh.vertex_count().min(BLOCK as u64) * (coordinates + stride);
-    let made = if moves || stride > 0 { halves * block } else { 0 };
+    let made = if moves || stride > 0 { blocks * block } else { 0 };
     made.max(mesh.bytes().min(PIECE as u64))
 }
 

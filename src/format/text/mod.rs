@@ -29,7 +29,7 @@ use self::header::{Header, Line, own_attributes};
 use super::lines::{AllLines, LineBlock, LineCutter, LineReading, lines, quoted};
 use super::records::same_length;
 use crate::error::{Error, Result};
-use crate::format::point_format::{BLOCK_BYTES, BlockCutter, PointFormat, Source};
+use crate::format::point_format::{BlockCutter, PointFormat, Source};
 use crate::points::attribute::{Attribute, Placing, Schema};
 use crate::points::{Coordinate, Precision};
 use crate::storage::mapped::Content;
@@ -155,8 +155,8 @@ impl PointFormat for Text {
         &self.attributes
     }
 
-    fn bytes_of_block(&self) -> u64 {
-        self.content.heap(BLOCK_BYTES)
+    fn lent_from(&self) -> Option<&Content> {
+        Some(&self.content)
     }
 
     fn cut(&self, schema: &Schema) -> Result<Box<dyn BlockCutter<'_> + '_>> {

@@ -55,13 +55,9 @@ impl Need {
 
         let range = vertices.min(u64::from(NEAR_RANGE));
         let corners = (range * CORNERS as u64).min(3 * triangles);
-        // Of a mesh that is there, a range has as many as most have, or some more.
-        let corners = match spans {
-            Some(_) => {
-                corners.min((u128::from(27 * triangles) * u128::from(range) / u128::from(8 * vertices.max(1))) as u64)
-            }
-            None => corners,
-        };
+        // The vertices of a mesh that is there have so many on average; a range may have an eighth more.
+        let average = || 3 * triangles * range / vertices.max(1);
+        let corners = if spans.is_some() { corners.min(average() / 8 * 9) } else { corners };
         // A parent and two flags; and, where there are several ranges, edges that leave this one, which are those of its last vertices.
         let of_vertex = size_of::<u32>() as u64 + 2;
         let last = if vertices > range { range.min(spans.map_or(range, |spans| spans.triangle)) } else { 0 };

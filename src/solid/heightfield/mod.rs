@@ -141,8 +141,8 @@ pub fn bytes_of_pass(columns: u32, bridge: u32, smooth: u32, slices: u32, (in_fl
 /// lattice's levels.
 const BYTES_OF_COLUMN: u64 = 40;
 
-/// Bytes that a job gives for each column of each of its slices: its height, top and flags; or its extent; or its cells, as runs of rows.
-const BYTES_GIVEN: u64 = 16;
+/// Bytes that a job gives for each column of each of its slices, at the most: its extent. Heights, tops and flags are fewer.
+const BYTES_GIVEN: u64 = size_of::<Extent>() as u64;
 
 /// The side of the lattice's coarsest cells: twice as far as any live column lies from one with points, so that one of four neighbours holds some.
 fn lattice_side(bridge: u32, smooth: u32) -> u32 {

@@ -133,7 +133,7 @@ pub struct Signed {
     pub open: Vec<Patch>,
     /// Patches of walls with the inside on both sides: of slots and folds that were filled.
     pub filled: Vec<Patch>,
-    /// The walls of the open patches, and those that they go on in ([`sheet::with_rims`]), in the order of their cells.
+    /// The walls of the open patches, and those that they go on in ([`sheet::continued`]), in the order of their cells.
     pub sheets: Vec<SheetWall>,
 }
 
@@ -228,7 +228,7 @@ impl Signed {
         let [open, filled] = [Side::Outside, Side::Inside].map(|side| sheet::find(&block, &two_sided, &sides, side));
         let mut sheets: Vec<u32> = open.iter().flat_map(|sheet| &sheet.walls).copied().collect();
         sheets.sort_unstable();
-        let sheets = sheet::with_rims(&block, &two_sided, &sheets);
+        let sheets = sheet::continued(&block, &two_sided, &sheets);
         let [open, filled] =
             [open, filled].map(|sheets| sheets.iter().map(|sheet| Patch::of(&block, sheet)).collect::<Vec<_>>());
         let emptied = emptied.iter().filter(|empty| **empty).count() as u64;

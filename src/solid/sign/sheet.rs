@@ -5,7 +5,7 @@
 //!      # # # # # # #      Left, the floor is a sheet: the outside lies on both of its sides. The body on it is not.
 //!      o o # i # o o      Sheets have no inside. They are kept as thin bodies ([`crate::solid::thicken`]).
 //!          # i #
-//!      o o # # # o o
+//!      o o # # # o o      The floor goes on beneath the body, where it has the inside on one side ([`continued`]).
 //! ```
 
 use std::collections::BTreeMap;
@@ -127,26 +127,26 @@ pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize
     sheets.len()
 }
 
-/// The walls whose cells are in `sheets`, which is sorted, and those that a sheet goes on in where it meets a body, which lies on one side of it there: those in the plane of a sheet's
-/// wall near them. In the order of the walls.
-pub fn with_rims(block: &Block, walls: &[Wall], sheets: &[u32]) -> Vec<SheetWall> {
+/// The walls whose cells are in `sheets`, which is sorted, and those that a sheet goes on in beneath a body, which have the inside on one side: they lie near a sheet's wall, in its plane, and
+/// face as it does. In the order of `walls`.
+pub fn continued(block: &Block, walls: &[Wall], sheets: &[u32]) -> Vec<SheetWall> {
     if sheets.is_empty() {
         return Vec::new();
     }
-    let in_sheet = |wall: &Wall| sheets.binary_search(&wall.cell).is_ok();
+    let in_sheet: Vec<bool> = walls.iter().map(|wall| sheets.binary_search(&wall.cell).is_ok()).collect();
     let near = Near::new(block, walls);
     let place = |wall: &Wall| block.cell(wall.cell as usize).map(|c| c as f32);
     let goes_on = |wall: &Wall| {
         let at = place(wall);
-        near.of(wall.cell).map(|j| &walls[j]).filter(|other| in_sheet(other)).any(|other| {
+        near.of(wall.cell).filter(|&j| in_sheet[j]).map(|j| &walls[j]).any(|other| {
             let there = place(other);
             let across = dot([0, 1, 2].map(|a| at[a] - there[a]), other.normal);
             across.abs() <= IN_PLANE && dot(wall.normal, other.normal).abs() >= SMOOTH
         })
     };
-    let is_of_sheet = |wall: &&Wall| in_sheet(wall) || goes_on(wall);
-    let of_sheets = walls.par_iter().with_min_len(TOGETHER).filter(is_of_sheet);
-    of_sheets.map(|wall| SheetWall { cell: wall.cell, normal: wall.normal }).collect()
+    let of_sheets =
+        walls.par_iter().zip(&in_sheet).with_min_len(TOGETHER).filter(|(wall, in_sheet)| **in_sheet || goes_on(wall));
+    of_sheets.map(|(wall, _)| SheetWall { cell: wall.cell, normal: wall.normal }).collect()
 }
 
 /// Walls by their cells, to look at those within a ball.

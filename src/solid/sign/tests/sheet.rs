@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::super::Side;
 use super::super::block::Block;
 use super::super::normal::{WEIGHT, Wall};
-use super::super::sheet::{SheetWall, find, weigh, with_rims};
+use super::super::sheet::{SheetWall, continued, find, weigh};
 use super::{Numbers, components, marked, numbers_of, places, square_between};
 
 fn random_sides(block: &Block, occupied: &[bool], share: f64, numbers: &mut Numbers) -> Vec<Side> {
@@ -78,7 +78,7 @@ proptest! {
             wall.normal = if numbers.part() < 0.5 { [-1.0, 0.0, 0.0] } else { normal };
         }
         let sheets: Vec<u32> = walls.iter().map(|wall| wall.cell).filter(|_| numbers.part() < of_sheets).collect();
-        let found = with_rims(&block, &walls, &sheets);
+        let found = continued(&block, &walls, &sheets);
         let places = places(&block);
         let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let goes_on = |wall: &Wall| {
