@@ -58,15 +58,15 @@ impl Report {
             found.extend(self.closing.warnings(self.grid.cell_size));
         }
         if self.closing.over_holes() >= MUCH_BRIDGED {
-            let (share, far) = match self.closing.bridged.filter(|share| *share >= self.closing.spanned) {
+            let (share, which) = match self.closing.bridged.filter(|share| *share >= self.closing.spanned) {
                 Some(share) => (share, format!("it is farther than {REACH} cells from any point")),
-                None => (self.closing.spanned, "no sample is near it".to_owned()),
+                None => (self.closing.spanned, "gaps of more than three sampling distances".to_owned()),
             };
             let advice = match self.parameters.open {
                 Some(_) => "--max-hole bounds the holes that are bridged",
                 None => "asra-stream compare MESH CLOUD --heatmap FILE shows where",
             };
-            found.push(Warning::new(format!("{:.1} % of the surface bridges holes: {far}", 100.0 * share), advice));
+            found.push(Warning::new(format!("{:.1} % of the surface bridges holes: {which}", 100.0 * share), advice));
         }
         let parts = self.check.as_ref().map_or(0, |check| check.components);
         if parts >= MANY_COMPONENTS && self.parameters.open.is_none() {
