@@ -68,9 +68,10 @@ fn to_zero(places: &[[f64; 3]]) -> (Vec<[f64; 3]>, [f64; 3]) {
     (places.iter().map(|p| [0, 1, 2].map(|a| p[a] - low[a])).collect(), low)
 }
 
-/// Handles of a piece without cavities.
-fn handles(marks: &Marks) -> i64 {
-    1 - euler(marks.all(), |cell| marks.at(cell))
+/// Tunnels, the first Betti number: pieces and cavities less the Euler number.
+fn tunnels(marks: &Marks) -> i64 {
+    let holes = marks.groups().len() + cavities(marks).groups().len();
+    holes as i64 - euler(marks.all(), |cell| marks.at(cell))
 }
 
 /// The solid before, and what the stream and the twin leave of it.
@@ -168,10 +169,7 @@ proptest! {
         for cell in twin.all() {
             prop_assert_eq!(streamed.at(cell), twin.at(cell), "{:?}", cell);
         }
-        // No tunnels but by cubes: at most, cavities are joined to the outside.
-        let of = |marks: &Marks| euler(marks.all(), |cell| marks.at(cell));
-        let enclosed = cavities(&before).groups().len() as i64;
-        prop_assert!(wide || of(&streamed) >= of(&before) - enclosed, "{} {} {enclosed}", of(&streamed), of(&before));
+        prop_assert!(wide || tunnels(&streamed) <= tunnels(&before), "{} {}", tunnels(&streamed), tunnels(&before));
     }
 }
 
@@ -187,7 +185,7 @@ fn slots_of_a_comb_open() {
     }
 }
 
-/// Where walls askew to the grid bring the two sides of a slot together, what is left across it goes: of 342 handles in 20 combs 190 are left; without that, no fewer than before.
+/// Where walls askew to the grid bring the two sides of a slot together, what is left across it goes: of 342 tunnels in 20 combs 190 are left; without that, no fewer than before.
 #[test]
 fn rungs_across_the_slots_of_a_comb_go() {
     let (mut before_all, mut left_all) = (0, 0);
@@ -196,11 +194,11 @@ fn rungs_across_the_slots_of_a_comb_go() {
             let places = comb(&mut Numbers::new(seed), 2.1, 2.1, 16.0, 0.0, 1.6, turn);
             let Both { before, streamed, .. } = both_ways(&places, 1.26, 1);
             assert!(streamed.groups().len() <= before.groups().len(), "{turn:?}, {seed}");
-            before_all += handles(&before);
-            left_all += handles(&streamed);
+            before_all += tunnels(&before);
+            left_all += tunnels(&streamed);
         }
     }
-    assert!(before_all > 100 && 3 * left_all < 2 * before_all, "{before_all} handles, {left_all} left");
+    assert!(before_all > 100 && 3 * left_all < 2 * before_all, "{before_all} tunnels, {left_all} left");
 }
 
 /// A bore that is filled opens from end to end, turned or not: no hole between samples is as wide.
@@ -238,7 +236,7 @@ fn a_wide_bore_opens() {
         };
         let Both { before, streamed, twin, .. } = both_ways_of(&places, is_plug, 1.26, 2);
         assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)), "{wide} {turn}");
-        assert_eq!((handles(&before), handles(&streamed)), (0, 1), "{wide} {turn}");
+        assert_eq!((tunnels(&before), tunnels(&streamed)), (0, 1), "{wide} {turn}");
         assert_eq!(streamed.groups().len(), 1, "{wide} {turn}");
     }
 }
@@ -261,4 +259,24 @@ fn a_cell_opens_where_that_changes_no_topology() {
         opened += usize::from(expected);
     }
     assert!(opened > 1000);
+}
+
+/// A speck of two cells, of which one opens, is a lone cell then and goes; that makes no tunnel. Found at random.
+#[test]
+fn a_speck_that_opens_goes() {
+    let turn = [0.2205198517794151, 1.3705877683247611, 0.02918021817055758];
+    let density = 1.9608536042200786_f64;
+    let places = comb(
+        &mut Numbers::new(17261759677854004274),
+        3.5716622507278477,
+        2.564305476996651,
+        13.90168810691492,
+        0.5,
+        density,
+        turn,
+    );
+    let Both { before, streamed, twin, .. } = both_ways(&places, density.sqrt(), 2);
+    assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)));
+    assert_eq!((before.groups().len(), streamed.groups().len()), (3, 2));
+    assert_eq!((tunnels(&before), tunnels(&streamed)), (0, 0));
 }
