@@ -169,7 +169,9 @@ proptest! {
         for cell in twin.all() {
             prop_assert_eq!(streamed.at(cell), twin.at(cell), "{:?}", cell);
         }
-        prop_assert!(wide || tunnels(&streamed) <= tunnels(&before), "{} {}", tunnels(&streamed), tunnels(&before));
+        // No tunnels but by cubes; into a cavity there may be one way more, as it may have been joined to the outside.
+        let most = tunnels(&before) + cavities(&before).groups().len() as i64;
+        prop_assert!(wide || tunnels(&streamed) <= most, "{} {most}", tunnels(&streamed));
     }
 }
 
