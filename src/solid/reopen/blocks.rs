@@ -6,7 +6,8 @@ use super::layers::Stretch;
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::context::Context;
-use crate::grid::slice::{Bits, Runs, SliceStore, Slices};
+use crate::grid::label::overlaps;
+use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
 
 /// Cells of a block's side.
 pub const BLOCK: u32 = 8;
@@ -112,4 +113,19 @@ impl Blocks {
 pub fn holds(blocks: &Runs, x: u32, z: u32) -> bool {
     let block = x / BLOCK;
     blocks.row(z / BLOCK).iter().any(|run| run.start <= block && block < run.end)
+}
+
+/// What of the cells `runs` of a slice lies in its blocks.
+pub fn within(runs: &Runs, blocks: &Runs) -> Runs {
+    let mut left = Runs::default();
+    for z in 0..runs.row_count() {
+        let row = blocks.row(z / BLOCK);
+        let scaled: Vec<Run> = row.iter().map(|run| Run { start: run.start * BLOCK, end: run.end * BLOCK }).collect();
+        overlaps(runs.row(z), &scaled, |i, j| {
+            let run = runs.row(z)[i];
+            left.push_run(run.start.max(scaled[j].start), run.end.min(scaled[j].end));
+        });
+        left.end_row();
+    }
+    left
 }

@@ -24,6 +24,7 @@ mod layers;
 mod open;
 mod plane;
 mod signs;
+mod sizes;
 mod tile;
 mod vector;
 mod wall;
@@ -41,18 +42,19 @@ use std::ops::Range;
 use bytemuck::Pod;
 
 use self::blocks::{BLOCK, Blocks};
-use self::field::{Kernel, RANGE};
+use self::field::Kernel;
 use self::found::Found;
 use self::layers::{Cells, Held, Layers, Rounds, Stretch};
 use self::plane::{Moments, Near, Sum};
 use self::signs::Signs;
+use self::sizes::Sizes;
+pub use self::sizes::{bytes_to_expect, records_to_expect};
 use self::tile::{TILE, Tile};
 use self::wall::{Dipole, HIDDEN, Wall};
 use crate::error::Result;
 use crate::grid::bucket::Buckets;
-use crate::grid::context::{CHUNK_SLICES, Context, chunks};
+use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
-use crate::grid::label::overlaps;
 use crate::grid::occupancy::Sampled;
 use crate::grid::partition::BUCKET_SLICES;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
@@ -78,43 +80,6 @@ const ROUNDS: u32 = 24;
 /// Steps of the work before rungs, for progress.
 const STEPS: u64 = 10;
 
-/// Slices that a job holds, at most: its own, and those that the Gaussian reaches.
-const HELD: u32 = CHUNK_SLICES + 2 * (RANGE * SIGMA_CELLS.1) as u32;
-
-/// Bytes that a job holds for each active cell: its points or its plane, and its place; the same of what it gives.
-const FOR_CELL: u64 = (size_of::<Moments>() + size_of::<Wall>() + 2 * size_of::<u32>()) as u64;
-
-/// Bytes of the job over each chunk of slices, with so many active cells and faces of the solid in each slice: what is known of the cells, runs of the solid and of what is
-/// opened, two faces a run; their rows; and a tile, three times. And bytes of what it gives, of the chunk's own slices.
-fn bytes_of_jobs(in_slice: &[u32], faces: &[u32], cells: Cell) -> Vec<[u64; 2]> {
-    let slices: Vec<u64> =
-        in_slice.iter().zip(faces).map(|(cells, faces)| FOR_CELL * u64::from(*cells) + 8 * u64::from(*faces)).collect();
-    let slices_of = |range: Range<u32>| &slices[range.start as usize..range.end as usize];
-    let reach = (HELD - CHUNK_SLICES) / 2;
-    let held = chunks(cells[1]).map(|chunk| {
-        let end = (chunk.end + reach).min(cells[1]);
-        let sum = |slices: Range<u32>| slices_of(slices).iter().sum::<u64>();
-        [sum(chunk.start.saturating_sub(reach)..end) + rows_and_tile(cells), sum(chunk)]
-    });
-    held.collect()
-}
-
-fn rows_and_tile(cells: Cell) -> u64 {
-    let side = u64::from(TILE + HELD - CHUNK_SLICES);
-    u64::from(HELD) * u64::from(cells[2]) * 4 * size_of::<u32>() as u64
-        + 3 * side * side * u64::from(HELD) * size_of::<f32>() as u64
-}
-
-/// Bytes to expect of a job, with so many faces in a slice, as if each had an occupied cell that is looked at.
-pub fn bytes_to_expect(faces_of_slice: u64, cells: Cell) -> u64 {
-    u64::from(HELD) * faces_of_slice * (FOR_CELL + 8) + rows_and_tile(cells)
-}
-
-/// Bytes to expect that are handed from pass to pass, of so many occupied cells.
-pub fn records_to_expect(cells: u64) -> u64 {
-    cells * (size_of::<Moments>() + 2 * size_of::<Wall>() + size_of::<Dipole>()) as u64
-}
-
 /// What passes over chunks of slices are given.
 pub struct Slabs<'a> {
     /// Who works, and where temporary data goes.
@@ -127,6 +92,8 @@ pub struct Slabs<'a> {
     allowed: Blocks,
     /// Jobs in flight.
     jobs: usize,
+    /// What they depend on.
+    sizes: Sizes,
 }
 
 impl Slabs<'_> {
@@ -238,7 +205,8 @@ impl Solid {
         let mut steps = 0..=STEPS;
         let mut step = || progress(steps.next().unwrap_or(STEPS) * slices, STEPS * slices);
         step();
-        let Some(mut slabs) = Slabs::find(&self, occupied, context)? else { return Ok(self) };
+        let kernel = Kernel::new((SIGMA / side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
+        let Some(mut slabs) = Slabs::find(&self, occupied, kernel.reach, context)? else { return Ok(self) };
         let moments = moments(&slabs)?;
         step();
         let walls = slabs.planes(&moments)?;
@@ -254,8 +222,8 @@ impl Solid {
         }
         slabs.allowed = evident.widened(OPEN, context)?;
         let dipoles = slabs.dipoles(&walls, &signs, &evident.widened(LOOKED_AT, context)?)?;
+        slabs.take(slabs.sizes.of_field(&slabs.free(&self, occupied)?));
         step();
-        let kernel = Kernel::new((SIGMA / side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
         let candidates = slabs.candidates(&self, occupied, &dipoles, &kernel)?;
         step();
         let (outside, sure) = slabs.labelled(&self, &dipoles, &candidates, &kernel)?;
@@ -332,8 +300,8 @@ impl Solid {
 }
 
 impl<'a> Slabs<'a> {
-    /// The blocks and cells that are looked at; none if there is no evidence that anything was filled.
-    fn find(solid: &Solid, occupied: &SliceStore, context: &'a Context) -> Result<Option<Slabs<'a>>> {
+    /// The blocks and cells that are looked at; none if there is no evidence that anything was filled. The Gaussian is going to reach so many cells.
+    fn find(solid: &Solid, occupied: &SliceStore, gaussian: i64, context: &'a Context) -> Result<Option<Slabs<'a>>> {
         let deep = solid.deep(occupied, context)?;
         if deep.is_empty() {
             return Ok(None);
@@ -356,17 +324,7 @@ impl<'a> Slabs<'a> {
                 for y in chunk {
                     occupied.read(y, &mut runs)?;
                     looked_at.read(y, &mut blocks)?;
-                    let mut left = Runs::default();
-                    for z in 0..runs.row_count() {
-                        let row = blocks.row(z / BLOCK);
-                        let scaled: Vec<Run> =
-                            row.iter().map(|run| Run { start: run.start * BLOCK, end: run.end * BLOCK }).collect();
-                        overlaps(runs.row(z), &scaled, |i, j| {
-                            let run = runs.row(z)[i];
-                            left.push_run(run.start.max(scaled[j].start), run.end.min(scaled[j].end));
-                        });
-                        left.end_row();
-                    }
+                    let left = blocks::within(&runs, &blocks);
                     counts.push(left.cell_count() as u32);
                     slices.push_runs(&left);
                 }
@@ -377,14 +335,45 @@ impl<'a> Slabs<'a> {
                 active.extend(&slices)
             },
         )?;
-        let mut bytes = bytes_of_jobs(&in_slice, &solid.faces, cells);
+        let sizes = Sizes { cells, gaussian, active: in_slice, faces: solid.faces.clone() };
+        let mut slabs = Slabs { context, cells, active, allowed, jobs: 1, sizes };
+        slabs.take(slabs.sizes.of_walls());
+        Ok(Some(slabs))
+    }
+
+    /// From now on, the job over each chunk takes so many bytes, and gives so many.
+    fn take(&mut self, mut bytes: Vec<[u64; 2]>) {
         bytes.sort_unstable_by(|a, b| b.cmp(a));
-        let jobs = context.memory.jobs_of(bytes[0][0]);
+        self.jobs = self.context.memory.jobs_of(bytes[0][0]);
         // Those that take the most may stand side by side; the others wait, with what they give.
-        let threads = context.workers.threads();
-        let in_flight = bytes.iter().take(jobs).enumerate();
-        context.account.reopening(in_flight.map(|(i, [all, given])| if i < threads { all } else { given }).sum());
-        Ok(Some(Slabs { context, cells, active, allowed, jobs }))
+        let threads = self.context.workers.threads();
+        let in_flight = bytes.iter().take(self.jobs).enumerate();
+        self.context.account.reopening(in_flight.map(|(i, [all, given])| if i < threads { all } else { given }).sum());
+    }
+
+    /// Of each slice, the free cells of the solid that lie where cells may open.
+    fn free(&self, solid: &Solid, occupied: &SliceStore) -> Result<Vec<u32>> {
+        let mut out = Vec::with_capacity(self.cells[1] as usize);
+        let mut jobs = chunks(self.cells[1]);
+        self.context.workers.in_order(
+            self.context.memory.chunks_in_flight,
+            || Ok(jobs.next()),
+            |chunk| {
+                let (mut runs, mut blocks) = (Runs::default(), Runs::default());
+                let mut within = |store: &SliceStore, y| {
+                    store.read(y, &mut runs)?;
+                    self.allowed.read(y, &mut blocks)?;
+                    Ok(blocks::within(&runs, &blocks).cell_count())
+                };
+                let free = |y| Ok(within(&solid.store, y)?.saturating_sub(within(occupied, y)?) as u32);
+                chunk.map(free).collect::<Result<Vec<u32>>>()
+            },
+            |free| {
+                out.extend(free);
+                Ok(())
+            },
+        )?;
+        Ok(out)
     }
 
     /// What is known of the points of the active cells.
@@ -416,7 +405,7 @@ impl<'a> Slabs<'a> {
                         Ok(())
                     })?;
                 }
-                Ok(sums.iter().map(|sums| sums.iter().map(Sum::moments).collect()).collect::<Vec<Vec<Moments>>>())
+                Ok(sums.into_iter().map(|sums| sums.iter().map(Sum::moments).collect()).collect::<Vec<Vec<Moments>>>())
             },
             |slices| out.extend(&slices),
         )?;
