@@ -90,15 +90,15 @@ impl MemoryPlan {
         self.with_passes(passes)
     }
 
-    /// The same plan when slabs have told that they and the mesh took so many bytes at a time; nothing if none was made here.
-    pub(super) fn with_slabs_made(self, workload: &Workload, most: u64) -> MemoryPlan {
+    /// The same plan when slabs of a mesh have told that they and it took so many bytes at a time; nothing if none was made here.
+    pub(super) fn with_slabs_made(self, workload: &Workload, mesh: &MeshSpool, most: u64) -> MemoryPlan {
         if most == 0 {
             return self;
         }
         let lasting = self.held(workload) + workload.standing_slice_bytes().min(self.slices_quota());
-        // What is on its way to the mesh is no more than a slab, once as it is gathered, once as it is handed on.
+        // What is on its way to the mesh is no more than a slab, and than all of the mesh: once as it is gathered, once as it is handed on.
         let widest = workload.slabs().iter().map(|slab| slab.bytes(&workload.made())).max().unwrap_or(0);
-        let stitching = self.pieces as u64 * STITCHING.min(2 * widest + SPOOLS);
+        let stitching = self.pieces as u64 * STITCHING.min(2 * widest.min(mesh.bytes()) + SPOOLS);
         let held = lasting + most + stitching;
         let Ok(jobs) = self.slab_jobs(workload) else { return self };
         let beside = jobs.running.min(workload.slabs().len()) as u64 * JOB_OF_SLABS;

@@ -146,7 +146,7 @@ pub(super) fn surface_of<T: Coordinate>(
         };
         pieces::stitch(ranges, &Means { stitcher: &stitcher, ..means })
     })?;
-    let memory = memory.with_slabs_made(&workload, context.account.slabs.most());
+    let memory = memory.with_slabs_made(&workload, &stitched.mesh, context.account.slabs.most());
     reconstructed(stitched, surveyed, settings, (&buckets, cells), memory, context, progress)
 }
 
