@@ -90,7 +90,7 @@ impl<'a> Pyramid<'a> {
             if level < closing.level {
                 sides = sides.refined(occupancy, context)?;
             }
-            sides = sides.fallen(occupancy, last(level), context, &mut progress)?;
+            sides = sides.fallen(occupancy, last(level), None, context, &mut progress)?;
         }
         let solid = Solid::between(self.finest, &sides, &Ball::new(1), context)?;
         drop(sides);

@@ -6,6 +6,8 @@
 //!   o # c c
 //!   o # # #      a wall is an occupied cell that touches a cell next to a side
 //! ```
+//!
+//! Sheets have the outside on both sides: what lies behind them says nothing of what lies before them.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -17,6 +19,7 @@ use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, words_of};
 use crate::grid::window::Window;
 use crate::solid::exterior::Padded;
+use crate::solid::thicken::Sheets;
 
 /// The verdicts on components.
 pub const UNDECIDED: u8 = 0;
@@ -32,6 +35,8 @@ pub struct Open<'a> {
     pub padded: Padded,
     /// The occupied cells.
     pub occupancy: &'a Occupancy,
+    /// Walls that have the outside on both sides, if any are known, and the pyramid's level that this is.
+    pub sheets: Option<(Sheets<'a>, u32)>,
     /// The cells whose components are judged.
     pub cells: &'a SliceStore,
     /// The cells outside.
@@ -87,8 +92,8 @@ impl Open<'_> {
             }
             touched.slide_to(y - 1, |y, bits| self.outside.paint(y, bits, &mut runs))?;
             let [outside, inside] = &mut walls;
-            let outside = outside.near(y, padded, self.occupancy, &self.next_to[0])?;
-            let inside = inside.near(y, padded, self.occupancy, &self.next_to[1])?;
+            let outside = outside.near(y, padded, (self.occupancy, self.sheets), &self.next_to[0])?;
+            let inside = inside.near(y, padded, (self.occupancy, None), &self.next_to[1])?;
             for z in 0..open.row_count() {
                 let (outside, inside) = (outside.row(z), inside.row(z));
                 for run in open.row(z) {
@@ -169,12 +174,23 @@ impl Walls {
         Walls { near: padded.dilation(ball, end), touching, rows }
     }
 
-    /// The cells of slice `y`. Calls must come with growing `y`.
-    fn near(&mut self, y: i64, padded: Padded, occupancy: &Occupancy, next_to: &SliceStore) -> Result<&Bits> {
+    /// The cells of slice `y`, but for those near sheets only. Calls must come with growing `y`.
+    fn near(
+        &mut self,
+        y: i64,
+        padded: Padded,
+        (occupancy, sheets): (&Occupancy, Option<(Sheets<'_>, u32)>),
+        next_to: &SliceStore,
+    ) -> Result<&Bits> {
         let (touching, rows, mut runs) = (&mut self.touching, &self.rows, Runs::default());
+        let mut of_sheets = padded.bits();
         let near = self.near.slide_to(y, |y, walls| {
             padded.paint_occupied(occupancy, y, walls, &mut runs)?;
             walls.keep_rows(rows.clone());
+            if let Some((sheets, level)) = sheets {
+                sheets.paint((occupancy, level), y - i64::from(padded.pad), padded.pad, &mut of_sheets, &mut runs)?;
+                walls.and_not(&of_sheets);
+            }
             walls.and(touching.slide_to(y, |y, bits| {
                 next_to.paint(y, bits, &mut runs)?;
                 bits.keep_rows(rows.clone());

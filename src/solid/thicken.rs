@@ -62,19 +62,27 @@ struct Planes<'a> {
 }
 
 impl Sheets<'_> {
-    /// Sets the occupied cells of slice `y` that lie in walls in `bits`, moved by `pad` cells and rows; none where there is no such slice.
-    fn paint(&self, occupancy: &Occupancy, y: i64, pad: u32, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
+    /// Sets the occupied cells of slice `y` of a pyramid's level that lie in walls in `bits`, moved by `pad` cells and rows; none where there is no such slice. Such a cell lies
+    /// in the wall that its middle lies in; level 0 is the grid.
+    pub fn paint(
+        &self,
+        (occupancy, level): (&Occupancy, u32),
+        y: i64,
+        pad: u32,
+        bits: &mut Bits,
+        runs: &mut Runs,
+    ) -> Result<()> {
         bits.clear();
         if !(0..i64::from(occupancy.cells[1])).contains(&y) {
             return Ok(());
         }
         occupancy.store.read(y as u32, runs)?;
+        let wall = |c: u32| (((2 * u64::from(c) + 1) << level) / 2 / u64::from(self.factor)) as usize;
+        let width = self.block.cells[0];
         for z in 0..runs.row_count() {
-            let row = [0, y as u32, z].map(|c| (c / self.factor) as usize);
-            let first = self.block.index(row) as u32;
-            let end = first + occupancy.cells[0].div_ceil(self.factor);
-            let walls = &self.walls[self.within(first, end)];
-            let is_wall = |x: u32| walls.binary_search_by_key(&(first + x / self.factor), |wall| wall.cell).is_ok();
+            let first = self.block.index([0, wall(y as u32), wall(z)]) as u32;
+            let walls = &self.walls[self.within(first, first + width)];
+            let is_wall = |x: u32| walls.binary_search_by_key(&(first + wall(x) as u32), |wall| wall.cell).is_ok();
             let cells = runs.row(z).iter().filter(|_| !walls.is_empty()).flat_map(|run| run.start..run.end);
             cells.filter(|x| is_wall(*x)).for_each(|x| bits.set(x + pad, z + pad));
         }
@@ -192,8 +200,9 @@ impl Planes<'_> {
         let mut out = Slices::default();
         for y in slices.map(i64::from) {
             let reached = reached.slide_to(y + i64::from(pad), |y, free| {
-                let paint =
-                    |y: i64, bits: &mut Bits| self.sheets.paint(occupancy, y - i64::from(pad), pad, bits, &mut runs);
+                let paint = |y: i64, bits: &mut Bits| {
+                    self.sheets.paint((occupancy, 0), y - i64::from(pad), pad, bits, &mut runs)
+                };
                 let covered = covered.slide_to(y, paint)?;
                 for z in 0..padded.cells[2] {
                     let row = free.row_mut(z);

@@ -27,6 +27,7 @@ use crate::grid::slice::{Bits, Runs, SliceStore, Slices, behind, set_range};
 use crate::solid::exterior::{Exterior, Padded, Scratch};
 use crate::solid::side_votes::{INSIDE, OUTSIDE, Open};
 use crate::solid::sign::{PAD, Side, Signed};
+use crate::solid::thicken::Sheets;
 
 /// The last step's squared radius.
 pub const LAST: u32 = 2;
@@ -124,7 +125,8 @@ impl Sides {
         Ok(Sides { padded, outside, inside, squared })
     }
 
-    /// Lets the ball fall to the squared radius `last`; `progress` is told the slices of each step.
+    /// Lets the ball fall to the squared radius `last`; `progress` is told the slices of each step. `sheets` are walls that have the outside on both sides, if any are known,
+    /// and the pyramid's level that this is.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
@@ -132,12 +134,13 @@ impl Sides {
         mut self,
         occupancy: &Occupancy,
         last: u32,
+        sheets: Option<(Sheets<'_>, u32)>,
         context: &Context,
         progress: &mut dyn FnMut(u32),
     ) -> Result<Sides> {
         while self.squared > last {
             let squared = next(self.squared).max(last);
-            self = self.step(occupancy, squared, context)?;
+            self = self.step(occupancy, squared, sheets, context)?;
             progress(occupancy.cells[1]);
         }
         Ok(self)
@@ -194,7 +197,13 @@ impl Sides {
     }
 
     /// One step: gives the cells that are free for the ball of `squared` a side.
-    fn step(self, occupancy: &Occupancy, squared: u32, context: &Context) -> Result<Sides> {
+    fn step(
+        self,
+        occupancy: &Occupancy,
+        squared: u32,
+        sheets: Option<(Sheets<'_>, u32)>,
+        context: &Context,
+    ) -> Result<Sides> {
         let padded = self.padded;
         // What is next to the sides lies in the balls of the step before.
         let balls = [self.squared, squared].map(Ball::squared);
@@ -206,7 +215,7 @@ impl Sides {
             return Ok(grown);
         }
         let (outside, next_to) = (&grown.outside, &[next_outside, next_inside]);
-        let labels = Open { padded, occupancy, cells: &open, outside, next_to, squared }.judged(context)?;
+        let labels = Open { padded, occupancy, sheets, cells: &open, outside, next_to, squared }.judged(context)?;
         let [outside, inside] = stores(padded, 1, context, |slices| {
             let (mut bits, mut runs, mut scratch) = (padded.bits(), Runs::default(), Scratch::default());
             let mut out: [Slices; 2] = Default::default();
