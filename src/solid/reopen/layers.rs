@@ -37,6 +37,11 @@ impl<T: Pod> Layers<T> {
         Ok(())
     }
 
+    /// How many values each slice has.
+    pub fn counts(&self) -> Vec<u32> {
+        self.places.iter().map(|(_, count)| *count).collect()
+    }
+
     /// The values of slice `y`.
     pub fn read(&self, y: u32) -> Result<Vec<T>> {
         let (at, len) = self.places[y as usize];

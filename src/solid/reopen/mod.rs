@@ -222,9 +222,11 @@ impl Solid {
         }
         slabs.allowed = evident.widened(OPEN, context)?;
         let dipoles = slabs.dipoles(&walls, &signs, &evident.widened(LOOKED_AT, context)?)?;
-        slabs.take(slabs.sizes.of_field(&slabs.free(&self, occupied)?));
+        // At most all free cells are candidates; how many are is known when they are found.
+        slabs.jobs = slabs.jobs_of(&slabs.sizes.of_field(&slabs.free(&self, occupied)?));
         step();
         let candidates = slabs.candidates(&self, occupied, &dipoles, &kernel)?;
+        slabs.take(slabs.sizes.of_field(&candidates.1.counts()));
         step();
         let (outside, sure) = slabs.labelled(&self, &dipoles, &candidates, &kernel)?;
         drop((candidates, dipoles));
@@ -341,14 +343,19 @@ impl<'a> Slabs<'a> {
         Ok(Some(slabs))
     }
 
-    /// From now on, the job over each chunk takes so many bytes, and gives so many.
+    /// From now on, the job over each chunk takes so many bytes, and gives so many; the account is told what jobs side by side take.
     fn take(&mut self, mut bytes: Vec<[u64; 2]>) {
+        self.jobs = self.jobs_of(&bytes);
         bytes.sort_unstable_by(|a, b| b.cmp(a));
-        self.jobs = self.context.memory.jobs_of(bytes[0][0]);
         // Those that take the most may stand side by side; the others wait, with what they give.
         let threads = self.context.workers.threads();
         let in_flight = bytes.iter().take(self.jobs).enumerate();
         self.context.account.reopening(in_flight.map(|(i, [all, given])| if i < threads { all } else { given }).sum());
+    }
+
+    /// Jobs in flight, if they take so many bytes.
+    fn jobs_of(&self, bytes: &[[u64; 2]]) -> usize {
+        self.context.memory.jobs_of(bytes.iter().map(|[all, _]| *all).max().unwrap_or(0))
     }
 
     /// Of each slice, the free cells of the solid that lie where cells may open.

@@ -43,15 +43,15 @@ impl Sizes {
         self.of_chunks(|chunk| for_walls(|more| self.around(&self.active, chunk, more)))
     }
 
-    /// The same with the passes that look at free cells, of which each slice has so many where cells may open.
-    pub fn of_field(&self, free: &[u32]) -> Vec<[u64; 2]> {
+    /// The same with the passes that look at free cells, of which each slice has so many candidates.
+    pub fn of_field(&self, candidates: &[u32]) -> Vec<[u64; 2]> {
         self.of_chunks(|chunk| {
             let active = |more| self.around(&self.active, chunk, more);
-            let free = self.around(free, chunk, 0);
+            let candidates = self.around(candidates, chunk, 0);
             // As if a row of tiles had its share of them.
             let rows = u64::from(self.cells[2]).max(1);
-            let at_hand = free * AT_HAND * rows.min(TILE.into()) / rows;
-            for_walls(active).max(for_dipoles(active(self.gaussian)) + free * CANDIDATE + at_hand)
+            let at_hand = candidates * AT_HAND * rows.min(TILE.into()) / rows;
+            for_walls(active).max(for_dipoles(active(self.gaussian)) + candidates * CANDIDATE + at_hand)
         })
     }
 
