@@ -9,6 +9,7 @@ use super::marks::*;
 use super::signs::linked;
 use super::wall::{HIDDEN, Relation, SEEN, THIN};
 use super::*;
+use crate::grid::context::CHUNK_SLICES;
 
 /// The cells with points, and what is known of these.
 pub type Points = BTreeMap<[i64; 3], Moments>;
