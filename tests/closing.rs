@@ -197,31 +197,85 @@ fn a_slot_between_walls_with_gaps_is_open_from_end_to_end() {
     }
 }
 
-/// A sphere of radius 1 that stands on a square of floor, sampled at random and turned.
-fn on_a_floor(points: usize, seed: u64) -> Vec<[f64; 3]> {
-    let mut numbers = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-    let length = |v: [f64; 3]| v.iter().map(|c| c * c).sum::<f64>().sqrt();
-    let number = |numbers: &mut rand_chacha::ChaCha8Rng| numbers.random_range(-1.0..1.0f64);
-    let way = |numbers: &mut rand_chacha::ChaCha8Rng| loop {
+type Numbers = rand_chacha::ChaCha8Rng;
+
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|c| c * c).sum::<f64>().sqrt()
+}
+
+fn number(numbers: &mut Numbers) -> f64 {
+    numbers.random_range(-1.0..1.0f64)
+}
+
+/// A direction at random, of length 1.
+fn way(numbers: &mut Numbers) -> [f64; 3] {
+    loop {
         let v = [(); 3].map(|()| number(numbers));
         if (0.1..1.0).contains(&length(v)) {
             return v.map(|c| c / length(v));
         }
-    };
-    let (up, aside) = (way(&mut numbers), way(&mut numbers));
+    }
+}
+
+/// Three directions at random, at right angles to each other.
+fn axes(numbers: &mut Numbers) -> [[f64; 3]; 3] {
+    let (up, aside) = (way(numbers), way(numbers));
     let along = (0..3).map(|a| up[a] * aside[a]).sum::<f64>();
     let aside: [f64; 3] = [0, 1, 2].map(|a| aside[a] - along * up[a]);
     let aside = aside.map(|c| c / length(aside));
     let third = [0, 1, 2].map(|a| up[(a + 1) % 3] * aside[(a + 2) % 3] - up[(a + 2) % 3] * aside[(a + 1) % 3]);
+    [aside, third, up]
+}
+
+/// Where a place lies that has such coordinates along the axes.
+fn placed(axes: [[f64; 3]; 3], p: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|a| (0..3).map(|i| p[i] * axes[i][a]).sum())
+}
+
+/// A sphere of radius 1 that stands on a square of floor, sampled at random and turned.
+fn on_a_floor(points: usize, seed: u64) -> Vec<[f64; 3]> {
+    let mut numbers = Numbers::seed_from_u64(seed);
+    let axes = axes(&mut numbers);
     let (sphere, floor) = (4.0 * std::f64::consts::PI, 4.4 * 4.4);
     let on_sphere = (points as f64 * sphere / (sphere + floor)) as usize;
-    let spots: Vec<[f64; 3]> = (0..points)
-        .map(|i| match i < on_sphere {
-            true => way(&mut numbers),
-            false => [2.2 * number(&mut numbers), 2.2 * number(&mut numbers), -1.0],
+    let spots = (0..points).map(|i| match i < on_sphere {
+        true => way(&mut numbers),
+        false => [2.2 * number(&mut numbers), 2.2 * number(&mut numbers), -1.0],
+    });
+    spots.map(|p| placed(axes, p)).collect()
+}
+
+/// A sheet so wide that its sign is found on cells six times as wide as the grid's, or seven, turned: nothing beside it is solid. What lies behind it does not speak for an inside.
+#[test]
+fn a_wide_sheet_stays_thin_at_any_angle() {
+    let farthest = |seed| {
+        let mut numbers = Numbers::seed_from_u64(seed);
+        let axes = axes(&mut numbers);
+        // As many samples as of a sheet whose cells are 1.3 sampling distances wide.
+        let spots: Vec<[f64; 3]> = (0..144_000)
+            .map(|_| placed(axes, [400.0 * number(&mut numbers), 50.0 * number(&mut numbers), 0.0]))
+            .collect();
+        let low = [0, 1, 2].map(|a| spots.iter().map(|p| p[a]).fold(f64::MAX, f64::min).floor());
+        let sheet: Vec<Cell> = spots.iter().map(|p| [0, 1, 2].map(|a| (p[a] - low[a]) as u32)).collect();
+        let cells = [0, 1, 2].map(|a| sheet.iter().map(|cell| cell[a]).max().unwrap() + 1);
+        with_context(cells, |context| {
+            let (solid, _) = closed(Occupancy::of_cells(sheet, cells, context).unwrap(), None, context);
+            let (mut runs, mut farthest) = (Runs::default(), 0.0);
+            for y in 0..cells[1] {
+                solid.store.read(y, &mut runs).unwrap();
+                for z in 0..runs.row_count() {
+                    for x in runs.row(z).iter().flat_map(|run| run.start..run.end) {
+                        let middle = [x, y, z].map(|c| f64::from(c) + 0.5);
+                        let off: f64 = (0..3).map(|a| (middle[a] + low[a]) * axes[2][a]).sum();
+                        farthest = f64::max(farthest, off.abs());
+                    }
+                }
+            }
+            farthest
         })
-        .collect();
-    spots.into_iter().map(|p| [0, 1, 2].map(|a| p[0] * aside[a] + p[1] * third[a] + p[2] * up[a])).collect()
+    };
+    let all: Vec<f64> = (0..6).map(farthest).collect();
+    assert!(all.iter().all(|farthest| *farthest < 3.0), "{all:?}");
 }
 
 /// Where a body stands on a sheet, samples of the sheet are as far from each other as elsewhere; between them there is no way through it.
