@@ -58,7 +58,7 @@ impl Open<'_> {
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.padded.cells[1]);
         context.workers.in_order(
-            context.jobs(2 * ball.radius() + 5, self.padded.cells),
+            context.jobs(2 * ball.radius() + 6, self.padded.cells),
             || Ok(jobs.next()),
             |slices| self.parts(ball, slices),
             |parts: Parts<Evidence>| labeller.add(parts),
@@ -162,6 +162,8 @@ impl Evidence {
 struct Walls {
     near: Dilation,
     touching: Dilation,
+    /// The occupied cells of a slice that lie in sheets.
+    of_sheets: Bits,
     /// The rows that are looked at, with those that the balls reach.
     rows: std::ops::Range<u32>,
 }
@@ -171,7 +173,7 @@ impl Walls {
     fn new(padded: Padded, ball: Ball, rows: &std::ops::Range<u32>, end: u32) -> Walls {
         let rows = rows.start.saturating_sub(ball.radius() + 1)..rows.end + ball.radius() + 1;
         let touching = padded.dilation(Ball::new(1), end + ball.radius());
-        Walls { near: padded.dilation(ball, end), touching, rows }
+        Walls { near: padded.dilation(ball, end), touching, of_sheets: padded.bits(), rows }
     }
 
     /// The cells of slice `y`, but for those near sheets only. Calls must come with growing `y`.
@@ -182,14 +184,14 @@ impl Walls {
         (occupancy, sheets): (&Occupancy, Option<(Sheets<'_>, u32)>),
         next_to: &SliceStore,
     ) -> Result<&Bits> {
-        let (touching, rows, mut runs) = (&mut self.touching, &self.rows, Runs::default());
-        let mut of_sheets = padded.bits();
+        let (touching, of_sheets) = (&mut self.touching, &mut self.of_sheets);
+        let (rows, mut runs) = (&self.rows, Runs::default());
         let near = self.near.slide_to(y, |y, walls| {
             padded.paint_occupied(occupancy, y, walls, &mut runs)?;
             walls.keep_rows(rows.clone());
             if let Some((sheets, level)) = sheets {
-                sheets.paint((occupancy, level), y - i64::from(padded.pad), padded.pad, &mut of_sheets, &mut runs)?;
-                walls.and_not(&of_sheets);
+                sheets.paint((occupancy, level), y - i64::from(padded.pad), padded.pad, of_sheets, &mut runs)?;
+                walls.and_not(of_sheets);
             }
             walls.and(touching.slide_to(y, |y, bits| {
                 next_to.paint(y, bits, &mut runs)?;

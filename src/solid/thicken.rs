@@ -322,6 +322,42 @@ mod tests {
             prop_assert_eq!(found, expected);
         }
 
+        /// On a level of the pyramid an occupied cell belongs to the wall that its middle lies in.
+        #[test]
+        fn cells_of_walls_are_those_whose_middles_lie_in_them(
+            cells in prop::collection::btree_set((0u32..9, 0u32..8, 0u32..7), 1..60),
+            in_walls in prop::collection::vec(any::<bool>(), 64),
+            level in 0u32..3,
+            factor in 1u32..8,
+        ) {
+            let size: Cell = [9, 8, 7];
+            let block = Block::new(size.map(|c| (c << level).div_ceil(factor)));
+            // A wall by its cell, at random.
+            let is_wall = |[x, y, z]: [usize; 3]| in_walls[(7 * x + 3 * y + 5 * z) % 64];
+            let all = (0..block.size()).filter(|index| block.index(block.cell(*index)) == *index);
+            let walls: Vec<SheetWall> = all
+                .filter(|index| is_wall(block.cell(*index)))
+                .map(|index| SheetWall { cell: index as u32, normal: [1.0, 0.0, 0.0] })
+                .collect();
+            let sheets = Sheets { block: &block, walls: &walls, factor };
+            let expected: BTreeSet<Cell> = cells.iter().map(|(x, y, z)| [*x, *y, *z]).filter(|cell| {
+                let middle = cell.map(|c| (f64::from(c) + 0.5) * f64::from(1 << level) / f64::from(factor));
+                is_wall(middle.map(|c| c.floor() as usize))
+            }).collect();
+            let found: BTreeSet<Cell> = with_context(size, |context| {
+                let occupied = cells.iter().map(|(x, y, z)| [*x, *y, *z]);
+                let occupancy = Occupancy::of_cells(occupied, size, context).unwrap();
+                let (mut bits, mut runs, mut out) = (Bits::new(11, 9), Runs::default(), BTreeSet::new());
+                for y in 0..8 {
+                    sheets.paint((&occupancy, level), y, 1, &mut bits, &mut runs).unwrap();
+                    let cells = (0..9).flat_map(|x| (0..7).map(move |z| [x, y, z]));
+                    out.extend(cells.filter(|[x, _, z]| bits.get(x + 1, z + 1)).map(|cell| cell.map(|c| c as u32)));
+                }
+                out
+            });
+            prop_assert_eq!(found, expected);
+        }
+
         /// Two sheets side by side, at any angle: what is thick lies in one of them or in the other.
         #[test]
         fn the_air_between_two_sheets_stays(
