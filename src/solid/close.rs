@@ -409,8 +409,7 @@ fn close_signed(
     let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
     let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
     signed.sides = Vec::new();
-    let sheets = Sheets { block: &signed.block, walls: &signed.sheets, factor };
-    let open = |l: u32| (!sheets.walls.is_empty()).then_some((sheets, l));
+    let sheets = |level: u32| Sheets { block: &signed.block, walls: &signed.sheets, factor, level };
     for l in (0..=level).rev() {
         if l < level {
             sides = sides.refined(at(l), context)?;
@@ -418,14 +417,15 @@ fn close_signed(
         if level > 0 {
             sides = sides.without_bare(context)?;
         }
-        sides = sides.fallen(at(l), last_of(l), open(l), context, &mut |slices| progress.done(slices))?;
+        let sheets = Some(sheets(l)).filter(|sheets| !sheets.walls.is_empty());
+        sides = sides.fallen(at(l), last_of(l), sheets, context, &mut |slices| progress.done(slices))?;
     }
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     progress.done(slices);
     // Dents before sheets: thickened cells would look as if a ball had sunk between their points.
     let solid = solid.without_dents(&occupancy, context)?;
-    let solid = solid.with_thickened(sheets, side, &occupancy, context)?;
+    let solid = solid.with_thickened(sheets(0), side, &occupancy, context)?;
     progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
     progress.done(slices);

@@ -35,8 +35,8 @@ pub struct Open<'a> {
     pub padded: Padded,
     /// The occupied cells.
     pub occupancy: &'a Occupancy,
-    /// Walls that have the outside on both sides, if any are known, and the pyramid's level that this is.
-    pub sheets: Option<(Sheets<'a>, u32)>,
+    /// Walls that have the outside on both sides, if any are known.
+    pub sheets: Option<Sheets<'a>>,
     /// The cells whose components are judged.
     pub cells: &'a SliceStore,
     /// The cells outside.
@@ -181,7 +181,7 @@ impl Walls {
         &mut self,
         y: i64,
         padded: Padded,
-        (occupancy, sheets): (&Occupancy, Option<(Sheets<'_>, u32)>),
+        (occupancy, sheets): (&Occupancy, Option<Sheets<'_>>),
         next_to: &SliceStore,
     ) -> Result<&Bits> {
         let (touching, of_sheets) = (&mut self.touching, &mut self.of_sheets);
@@ -189,8 +189,8 @@ impl Walls {
         let near = self.near.slide_to(y, |y, walls| {
             padded.paint_occupied(occupancy, y, walls, &mut runs)?;
             walls.keep_rows(rows.clone());
-            if let Some((sheets, level)) = sheets {
-                sheets.paint((occupancy, level), y - i64::from(padded.pad), padded.pad, of_sheets, &mut runs)?;
+            if let Some(sheets) = sheets {
+                sheets.paint(occupancy, y - i64::from(padded.pad), padded.pad, of_sheets, &mut runs)?;
                 walls.and_not(of_sheets);
             }
             walls.and(touching.slide_to(y, |y, bits| {

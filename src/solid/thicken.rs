@@ -8,7 +8,9 @@
 //!
 //! Of a sheet's occupied cells, those in the walls of its patch and in those that it goes on in beneath a body ([`crate::solid::sign`]), D is what a ball of squared radius r₁² round
 //! one of them covers. Solid become the cells that are farther than r₂ from all cells out of D, and lie in the plane of a wall near them. r₁ is 2.7 sampling distances,
-//! at least √6 cells: of a sheet whose samples lie at random, a disc of that radius is empty once in 10¹⁰. r₂ is a little less, so that a sheet across the axes hangs together by faces.
+//! at least √6 cells. r₂ is a little less, so that a sheet across the axes hangs together by faces. A gap of radius g is filled where √(r₁² − g²) ≥ r₂. Where
+//! cells are one sampling distance wide, that is 1.8 of these: of a sheet whose samples lie at random, a disc of that radius is empty once in 3 · 10⁴. The small holes that are left are
+//! unresolved cells ([`crate::solid::unresolved`]).
 //! Between two sheets side by side, such as the fins of a cooler, a ball may not fit. Planes leave the air between them.
 
 use crate::error::Result;
@@ -41,6 +43,8 @@ pub struct Sheets<'a> {
     pub walls: &'a [SheetWall],
     /// How many cells of the grid one of them is wide.
     pub factor: u32,
+    /// The level of the pyramid whose cells are looked at: 0 is the grid.
+    pub level: u32,
 }
 
 /// The sum of a wall's occupied cells, in cells of the grid, and how many there are.
@@ -62,22 +66,14 @@ struct Planes<'a> {
 }
 
 impl Sheets<'_> {
-    /// Sets the occupied cells of slice `y` of a pyramid's level that lie in walls in `bits`, moved by `pad` cells and rows; none where there is no such slice. Such a cell lies
-    /// in the wall that its middle lies in; level 0 is the grid.
-    pub fn paint(
-        &self,
-        (occupancy, level): (&Occupancy, u32),
-        y: i64,
-        pad: u32,
-        bits: &mut Bits,
-        runs: &mut Runs,
-    ) -> Result<()> {
+    /// Sets the occupied cells of slice `y` whose middles lie in walls in `bits`, moved by `pad` cells and rows; none where there is no such slice.
+    pub fn paint(&self, occupancy: &Occupancy, y: i64, pad: u32, bits: &mut Bits, runs: &mut Runs) -> Result<()> {
         bits.clear();
         if !(0..i64::from(occupancy.cells[1])).contains(&y) {
             return Ok(());
         }
         occupancy.store.read(y as u32, runs)?;
-        let wall = |c: u32| (((2 * u64::from(c) + 1) << level) / 2 / u64::from(self.factor)) as usize;
+        let wall = |c: u32| (((2 * u64::from(c) + 1) << self.level) / 2 / u64::from(self.factor)) as usize;
         let width = self.block.cells[0];
         for z in 0..runs.row_count() {
             let first = self.block.index([0, wall(y as u32), wall(z)]) as u32;
@@ -200,9 +196,8 @@ impl Planes<'_> {
         let mut out = Slices::default();
         for y in slices.map(i64::from) {
             let reached = reached.slide_to(y + i64::from(pad), |y, free| {
-                let paint = |y: i64, bits: &mut Bits| {
-                    self.sheets.paint((occupancy, 0), y - i64::from(pad), pad, bits, &mut runs)
-                };
+                let paint =
+                    |y: i64, bits: &mut Bits| self.sheets.paint(occupancy, y - i64::from(pad), pad, bits, &mut runs);
                 let covered = covered.slide_to(y, paint)?;
                 for z in 0..padded.cells[2] {
                     let row = free.row_mut(z);
@@ -292,7 +287,7 @@ mod tests {
                 let before = of(all.iter().copied().filter(is_solid).collect());
                 let store = before.store;
                 let solid = Solid { cells, store, volume: 0, faces: Vec::new(), ground: None };
-                let sheets = Sheets { block: &block, walls: &walls, factor };
+                let sheets = Sheets { block: &block, walls: &walls, factor, level: 0 };
                 let occupancy = of(occupied.iter().copied().collect());
                 let solid = solid.with_thickened(sheets, side, &occupancy, context).unwrap();
                 let (mut bits, mut runs) = (Bits::new(14, 12), Runs::default());
@@ -339,7 +334,7 @@ mod tests {
                 .filter(|index| is_wall(block.cell(*index)))
                 .map(|index| SheetWall { cell: index as u32, normal: [1.0, 0.0, 0.0] })
                 .collect();
-            let sheets = Sheets { block: &block, walls: &walls, factor };
+            let sheets = Sheets { block: &block, walls: &walls, factor, level };
             let expected: BTreeSet<Cell> = cells.iter().map(|(x, y, z)| [*x, *y, *z]).filter(|cell| {
                 let middle = cell.map(|c| (f64::from(c) + 0.5) * f64::from(1 << level) / f64::from(factor));
                 is_wall(middle.map(|c| c.floor() as usize))
@@ -349,7 +344,7 @@ mod tests {
                 let occupancy = Occupancy::of_cells(occupied, size, context).unwrap();
                 let (mut bits, mut runs, mut out) = (Bits::new(11, 9), Runs::default(), BTreeSet::new());
                 for y in 0..8 {
-                    sheets.paint((&occupancy, level), y, 1, &mut bits, &mut runs).unwrap();
+                    sheets.paint(&occupancy, y, 1, &mut bits, &mut runs).unwrap();
                     let cells = (0..9).flat_map(|x| (0..7).map(move |z| [x, y, z]));
                     out.extend(cells.filter(|[x, _, z]| bits.get(x + 1, z + 1)).map(|cell| cell.map(|c| c as u32)));
                 }

@@ -125,8 +125,7 @@ impl Sides {
         Ok(Sides { padded, outside, inside, squared })
     }
 
-    /// Lets the ball fall to the squared radius `last`; `progress` is told the slices of each step. `sheets` are walls that have the outside on both sides, if any are known,
-    /// and the pyramid's level that this is.
+    /// Lets the ball fall to the squared radius `last`; `progress` is told the slices of each step. `sheets` are walls that have the outside on both sides, if any are known.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
@@ -134,7 +133,7 @@ impl Sides {
         mut self,
         occupancy: &Occupancy,
         last: u32,
-        sheets: Option<(Sheets<'_>, u32)>,
+        sheets: Option<Sheets<'_>>,
         context: &Context,
         progress: &mut dyn FnMut(u32),
     ) -> Result<Sides> {
@@ -197,13 +196,7 @@ impl Sides {
     }
 
     /// One step: gives the cells that are free for the ball of `squared` a side.
-    fn step(
-        self,
-        occupancy: &Occupancy,
-        squared: u32,
-        sheets: Option<(Sheets<'_>, u32)>,
-        context: &Context,
-    ) -> Result<Sides> {
+    fn step(self, occupancy: &Occupancy, squared: u32, sheets: Option<Sheets<'_>>, context: &Context) -> Result<Sides> {
         let padded = self.padded;
         // What is next to the sides lies in the balls of the step before.
         let balls = [self.squared, squared].map(Ball::squared);

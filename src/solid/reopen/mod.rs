@@ -358,7 +358,7 @@ impl<'a> Slabs<'a> {
         self.context.memory.jobs_of(bytes.iter().map(|[all, _]| *all).max().unwrap_or(0))
     }
 
-    /// Of each slice, the free cells of the solid that lie where cells may open.
+    /// Of each slice, the solid's free cells that lie where cells may open.
     fn free(&self, solid: &Solid, occupied: &SliceStore) -> Result<Vec<u32>> {
         let mut out = Vec::with_capacity(self.cells[1] as usize);
         let mut jobs = chunks(self.cells[1]);
@@ -367,12 +367,14 @@ impl<'a> Slabs<'a> {
             || Ok(jobs.next()),
             |chunk| {
                 let (mut runs, mut blocks) = (Runs::default(), Runs::default());
-                let mut within = |store: &SliceStore, y| {
-                    store.read(y, &mut runs)?;
+                let free = |y| {
                     self.allowed.read(y, &mut blocks)?;
-                    Ok(blocks::within(&runs, &blocks).cell_count())
+                    let mut within = |store: &SliceStore| {
+                        store.read(y, &mut runs)?;
+                        Ok(blocks::within(&runs, &blocks).cell_count())
+                    };
+                    Ok(within(&solid.store)?.saturating_sub(within(occupied)?) as u32)
                 };
-                let free = |y| Ok(within(&solid.store, y)?.saturating_sub(within(occupied, y)?) as u32);
                 chunk.map(free).collect::<Result<Vec<u32>>>()
             },
             |free| {

@@ -1,4 +1,5 @@
-//! What the jobs over chunks of slices take, in bytes: known for the walls when the cells that are looked at are, and for the field when it is known where cells may open.
+//! What the jobs over chunks of slices take, in bytes: for the walls when it is known which cells are looked at, for the field when its candidates are known, too: the free
+//! cells that may open.
 
 use std::ops::Range;
 
@@ -17,9 +18,11 @@ const REACH: i64 = (RANGE * SIGMA_CELLS.1) as i64;
 /// Bytes of a cell's place among those that a job holds.
 const PLACE: u64 = size_of::<u32>() as u64;
 
-/// Bytes of a candidate, with what the walls near it add up to; and of what is found of it, until a row of tiles is done: its place and that sum, or its place in two lists.
+/// Bytes of a candidate: its place, and what the walls near it add up to.
 const CANDIDATE: u64 = PLACE + size_of::<f32>() as u64;
-const AT_HAND: u64 = 2 * 2 * PLACE + 2 * size_of::<f32>() as u64;
+
+/// Bytes of a candidate until its row of tiles is done: row, place and that sum, in a vector that grows by doubling.
+const AT_HAND: u64 = 2 * (PLACE + CANDIDATE);
 
 /// Candidates to expect for each cell that is looked at.
 const CANDIDATES: u64 = 4;
@@ -76,7 +79,7 @@ impl Sizes {
 fn for_walls(active: impl Fn(i64) -> u64) -> u64 {
     let [sum, moments, wall, dipole] =
         [size_of::<Sum>(), size_of::<Moments>(), size_of::<Wall>(), size_of::<Dipole>()].map(|bytes| bytes as u64);
-    // What each pass holds of the slices round a chunk, and what it finds for the chunk's own.
+    // What each pass holds of the slices round a chunk, and what it finds for the chunk's own. Points are summed bucket by bucket, which have fewer slices than a chunk.
     let passes =
         [(0, sum, 0), (plane::REACH[1], moments, wall), (wall::SIGHT, wall, wall), (wall::BOUNDS, wall, dipole)];
     let bytes = passes.map(|(more, held, found)| active(more) * (PLACE + held) + active(0) * found);
