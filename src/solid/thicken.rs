@@ -380,7 +380,7 @@ mod tests {
             with_context(cells, |context| {
                 let of = || Occupancy::of_cells(sheet.iter().copied(), cells, context).unwrap();
                 let solid = Solid { cells, store: of().store, volume: 0, faces: Vec::new(), ground: None };
-                let sheets = Sheets { block: &block, walls: &walls, factor: 1 };
+                let sheets = Sheets { block: &block, walls: &walls, factor: 1, level: 0 };
                 let solid = solid.with_thickened(sheets, 1.0, &of(), context).unwrap();
                 let (mut bits, mut runs) = (Bits::new(24, 24), Runs::default());
                 let mut filled = 0;
