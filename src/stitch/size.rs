@@ -7,13 +7,14 @@ use crate::grid::partition::{Slabs, slices_of, smooth_halo};
 use crate::grid::slice::Bits;
 use crate::resources::memory::Tally;
 use crate::settings::surface::Fit;
+use crate::surface::attributes::{Counts, bytes_of_table};
 use crate::surface::contract::{self, Stars};
 use crate::surface::extract::Surface;
 use crate::surface::fit::Fitted;
 use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase};
 use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint};
 use crate::surface::vertex_state::VertexState;
-use crate::surface::{attributes, facets, plane, smooth, untangle};
+use crate::surface::{facets, plane, smooth, untangle};
 
 /// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::vertices::weights`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -113,8 +114,10 @@ pub struct Stages {
     pub extracting: u64,
     /// Its vertices are moved.
     pub fitting: u64,
-    /// They are given attributes.
+    /// They are given attributes, which are not found yet.
     pub carrying: u64,
+    /// The most that finding these takes beside that.
+    pub finding: u64,
     /// Edges are contracted.
     pub contracting: u64,
     /// Vertices go back until no triangles intersect.
@@ -126,8 +129,8 @@ pub struct Stages {
 impl Stages {
     /// The most at a time.
     fn most(self) -> u64 {
-        let Stages { extracting, fitting, carrying, contracting, retreating, made } = self;
-        [extracting, fitting, carrying, contracting, retreating, made].into_iter().max().unwrap_or(0)
+        let Stages { extracting, fitting, carrying, finding, contracting, retreating, made } = self;
+        [extracting, fitting, carrying + finding, contracting, retreating, made].into_iter().max().unwrap_or(0)
     }
 }
 
@@ -257,7 +260,7 @@ impl Size {
         // In the end, when the surface is gone, the slab's part of the smoothed places is copied.
         let copied = if of.smooth > 1 { places } else { 0 };
         let fitting = beside + (Surface::bytes_of_vertices(round) + moved).max(copied) + second;
-        let carrying = if of.attributes > 0 { attributes::bytes(own, of.attributes) + second } else { 0 };
+        let finding = if of.attributes > 0 { Counts::most(own).bytes(own, of.attributes) } else { 0 };
         let contracting = contract::bytes(own);
         let near = BroadPhase::bytes(self.faces, self.layer);
         let retreating = own * of.coordinates + untangle::bytes(own, near);
@@ -269,7 +272,8 @@ impl Size {
         Stages {
             extracting: touched(extracted) + extracting,
             fitting: touched(fitted) + fitting,
-            carrying: touched(fitted) + carrying,
+            carrying: touched(fitted) + second,
+            finding,
             contracting: touched(made - quantized) + contracting,
             retreating: made + retreating,
             made,
@@ -281,7 +285,7 @@ impl Size {
         let both = Size::vertices(self.faces) + Size::vertices(above.faces);
         let meeting = self.ends[1] + above.ends[0];
         let near = BroadPhase::bytes(meeting, meeting);
-        let common = attributes::bytes_of_table::<([u64; 3], u32)>(Size::vertices(self.ends[1].min(above.ends[0])));
+        let common = bytes_of_table::<([u64; 3], u32)>(Size::vertices(self.ends[1].min(above.ends[0])));
         let retreating = untangle::bytes(both, near).max(common);
         // Numbers of the vertices, those of the slab before, and which are written.
         let writing = Size::vertices(self.faces) * (2 * size_of::<u32>() + 3 * usize::from(trimmed)) as u64;

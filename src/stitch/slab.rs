@@ -14,7 +14,7 @@ use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::Solid;
 use crate::stitch::numbers::{InSlab, Named};
 use crate::stitch::size::{Size, Stages, Told};
-use crate::surface::attributes::attributes;
+use crate::surface::attributes::{Counts, attributes};
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_closed, is_gone};
 use crate::surface::extract::{Surface, Triangles};
 use crate::surface::facets::{Centred, Facets};
@@ -193,12 +193,12 @@ impl<T: Coordinate> SlabMesh<T> {
             size = told.size(number, surface.vertices.len(), own.len(), triangles.len());
             stages = claim_of(size);
         }
-        let mut begins = |stage: fn(&Stages) -> u64| {
+        let mut begins = |stage: &dyn Fn(&Stages) -> u64| {
             if let Some(stages) = &stages {
                 claim.set(stage(stages));
             }
         };
-        begins(|stages| stages.extracting);
+        begins(&|stages| stages.extracting);
         triangles.as_flattened_mut().iter_mut().for_each(|corner| *corner -= own.start);
         below.as_flattened_mut().iter_mut().for_each(|corner| *corner -= of_near.start);
         let named = triangles.as_flattened().iter().copied().max().map_or(0, |v| v + 1).max(own.len() as u32);
@@ -232,7 +232,7 @@ impl<T: Coordinate> SlabMesh<T> {
             after_fitting
         };
         end_stage();
-        begins(|stages| stages.fitting);
+        begins(&|stages| stages.fitting);
         let mut state = room.state;
         refill(&mut state, own.len(), VertexState::Unfitted);
         let mut bridged = vec![false; if surface.columns().is_some() { of_near.len() } else { 0 }];
@@ -304,14 +304,19 @@ impl<T: Coordinate> SlabMesh<T> {
         }
         drop(surface);
         end_stage();
-        begins(|stages| stages.carrying);
+        begins(&|stages| stages.carrying);
         let smoothed = to_world(q);
         let attributes = match stride {
             0 => Vec::new(),
-            _ => attributes(sampled, slices_near, nearest.as_ref().unwrap_or(&fitted), &smoothed, &triangles)?,
+            _ => {
+                let fitted = nearest.as_ref().unwrap_or(&fitted);
+                let counts = Counts::of(fitted, &triangles);
+                begins(&|stages| stages.carrying + counts.bytes(own.len() as u64, stride as u64));
+                attributes(sampled, slices_near, fitted, &smoothed, (&triangles, counts))?
+            }
         };
         drop(nearest);
-        begins(|stages| stages.contracting);
+        begins(&|stages| stages.contracting);
         let stars = Stars::new(&triangles, named as usize, own.len(), room_of_stars);
         let tangled = 0;
         refill(&mut blocks, triangles.len().div_ceil(BLOCK), PackedBox::EMPTY);
@@ -338,10 +343,10 @@ impl<T: Coordinate> SlabMesh<T> {
             mesh.choose_fitted();
         }
         end_stage();
-        begins(|stages| stages.retreating);
+        begins(&|stages| stages.retreating);
         mesh.retreat_inside(frame, &mut BroadPhase::new(grid, frame.origin));
         end_stage();
-        begins(|stages| stages.made);
+        begins(&|stages| stages.made);
         mesh.claim = claim;
         Ok(mesh)
     }

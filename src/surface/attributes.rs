@@ -26,7 +26,7 @@ use crate::surface::fit::{Fitted, precedes, squared_distance};
 /// The records of a slab's vertices, one after the other; `slices` are those whose points it was fitted to.
 ///
 /// A vertex without a point takes the record of the nearest point that any of its neighbours has, as soon as one has: from edge to edge, all at once. Where
-/// no vertex of the slab has a point, records are zero. Memory: [`bytes`], a record for each vertex, a chunk of a bucket.
+/// no vertex of the slab has a point, records are zero. Memory: [`Counts::bytes`], a record for each vertex, a chunk of a bucket.
 ///
 /// # Errors
 /// [`crate::Error::Io`].
@@ -35,10 +35,10 @@ pub fn attributes<T: Coordinate>(
     slices: Range<u32>,
     fitted: &Fitted<T>,
     places: &[[f64; 3]],
-    triangles: &[[u32; 3]],
+    (triangles, counts): (&[[u32; 3]], Counts),
 ) -> Result<Vec<u8>> {
     let stride = sampled.buckets.stride();
-    let mut found = Found::for_points(fitted, stride);
+    let mut found = Found::for_points(fitted, counts.points as usize, stride);
     for bucket in slices.start / BUCKET_SLICES..slices.end.div_ceil(BUCKET_SLICES) {
         let counted = sampled.counted_in(bucket)?;
         sampled.buckets.read_attributes(bucket as usize, |points, records| {
@@ -54,7 +54,7 @@ pub fn attributes<T: Coordinate>(
         })?;
     }
     let mut of_vertices = found.of_vertices(fitted);
-    spread(&mut of_vertices, &fitted.target, places, triangles);
+    spread(&mut of_vertices, &fitted.target, places, triangles, counts.open as usize);
     let mut out = Vec::with_capacity(places.len() * stride);
     for point in of_vertices {
         match point {
@@ -66,11 +66,38 @@ pub fn attributes<T: Coordinate>(
     Ok(out)
 }
 
-/// Bytes that [`attributes`] needs for so many vertices and records of `stride` bytes, but for the records it gives.
-pub fn bytes(vertices: u64, stride: u64) -> u64 {
-    // As if all triangles had a vertex without a point.
-    let spread = vertices * (size_of::<u32>() + 2 * size_of::<[u32; 3]>()) as u64;
-    bytes_of_table::<([u64; 3], u32)>(vertices) + vertices * (2 + stride) + spread
+/// What the memory of [`attributes`] depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Counts {
+    /// Points that vertices were fitted to, each counted once.
+    pub points: u64,
+    /// Triangles with a vertex that has no point.
+    pub open: u64,
+}
+
+impl Counts {
+    /// The most that vertices may have: each a point of its own, or none of them one.
+    pub fn most(vertices: u64) -> Counts {
+        Counts { points: vertices, open: 2 * vertices }
+    }
+
+    /// Those of a slab's vertices and triangles. Memory: four bytes for each vertex.
+    pub fn of<T>(fitted: &Fitted<T>, triangles: &[[u32; 3]]) -> Counts {
+        let has_point = |point: &u32| *point != NONE;
+        let lacks = |v: &u32| fitted.point.get(*v as usize).is_some_and(|point| !has_point(point));
+        let open = triangles.iter().filter(|triangle| triangle.iter().any(lacks)).count();
+        let mut points: Vec<u32> = Vec::with_capacity(fitted.point.len());
+        points.extend(fitted.point.iter().copied().filter(has_point));
+        points.sort_unstable();
+        points.dedup();
+        Counts { points: points.len() as u64, open: open as u64 }
+    }
+
+    /// Bytes that [`attributes`] needs for so many vertices and records of `stride` bytes, but for the records it gives.
+    pub fn bytes(self, vertices: u64, stride: u64) -> u64 {
+        let spread = vertices * size_of::<u32>() as u64 + self.open * size_of::<[u32; 3]>() as u64;
+        bytes_of_table::<([u64; 3], u32)>(self.points) + self.points * (2 + stride) + spread
+    }
 }
 
 /// Bytes of a hash table with room for so many entries: a power of two of places, of which an eighth stays free, and a byte for each.
@@ -91,9 +118,8 @@ struct Found {
 }
 
 impl Found {
-    fn for_points<T: Coordinate>(fitted: &Fitted<T>, stride: usize) -> Found {
-        let fitted_ones = fitted.point.iter().filter(|point| **point != NONE).count();
-        let mut numbers: SeededMap<[u64; 3], u32> = SeededMap::with_capacity_and_hasher(fitted_ones, Seeds::new());
+    fn for_points<T: Coordinate>(fitted: &Fitted<T>, points: usize, stride: usize) -> Found {
+        let mut numbers: SeededMap<[u64; 3], u32> = SeededMap::with_capacity_and_hasher(points, Seeds::new());
         for (target, _) in fitted.target.iter().zip(&fitted.point).filter(|(_, point)| **point != NONE) {
             let next = numbers.len() as u32;
             numbers.entry(bits(*target)).or_insert(next);
@@ -162,16 +188,18 @@ impl BloomFilter {
 }
 
 /// Gives vertices without a point that of a neighbour, round by round. `of_vertices` names of each vertex one whose point it has; vertices of other
-/// slabs, beyond the end, are passed over.
-fn spread<T: Coordinate>(of_vertices: &mut [u32], targets: &[[T; 3]], places: &[[f64; 3]], triangles: &[[u32; 3]]) {
+/// slabs, beyond the end, are passed over. `count` triangles have one that lacks a point.
+fn spread<T: Coordinate>(
+    of_vertices: &mut [u32],
+    targets: &[[T; 3]],
+    places: &[[f64; 3]],
+    triangles: &[[u32; 3]],
+    count: usize,
+) {
     let own = of_vertices.len() as u32;
     let lacks = |of: &[u32], v: u32| v < own && of[v as usize] == NONE;
-    let open = || triangles.iter().filter(|t| t.iter().any(|v| lacks(of_vertices, *v)));
-    let mut open: Vec<[u32; 3]> = {
-        let mut all = Vec::with_capacity(open().count());
-        all.extend(open());
-        all
-    };
+    let mut open: Vec<[u32; 3]> = Vec::with_capacity(count);
+    open.extend(triangles.iter().filter(|t| t.iter().any(|v| lacks(of_vertices, *v))));
     loop {
         let mut nearest: FxHashMap<u32, (f64, u32)> = FxHashMap::default();
         for triangle in &open {
@@ -214,12 +242,19 @@ mod tests {
         let (place, elsewhere) = ([1.0, -0.0, 3.0], [1.0, 0.0, 3.0]);
         let fitted = Fitted { point: vec![5, NONE, 5], target: vec![place, elsewhere, place] };
         for order in [[[7, 1], [3, 9], [3, 8]], [[3, 8], [7, 1], [3, 9]]] {
-            let mut found = Found::for_points(&fitted, 2);
+            let mut found = Found::for_points(&fitted, Counts::of(&fitted, &[]).points as usize, 2);
             assert_eq!(found.number(elsewhere), None, "zero has a sign");
             let number = found.number(place).unwrap();
             order.iter().for_each(|record| found.offer(number, record));
             assert_eq!(found.record(place), [3, 8]);
         }
+    }
+
+    #[test]
+    fn points_are_counted_once_and_triangles_that_lack_one() {
+        let fitted = Fitted { point: vec![7, NONE, 7, 1, 7], target: vec![[0.0; 3]; 5] };
+        let triangles = [[0, 1, 2], [2, 3, 4], [3, 4, 9], [1, 3, 9]];
+        assert_eq!(Counts::of(&fitted, &triangles), Counts { points: 2, open: 2 });
     }
 
     #[test]
@@ -229,10 +264,10 @@ mod tests {
         let targets = vec![[-5.0, 0.0, 0.0], [0.0; 3], [0.0; 3], [0.0; 3], [4.5, 0.0, 0.0]];
         let triangles = [[0, 1, 9], [2, 9, 1], [3, 2, 9], [4, 9, 3]];
         let mut of = vec![0, NONE, NONE, NONE, 4];
-        spread(&mut of, &targets, &places, &triangles);
+        spread(&mut of, &targets, &places, &triangles, 4);
         assert_eq!(of, [0, 0, 4, 4, 4]);
         let mut alone = vec![NONE; 5];
-        spread(&mut alone, &targets, &places, &triangles);
+        spread(&mut alone, &targets, &places, &triangles, 4);
         assert_eq!(alone, [NONE; 5]);
     }
 }
