@@ -30,7 +30,8 @@ PLAN_OVER_PEAK = 1.3
 SHAPES = ["sphere", "torus", "knot", "terrain", "plane", "box", "volume", "cluster", "line", "steps"]
 FORMATS = ["raw", "ply", "text", "las", "laz"]
 FITS = ["nearest", "plane", "none"]
-SECONDS = 600
+# The longest that a run may take; longer is told apart from being killed for its memory.
+SECONDS = 1800
 
 
 def group(name, limit):
@@ -164,7 +165,7 @@ def tried(program, work, case):
     code, seen, seconds = capped([str(word) for word in command], budget + BESIDE, log)
     told = json.loads(report.read_text()) if report.exists() else {}
     mesh.unlink(missing_ok=True)
-    outcome = "ok" if code == 0 else "killed" if code == -9 else f"exit {code}"
+    outcome = "ok" if code == 0 else "too slow" if seconds > SECONDS else "killed" if code == -9 else f"exit {code}"
     if told.get("error", {}).get("kind") == "cannot-fit":
         outcome = "refused late"
     planned = told.get("memory", {}).get("plan", {}).get("predicted")

@@ -15,7 +15,7 @@ def same(a, b):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_an_array_gives_the_command_s_bytes(sphere, tmp_path, dtype):
-    points = sphere(20_000, dtype=dtype)
+    points = sphere(5_000, dtype=dtype)
     np.save(tmp_path / "points.npy", points)
     command = [sys.executable, "-m", "asra_stream", "points.npy", "-o", "command.ply", "-q"]
     subprocess.run(command, cwd=tmp_path, check=True)
@@ -30,9 +30,9 @@ def test_an_array_gives_the_command_s_bytes(sphere, tmp_path, dtype):
 
 
 def test_steps_orders_and_locks_of_arrays_do_not_matter(sphere):
-    points = sphere(20_000)
+    points = sphere(5_000)
     mesh = asra_stream.reconstruct(points)
-    wide = np.zeros((20_000, 7))
+    wide = np.zeros((5_000, 7))
     wide[:, 1:6:2] = points
     strided = wide[:, 1:6:2]
     assert not strided.flags.c_contiguous and same(mesh, asra_stream.reconstruct(strided))
@@ -42,10 +42,10 @@ def test_steps_orders_and_locks_of_arrays_do_not_matter(sphere):
     locked = points.copy()
     locked.flags.writeable = False
     assert same(mesh, asra_stream.reconstruct(locked))
-    records = np.zeros(20_000, dtype=[("X", "f8"), ("Y", "f8"), ("Z", "f8"), ("intensity", "u2")])
+    records = np.zeros(5_000, dtype=[("X", "f8"), ("Y", "f8"), ("Z", "f8"), ("intensity", "u2")])
     for axis, name in enumerate("XYZ"):
         records[name] = points[:, axis]
-    records["intensity"] = np.arange(20_000)
+    records["intensity"] = np.arange(5_000)
     found = asra_stream.reconstruct(records)
     assert same(mesh, found) and found.attributes["intensity"].dtype == np.uint16
     assert same(mesh, asra_stream.reconstruct(points.tolist()))
@@ -59,8 +59,8 @@ def test_integers_and_half_floats_are_numbers(sphere):
 
 
 def test_pieces_are_one_cloud(sphere):
-    points = sphere(100_000)
-    values = np.arange(100_000, dtype=np.int64) << 33
+    points = sphere(30_000)
+    values = np.arange(30_000, dtype=np.int64) << 33
 
     def records(part, numbers):
         out = np.zeros(len(part), dtype=[("x", "f8"), ("y", "f8"), ("z", "f8"), ("number", "i8")])
@@ -68,11 +68,11 @@ def test_pieces_are_one_cloud(sphere):
         return out
 
     whole = asra_stream.reconstruct(points, attributes={"number": values})
-    pieces = (records(points[i : i + 7_000], values[i : i + 7_000]) for i in range(0, 100_000, 7_000))
+    pieces = (records(points[i : i + 2_100], values[i : i + 2_100]) for i in range(0, 30_000, 2_100))
     mesh = asra_stream.reconstruct(pieces, max_memory="64M")
     assert same(mesh, whole) and np.array_equal(mesh.attributes["number"], whole.attributes["number"])
     assert mesh.attributes["number"].dtype == np.int64 and mesh.attributes["number"].max() > 2**40
-    assert same(mesh, asra_stream.reconstruct([points[:50_000], points[50_000:]]))
+    assert same(mesh, asra_stream.reconstruct([points[:15_000], points[15_000:]]))
 
 
 def test_attributes_come_with_their_points(sphere):

@@ -108,7 +108,7 @@ def test_a_mesh_outlives_its_cloud(sphere):
 
 def test_progress_is_told_and_its_exceptions_are_raised(sphere):
     told = []
-    asra_stream.reconstruct(sphere(50_000), progress=told.append)
+    asra_stream.reconstruct(sphere(10_000), progress=told.append)
     assert [update["stage"] for update in told if update["ended"]] == ["survey", "bucket", "raster", "seal", "reopen", "surface", "check"]
     fractions = [update["fraction"] for update in told]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
@@ -117,7 +117,7 @@ def test_progress_is_told_and_its_exceptions_are_raised(sphere):
         raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):
-        asra_stream.reconstruct(sphere(50_000), progress=stop)
+        asra_stream.reconstruct(sphere(10_000), progress=stop)
 
 
 def test_progress_true_is_a_bar_or_lines(sphere, monkeypatch, capsys):
@@ -138,10 +138,10 @@ def test_progress_true_is_a_bar_or_lines(sphere, monkeypatch, capsys):
 
 
 def test_progress_is_told_of_files_and_pieces_too(sphere, tmp_path):
-    np.save(tmp_path / "points.npy", sphere(20_000))
+    np.save(tmp_path / "points.npy", sphere(5_000))
     for work in [
         lambda told: asra_stream.reconstruct(tmp_path / "points.npy", progress=told),
-        lambda told: asra_stream.reconstruct(iter([sphere(20_000)]), progress=told),
+        lambda told: asra_stream.reconstruct(iter([sphere(5_000)]), progress=told),
         lambda told: asra_stream.run(tmp_path / "points.npy", tmp_path / "mesh.ply", progress=told),
         lambda told: asra_stream.check(tmp_path / "mesh.ply", progress=told),
     ]:
@@ -241,7 +241,7 @@ def test_another_thread_counts_on(sphere):
 
 
 def test_two_runs_at_once_share_nothing(sphere):
-    clouds = [sphere(100_000), sphere(80_000, centre=(5, 5, 5))]
+    clouds = [sphere(20_000), sphere(16_000, centre=(5, 5, 5))]
     alone = [asra_stream.reconstruct(cloud) for cloud in clouds]
     made = [None, None]
 

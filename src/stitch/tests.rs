@@ -369,10 +369,10 @@ fn all_sets_of_boundaries_give_one_mesh() {
                 let count = stitching.slabs.len() as u32;
                 // All of them where they are few, else each by itself, and some.
                 let masks: Vec<u32> = match count - 1 {
-                    few @ 0..=5 => (0..1 << few).collect(),
+                    few @ 0..=4 => (0..1 << few).collect(),
                     many => (0..many)
                         .map(|bit| 1 << bit)
-                        .chain((0..20).map(|i| 0x9E37_79B9u32.wrapping_mul(i) >> (33 - many)))
+                        .chain((0..8).map(|i| 0x9E37_79B9u32.wrapping_mul(i) >> (33 - many)))
                         .collect(),
                 };
                 for mask in masks {
@@ -404,7 +404,8 @@ fn a_piece_in_vain_gives_up() {
         Stitching::of(&case, |stitching| {
             let (whole, _) = stitching.run(&Checkpoint::at(0));
             let count = stitching.slabs.len() as u32;
-            for start in 1..count {
+            // The seam at which it begins is not clean for the lower piece, none of the others for the upper one.
+            for start in (1..count).filter(|start| !whole.seams[*start as usize - 1].clean) {
                 let ranges = [0..start, start..count];
                 let made = |tries: u32| {
                     let made = AtomicUsize::new(0);
@@ -415,9 +416,8 @@ fn a_piece_in_vain_gives_up() {
                     assert!(stitching.in_pieces((&ranges, tries), &workers, &make).unwrap() == whole);
                     made.into_inner()
                 };
-                // The seam at which it begins is not clean for the lower piece, none of the others for the upper one.
                 let (of_upper, clean) = stitching.run(&Checkpoint::at(start));
-                let is_dirty = !whole.seams[start as usize - 1].clean && clean.iter().all(|one| one.slab <= start);
+                let is_dirty = clean.iter().all(|one| one.slab <= start);
                 if is_dirty && of_upper.seams.len() > TRIES as usize + 4 {
                     // The two slabs of the first seam, and one for each of the others.
                     let most = count as usize + TRIES as usize + 2;
