@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _core
+from ._command import executed, shown
 from ._errors import UsageError
-from ._options import words
+from ._options import as_paths, words
 
 
 class Mesh:
@@ -117,37 +118,29 @@ class Mesh:
             raise UsageError("simplify: expected a tolerance, max_triangles, or both", code=2)
         asked = {"simplify": tolerance, "max_triangles": max_triangles, "keep_borders": keep_borders, "keep_colours": keep_colours, "move_vertices": move_vertices}
         line = words(asked)
-        from ._run import _progress
-
-        with _progress(progress) as tell:
+        with shown(progress) as tell:
             return Mesh(self._core.simplify(line, tell))
 
     def check(self, *, progress: Any = None, **options: Any) -> dict[str, Any]:
         """What a strict check finds, with an exact search for triangles that intersect: a dict, see :func:`check`. With ``progress`` or options it goes through a
         temporary file. Ctrl-C ends it."""
-        from ._run import check
-
         if not progress and not options:
             return json.loads(self._core.check())
         with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
-            return check(self._written(folder, "mesh.ply"), progress=progress, **options)
+            return executed(["check"], [self._written(folder, "mesh.ply")], options, progress)
 
     def compare(self, reference: "str | os.PathLike[str] | Mesh", *, progress: Any = None, **options: Any) -> dict[str, Any]:
         """How far it lies from a reference, a path or another mesh, and that from it: a dict, see :func:`compare`. Both go through temporary files."""
-        from ._run import compare
-
-        return compare(self, reference, progress=progress, **options)
+        return compared(self, reference, options, progress)
 
     def render(self, output: str | os.PathLike[str] | None = None, *, progress: Any = None, **options: Any) -> dict[str, Any] | bytes:
         """Draws a picture (PNG) to ``output``, and gives its path and triangles; without ``output``, gives the picture's bytes. Options as of :func:`render`."""
-        from ._run import render
-
         with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
             own = self._written(folder, "mesh.ply")
             if output is not None:
-                return render(own, output, progress=progress, **options)
+                return executed(["render"], [own], {"output": output, **options}, progress)
             picture = os.path.join(folder, "mesh.png")
-            render(own, picture, progress=progress, **options)
+            executed(["render"], [own], {"output": picture, **options}, progress)
             with open(picture, "rb") as file:
                 return file.read()
 
@@ -201,6 +194,14 @@ class Mesh:
 
     def _repr_png_(self) -> Any:
         return self.render(size="800x600")
+
+
+def compared(mesh, reference, options, progress):
+    """What the command says of two meshes, each a path or a Mesh."""
+    with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
+        sides = [("mesh.ply", mesh), ("reference.ply", reference)]
+        paths = [side._written(folder, name) if isinstance(side, Mesh) else side for name, side in sides]
+        return executed(["compare"], as_paths(paths), options, progress)
 
 
 def _eight_bits(colors):

@@ -1,58 +1,22 @@
 """Reconstructions, and what else the command does."""
 
 import collections.abc
-import contextlib
-import json
-import sys
 import tempfile
 from typing import Any, cast
 
 import numpy as np
 
 from . import _clouds, _core
+from ._command import Progress, executed, shown
 from ._errors import UsageError
-from ._mesh import Mesh
+from ._mesh import Mesh, compared
 from ._options import Path, Paths, as_paths, words
-
-Progress = collections.abc.Callable[[dict[str, Any]], object] | bool | None
 
 # What is said of a file; a mesh in memory has none.
 _OF_FILES = {"output", "overwrite", "tile", "batch", "preview", "html", "coordinates", "report", "quiet", "verbose", "write_classes", "dtm", "dsm"}
 
 # Of points in pieces, what stays in memory, if nobody says how much memory there is.
 _PIECES_IN_MEMORY = 64 << 20
-
-
-@contextlib.contextmanager
-def _progress(progress):
-    """What is called with every update: a callable as it is; of True, a bar of tqdm where that is installed, else lines."""
-    if progress is None or progress is False:
-        yield None
-        return
-    if progress is not True:
-        if not callable(progress):
-            raise TypeError(f"progress: expected a callable, True, False or None, found {type(progress).__name__}")
-        yield progress
-        return
-    try:
-        from tqdm.auto import tqdm
-    except ImportError:
-
-        def tell(update):
-            if update["ended"]:
-                share = "" if update["fraction"] is None else f"{100 * update['fraction']:4.0f} %  "
-                print(f"{share}{update['stage']}: {update['done']:,} {update['unit']}", file=sys.stderr, flush=True)
-
-        yield tell
-        return
-    with tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}<{remaining}") as bar:
-
-        def show(update):
-            bar.set_description(update["stage"], refresh=False)
-            if update["fraction"] is not None:
-                bar.update(100 * update["fraction"] - bar.n)
-
-        yield show
 
 
 def reconstruct(
@@ -92,7 +56,7 @@ def reconstruct(
     for name in (name for name in options if name in _OF_FILES):
         raise UsageError(f"{name}: is for run(), which writes files; save() writes this mesh", code=2)
     line = words(options)
-    with _progress(progress) as tell:
+    with shown(progress) as tell:
         if _clouds.is_path(points):
             if isinstance(attributes, (str, list, tuple)):
                 line, attributes = line + words({"attributes": attributes}), None
@@ -136,20 +100,13 @@ def _spooled(pieces, options):
     return spool
 
 
-def _executed(command, positional, options, progress=None):
-    with _progress(progress) as tell:
-        # What comes after "--" is a name, whatever it begins with.
-        line = ["asra-stream", *command, *words(options), "--", *positional]
-        return json.loads(_core.execute(line, tell))
-
-
 def run(inputs: Paths, output: Path | None = None, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
     """From files to a mesh file, as the command does: the mesh is never held in memory. Gives the report, a dict.
 
     ``inputs`` is a path, a pattern, a folder or a list of these; ``output`` ends in .ply, .stl, .obj or .glb. Keywords as of :func:`reconstruct`, and
     ``overwrite``, ``tile``, ``preview`` ... Raises what :func:`reconstruct` raises, UsageError for an output that exists, and NoOutputError.
     """
-    return _executed([], as_paths(inputs), {"output": output, **options}, progress)
+    return executed([], as_paths(inputs), {"output": output, **options}, progress)
 
 
 def info(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -157,7 +114,7 @@ def info(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[st
 
     Lengths are in the unit of the coordinates. Raises NoInputError, DataError, and UsageError for options.
     """
-    return _executed(["info"], as_paths(inputs), options, progress)
+    return executed(["info"], as_paths(inputs), options, progress)
 
 
 def plan(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -165,7 +122,7 @@ def plan(inputs: Paths, *, progress: Progress = None, **options: Any) -> dict[st
 
     Memory and disk are in bytes. Raises NoInputError, DataError, CannotFitError, and UsageError for options.
     """
-    return _executed(["plan"], as_paths(inputs), options, progress)
+    return executed(["plan"], as_paths(inputs), options, progress)
 
 
 def check(mesh: Path | Mesh, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -176,7 +133,7 @@ def check(mesh: Path | Mesh, *, progress: Progress = None, **options: Any) -> di
     """
     if isinstance(mesh, Mesh):
         return mesh.check(progress=progress, **options)
-    return _executed(["check"], as_paths(mesh), options, progress)
+    return executed(["check"], as_paths(mesh), options, progress)
 
 
 def compare(mesh: Path | Mesh, reference: Path | Mesh, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -185,10 +142,7 @@ def compare(mesh: Path | Mesh, reference: Path | Mesh, *, progress: Progress = N
     ``mesh_to_reference`` and ``reference_to_mesh`` hold, for vertices and centroids, the mean, the root mean square, the 95th percentile and the maximum, in the unit of the
     coordinates and in per cent of the reference's longest side and diagonal. Raises NoInputError, DataError, and UsageError for options.
     """
-    with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
-        sides = [("mesh.ply", mesh), ("reference.ply", reference)]
-        paths = [side._written(folder, name) if isinstance(side, Mesh) else side for name, side in sides]
-        return _executed(["compare"], as_paths(paths), options, progress)
+    return compared(mesh, reference, options, progress)
 
 
 def simplify(mesh: Path | Mesh, output: Path, tolerance: float | str | None = None, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -201,7 +155,7 @@ def simplify(mesh: Path | Mesh, output: Path, tolerance: float | str | None = No
     with tempfile.TemporaryDirectory(prefix="asra-stream-") as folder:
         path = mesh._written(folder, "mesh.ply") if isinstance(mesh, Mesh) else mesh
         positional = as_paths(path) + ([] if tolerance is None else [str(tolerance)])
-        return _executed(["simplify"], positional, {"output": output, **options}, progress)
+        return executed(["simplify"], positional, {"output": output, **options}, progress)
 
 
 def render(mesh: Path | Mesh, output: Path, *, progress: Progress = None, **options: Any) -> dict[str, Any]:
@@ -212,4 +166,4 @@ def render(mesh: Path | Mesh, output: Path, *, progress: Progress = None, **opti
     """
     if isinstance(mesh, Mesh):
         return cast(dict[str, Any], mesh.render(output, progress=progress, **options))
-    return _executed(["render"], as_paths(mesh), {"output": output, **options}, progress)
+    return executed(["render"], as_paths(mesh), {"output": output, **options}, progress)

@@ -466,6 +466,6 @@ def _shown(progress: Any) -> Any:
     if not progress:
         return contextlib.nullcontext(None)
     # Of the part in Rust, only here.
-    from ._run import _progress
+    from ._command import shown
 
-    return _progress(progress)
+    return shown(progress)
