@@ -7,7 +7,7 @@ use crate::grid::partition::{Slabs, slices_of, smooth_halo};
 use crate::grid::slice::Bits;
 use crate::resources::memory::Tally;
 use crate::settings::surface::Fit;
-use crate::surface::attributes::{Counts, bytes_of_table};
+use crate::surface::attributes::{Lookup, bytes_of_table};
 use crate::surface::contract::{self, Stars};
 use crate::surface::extract::Surface;
 use crate::surface::fit::Fitted;
@@ -116,8 +116,8 @@ pub struct Stages {
     pub fitting: u64,
     /// They are given attributes, which are not found yet.
     pub carrying: u64,
-    /// The most that finding these takes beside that.
-    pub finding: u64,
+    /// The most that looking these up takes beside that.
+    pub looking_up: u64,
     /// Edges are contracted.
     pub contracting: u64,
     /// Vertices go back until no triangles intersect.
@@ -129,8 +129,8 @@ pub struct Stages {
 impl Stages {
     /// The most at a time.
     fn most(self) -> u64 {
-        let Stages { extracting, fitting, carrying, finding, contracting, retreating, made } = self;
-        [extracting, fitting, carrying + finding, contracting, retreating, made].into_iter().max().unwrap_or(0)
+        let Stages { extracting, fitting, carrying, looking_up, contracting, retreating, made } = self;
+        [extracting, fitting, carrying + looking_up, contracting, retreating, made].into_iter().max().unwrap_or(0)
     }
 }
 
@@ -260,7 +260,7 @@ impl Size {
         // In the end, when the surface is gone, the slab's part of the smoothed places is copied.
         let copied = if of.smooth > 1 { places } else { 0 };
         let fitting = beside + (Surface::bytes_of_vertices(round) + moved).max(copied) + second;
-        let finding = if of.attributes > 0 { Counts::most(own).bytes(own, of.attributes) } else { 0 };
+        let looking_up = if of.attributes > 0 { Lookup::most(own).bytes(own, of.attributes) } else { 0 };
         let contracting = contract::bytes(own);
         let near = BroadPhase::bytes(self.faces, self.layer);
         let retreating = own * of.coordinates + untangle::bytes(own, near);
@@ -273,7 +273,7 @@ impl Size {
             extracting: touched(extracted) + extracting,
             fitting: touched(fitted) + fitting,
             carrying: touched(fitted) + second,
-            finding,
+            looking_up,
             contracting: touched(made - quantized) + contracting,
             retreating: made + retreating,
             made,

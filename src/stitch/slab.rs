@@ -14,7 +14,7 @@ use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::solid::Solid;
 use crate::stitch::numbers::{InSlab, Named};
 use crate::stitch::size::{Size, Stages, Told};
-use crate::surface::attributes::{Counts, attributes};
+use crate::surface::attributes::{Lookup, attributes};
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_closed, is_gone};
 use crate::surface::extract::{Surface, Triangles};
 use crate::surface::facets::{Centred, Facets};
@@ -310,9 +310,9 @@ impl<T: Coordinate> SlabMesh<T> {
             0 => Vec::new(),
             _ => {
                 let fitted = nearest.as_ref().unwrap_or(&fitted);
-                let counts = Counts::of(fitted, &triangles);
-                begins(&|stages| stages.carrying + counts.bytes(own.len() as u64, stride as u64));
-                attributes(sampled, slices_near, fitted, &smoothed, (&triangles, counts))?
+                let lookup = Lookup::of(fitted, &triangles);
+                begins(&|stages| stages.carrying + lookup.bytes(own.len() as u64, stride as u64));
+                attributes(sampled, slices_near, fitted, &smoothed, (&triangles, lookup))?
             }
         };
         drop(nearest);

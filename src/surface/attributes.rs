@@ -26,7 +26,7 @@ use crate::surface::fit::{Fitted, precedes, squared_distance};
 /// The records of a slab's vertices, one after the other; `slices` are those whose points it was fitted to.
 ///
 /// A vertex without a point takes the record of the nearest point that any of its neighbours has, as soon as one has: from edge to edge, all at once. Where
-/// no vertex of the slab has a point, records are zero. Memory: [`Counts::bytes`], a record for each vertex, a chunk of a bucket.
+/// no vertex of the slab has a point, records are zero. Memory: [`Lookup::bytes`], a record for each vertex, a chunk of a bucket.
 ///
 /// # Errors
 /// [`crate::Error::Io`].
@@ -35,10 +35,10 @@ pub fn attributes<T: Coordinate>(
     slices: Range<u32>,
     fitted: &Fitted<T>,
     places: &[[f64; 3]],
-    (triangles, counts): (&[[u32; 3]], Counts),
+    (triangles, lookup): (&[[u32; 3]], Lookup),
 ) -> Result<Vec<u8>> {
     let stride = sampled.buckets.stride();
-    let mut found = Found::for_points(fitted, counts.points as usize, stride);
+    let mut found = Found::for_points(fitted, lookup.points as usize, stride);
     for bucket in slices.start / BUCKET_SLICES..slices.end.div_ceil(BUCKET_SLICES) {
         let counted = sampled.counted_in(bucket)?;
         sampled.buckets.read_attributes(bucket as usize, |points, records| {
@@ -54,7 +54,7 @@ pub fn attributes<T: Coordinate>(
         })?;
     }
     let mut of_vertices = found.of_vertices(fitted);
-    spread(&mut of_vertices, &fitted.target, places, triangles, counts.open as usize);
+    spread(&mut of_vertices, &fitted.target, places, triangles, lookup.open as usize);
     let mut out = Vec::with_capacity(places.len() * stride);
     for point in of_vertices {
         match point {
@@ -66,23 +66,23 @@ pub fn attributes<T: Coordinate>(
     Ok(out)
 }
 
-/// What the memory of [`attributes`] depends on.
+/// How much [`attributes`] looks up, on which its memory depends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Counts {
+pub struct Lookup {
     /// Points that vertices were fitted to, each counted once.
     pub points: u64,
     /// Triangles with a vertex that has no point.
     pub open: u64,
 }
 
-impl Counts {
+impl Lookup {
     /// The most that vertices may have: each a point of its own, or none of them one.
-    pub fn most(vertices: u64) -> Counts {
-        Counts { points: vertices, open: 2 * vertices }
+    pub fn most(vertices: u64) -> Lookup {
+        Lookup { points: vertices, open: 2 * vertices }
     }
 
     /// Those of a slab's vertices and triangles. Memory: four bytes for each vertex.
-    pub fn of<T>(fitted: &Fitted<T>, triangles: &[[u32; 3]]) -> Counts {
+    pub fn of<T>(fitted: &Fitted<T>, triangles: &[[u32; 3]]) -> Lookup {
         let has_point = |point: &u32| *point != NONE;
         let lacks = |v: &u32| fitted.point.get(*v as usize).is_some_and(|point| !has_point(point));
         let open = triangles.iter().filter(|triangle| triangle.iter().any(lacks)).count();
@@ -90,7 +90,7 @@ impl Counts {
         points.extend(fitted.point.iter().copied().filter(has_point));
         points.sort_unstable();
         points.dedup();
-        Counts { points: points.len() as u64, open: open as u64 }
+        Lookup { points: points.len() as u64, open: open as u64 }
     }
 
     /// Bytes that [`attributes`] needs for so many vertices and records of `stride` bytes, but for the records it gives.
@@ -242,7 +242,7 @@ mod tests {
         let (place, elsewhere) = ([1.0, -0.0, 3.0], [1.0, 0.0, 3.0]);
         let fitted = Fitted { point: vec![5, NONE, 5], target: vec![place, elsewhere, place] };
         for order in [[[7, 1], [3, 9], [3, 8]], [[3, 8], [7, 1], [3, 9]]] {
-            let mut found = Found::for_points(&fitted, Counts::of(&fitted, &[]).points as usize, 2);
+            let mut found = Found::for_points(&fitted, Lookup::of(&fitted, &[]).points as usize, 2);
             assert_eq!(found.number(elsewhere), None, "zero has a sign");
             let number = found.number(place).unwrap();
             order.iter().for_each(|record| found.offer(number, record));
@@ -254,7 +254,7 @@ mod tests {
     fn points_are_counted_once_and_triangles_that_lack_one() {
         let fitted = Fitted { point: vec![7, NONE, 7, 1, 7], target: vec![[0.0; 3]; 5] };
         let triangles = [[0, 1, 2], [2, 3, 4], [3, 4, 9], [1, 3, 9]];
-        assert_eq!(Counts::of(&fitted, &triangles), Counts { points: 2, open: 2 });
+        assert_eq!(Lookup::of(&fitted, &triangles), Lookup { points: 2, open: 2 });
     }
 
     #[test]
