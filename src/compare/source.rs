@@ -4,7 +4,7 @@ use super::far;
 use crate::error::Result;
 use crate::input::{Carried, Cloud};
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{Corners, span};
+use crate::mesh::corners::{Corners, span};
 use crate::nearest::blocks::SAMPLE;
 use crate::nearest::room::Room;
 use crate::nearest::shape::{Point, Triangle, is_usable};

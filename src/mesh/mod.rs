@@ -4,6 +4,7 @@
 
 pub mod check;
 pub mod copy;
+pub mod corners;
 pub mod intersect;
 pub(crate) mod intersections;
 pub mod measure;

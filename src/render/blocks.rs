@@ -15,7 +15,7 @@ use glam::DVec3;
 use super::view::Frame;
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{Corners, span};
+use crate::mesh::corners::{Corners, span};
 use crate::resources::workers::{Spares, Workers};
 use crate::storage::spool::{Spool, Workspace};
 

@@ -92,7 +92,7 @@ const JOB: (u64, u64) = (8 << 20, 16 << 20);
 const JOB_FIXED: u64 = (BLOCK * 24 + MOST_PAIRS * 8 + (1 << 19)) as u64;
 /// Bytes for each vertex of a window: its position, where it is in the view, and what is known of it.
 const WINDOW_BYTES: u64 = 24 + 12 + 8 + 1;
-/// Bytes for each triangle whose corners are looked up: see [`crate::mesh::measure::Corners::fill`], the triangle, and its corners on their way to the spool.
+/// Bytes for each triangle whose corners are looked up: see [`crate::mesh::corners::Corners::fill`], the triangle, and its corners on their way to the spool.
 const FAR_BYTES: u64 = 110 + 12 + 72;
 
 /// Bytes of a pixel of a view: what it is, and how open it lies.

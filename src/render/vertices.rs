@@ -12,7 +12,7 @@ use super::blocks::{BLOCK, Blocks, Piece, Sizes, is_finite, read_faces};
 use super::colour::Tint;
 use super::shading::{NO_NORMAL, Shading, pack_normal, unpack_normal};
 use crate::error::Result;
-use crate::mesh::measure::Corners;
+use crate::mesh::corners::Corners;
 use crate::resources::workers::{Spares, Workers, refill};
 use crate::storage::spool::{Spool, Workspace};
 

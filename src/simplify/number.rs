@@ -5,7 +5,7 @@ use super::passes::Passes;
 use super::soup::{Record, Soup};
 use crate::error::Result;
 use crate::mesh::MeshSource;
-use crate::mesh::measure::Corners;
+use crate::mesh::corners::Corners;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Coordinate;
 use crate::points::attribute::Attribute;

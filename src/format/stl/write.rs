@@ -12,7 +12,7 @@ use glam::DVec3;
 use crate::error::{Error, Result};
 use crate::format::write::job::Job;
 use crate::mesh::MeshSource;
-use crate::mesh::measure::Corners;
+use crate::mesh::corners::Corners;
 
 const HEADER: usize = 80;
 const RECORD: usize = 50;

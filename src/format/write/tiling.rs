@@ -22,7 +22,7 @@ use super::territory::Territories;
 use super::{Format, Positions, Target};
 use crate::error::words::{short, thousands};
 use crate::error::{Error, Result};
-use crate::mesh::measure::Corners;
+use crate::mesh::corners::Corners;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::resources::workers::Workers;

@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use crate::error::{Error, Result};
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{fresh, is_degenerate, span};
+use crate::mesh::corners::{fresh, span};
+use crate::mesh::measure::is_degenerate;
 
 /// The triangles of a mesh in blocks of equal length, each with its smallest and largest vertex number: 8 bytes a block.
 pub(super) struct Blocks {

@@ -4,7 +4,8 @@ use super::blocks::Stars;
 use super::components;
 use super::link::Examiner;
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{self, Corners, GROUP};
+use crate::mesh::corners::{self, Corners};
+use crate::mesh::measure::GROUP;
 use crate::mesh::spool::Spans;
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
@@ -50,7 +51,7 @@ impl Need {
         let group = triangles.min(GROUP as u64);
         let near = group * size_of::<[u32; 3]>() as u64 + widest.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
         // A group can span more than a window only where there are more vertices.
-        let far = if widest > WINDOW.1 as u64 { group * FAR_BYTES + measure::PIECE_BYTES } else { 0 };
+        let far = if widest > WINDOW.1 as u64 { group * FAR_BYTES + corners::PIECE_BYTES } else { 0 };
         let surveying = jobs.min(triangles.div_ceil(GROUP as u64)) * near.max(far);
 
         let range = vertices.min(u64::from(NEAR_RANGE));

@@ -5,7 +5,8 @@ use std::ops::Range;
 use super::blocks::Blocks;
 use super::job::{Check, Scratch};
 use crate::error::Result;
-use crate::mesh::measure::{GROUP, Sums, fresh, is_degenerate, span};
+use crate::mesh::corners::{fresh, span};
+use crate::mesh::measure::{GROUP, Sums, is_degenerate};
 use crate::resources::workers::Spares;
 
 /// What the survey knows of the triangles.

@@ -18,7 +18,8 @@ use bytemuck::Pod;
 
 use crate::error::Result;
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{Corners, Sums, fresh};
+use crate::mesh::corners::{Corners, fresh};
+use crate::mesh::measure::Sums;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::nearest::bridged::distances::Distances;
 use crate::nearest::bridged::schema::with_bridged;

@@ -7,7 +7,7 @@ use crate::format;
 use crate::format::write::{CloudTarget, Description, FileKind};
 use crate::input::{Carried, Cloud, InputOptions, Opening, Unpacked, expand};
 use crate::mesh::MeshSource;
-use crate::mesh::measure::Corners;
+use crate::mesh::corners::Corners;
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::Workers;
 use crate::run::Resources;

@@ -29,7 +29,7 @@ use crate::format::tiles3d::tile::{Packing, Tile};
 use crate::format::tiles3d::tileset::{self, Node};
 use crate::format::tiles3d::{Lattice, TREE, is_named};
 use crate::format::write::attributes::properties;
-use crate::mesh::measure::Corners;
+use crate::mesh::corners::Corners;
 use crate::mesh::spool::MeshSpool;
 use crate::mesh::{MeshHeader, MeshSource};
 use crate::points::Precision;

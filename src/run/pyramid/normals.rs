@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::levels::{WINDOW, block, blocks, each_block};
 use crate::error::Result;
 use crate::mesh::MeshSource;
-use crate::mesh::measure::{Corners, span};
+use crate::mesh::corners::{Corners, span};
 use crate::mesh::spool::MeshSpool;
 use crate::run::saved_mesh::Means;
 use crate::storage::spool::Spool;
