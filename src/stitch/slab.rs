@@ -312,7 +312,7 @@ impl<T: Coordinate> SlabMesh<T> {
                 let fitted = nearest.as_ref().unwrap_or(&fitted);
                 let lookup = Lookup::of(fitted, &triangles);
                 begins(&|stages| stages.carrying + lookup.bytes(own.len() as u64, stride as u64));
-                attributes(sampled, slices_near, fitted, &smoothed, (&triangles, lookup))?
+                attributes(sampled, slices_near, fitted, &smoothed, &triangles, lookup)?
             }
         };
         drop(nearest);

@@ -369,10 +369,10 @@ fn all_sets_of_boundaries_give_one_mesh() {
                 let count = stitching.slabs.len() as u32;
                 // All of them where they are few, else each by itself, and some.
                 let masks: Vec<u32> = match count - 1 {
-                    few @ 0..=4 => (0..1 << few).collect(),
+                    few @ 0..=5 => (0..1 << few).collect(),
                     many => (0..many)
                         .map(|bit| 1 << bit)
-                        .chain((0..8).map(|i| 0x9E37_79B9u32.wrapping_mul(i) >> (33 - many)))
+                        .chain((0..20).map(|i| 0x9E37_79B9u32.wrapping_mul(i) >> (33 - many)))
                         .collect(),
                 };
                 for mask in masks {

@@ -23,7 +23,7 @@ use crate::storage::seeds::{SeededMap, Seeds};
 use crate::surface::contract::NONE;
 use crate::surface::fit::{Fitted, precedes, squared_distance};
 
-/// The records of a slab's vertices, one after the other; `slices` are those whose points it was fitted to.
+/// The records of a slab's vertices, one after the other; `slices` are those whose points it was fitted to, `lookup` is [`Lookup::of`] the same vertices and triangles.
 ///
 /// A vertex without a point takes the record of the nearest point that any of its neighbours has, as soon as one has: from edge to edge, all at once. Where
 /// no vertex of the slab has a point, records are zero. Memory: [`Lookup::bytes`], a record for each vertex, a chunk of a bucket.
@@ -35,7 +35,8 @@ pub fn attributes<T: Coordinate>(
     slices: Range<u32>,
     fitted: &Fitted<T>,
     places: &[[f64; 3]],
-    (triangles, lookup): (&[[u32; 3]], Lookup),
+    triangles: &[[u32; 3]],
+    lookup: Lookup,
 ) -> Result<Vec<u8>> {
     let stride = sampled.buckets.stride();
     let mut found = Found::for_points(fitted, lookup.points as usize, stride);
@@ -81,7 +82,7 @@ impl Lookup {
         Lookup { points: vertices, open: 2 * vertices }
     }
 
-    /// Those of a slab's vertices and triangles. Memory: four bytes for each vertex.
+    /// What a slab's vertices and triangles look up. Memory: four bytes for each vertex.
     pub fn of<T>(fitted: &Fitted<T>, triangles: &[[u32; 3]]) -> Lookup {
         let has_point = |point: &u32| *point != NONE;
         let lacks = |v: &u32| fitted.point.get(*v as usize).is_some_and(|point| !has_point(point));
@@ -188,17 +189,17 @@ impl BloomFilter {
 }
 
 /// Gives vertices without a point that of a neighbour, round by round. `of_vertices` names of each vertex one whose point it has; vertices of other
-/// slabs, beyond the end, are passed over. `count` triangles have one that lacks a point.
+/// slabs, beyond the end, are passed over. There is `room` for triangles that have one without a point.
 fn spread<T: Coordinate>(
     of_vertices: &mut [u32],
     targets: &[[T; 3]],
     places: &[[f64; 3]],
     triangles: &[[u32; 3]],
-    count: usize,
+    room: usize,
 ) {
     let own = of_vertices.len() as u32;
     let lacks = |of: &[u32], v: u32| v < own && of[v as usize] == NONE;
-    let mut open: Vec<[u32; 3]> = Vec::with_capacity(count);
+    let mut open: Vec<[u32; 3]> = Vec::with_capacity(room);
     open.extend(triangles.iter().filter(|t| t.iter().any(|v| lacks(of_vertices, *v))));
     loop {
         let mut nearest: FxHashMap<u32, (f64, u32)> = FxHashMap::default();

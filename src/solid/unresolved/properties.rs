@@ -338,7 +338,7 @@ fn noisy(seed: u64, share: f64) -> [Marks; 2] {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
     fn the_sum_over_cells_is_that_of_the_surface(seed in any::<u64>(), share in 0.0f64..1.0) {
