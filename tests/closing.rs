@@ -310,9 +310,9 @@ fn a_pit_is_filled_unless_points_line_it() {
         let solid = Solid::close(&sampled, &Ball::new(1), context).unwrap();
         assert_eq!(solid.volume, 24 * 24 * 24 - 64);
         let before = (solid.volume, solid.faces.clone());
-        let open = solid.without_dents(&sampled, context).unwrap();
+        let open = solid.without_dents(None, &sampled, context).unwrap();
         assert_eq!((open.volume, open.faces.clone()), before);
-        let filled = open.without_dents(&bare, context).unwrap();
+        let filled = open.without_dents(None, &bare, context).unwrap();
         // The ball dips one cell into the pit.
         assert_eq!(filled.volume, 24 * 24 * 24 - 16);
         let on_top = 24 * 24 - 16;

@@ -423,9 +423,10 @@ fn close_signed(
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     progress.done(slices);
-    // Dents before sheets: thickened cells would look as if a ball had sunk between their points.
-    let solid = solid.without_dents(&occupancy, context)?;
-    let solid = solid.with_thickened(sheets(0), side, &occupancy, context)?;
+    let thick = sheets(0).thickened(side, &occupancy, context)?;
+    let solid = if let Some(thick) = &thick { solid.with(thick, context)? } else { solid };
+    let solid = solid.without_dents(thick.as_ref(), &occupancy, context)?;
+    drop(thick);
     progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
     progress.done(slices);

@@ -18,7 +18,7 @@ use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::Ball;
 use crate::grid::label::{Labeller, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
-use crate::grid::slice::{Bits, Run, Runs, clip, words_of};
+use crate::grid::slice::{Bits, Run, Runs, SliceStore, clip, words_of};
 use crate::grid::window::Window;
 use crate::solid::change::Change;
 use crate::solid::exterior::{Padded, invert};
@@ -33,18 +33,19 @@ const OPEN: u8 = 0;
 const FILLED: u8 = 1;
 
 impl Solid {
-    /// The same solid with those dents filled that hardly any point lines.
+    /// The same solid with those dents filled that hardly any point lines. `thick` are those of its cells that sheets were thickened by
+    /// ([`crate::solid::thicken`]): they have no points, and yet no ball sank there, so they tell nothing.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn without_dents(self, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
+    pub fn without_dents(self, thick: Option<&SliceStore>, occupancy: &Occupancy, context: &Context) -> Result<Solid> {
         let ball = Ball::squared(REACHES);
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.cells[1]);
         context.workers.in_order(
             context.jobs(2 * ball.radius() + 5, self.cells),
             || Ok(jobs.next()),
-            |slices| self.dents(occupancy, ball, slices),
+            |slices| self.dents(thick, occupancy, ball, slices),
             |parts: Parts<Lining>| labeller.add(parts),
         )?;
         let mut any = false;
@@ -60,14 +61,21 @@ impl Solid {
     }
 
     /// The dents of some slices, as far as they hang together there, with the lining of each.
-    fn dents(&self, occupancy: &Occupancy, ball: Ball, slices: std::ops::Range<u32>) -> Result<Parts<Lining>> {
+    fn dents(
+        &self,
+        thick: Option<&SliceStore>,
+        occupancy: &Occupancy,
+        ball: Ball,
+        slices: std::ops::Range<u32>,
+    ) -> Result<Parts<Lining>> {
         let padded = Padded::new(self.cells, ball.radius());
         let Padded { pad, .. } = padded;
         let [width, _, rows] = self.cells;
         let mut near_solid = padded.dilation(ball, slices.end + pad + ball.radius());
         let mut covered = padded.dilation(ball, slices.end + pad);
         let mut around = [(); 2].map(|()| Window::new(3, || Bits::new(width, rows)));
-        let (mut runs, mut dent) = (Runs::default(), Bits::new(width, rows));
+        let [mut solid, mut dent, mut thickened] = [(); 3].map(|()| Bits::new(width, rows));
+        let mut runs = Runs::default();
         let (mut held, mut linings) = (Vec::with_capacity(slices.len()), Vec::new());
         for y in slices.map(i64::from) {
             let covered = covered.slide_to(y + i64::from(pad), |y, room| {
@@ -80,10 +88,17 @@ impl Solid {
                 }
                 Ok(())
             })?;
-            for (window, store) in around.iter_mut().zip([&self.store, &occupancy.store]) {
-                window.slide_to(y - 1, |y, bits| store.paint(y, bits, &mut runs))?;
-            }
-            let solid = around[0].get(y);
+            let [telling, occupied] = &mut around;
+            telling.slide_to(y - 1, |y, bits| {
+                self.store.paint(y, bits, &mut runs)?;
+                if let Some(thick) = thick {
+                    thick.paint(y, &mut thickened, &mut runs)?;
+                    bits.and_not(&thickened);
+                }
+                Ok(())
+            })?;
+            occupied.slide_to(y - 1, |y, bits| occupancy.store.paint(y, bits, &mut runs))?;
+            self.store.paint(y, &mut solid, &mut runs)?;
             dent.clear();
             for z in 0..rows {
                 let row = dent.row_mut(z);
@@ -164,5 +179,100 @@ impl Lining {
     /// filled (mean squared error .069 instead of .035).
     fn verdict(&self) -> u8 {
         if 5 * self.sampled < 2 * self.bare { FILLED } else { OPEN }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::grid::Cell;
+    use crate::run::testing::with_context;
+
+    const CELLS: Cell = [13, 14, 12];
+
+    fn all_cells() -> impl Iterator<Item = Cell> {
+        (0..CELLS[0]).flat_map(|x| (0..CELLS[1]).flat_map(move |y| (0..CELLS[2]).map(move |z| [x, y, z])))
+    }
+
+    fn squared_distance(a: [i64; 3], b: [i64; 3]) -> i64 {
+        (0..3).map(|i| (a[i] - b[i]).pow(2)).sum()
+    }
+
+    /// The cells that dents are filled with, cell by cell.
+    fn twin(solid: &BTreeSet<Cell>, occupied: &BTreeSet<Cell>, thick: &BTreeSet<Cell>) -> BTreeSet<Cell> {
+        let reaches = i64::from(REACHES);
+        let is_near =
+            |at: [i64; 3], cells: &[[i64; 3]]| cells.iter().any(|cell| squared_distance(at, *cell) <= reaches);
+        let solids: Vec<[i64; 3]> = solid.iter().map(|cell| cell.map(i64::from)).collect();
+        let [width, slices, rows] = CELLS.map(i64::from);
+        let padded =
+            (-4..width + 4).flat_map(|x| (-4..slices + 4).flat_map(move |y| (-4..rows + 4).map(move |z| [x, y, z])));
+        let middles: Vec<[i64; 3]> = padded.filter(|at| !is_near(*at, &solids)).collect();
+        let mut left: BTreeSet<Cell> =
+            all_cells().filter(|cell| !solid.contains(cell) && !is_near(cell.map(i64::from), &middles)).collect();
+        let mut filled = BTreeSet::new();
+        while let Some(first) = left.pop_first() {
+            let (mut dent, mut next) = (vec![first], 0);
+            let [mut sampled, mut bare] = [0; 2];
+            while next < dent.len() {
+                for axis in 0..3 {
+                    for step in [-1, 1] {
+                        let mut cell = dent[next];
+                        cell[axis] = cell[axis].wrapping_add_signed(step);
+                        if left.remove(&cell) {
+                            dent.push(cell);
+                        }
+                        sampled += u64::from(occupied.contains(&cell));
+                        bare += u64::from(solid.contains(&cell) && !occupied.contains(&cell) && !thick.contains(&cell));
+                    }
+                }
+                next += 1;
+            }
+            if 5 * sampled < 2 * bare {
+                filled.extend(dent);
+            }
+        }
+        filled
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// Blocks beside each other, of whose cells some are occupied and some others were thickened.
+        #[test]
+        fn dents_that_are_filled_are_those_of_the_twin(
+            blocks in prop::collection::vec(prop::array::uniform3((0u32..12, 1u32..8)), 1..7),
+            shares in prop::collection::vec((0.0f64..0.6, 0.0f64..0.5), 3),
+            draws in prop::collection::vec(0.0f64..1.0, 97),
+        ) {
+            let solid: BTreeSet<Cell> = all_cells()
+                .filter(|cell| blocks.iter().any(|block| (0..3).all(|a| (block[a].0..block[a].0 + block[a].1).contains(&cell[a]))))
+                .collect();
+            // The shares differ from one third of the box to the next.
+            let draw = |[x, y, z]: &Cell| draws[(7 * x + 31 * y + 5 * z) as usize % 97];
+            let of = |cell: &Cell| shares[cell[0] as usize * 3 / 13];
+            let occupied: BTreeSet<Cell> = solid.iter().filter(|cell| draw(cell) < of(cell).0).copied().collect();
+            let thick: BTreeSet<Cell> =
+                solid.iter().filter(|cell| draw(cell) >= of(cell).0 && draw(cell) < of(cell).0 + of(cell).1).copied().collect();
+            let thick = if shares[0].0 < 0.5 { thick } else { BTreeSet::new() };
+            let mut expected = twin(&solid, &occupied, &thick);
+            expected.extend(&solid);
+            let found: BTreeSet<Cell> = with_context(CELLS, |context| {
+                let of = |cells: &BTreeSet<Cell>| Occupancy::of_cells(cells.iter().copied(), CELLS, context).unwrap();
+                let before = Solid { cells: CELLS, store: of(&solid).store, volume: 0, faces: Vec::new(), ground: None };
+                let store = of(&thick).store;
+                let solid = before.without_dents(Some(&store).filter(|_| !thick.is_empty()), &of(&occupied), context).unwrap();
+                let (mut bits, mut runs) = (Bits::new(CELLS[0], CELLS[2]), Runs::default());
+                all_cells().filter(|[x, y, z]| {
+                    solid.store.paint(i64::from(*y), &mut bits, &mut runs).unwrap();
+                    bits.get(i64::from(*x), i64::from(*z))
+                }).collect()
+            });
+            prop_assert_eq!(found, expected);
+        }
     }
 }

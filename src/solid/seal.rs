@@ -94,7 +94,7 @@ impl<'a> Pyramid<'a> {
         }
         let solid = Solid::between(self.finest, &sides, &Ball::new(1), context)?;
         drop(sides);
-        let solid = solid.without_dents(self.finest, context)?;
+        let solid = solid.without_dents(None, self.finest, context)?;
         progress(solid.cells[1]);
         Ok(solid)
     }
