@@ -13,7 +13,6 @@
 //!
 //! What has a coordinate that is not finite, or beyond 1e75, is left out. A triangle without area has places, but no normal.
 
-mod far;
 mod figures;
 mod heatmap;
 mod job;

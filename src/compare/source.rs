@@ -1,10 +1,9 @@
 //! The two sides as streams of places and triangles, in the input's coordinates less a common corner.
 
-use super::far;
 use crate::error::Result;
 use crate::input::{Carried, Cloud};
 use crate::mesh::MeshSource;
-use crate::mesh::corners::{Corners, span};
+use crate::mesh::corners::{Block, Lookup, Order};
 use crate::nearest::blocks::SAMPLE;
 use crate::nearest::room::Room;
 use crate::nearest::shape::{Point, Triangle, is_usable};
@@ -15,7 +14,7 @@ use crate::resources::workers::Spares;
 /// Places, and triangles, handled at once.
 const PIECE: u64 = 1 << 14;
 
-/// Bytes for each vertex of a window: see [`Corners::fill`].
+/// Bytes for each vertex of a window: see [`crate::mesh::corners::Corners::fill`].
 const WINDOW_BYTES: u64 = 48;
 
 /// A mesh, or a cloud.
@@ -181,66 +180,34 @@ pub(super) fn triangles<Q: Send>(
     work: impl Fn(&[Triangle], &mut Vec<Q>) + Sync,
     mut sink: impl FnMut(&[Q]) -> Result<()>,
 ) -> Result<()> {
-    // Of vertices that are read along: a mesh in good order spans about half as many as it has triangles.
-    let window = (room.corners / WINDOW_BYTES) as usize;
-    let (scratch, made) = (Spares::<Scratch>::default(), Spares::<Vec<Q>>::default());
-    let work = |triangles: &mut Vec<Triangle>| {
-        triangles.iter_mut().flat_map(|t| &mut t.0).for_each(|p| *p = placed(*p, mesh.origin(), corner));
-        triangles.retain(|t| t.0.iter().all(|p| is_usable(*p)));
-        let mut queries = made.take().unwrap_or_default();
-        queries.clear();
-        work(triangles, &mut queries);
-        queries
+    let lookup = Lookup {
+        mesh,
+        workers: room.workers,
+        workspace: room.workspace,
+        block: PIECE as usize,
+        // Of vertices that are read along: a mesh in good order spans about half as many as it has triangles.
+        window: (room.corners / WINDOW_BYTES) as usize,
+        in_flight: room.in_flight,
+        memory: room.far(),
     };
-    let mut sink = |queries: Vec<Q>| {
+    let (pieces, made) = (Spares::<Vec<Triangle>>::default(), Spares::<Vec<Q>>::default());
+    let work = |block: &Block<'_, Point>| {
+        pieces.lend(|triangles| {
+            triangles.clear();
+            triangles
+                .extend(block.corners().map(|corners| Triangle(corners.map(|p| placed(p, mesh.origin(), corner)))));
+            triangles.retain(|t| t.0.iter().all(|p| is_usable(*p)));
+            let mut queries = made.take().unwrap_or_default();
+            queries.clear();
+            work(triangles, &mut queries);
+            Ok(queries)
+        })
+    };
+    let blocks = 0..mesh.face_count().div_ceil(PIECE);
+    let read = |first: u64, places: &mut [Point]| mesh.read_vertices(first, places);
+    lookup.for_each(blocks, Order::NearFirst, &read, work, |queries| {
         sink(&queries)?;
         made.give(queries);
         Ok(())
-    };
-    // Pieces whose vertices lie far apart wait.
-    let mut far = Vec::new();
-    let look = |piece: usize| {
-        let first = piece as u64 * PIECE;
-        scratch.lend(|Scratch { faces, corners, triangles }| {
-            faces.resize((mesh.face_count() - first).min(PIECE) as usize, [0; 3]);
-            mesh.read_faces(first, faces)?;
-            if span(faces).is_some_and(|(low, high)| (high - low) as usize >= window) {
-                return Ok((piece as u64, None));
-            }
-            corners.fill(mesh, faces, window)?;
-            triangles.clear();
-            triangles.extend(faces.iter().map(|face| Triangle(face.map(|v| corners.table[v as usize]))));
-            Ok((piece as u64, Some(work(triangles))))
-        })
-    };
-    let pieces = mesh.face_count().div_ceil(PIECE) as usize;
-    room.workers.in_order_range(room.in_flight, pieces, look, |(piece, made)| match made {
-        Some(made) => sink(made),
-        None => {
-            far.push(piece);
-            Ok(())
-        }
-    })?;
-    if far.is_empty() {
-        return Ok(());
-    }
-    far::triangles(mesh, room, &far, PIECE, |stretch| {
-        let pieces: Vec<&[Triangle]> = stretch.chunks(PIECE as usize).collect();
-        let look = |piece: usize| {
-            scratch.lend(|Scratch { triangles, .. }| {
-                triangles.clear();
-                triangles.extend_from_slice(pieces[piece]);
-                Ok(work(triangles))
-            })
-        };
-        room.workers.in_order_range(room.in_flight, pieces.len(), look, &mut sink)
     })
-}
-
-/// The working memory of a job over triangles.
-#[derive(Default)]
-struct Scratch {
-    faces: Vec<[u32; 3]>,
-    corners: Corners,
-    triangles: Vec<Triangle>,
 }

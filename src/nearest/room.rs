@@ -39,6 +39,11 @@ impl<'a> Room<'a> {
         }
     }
 
+    /// Bytes for all triangles together whose corners lie far apart in the mesh: what those of all jobs have, and as much as one set of partitions.
+    pub fn far(&self) -> u64 {
+        self.corners * self.in_flight as u64 + self.pages + self.kept
+    }
+
     /// A store.
     pub fn spool(&self) -> Spool {
         self.workspace.spool(self.kept)

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   near block   vertex numbers close together: a window of vertices is read along with the triangles, each time
-//!   far block    scattered numbers: corners are looked up once, many blocks together, and lie in a spool from then on
+//!   far block    scattered numbers: corners are looked up once, and lie in a spool from then on
 //! ```
 //!
 //! Meshes that were made slice by slice, as ours, have near blocks only, and nothing but boxes is kept of them. Of a mesh in random order, 72 bytes a triangle lie in
@@ -13,10 +13,10 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::view::Frame;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::mesh::MeshSource;
-use crate::mesh::corners::{Corners, span};
-use crate::resources::workers::{Spares, Workers};
+use crate::mesh::corners::{Block as Looked, Corners, Lookup, Order};
+use crate::resources::workers::Workers;
 use crate::storage::spool::{Spool, Workspace};
 
 /// Triangles of a block: enough to be worth a job, few enough for a processor's cache.
@@ -107,10 +107,18 @@ pub struct Sizes {
     pub in_flight: usize,
     /// Vertices of a window.
     pub window: usize,
-    /// Blocks whose corners are looked up together.
-    pub batch: usize,
+    /// Bytes for all far blocks together while their corners are looked up.
+    pub far: u64,
     /// Bytes of corners that are kept in memory.
     pub in_memory: u64,
+}
+
+impl Sizes {
+    /// What looks up corners of a mesh.
+    pub fn lookup<'a>(&self, mesh: &'a dyn MeshSource, workers: &'a Workers, workspace: &'a Workspace) -> Lookup<'a> {
+        let Sizes { in_flight, window, far: memory, .. } = *self;
+        Lookup { mesh, workers, workspace, block: BLOCK, window, in_flight, memory }
+    }
 }
 
 impl<'a> Blocks<'a> {
@@ -126,56 +134,48 @@ impl<'a> Blocks<'a> {
         workspace: &Workspace,
         progress: &mut dyn FnMut(u64),
     ) -> Result<Blocks<'a>> {
+        let number = mesh.face_count().div_ceil(BLOCK as u64);
+        let unseen = Block { span: (0, 0), bounds: Bounds::EMPTY, far: None };
         let mut all = Blocks {
             mesh,
             window: sizes.window,
-            blocks: Vec::new(),
+            blocks: vec![unseen; number as usize],
             corners: workspace.spool(sizes.in_memory),
             bounds: Bounds::EMPTY,
             in_frames: vec![Bounds::EMPTY; frames.len()],
             drawable: 0,
         };
-        let pieces = Spares::<Piece>::default();
-        let number = mesh.face_count().div_ceil(BLOCK as u64);
-        let look = |number: usize| {
-            pieces.lend(|piece| {
-                let count = read_faces(mesh, number, &mut piece.faces)?;
-                let span = span(&piece.faces).unwrap_or((0, 0));
-                if u64::from(span.1) >= mesh.vertex_count() {
-                    return Err(Error::CheckFailed(format!("block {number} names vertex {}", span.1)));
-                }
-                let near = ((span.1 - span.0) as usize) < sizes.window;
-                let seen = match near {
-                    true => {
-                        piece.local.clone_from(&piece.faces);
-                        piece.corners.fill(mesh, &mut piece.local, sizes.window)?;
-                        Some(seen(&piece.local, &piece.corners.table, frames))
-                    }
-                    false => None,
-                };
-                Ok((count, span, seen))
-            })
+        let look = |block: &Looked<'_, [f64; 3]>| {
+            let count = block.vertices.len();
+            let (seen, corners) = if block.is_near {
+                (seen(block.local.iter().copied(), block.table, frames), None)
+            } else {
+                let corners: Vec<[f64; 3]> = block.corners().flatten().collect();
+                (seen(apart(count), &corners, frames), Some(corners))
+            };
+            Ok((block.number as usize, count as u64, block.span, seen, corners))
         };
-        let (mut far, mut done) = (Vec::new(), 0);
-        workers.in_order_range(sizes.in_flight, number as usize, look, |(count, span, seen)| {
-            let mut block = Block { span, bounds: Bounds::EMPTY, far: None };
-            match seen {
-                Some(seen) => {
-                    block.bounds = seen.0;
-                    all.widen(&seen);
-                    done += count;
-                    progress(done);
+        let read = |first: u64, positions: &mut [[f64; 3]]| mesh.read_vertices(first, positions);
+        let (mut far, mut done) = (0, 0);
+        sizes.lookup(mesh, workers, workspace).for_each(
+            0..number,
+            Order::NearFirst,
+            &read,
+            look,
+            |(number, count, span, seen, corners)| {
+                all.widen(&seen);
+                let block = &mut all.blocks[number];
+                *block = Block { span, bounds: seen.0, far: None };
+                if let Some(corners) = corners {
+                    block.far = Some(far);
+                    far += 1;
+                    all.corners.append(bytemuck::cast_slice(&corners))?;
                 }
-                None => {
-                    block.far = Some(far.len() as u32);
-                    far.push(all.blocks.len());
-                }
-            }
-            all.blocks.push(block);
-            Ok(())
-        })?;
-        drop(pieces);
-        all.look_up(&far, frames, sizes, workers, done, progress)?;
+                done += count;
+                progress(done);
+                Ok(())
+            },
+        )?;
         Ok(all)
     }
 
@@ -183,43 +183,6 @@ impl<'a> Blocks<'a> {
         self.bounds = self.bounds.with(*bounds);
         self.drawable += count;
         self.in_frames.iter_mut().zip(in_frames).for_each(|(all, part)| *all = all.with(*part));
-    }
-
-    /// Writes the corners of far blocks to the spool, several blocks at once since each batch may read all vertices.
-    fn look_up(
-        &mut self,
-        far: &[usize],
-        frames: &[Frame],
-        sizes: Sizes,
-        workers: &Workers,
-        mut done: u64,
-        progress: &mut dyn FnMut(u64),
-    ) -> Result<()> {
-        let mesh = self.mesh;
-        let batches: Vec<&[usize]> = far.chunks(sizes.batch).collect();
-        let look = |batch: usize| {
-            let (mut faces, mut piece, mut corners) = (Vec::new(), Vec::new(), Corners::default());
-            for &number in batches[batch] {
-                read_faces(mesh, number, &mut piece)?;
-                faces.extend_from_slice(&piece);
-            }
-            corners.fill(mesh, &mut faces, sizes.window)?;
-            let seen: Vec<_> = faces.chunks(BLOCK).map(|block| seen(block, &corners.table, frames)).collect();
-            Ok((faces, corners.table, seen))
-        };
-        let mut blocks = far.iter();
-        workers.in_order_range(sizes.in_flight, batches.len(), look, |(faces, table, seen)| {
-            for (faces, seen) in faces.chunks(BLOCK).zip(seen) {
-                let positions: Vec<[f64; 3]> = faces.as_flattened().iter().map(|v| table[*v as usize]).collect();
-                self.corners.append(bytemuck::cast_slice(&positions))?;
-                self.widen(&seen);
-                let block = *blocks.next().expect("a batch is made of far blocks");
-                self.blocks[block].bounds = seen.0;
-                done += faces.len() as u64;
-                progress(done);
-            }
-            Ok(())
-        })
     }
 
     /// How many blocks there are.
@@ -238,8 +201,9 @@ impl<'a> Blocks<'a> {
     }
 
     /// The numbers of far blocks, in order: those that [`Blocks::far`] counts.
-    pub fn far_blocks(&self) -> Vec<usize> {
-        (0..self.len()).filter(|number| self.blocks[*number].far.is_some()).collect()
+    pub fn far_blocks(&self) -> Vec<u64> {
+        let is_far = |number: &u64| self.blocks[*number as usize].far.is_some();
+        (0..self.len() as u64).filter(is_far).collect()
     }
 
     /// Which of the far blocks a block is, if it is one.
@@ -273,7 +237,7 @@ impl<'a> Blocks<'a> {
             }
             Some(far) => {
                 piece.local.clear();
-                piece.local.extend((0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]));
+                piece.local.extend(apart(count));
                 piece.corners.table.resize(3 * count, [0.0; 3]);
                 let at = u64::from(far) * (BLOCK * 3 * size_of::<[f64; 3]>()) as u64;
                 self.corners.read_at(at, bytemuck::cast_slice_mut(&mut piece.corners.table))?;
@@ -284,8 +248,13 @@ impl<'a> Blocks<'a> {
     }
 }
 
+/// Triangles whose corners lie one after another.
+fn apart(count: usize) -> impl Iterator<Item = [u32; 3]> {
+    (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2])
+}
+
 /// Reads the triangles of a block and returns how many they are.
-pub fn read_faces(mesh: &dyn MeshSource, number: usize, faces: &mut Vec<[u32; 3]>) -> Result<u64> {
+fn read_faces(mesh: &dyn MeshSource, number: usize, faces: &mut Vec<[u32; 3]>) -> Result<u64> {
     let first = number as u64 * BLOCK as u64;
     let count = (mesh.face_count() - first).min(BLOCK as u64);
     faces.resize(count as usize, [0; 3]);
@@ -293,7 +262,7 @@ pub fn read_faces(mesh: &dyn MeshSource, number: usize, faces: &mut Vec<[u32; 3]
     Ok(count)
 }
 
-fn seen(faces: &[[u32; 3]], table: &[[f64; 3]], frames: &[Frame]) -> Seen {
+fn seen(faces: impl Iterator<Item = [u32; 3]>, table: &[[f64; 3]], frames: &[Frame]) -> Seen {
     let (mut used, mut count) = (vec![false; table.len()], 0);
     for face in faces {
         if face.iter().all(|v| is_finite(table[*v as usize])) {

@@ -92,8 +92,8 @@ const JOB: (u64, u64) = (8 << 20, 16 << 20);
 const JOB_FIXED: u64 = (BLOCK * 24 + MOST_PAIRS * 8 + (1 << 19)) as u64;
 /// Bytes for each vertex of a window: its position, where it is in the view, and what is known of it.
 const WINDOW_BYTES: u64 = 24 + 12 + 8 + 1;
-/// Bytes for each triangle whose corners are looked up: see [`crate::mesh::corners::Corners::fill`], the triangle, and its corners on their way to the spool.
-const FAR_BYTES: u64 = 110 + 12 + 72;
+/// Bytes for each triangle whose corners are on their way to the spool.
+const CORNER_BYTES: u64 = 72;
 
 /// Bytes of a pixel of a view: what it is, and how open it lies.
 const VIEW_BYTES: usize = size_of::<Pixel>() + 1;
@@ -124,12 +124,12 @@ impl Plan {
         let more_rows = (rest / 4 * 3 / row).min(rows - 1);
         let kept = rest.saturating_sub(more_rows * row);
         // Corners are looked up before there is a view.
-        let look = (left - kept) / in_flight;
+        let far = (left - kept).saturating_sub(in_flight * BLOCK as u64 * CORNER_BYTES);
         Ok(Plan {
             sizes: Sizes {
                 in_flight: in_flight as usize,
                 window: ((job - JOB_FIXED) / WINDOW_BYTES).min(1 << 18) as usize,
-                batch: (look / FAR_BYTES / BLOCK as u64).max(1) as usize,
+                far,
                 in_memory: kept / 2,
             },
             range: (share / 2 / RANGE_BYTES).clamp(1 << 12, 1 << 31) as u32,
@@ -154,8 +154,8 @@ fn least(options: &Options) -> (u64, u64) {
 
 /// Draws a mesh. Triangles with a corner that is not finite (or beyond 10¹⁰⁰) are left out; a mesh with no other gives an empty picture.
 ///
-/// Memory: `budget` bytes. Temporary storage: 8 bytes a vertex, and 96 a triangle if the mesh is in random order, as far as the budget does not hold them. `progress` is
-/// told how many triangles are done, in thousandths of the whole.
+/// Memory: `budget` bytes. Temporary storage: 8 bytes a vertex, and if the mesh is in random order 96 a triangle, and 132 more while corners are looked up, as far as the
+/// budget does not hold them. `progress` is told how many triangles are done, in thousandths of the whole.
 ///
 /// # Errors
 /// [`Error::Budget`]; [`Error::Usage`] if the mesh lacks the attribute asked for, or the picture is too small for its views; those of reading the mesh and of the workspace;

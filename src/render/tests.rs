@@ -132,12 +132,13 @@ fn means_and_the_order_of_vertices_do_not_show() {
     (0..count).for_each(|v| moved[number(v) as usize] = vertices[v as usize]);
     let renumbered: Vec<[u32; 3]> = faces.iter().map(|face| face.map(number)).collect();
     for made in [mesh(&vertices, &faces), mesh(&moved, &renumbered)] {
-        for (threads, in_flight, window, batch, in_memory, tiles, range) in [
-            (1, 1, 100, 1, 0, 1, 4096),
-            (3, 4, 5000, 2, 1 << 20, 1 << 20, 10_000),
-            (2, 3, 1 << 18, 1, 1 << 24, 1 << 28, 1 << 20),
+        for (threads, in_flight, window, far, in_memory, tiles, range) in [
+            (1, 1, 100, 0, 0, 1, 4096),
+            (3, 4, 5000, 1 << 23, 1 << 20, 1 << 20, 10_000),
+            (2, 3, 5000, 1 << 30, 1 << 20, 1 << 20, 10_000),
+            (2, 3, 1 << 18, 0, 1 << 24, 1 << 28, 1 << 20),
         ] {
-            let plan = Plan { sizes: Sizes { in_flight, window, batch, in_memory }, range, tiles };
+            let plan = Plan { sizes: Sizes { in_flight, window, far, in_memory }, range, tiles };
             let workers = Workers::new(threads).unwrap();
             let (mut told, mut most) = (0, 0);
             let progress = &mut |done| {
@@ -171,7 +172,7 @@ fn budgets_do_not_show_and_too_small_ones_are_refused() {
 fn vertices_have_the_normals_of_a_naive_sum() {
     let (vertices, faces) = ball(50);
     let made = mesh(&vertices, &faces);
-    let sizes = Sizes { in_flight: 2, window: 64, batch: 1, in_memory: 0 };
+    let sizes = Sizes { in_flight: 2, window: 64, far: 0, in_memory: 0 };
     let workers = Workers::new(2).unwrap();
     let blocks = Blocks::survey(&made.mesh, &[], sizes, &workers, &made.workspace, &mut |_| {}).unwrap();
     let tint = Tint::One([0; 3]);

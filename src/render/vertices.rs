@@ -8,11 +8,11 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3, Vec4};
 
-use super::blocks::{BLOCK, Blocks, Piece, Sizes, is_finite, read_faces};
+use super::blocks::{BLOCK, Blocks, Piece, Sizes, is_finite};
 use super::colour::Tint;
 use super::shading::{NO_NORMAL, Shading, pack_normal, unpack_normal};
 use crate::error::Result;
-use crate::mesh::corners::Corners;
+use crate::mesh::corners;
 use crate::resources::workers::{Spares, Workers, refill};
 use crate::storage::spool::{Spool, Workspace};
 
@@ -98,26 +98,16 @@ impl Vertices {
             all.store.append(bytemuck::cast_slice(&vertices)).map(drop)
         })?;
         drop(spares);
-        all.look_up(blocks, sizes, workers)?;
+        all.look_up(blocks, sizes, workers, workspace)?;
         Ok(all)
     }
 
     /// Writes the corners of far blocks.
-    fn look_up(&mut self, blocks: &Blocks, sizes: Sizes, workers: &Workers) -> Result<()> {
+    fn look_up(&mut self, blocks: &Blocks, sizes: Sizes, workers: &Workers, workspace: &Workspace) -> Result<()> {
         let Vertices { store, corners } = self;
-        let far = blocks.far_blocks();
-        let batches: Vec<&[usize]> = far.chunks(sizes.batch).collect();
-        let look = |batch: usize| {
-            let (mut faces, mut piece) = (Vec::new(), Vec::new());
-            for &number in batches[batch] {
-                read_faces(blocks.mesh(), number, &mut piece)?;
-                faces.extend_from_slice(&piece);
-            }
-            let mut looked_up = Corners::<Vertex>::default();
-            looked_up.fill_from(&|first, out| read(store, first, out), &mut faces, sizes.window)?;
-            Ok(faces.as_flattened().iter().map(|v| looked_up.table[*v as usize]).collect::<Vec<_>>())
-        };
-        workers.in_order_range(sizes.in_flight, batches.len(), look, |vertices| {
+        let read = |first: u64, out: &mut [Vertex]| read(store, first, out);
+        let look = |block: &corners::Block<'_, Vertex>| Ok(block.corners().flatten().collect::<Vec<_>>());
+        sizes.lookup(blocks.mesh(), workers, workspace).for_far(&blocks.far_blocks(), &read, look, |vertices| {
             corners.append(bytemuck::cast_slice(&vertices)).map(drop)
         })
     }

@@ -6,8 +6,7 @@ use crate::error::{Error, Result};
 use crate::format;
 use crate::format::write::{CloudTarget, Description, FileKind};
 use crate::input::{Carried, Cloud, InputOptions, Opening, Unpacked, expand};
-use crate::mesh::MeshSource;
-use crate::mesh::corners::Corners;
+use crate::mesh::corners::{Block, Lookup, Order};
 use crate::points::{Batch, Points, Precision};
 use crate::resources::workers::Workers;
 use crate::run::Resources;
@@ -53,7 +52,7 @@ pub struct Densified {
 /// Writes the cloud's points, in their order, and then the centroids of the mesh's triangles in theirs, in the cloud's coordinates and precision. Attributes
 /// are left behind.
 ///
-/// Memory: some blocks of points for each worker; of a mesh that has to be converted, up to half the budget.
+/// Memory: some blocks of points for each worker; of a mesh that has to be converted, up to half the budget; for triangles whose corners lie far apart in the mesh, a quarter.
 ///
 /// # Errors
 /// Errors of reading either; [`Error::NoPoints`]; [`Error::Malformed`] if the mesh has no triangles, or a centroid is not finite; [`Error::Usage`] for an unknown
@@ -115,16 +114,26 @@ pub fn densify(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<
         progress.add(count);
         target.append(&bytes)
     })?;
-    let pieces = centroids.div_ceil(PIECE) as usize;
-    let piece = |number: usize| {
-        let places = piece_of(&*mesh, number as u64 * PIECE)?;
+    let lookup = Lookup {
+        mesh: &*mesh,
+        workers,
+        workspace: &workspace,
+        block: PIECE as usize,
+        window: WINDOW,
+        in_flight,
+        memory: budget / 4,
+    };
+    let piece = |block: &Block<'_, [f64; 3]>| {
+        let places = centroids_of(block, mesh.origin());
         if let Some(at) = places.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-            let place = format!("triangle {}", number as u64 * PIECE + at as u64);
+            let place = format!("triangle {}", block.number * PIECE + at as u64);
             return Err(Error::malformed(&job.mesh, place, "finite corners", format!("{:?}", places[at])));
         }
         Ok(encoded(kind, precision, places.into_iter()))
     };
-    let added = workers.in_order_range(in_flight, pieces, piece, |(count, bytes)| {
+    let read = |first: u64, positions: &mut [[f64; 3]]| mesh.read_vertices(first, positions);
+    let pieces = 0..centroids.div_ceil(PIECE);
+    let added = lookup.for_each(pieces, Order::Triangles, &read, piece, |(count, bytes)| {
         progress.add(count);
         target.append(&bytes)
     });
@@ -142,18 +151,8 @@ fn encoded(kind: FileKind, precision: Precision, points: impl ExactSizeIterator<
     (count as u64, bytes)
 }
 
-/// The centroids of the triangles from `first` on, in the input's coordinates.
-fn piece_of(mesh: &dyn MeshSource, first: u64) -> Result<Vec<[f64; 3]>> {
-    let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(PIECE) as usize];
-    mesh.read_faces(first, &mut faces)?;
-    let mut corners = Corners::default();
-    corners.fill(mesh, &mut faces, WINDOW)?;
-    let origin = mesh.origin();
-    Ok(faces
-        .iter()
-        .map(|face| {
-            let [a, b, c] = face.map(|v| corners.table[v as usize]);
-            std::array::from_fn(|m| (a[m] + b[m] + c[m]) / 3.0 + origin[m])
-        })
-        .collect())
+/// The centroids of a block's triangles, in the input's coordinates.
+fn centroids_of(block: &Block<'_, [f64; 3]>, origin: [f64; 3]) -> Vec<[f64; 3]> {
+    let centroid = |[a, b, c]: [[f64; 3]; 3]| std::array::from_fn(|m| (a[m] + b[m] + c[m]) / 3.0 + origin[m]);
+    block.corners().map(centroid).collect()
 }

@@ -1,15 +1,15 @@
-//! Corners of triangles: what some triangles need of their vertices, read into one table.
+//! What some triangles need of their vertices, read into one table.
 //!
 //! ```text
 //!   triangles  [7 9 8] [9 7 12]  --->  [0 2 1] [2 0 3]     numbers count in the table
 //!   vertices    7  8  9  12      --->   0  1  2  3         a window of neighbours is read whole; scattered ones are picked
 //! ```
 
-use super::MeshSource;
 use crate::error::Result;
+use crate::mesh::MeshSource;
 
 /// Vertices read at once where a table is picked from scattered numbers: 1.5 MiB of positions.
-const PIECE: usize = 1 << 16;
+pub(super) const PIECE: usize = 1 << 16;
 /// The bytes of that.
 pub(crate) const PIECE_BYTES: u64 = PIECE as u64 * size_of::<[f64; 3]>() as u64;
 /// Unwanted vertices that are read along rather than skipped by a new read.
@@ -47,7 +47,7 @@ impl Corners {
 }
 
 /// Fills its second argument with what vertices have, from the one with the first on.
-type ReadVertices<'a, T> = dyn Fn(u64, &mut [T]) -> Result<()> + 'a;
+pub(crate) type ReadVertices<'a, T> = dyn Fn(u64, &mut [T]) -> Result<()> + Sync + 'a;
 
 impl<T: Copy + Default> Corners<T> {
     /// The same as [`Corners::fill`], of whatever `read` tells of vertices.
