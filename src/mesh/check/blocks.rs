@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::mesh::MeshSource;
 use crate::mesh::corners::{fresh, span};
 use crate::mesh::measure::is_degenerate;
@@ -19,23 +19,9 @@ impl Blocks {
         Blocks { len, spans: Vec::new() }
     }
 
-    /// The spans of the blocks of `faces`, which begin with triangle `first` of the mesh.
-    ///
-    /// # Errors
-    /// [`Error::CheckFailed`] if a triangle names a vertex the mesh does not have.
-    pub fn spans(&self, first: u64, faces: &[[u32; 3]], vertices: u64) -> Result<Vec<(u32, u32)>> {
-        let blocks = faces.chunks(self.len);
-        let spans: Vec<(u32, u32)> = blocks.filter_map(span).collect();
-        if spans.iter().any(|&(_, high)| u64::from(high) >= vertices) {
-            let beyond = |face: &[u32; 3]| face.iter().any(|&v| u64::from(v) >= vertices);
-            let at = faces.iter().position(beyond).expect("a span is taken from triangles");
-            return Err(Error::CheckFailed(format!(
-                "triangle {} names vertices {:?} of {vertices}",
-                first + at as u64,
-                faces[at]
-            )));
-        }
-        Ok(spans)
+    /// The spans of the blocks of `faces`, which begin with one of the mesh's blocks.
+    pub fn spans(&self, faces: &[[u32; 3]]) -> Vec<(u32, u32)> {
+        faces.chunks(self.len).filter_map(span).collect()
     }
 
     /// The spans of all blocks.
@@ -43,9 +29,11 @@ impl Blocks {
         &self.spans
     }
 
-    /// Appends blocks.
-    pub fn extend(&mut self, spans: &[(u32, u32)]) {
-        self.spans.extend_from_slice(spans);
+    /// Puts blocks where they belong, from the `first` on.
+    pub fn put(&mut self, first: usize, spans: &[(u32, u32)]) {
+        let end = first + spans.len();
+        self.spans.resize(end.max(self.spans.len()), (0, 0));
+        self.spans[first..end].copy_from_slice(spans);
     }
 
     /// How many blocks must be read in total if each range of `range` vertices reads all that touch it.

@@ -4,7 +4,7 @@ use super::blocks::Stars;
 use super::components;
 use super::link::Examiner;
 use crate::mesh::MeshSource;
-use crate::mesh::corners::{self, Corners};
+use crate::mesh::corners;
 use crate::mesh::measure::GROUP;
 use crate::mesh::spool::Spans;
 use crate::resources::workers::Workers;
@@ -19,8 +19,6 @@ const NEAR_RANGE: u32 = 1 << 15;
 /// Bytes for each vertex of a range: up to 8 corners of 8 bytes on average, its place among them, its parent and flags,
 /// and, if the mesh is in random order, three edges that leave the range.
 const VERTEX_BYTES: u64 = 64 + 8 + 6 + LEAVING;
-/// Bytes for each triangle of a far group: see [`Corners::fill`], and the triangle itself.
-const FAR_BYTES: u64 = 122;
 /// Triangles of a block.
 const BLOCK: usize = GROUP / 4;
 /// Vertices of a window: the least, and the most.
@@ -49,10 +47,11 @@ impl Need {
         // What a job needs is lent to those that are under way, no more than there are threads.
         let jobs = threads.max(1) as u64;
         let group = triangles.min(GROUP as u64);
-        let near = group * size_of::<[u32; 3]>() as u64 + widest.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
+        let near =
+            group * 2 * size_of::<[u32; 3]>() as u64 + widest.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
         // A group can span more than a window only where there are more vertices.
-        let far = if widest > WINDOW.1 as u64 { group * FAR_BYTES + corners::PIECE_BYTES } else { 0 };
-        let surveying = jobs.min(triangles.div_ceil(GROUP as u64)) * near.max(far);
+        let far = if widest > WINDOW.1 as u64 { corners::least_memory(group, jobs + 1) } else { 0 };
+        let surveying = (jobs.min(triangles.div_ceil(GROUP as u64)) * near).max(far);
 
         let range = vertices.min(u64::from(NEAR_RANGE));
         let corners = (range * CORNERS as u64).min(3 * triangles);
@@ -95,8 +94,8 @@ pub(crate) struct Plan {
     pub(crate) block: usize,
     /// Vertices that are read along with a group of triangles if its numbers span no more.
     pub(crate) window: usize,
-    /// Triangles of far groups measured at once.
-    pub(crate) far: usize,
+    /// Bytes for all triangles together whose vertices lie far apart.
+    pub(crate) far: u64,
     /// Vertices of a range: the least, and the most.
     pub(crate) range: (u32, u32),
     /// Bytes for the components of the whole mesh.
@@ -129,7 +128,7 @@ impl Plan {
             in_flight: threads + 1,
             block: BLOCK,
             window: (job / 48).clamp(WINDOW.0 as u64, WINDOW.1 as u64) as usize,
-            far: (job / FAR_BYTES) as usize / GROUP * GROUP,
+            far: jobs,
             range: (NEAR_RANGE.min(most), most),
             components,
         }
@@ -146,8 +145,6 @@ pub(crate) struct Check<'a> {
 /// The working memory of one job, handed from job to job.
 #[derive(Default)]
 pub(super) struct Scratch {
-    pub(super) faces: Vec<[u32; 3]>,
-    pub(super) corners: Corners,
     pub(super) stars: Stars<[u32; 2]>,
     pub(super) examiner: Examiner,
     pub(super) parents: Vec<u32>,

@@ -1,8 +1,7 @@
 //! The one strict mesh checker, for meshes of any size in bounded memory.
 //!
 //! ```text
-//!  survey     every triangle once, in groups: smallest and largest vertex number of each block; area and volume
-//!  far        area and volume of groups whose triangles' vertices lie far apart
+//!  survey     every triangle, in groups: smallest and largest vertex number of each block; area and volume
 //!  vertices   range by range: the corners at each vertex, gathered from the blocks that touch the range, tell of its edges
 //!             and fans; a union-find within the range, joined to the others' by the edges that leave it, of components
 //!  edges      only if some vertex has several fans: components once more, by triangles that share an edge
@@ -41,8 +40,9 @@ use crate::storage::spool::Workspace;
 /// Checks a mesh: topology, area, volume, box. Does not look for self-intersections: that is [`intersections`].
 ///
 /// Memory: about `budget` bytes, but no less than some 8 MB for each worker; beyond that 2 KB for every million triangles,
-/// and 32 bytes for each triangle of the vertex that has the most. `progress` is told the number of triangles done, up
-/// to the number of triangles; both passes over them count half.
+/// and 32 bytes for each triangle of the vertex that has the most. Temporary storage: 132 bytes a triangle if the mesh is in random
+/// order and the budget does not hold its vertices. `progress` is told the number of triangles done, up to the number of triangles;
+/// both passes over them count half.
 ///
 /// # Errors
 /// What reading the mesh or the work directory gives; [`crate::Error::TooManyElements`] if 32 bits cannot number the
@@ -76,12 +76,8 @@ pub(crate) fn check_near(
 
 impl Check<'_> {
     fn run(&self, progress: &mut dyn FnMut(u64)) -> Result<CheckReport> {
-        let scratch = Spares::default();
         let triangles = self.mesh.face_count();
-        let mut survey = self.survey(0..self.groups(), &scratch, &mut |done| progress(done / 2))?;
-        self.measure_far(0, &mut survey.sums, &scratch)?;
-        // What was read to measure triangles is not needed beside what vertices take.
-        drop(scratch);
+        let survey = self.survey(0..self.groups(), &mut |done| progress(done / 2))?;
         let scratch = Spares::default();
         let vertices = self.mesh.vertex_count();
         let ranges = self.ranges(&survey.blocks, vertices);
@@ -103,7 +99,7 @@ impl Check<'_> {
     /// What all triangles and all vertices have shown.
     fn report(&self, survey: &Survey, found: Found) -> Result<CheckReport> {
         let triangles = self.mesh.face_count();
-        let sums = survey.sums.iter().flatten().fold(Sums::NONE, |sum, group| sum.plus(*group));
+        let sums = survey.sums.iter().fold(Sums::NONE, |sum, group| sum.plus(*group));
         let (tally, sound) = (&found.tally, triangles - survey.degenerate);
         let mut components = found.sets;
         if tally.nonmanifold_vertices > 0 {

@@ -89,11 +89,9 @@ pub(crate) fn measure(
     progress: &mut dyn FnMut(u64),
 ) -> Result<Measured> {
     check_vertex_count(mesh.vertex_count())?;
-    let (check, scratch) = (means.check(mesh), Spares::default());
-    let groups = share.within(check.groups());
-    let mut survey = check.survey(groups.clone(), &scratch, progress)?;
-    check.measure_far(groups.start, &mut survey.sums, &scratch)?;
-    let sums = survey.sums.into_iter().flatten().map(|sums| sums.numbers().map(f64::to_bits)).collect();
+    let check = means.check(mesh);
+    let survey = check.survey(share.within(check.groups()), progress)?;
+    let sums = survey.sums.into_iter().map(|sums| sums.numbers().map(f64::to_bits)).collect();
     Ok(Measured { spans: survey.blocks.all().to_vec(), degenerate: survey.degenerate, sums })
 }
 
@@ -165,11 +163,11 @@ pub(crate) fn conclude(
 
 fn surveyed(check: &Check<'_>, measured: &[Measured]) -> Survey {
     let mut blocks = Blocks::new(check.plan.block);
-    measured.iter().for_each(|measured| blocks.extend(&measured.spans));
+    measured.iter().for_each(|measured| blocks.put(blocks.count() as usize, &measured.spans));
     let sums = measured.iter().flat_map(|measured| &measured.sums);
     Survey {
         blocks,
         degenerate: measured.iter().map(|measured| measured.degenerate).sum(),
-        sums: sums.map(|bits| Some(Sums::of_numbers(bits.map(f64::from_bits)))).collect(),
+        sums: sums.map(|bits| Sums::of_numbers(bits.map(f64::from_bits))).collect(),
     }
 }

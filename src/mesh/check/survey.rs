@@ -3,18 +3,17 @@
 use std::ops::Range;
 
 use super::blocks::Blocks;
-use super::job::{Check, Scratch};
+use super::job::Check;
 use crate::error::Result;
-use crate::mesh::corners::{fresh, span};
+use crate::mesh::corners::{Block, Lookup, Order};
 use crate::mesh::measure::{GROUP, Sums, is_degenerate};
-use crate::resources::workers::Spares;
 
 /// What the survey knows of the triangles.
 pub(super) struct Survey {
     pub blocks: Blocks,
     pub degenerate: u64,
-    /// The sums of each group; `None` for a far one until it has been measured.
-    pub sums: Vec<Option<Sums>>,
+    /// The sums of each group.
+    pub sums: Vec<Sums>,
 }
 
 impl Check<'_> {
@@ -24,74 +23,35 @@ impl Check<'_> {
     }
 
     /// Looks at the triangles of groups.
-    pub(super) fn survey(
-        &self,
-        groups: Range<usize>,
-        scratch: &Spares<Scratch>,
-        progress: &mut dyn FnMut(u64),
-    ) -> Result<Survey> {
-        let first_group = groups.start;
-        let blocks = Blocks::new(self.plan.block);
-        let mut survey = Survey { blocks: Blocks::new(self.plan.block), degenerate: 0, sums: Vec::new() };
-        let look = |group: usize| {
-            scratch.lend(|scratch| {
-                let first = self.read_group(first_group + group, &mut scratch.faces)?;
-                let spans = blocks.spans(first, &scratch.faces, self.mesh.vertex_count())?;
-                let degenerate = scratch.faces.iter().filter(|face| is_degenerate(**face)).count() as u64;
-                let wide = |(low, high): (u32, u32)| (high - low) as usize >= self.plan.window;
-                if span(&scratch.faces).is_some_and(wide) {
-                    return Ok((spans, degenerate, None));
-                }
-                scratch.corners.fill(self.mesh, &mut scratch.faces, self.plan.window)?;
-                Ok((spans, degenerate, Some(Sums::of(&scratch.faces, &scratch.corners.table))))
-            })
+    pub(super) fn survey(&self, groups: Range<usize>, progress: &mut dyn FnMut(u64)) -> Result<Survey> {
+        let lookup = Lookup {
+            mesh: self.mesh,
+            workers: self.workers,
+            workspace: self.workspace,
+            block: GROUP,
+            window: self.plan.window,
+            in_flight: self.plan.in_flight,
+            memory: self.plan.far,
         };
-        self.workers.in_order_range(self.plan.in_flight, groups.len(), look, |(spans, degenerate, sums)| {
-            survey.blocks.extend(&spans);
-            survey.degenerate += degenerate;
-            survey.sums.push(sums);
-            progress((survey.sums.len() as u64 * GROUP as u64).min(self.mesh.face_count()));
+        let blocks = Blocks::new(self.plan.block);
+        let (mut all, mut degenerate) = (Blocks::new(self.plan.block), 0);
+        let mut sums = vec![Sums::NONE; groups.len()];
+        let look = |group: &Block<'_, [f64; 3]>| {
+            let degenerate = group.vertices.iter().filter(|face| is_degenerate(**face)).count() as u64;
+            Ok((group.number, blocks.spans(group.vertices), degenerate, Sums::of(group.local, group.table)))
+        };
+        let read = |first: u64, positions: &mut [[f64; 3]]| self.mesh.read_vertices(first, positions);
+        let range = groups.start as u64..groups.end as u64;
+        let mut done = 0;
+        lookup.for_each(range, Order::NearFirst, &read, look, |(number, spans, repeated, measured)| {
+            let group = number as usize - groups.start;
+            all.put(group * (GROUP / self.plan.block), &spans);
+            degenerate += repeated;
+            sums[group] = measured;
+            done += GROUP as u64;
+            progress(done.min(self.mesh.face_count()));
             Ok(())
         })?;
-        Ok(survey)
-    }
-
-    /// Measures the groups that the survey left out, of those from `first_group` on, several at once since each batch may read all vertices.
-    pub(super) fn measure_far(
-        &self,
-        first_group: usize,
-        sums: &mut [Option<Sums>],
-        scratch: &Spares<Scratch>,
-    ) -> Result<()> {
-        let far: Vec<usize> = (0..sums.len()).filter(|&group| sums[group].is_none()).collect();
-        let batches: Vec<&[usize]> = far.chunks((self.plan.far / GROUP).max(1)).collect();
-        let measure = |batch: usize| {
-            scratch.lend(|scratch| {
-                let mut faces = Vec::new();
-                for &group in batches[batch] {
-                    self.read_group(first_group + group, &mut scratch.faces)?;
-                    faces.extend_from_slice(&scratch.faces);
-                }
-                scratch.corners.fill(self.mesh, &mut faces, self.plan.window)?;
-                // Only the mesh's last group may be short, and it is the last of its batch.
-                Ok(faces.chunks(GROUP).map(|group| Sums::of(group, &scratch.corners.table)).collect::<Vec<_>>())
-            })
-        };
-        let mut groups = far.iter();
-        self.workers.in_order_range(self.plan.in_flight, batches.len(), measure, |measured| {
-            // In this order: a zip asks its first side first, and the groups must not lose one to the batch's end.
-            for (measured, group) in measured.into_iter().zip(groups.by_ref()) {
-                sums[*group] = Some(measured);
-            }
-            Ok(())
-        })
-    }
-
-    /// Reads a group of triangles and returns the number of its first.
-    fn read_group(&self, group: usize, faces: &mut Vec<[u32; 3]>) -> Result<u64> {
-        let first = group as u64 * GROUP as u64;
-        fresh(faces, (self.mesh.face_count() - first).min(GROUP as u64) as usize);
-        self.mesh.read_faces(first, faces)?;
-        Ok(first)
+        Ok(Survey { blocks: all, degenerate, sums })
     }
 }

@@ -19,7 +19,7 @@ use std::ops::Range;
 use bytemuck::Pod;
 
 use self::join::{Joined, Room};
-pub(crate) use self::table::{PIECE_BYTES, fresh};
+pub(crate) use self::table::fresh;
 pub use self::table::{Corners, span};
 use self::table::{PIECE, ReadVertices};
 use super::MeshSource;
@@ -105,11 +105,16 @@ struct Known<'a, V> {
     local: &'a (dyn Fn(usize, &[[u32; 3]], &mut Vec<[u32; 3]>) + Sync),
 }
 
+/// The least memory for far blocks of so many triangles, of which so many are under way: one whose corners are looked up, and jobs. More makes them faster.
+pub(crate) fn least_memory(block: u64, in_flight: u64) -> u64 {
+    in_flight * block * LOOKED_AT_BYTES + block * size_of::<[[f64; 3]; 3]>() as u64 + (1 << 20)
+}
+
 impl Lookup<'_> {
     /// Hands over what `work` makes of blocks, with what `read` tells of their vertices.
     ///
     /// Memory: for near blocks 24 bytes for each triangle of a block, and a window of values, as often as there are jobs under way; for far ones what is given. Less than
-    /// what jobs and the corners of one block need is exceeded. 8 bytes for each far block. Temporary storage: see [`Joined::of`].
+    /// [`least_memory`] is exceeded. 8 bytes for each far block. Temporary storage: see [`Joined::of`].
     ///
     /// # Errors
     /// Errors of `read`, `work`, `sink` and of reading triangles; [`Error::CheckFailed`] if a triangle names a vertex that the mesh does not have; [`Error::Io`];

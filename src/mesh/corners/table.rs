@@ -10,8 +10,6 @@ use crate::mesh::MeshSource;
 
 /// Vertices read at once where a table is picked from scattered numbers: 1.5 MiB of positions.
 pub(super) const PIECE: usize = 1 << 16;
-/// The bytes of that.
-pub(crate) const PIECE_BYTES: u64 = PIECE as u64 * size_of::<[f64; 3]>() as u64;
 /// Unwanted vertices that are read along rather than skipped by a new read.
 const GAP: u32 = 1 << 12;
 
