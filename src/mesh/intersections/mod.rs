@@ -26,7 +26,7 @@ use self::found::{Found, Limits, Record};
 use self::pairs::Pairs;
 use crate::error::Result;
 use crate::mesh::check::job::{Check, Plan};
-use crate::mesh::corners::{Corners, span};
+use crate::mesh::corners::{Block, Lookup, Order};
 use crate::mesh::intersect::FARTHEST;
 use crate::mesh::measure::is_degenerate;
 use crate::mesh::{MeshSource, check_vertex_count};
@@ -36,8 +36,8 @@ use crate::storage::spool::Workspace;
 
 /// Distributions within each other at most: each makes cells smaller by up to [`CELLS`] times, so that more would not help.
 const DEEPEST: u32 = 4;
-/// Bytes for a triangle of a far batch: see [`Corners::fill`], the triangle, and its record on its way to the partitions.
-const FAR_BYTES: u64 = 122 + 12 + 100;
+/// Bytes for a triangle's record on its way to the partitions.
+const RECORD_BYTES: u64 = 100;
 
 /// The triangles that intersect, as [`crate::mesh::intersect`] defines it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -67,7 +67,7 @@ impl Intersections {
 ///
 /// Memory: about `budget` bytes, but no less than some 10 MB for each worker and as much once more; beyond that 16 bytes for
 /// each pair found. Temporary storage: 92 bytes a triangle, up to twice that for meshes of long triangles, and as much for
-/// cells that are distributed again. `progress` is told the number of triangles done, up to the number of triangles;
+/// cells that are distributed again; 132 bytes a triangle more if the mesh is in random order and the budget does not hold its vertices. `progress` is told the number of triangles done, up to the number of triangles;
 /// distribution and search count half each.
 ///
 /// # Errors
@@ -163,77 +163,35 @@ impl Search<'_> {
         partitions: &mut Partitions<Record>,
         progress: &mut dyn FnMut(u64),
     ) -> Result<()> {
-        let Check { mesh, plan, workers, .. } = self.check;
+        let Check { mesh, ref plan, workers, workspace } = *self.check;
         let block = plan.block as u64;
-        let blocks = mesh.face_count().div_ceil(block);
-        let read = |number: u64, faces: &mut Vec<[u32; 3]>| {
-            let first = number * block;
-            let held = faces.len();
-            faces.resize(held + (mesh.face_count() - first).min(block) as usize, [0; 3]);
-            mesh.read_faces(first, &mut faces[held..])
+        let records = plan.in_flight as u64 * block * RECORD_BYTES;
+        let lookup = Lookup {
+            mesh,
+            workers,
+            workspace,
+            block: plan.block,
+            window: plan.window,
+            in_flight: plan.in_flight,
+            memory: (self.budget / 2).saturating_sub(records),
         };
+        let blocks = 0..mesh.face_count().div_ceil(block);
+        let read = |first: u64, positions: &mut [[f64; 3]]| mesh.read_vertices(first, positions);
         let mut done = 0;
-        let mut put = |numbers: usize, records: Vec<(Option<u32>, Record)>| {
-            done += numbers as u64 * block;
-            progress(done.min(mesh.face_count()));
-            records.iter().try_for_each(|(cell, record)| match cell {
-                Some(cell) => partitions.push(*cell as usize, record),
-                None => push_to_all(partitions, tree, record),
-            })
-        };
-
-        // Blocks whose vertices lie far apart wait, since each batch of them may read all vertices.
-        let mut far = Vec::new();
-        let look = |number: usize| {
-            let (mut faces, mut records) = (Vec::new(), Vec::new());
-            read(number as u64, &mut faces)?;
-            if span(&faces).is_some_and(|(low, high)| (high - low) as usize >= plan.window) {
-                return Ok((Some(number as u64), records));
-            }
-            self.records(tree, &[number as u64], faces, &mut records)?;
-            Ok((None, records))
-        };
-        workers.in_order_range(plan.in_flight, blocks as usize, look, |(number, records)| match number {
-            Some(number) => {
-                far.push(number);
-                Ok(())
-            }
-            None => put(1, records),
-        })?;
-
-        let batch = (self.budget / 2 / plan.in_flight as u64 / FAR_BYTES / block).max(1) as usize;
-        let batches: Vec<&[u64]> = far.chunks(batch).collect();
-        let look = |number: usize| {
-            let (mut faces, mut records) = (Vec::new(), Vec::new());
-            batches[number].iter().try_for_each(|number| read(*number, &mut faces))?;
-            self.records(tree, batches[number], faces, &mut records)?;
-            Ok((batches[number].len(), records))
-        };
-        workers.in_order_range(plan.in_flight, batches.len(), look, |(numbers, records)| put(numbers, records))
-    }
-
-    /// The records of the triangles of some blocks, each with its cell if that is only one. Others are copied to their cells
-    /// as they are put there: a huge triangle may be in all of them.
-    fn records(
-        &self,
-        tree: &Tree,
-        blocks: &[u64],
-        mut faces: Vec<[u32; 3]>,
-        records: &mut Vec<(Option<u32>, Record)>,
-    ) -> Result<()> {
-        let vertices = faces.clone();
-        let mut corners = Corners::default();
-        corners.fill(self.check.mesh, &mut faces, self.check.plan.window)?;
-        records.reserve_exact(faces.len());
-        let block = self.check.plan.block as u64;
-        let numbers = blocks.iter().flat_map(|number| number * block..(number + 1) * block);
-        for ((face, vertices), number) in faces.iter().zip(vertices).zip(numbers) {
-            let corners = face.map(|v| corners.table[v as usize]);
-            if is_sound(vertices, &corners) {
-                records.push((tree.only(&Cuboid::around(corners)), Record { corners, vertices, number }));
-            }
-        }
-        Ok(())
+        lookup.for_each(
+            blocks,
+            Order::NearFirst,
+            &read,
+            |found| Ok(records_of(tree, block, found)),
+            |records| {
+                done += block;
+                progress(done.min(mesh.face_count()));
+                records.iter().try_for_each(|(cell, record)| match cell {
+                    Some(cell) => partitions.push(*cell as usize, record),
+                    None => push_to_all(partitions, tree, record),
+                })
+            },
+        )
     }
 
     /// Searches the cells' partitions: those that fit in memory first, the others by distributing them in their turn.
@@ -300,6 +258,17 @@ impl Search<'_> {
         }
         Ok(())
     }
+}
+
+/// The records of a block's triangles, each with its cell if that is only one. Others are copied to their cells as they are put there: a huge triangle may be in all of them.
+fn records_of(tree: &Tree, block: u64, found: &Block<'_, [f64; 3]>) -> Vec<(Option<u32>, Record)> {
+    let mut records = Vec::with_capacity(found.vertices.len());
+    for ((&vertices, corners), number) in found.vertices.iter().zip(found.corners()).zip(found.number * block..) {
+        if is_sound(vertices, &corners) {
+            records.push((tree.only(&Cuboid::around(corners)), Record { corners, vertices, number }));
+        }
+    }
+    records
 }
 
 /// Puts a record on the partitions of all cells that its triangle's box touches.
