@@ -94,6 +94,9 @@ struct Scratch<V> {
     corners: Corners<V>,
 }
 
+/// Appends the triangles of a far block by places in a table. Is told how many far blocks the table has before it, and its triangles.
+type Renumber<'a> = dyn Fn(usize, &[[u32; 3]], &mut Vec<[u32; 3]>) + Sync + 'a;
+
 /// Far blocks whose corners are known.
 struct Known<'a, V> {
     far: &'a [u64],
@@ -101,8 +104,9 @@ struct Known<'a, V> {
     end: Option<u64>,
     /// What the vertices have.
     table: &'a [V],
-    /// Tells the triangles of a far block by places in the table, from how many far blocks are before it, and its triangles.
-    local: &'a (dyn Fn(usize, &[[u32; 3]], &mut Vec<[u32; 3]>) + Sync),
+    renumber: &'a Renumber<'a>,
+    /// What jobs on other far blocks have left.
+    spares: &'a Spares<Scratch<V>>,
 }
 
 /// The least memory for far blocks of so many triangles, of which so many are under way: one whose corners are looked up, and jobs. More makes them faster.
@@ -203,6 +207,8 @@ impl Lookup<'_> {
         work: &(impl Fn(&Block<'_, V>) -> Result<R> + Sync),
         sink: &mut impl FnMut(R) -> Result<()>,
     ) -> Result<()> {
+        // The same for all stretches: what workers have taken and this thread gives back would wait for them.
+        let spares = Spares::<Scratch<V>>::default();
         let jobs = (self.in_flight * self.block) as u64 * LOOKED_AT_BYTES;
         let memory = self.memory.saturating_sub(jobs);
         let vertices = self.mesh.vertex_count();
@@ -211,13 +217,16 @@ impl Lookup<'_> {
         let picked = triangles * PICKED_BYTES + (PIECE * size_of::<V>()) as u64;
         if picked <= memory.min(all) && 3 * triangles <= u64::from(u32::MAX) {
             let (mut picked, mut corners) = (Vec::with_capacity(triangles as usize), Corners::default());
-            self.each_of(far, |faces| Ok(picked.extend_from_slice(faces)))?;
+            self.each_of(far, |faces| {
+                picked.extend_from_slice(faces);
+                Ok(())
+            })?;
             corners.fill_from(read, &mut picked, 0)?;
-            let local = |place: usize, faces: &[[u32; 3]], out: &mut Vec<[u32; 3]>| {
+            let renumber = |place: usize, faces: &[[u32; 3]], out: &mut Vec<[u32; 3]>| {
                 out.extend_from_slice(&picked[place * self.block..][..faces.len()]);
             };
-            let known = Known { far, end, table: &corners.table, local: &local };
-            return self.known(&known, read, work, sink);
+            let table = &corners.table;
+            return self.known(&Known { far, end, table, renumber: &renumber, spares: &spares }, read, work, sink);
         }
         if all <= memory {
             let mut table = vec![V::default(); vertices as usize];
@@ -225,8 +234,9 @@ impl Lookup<'_> {
                 self.workers.check_cancelled()?;
                 read((piece * PIECE) as u64, values)?;
             }
-            let local = |_, faces: &[[u32; 3]], out: &mut Vec<[u32; 3]>| out.extend_from_slice(faces);
-            return self.known(&Known { far, end, table: &table, local: &local }, read, work, sink);
+            let renumber = |_, faces: &[[u32; 3]], out: &mut Vec<[u32; 3]>| out.extend_from_slice(faces);
+            let known = Known { far, end, table: &table, renumber: &renumber, spares: &spares };
+            return self.known(&known, read, work, sink);
         }
         let room = Room { workers: self.workers, workspace: self.workspace, memory };
         let block = 3 * self.block as u64;
@@ -237,11 +247,12 @@ impl Lookup<'_> {
         for (number, part) in far.chunks(stretch).enumerate() {
             joined.take(number, &mut table)?;
             let end = end.map(|end| far.get((number + 1) * stretch).copied().unwrap_or(end));
-            let local = |place: usize, faces: &[[u32; 3]], out: &mut Vec<[u32; 3]>| {
+            let renumber = |place: usize, faces: &[[u32; 3]], out: &mut Vec<[u32; 3]>| {
                 let first = 3 * (place * self.block) as u32;
                 out.extend((first..).step_by(3).zip(faces).map(|(first, face)| by_places(first, *face)));
             };
-            self.known(&Known { far: part, end, table: &table, local: &local }, read, work, sink)?;
+            let known = Known { far: part, end, table: &table, renumber: &renumber, spares: &spares };
+            self.known(&known, read, work, sink)?;
         }
         Ok(())
     }
@@ -254,8 +265,7 @@ impl Lookup<'_> {
         work: &(impl Fn(&Block<'_, V>) -> Result<R> + Sync),
         sink: &mut impl FnMut(R) -> Result<()>,
     ) -> Result<()> {
-        let Known { far, end, table, local: tell } = *known;
-        let spares = Spares::<Scratch<V>>::default();
+        let Known { far, end, table, renumber, spares } = *known;
         let look = |i: usize| {
             spares.lend(|scratch| {
                 let number = if end.is_some() { far[0] + i as u64 } else { far[i] };
@@ -263,7 +273,7 @@ impl Lookup<'_> {
                 let Ok(place) = far.binary_search(&number) else { return self.near(number, span, read, scratch, work) };
                 let Scratch { vertices, local, .. } = scratch;
                 local.clear();
-                tell(place, vertices, local);
+                renumber(place, vertices, local);
                 work(&Block { number, span, is_near: false, vertices, local, table })
             })
         };

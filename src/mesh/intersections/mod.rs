@@ -30,7 +30,7 @@ use crate::mesh::corners::{Block, Lookup, Order};
 use crate::mesh::intersect::FARTHEST;
 use crate::mesh::measure::is_degenerate;
 use crate::mesh::{MeshSource, check_vertex_count};
-use crate::resources::workers::Workers;
+use crate::resources::workers::{Spares, Workers};
 use crate::storage::partitions::Partitions;
 use crate::storage::spool::Workspace;
 
@@ -177,21 +177,24 @@ impl Search<'_> {
         };
         let blocks = 0..mesh.face_count().div_ceil(block);
         let read = |first: u64, positions: &mut [[f64; 3]]| mesh.read_vertices(first, positions);
+        // Handed to and fro: what one thread takes and another gives back would wait for the first.
+        let spares = Spares::<Vec<(Option<u32>, Record)>>::default();
+        let look = |found: &Block<'_, [f64; 3]>| {
+            let mut records = spares.take().unwrap_or_default();
+            put_records(tree, block, found, &mut records);
+            Ok(records)
+        };
         let mut done = 0;
-        lookup.for_each(
-            blocks,
-            Order::NearFirst,
-            &read,
-            |found| Ok(records_of(tree, block, found)),
-            |records| {
-                done += block;
-                progress(done.min(mesh.face_count()));
-                records.iter().try_for_each(|(cell, record)| match cell {
-                    Some(cell) => partitions.push(*cell as usize, record),
-                    None => push_to_all(partitions, tree, record),
-                })
-            },
-        )
+        lookup.for_each(blocks, Order::NearFirst, &read, look, |records| {
+            done += block;
+            progress(done.min(mesh.face_count()));
+            records.iter().try_for_each(|(cell, record)| match cell {
+                Some(cell) => partitions.push(*cell as usize, record),
+                None => push_to_all(partitions, tree, record),
+            })?;
+            spares.give(records);
+            Ok(())
+        })
     }
 
     /// Searches the cells' partitions: those that fit in memory first, the others by distributing them in their turn.
@@ -260,15 +263,16 @@ impl Search<'_> {
     }
 }
 
-/// The records of a block's triangles, each with its cell if that is only one. Others are copied to their cells as they are put there: a huge triangle may be in all of them.
-fn records_of(tree: &Tree, block: u64, found: &Block<'_, [f64; 3]>) -> Vec<(Option<u32>, Record)> {
-    let mut records = Vec::with_capacity(found.vertices.len());
+/// Makes `records` those of a block's triangles, each with its cell if that is only one. Others are copied to their cells as they are put there: a huge triangle may be in all of
+/// them.
+fn put_records(tree: &Tree, block: u64, found: &Block<'_, [f64; 3]>, records: &mut Vec<(Option<u32>, Record)>) {
+    records.clear();
+    records.reserve_exact(found.vertices.len());
     for ((&vertices, corners), number) in found.vertices.iter().zip(found.corners()).zip(found.number * block..) {
         if is_sound(vertices, &corners) {
             records.push((tree.only(&Cuboid::around(corners)), Record { corners, vertices, number }));
         }
     }
-    records
 }
 
 /// Puts a record on the partitions of all cells that its triangle's box touches.
