@@ -423,6 +423,7 @@ fn close_signed(
     let solid = Solid::between(&occupancy, &sides, &Ball::squared(last.max(3)), context)?;
     drop(sides);
     progress.done(slices);
+    // Sheets before dents: where a body stands on a sheet, the ball would get through its gaps, and the wedge between the two would be dents.
     let thick = sheets(0).thickened(side, &occupancy, context)?;
     let solid = if let Some(thick) = &thick { solid.with(thick, context)? } else { solid };
     let solid = solid.without_dents(thick.as_ref(), &occupancy, context)?;

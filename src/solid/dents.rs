@@ -117,13 +117,13 @@ impl Solid {
     }
 }
 
-/// What a dent's faces turn to.
+/// What a dent's faces turn to, as far as it tells whether the dent was sampled.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Zeroable, Pod)]
 #[repr(C)]
 pub struct Lining {
     /// Faces to occupied cells.
     sampled: u64,
-    /// Faces to other solid cells.
+    /// Faces to other solid cells that tell: those that sheets were thickened by do not.
     bare: u64,
 }
 
@@ -141,7 +141,7 @@ impl Lining {
         Lining { sampled, bare }
     }
 
-    /// The lining of a run of row `z` of slice `y`, among the solid and the occupied cells of the slices round it.
+    /// The lining of a run of row `z` of slice `y`, among the solid cells that tell and the occupied cells of the slices round it.
     pub fn of([solid, occupied]: &[Window<Bits>; 2], y: i64, z: u32, run: Run) -> Lining {
         let mut lining = Lining::default();
         let mut add = |y: i64, z: u32, start: u32, end: u32| {

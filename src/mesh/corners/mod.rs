@@ -6,7 +6,8 @@
 //!  many far blocks    all vertices are read at once if memory holds them, else two sorts on disk join them to corners (join)
 //! ```
 //!
-//! A mesh is read once or twice in any case, and never once for each block.
+//! Beside the windows of near blocks, each vertex is read once at most, whichever way far blocks take. Their triangles are read two or three times, and once more where blocks are
+//! wanted in order.
 
 mod join;
 mod table;

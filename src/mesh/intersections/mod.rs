@@ -67,8 +67,8 @@ impl Intersections {
 ///
 /// Memory: about `budget` bytes, but no less than some 10 MB for each worker and as much once more; beyond that 16 bytes for
 /// each pair found. Temporary storage: 92 bytes a triangle, up to twice that for meshes of long triangles, and as much for
-/// cells that are distributed again; 132 bytes a triangle more if the mesh is in random order and the budget does not hold its vertices. `progress` is told the number of triangles done, up to the number of triangles;
-/// distribution and search count half each.
+/// cells that are distributed again; 132 bytes a triangle more if the mesh is in random order and the budget does not hold its
+/// vertices. `progress` is told the number of triangles done, up to the number of triangles; distribution and search count half each.
 ///
 /// # Errors
 /// What reading the mesh or the work directory gives; [`crate::Error::TooManyElements`] if 32 bits cannot number the
