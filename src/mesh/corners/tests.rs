@@ -149,13 +149,16 @@ fn no_vertex_is_read_more_than_once_for_far_blocks() {
     let mut circle: Vec<_> = (0..200_000u32).map(|i| [2 * i, 2 * i + 1, (2 * i + 2) % vertices]).collect();
     circle[100_000] = [5, 200_000, 399_000];
     let jobs = 2 * 1000 * LOOKED_AT_BYTES;
-    // Two sorts; all vertices at once; and picked corners, which are few.
+    // All over the first quarter of the vertices.
+    let low: Vec<_> = (0..50_000u32).map(|i| [i * 2, 99_999 - i, (i * 7919) % 100_000]).collect();
+    // Two sorts; all vertices at once; picked corners, which are few; and two sorts that need not read all vertices.
     for (faces, memory, most) in [
         (scattered.clone(), 0, u64::from(vertices)),
         (scattered.clone(), jobs + 1_000_000, u64::from(vertices)),
         (scattered, 1 << 26, u64::from(vertices)),
         (circle.clone(), 0, 3 * u64::from(vertices)),
         (circle, 1 << 26, u64::from(vertices) + 60_000),
+        (low, 0, 101_000),
     ] {
         let mesh = Named::new(u64::from(vertices), faces);
         let (found, read) = found(&mesh, Order::NearFirst, (1000, 3000, memory), 1);
