@@ -134,12 +134,14 @@ fn every_operation(case: &Case, fault: impl Fn(u64) -> Fault, after: &[Crash]) -
 }
 
 #[test]
+#[ignore = "exhaustive"]
 fn killed_at_every_operation() {
     let resumed = every_operation(&Case::new(false), Fault::CrashAt, &[Crash::Kill]);
     println!("{resumed} kills");
 }
 
 #[test]
+#[ignore = "exhaustive"]
 fn the_power_is_cut_at_every_operation() {
     let cuts = [Crash::PowerCut(1), Crash::PowerCut(7)];
     let resumed = every_operation(&Case::new(false), Fault::CrashAt, &cuts);
@@ -147,12 +149,14 @@ fn the_power_is_cut_at_every_operation() {
 }
 
 #[test]
+#[ignore = "exhaustive"]
 fn an_open_surface_is_killed_at_every_operation() {
     let resumed = every_operation(&Case::new(true), Fault::CrashAt, &[Crash::Kill]);
     println!("{resumed} kills");
 }
 
 #[test]
+#[ignore = "exhaustive"]
 fn the_disk_breaks_or_is_full_at_every_operation() {
     let case = Case::new(false);
     every_operation(&case, Fault::BrokenAt, &[Crash::Kill]);

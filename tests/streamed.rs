@@ -423,6 +423,7 @@ fn centre([x, y, z]: [u32; 3]) -> [f64; 3] {
 }
 
 #[test]
+#[ignore = "exhaustive"]
 fn all_256_corners_give_the_twins_mesh_on_a_seam() {
     let settings = Settings {
         fineness: Fineness::Given(Resolution::Slices(24)),
@@ -496,6 +497,7 @@ proptest! {
     }
 
     #[test]
+    #[ignore = "exhaustive"]
     fn a_tall_noisy_cloud_gives_the_twins_mesh_across_seams(
         points in prop::collection::vec([0.0f32..3.0, 0.0f32..20.0, 0.0f32..4.0], 50..400),
         settings in settings(),
@@ -634,6 +636,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 8, max_global_rejects: 100_000, ..ProptestConfig::default() })]
 
     #[test]
+    #[ignore = "exhaustive"]
     fn a_landscape_gives_the_twins_sheet(points in landscape(), settings in open_settings(), single in any::<bool>()) {
         assert_same_open(&points, single, &settings)?;
     }

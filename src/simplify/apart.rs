@@ -12,9 +12,10 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
+use super::given::blocks;
 use super::mark::{Mark, Marks};
 use super::passes::{self, SHARES, Triangles, meeting_rows};
-use super::soup::{Record, Soup, each_block};
+use super::soup::{BLOCK, Record, Soup, each_block};
 use super::space::Space;
 use super::{Figures, Given, limits};
 use crate::error::Result;
@@ -115,9 +116,9 @@ fn deal_as<T: Coordinate, M: Mark>(
     let each = |visit: Visit<'_, T, M>| match &soup {
         Some(soup) => soup.each_block(visit),
         None => {
-            let groups = given.mesh.face_count().div_ceil(passes::BLOCK as u64) as usize;
-            let end = |number: usize| (groups as u128 * number as u128 / of as u128) as usize;
-            passes.groups(given.mesh, given.wanted::<M>()?, end(number)..end(number + 1), |records| visit(&records))
+            let blocks = blocks(given.mesh);
+            let end = |number: usize| (u128::from(blocks) * number as u128 / of as u128) as u64;
+            passes.reading(given.mesh, given.wanted::<M>()?).for_each(end(number)..end(number + 1), visit)
         }
     };
     let rows = planes.rows();
@@ -131,10 +132,10 @@ fn deal_as<T: Coordinate, M: Mark>(
     })?;
     (0..rows)
         .map(|row| {
-            let mut block = Vec::with_capacity(passes::BLOCK);
+            let mut block = Vec::with_capacity(BLOCK);
             dealt.read(row, |record| {
                 block.push(*record);
-                if block.len() < passes::BLOCK {
+                if block.len() < BLOCK {
                     return Ok(());
                 }
                 let put = out.append(bytemuck::cast_slice(&block)).map(drop);

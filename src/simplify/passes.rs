@@ -7,8 +7,8 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::collapse::Limits;
-use super::gap::Drift;
-use super::mark::{Blend, Colours, Mark, Marks};
+use super::given::{self, Reading, Wanted};
+use super::mark::Mark;
 use super::part::Gathered;
 use super::soup::{Record, Sample, Soup};
 use super::space::Space;
@@ -56,19 +56,6 @@ pub(super) const SHARES: [f64; 3] = [0.5, 0.38, 0.62];
 const UNEVEN: u64 = 2;
 /// Parts of a row.
 const ROW: usize = if cfg!(test) { 4 } else { 64 };
-/// Records, or triangles of the mesh, that are read at a time.
-pub(super) const BLOCK: usize = 1 << 13;
-/// Vertices that are read along with a group of triangles if its numbers span no more.
-const WINDOW: usize = 1 << 16;
-
-/// What is read of a mesh's vertices beside their places.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Wanted {
-    /// The number of the attribute that tells classes.
-    pub(super) classes: Option<usize>,
-    /// Colours, if marks are carried.
-    pub(super) colours: Option<Colours>,
-}
 
 /// Where a pass has its triangles from.
 #[derive(Clone, Copy)]
@@ -123,7 +110,8 @@ impl Room {
 
     fn fixed<T: Coordinate, M: Mark>(triangles: u64) -> u64 {
         pages::<T, M>(triangles.div_ceil(PART / 2))
-            + reading::<T, M>(triangles)
+            + given::bytes::<T, M>(triangles)
+            + given::far_bytes(triangles).saturating_sub(Room::largest::<T, M>(triangles))
             + 3 * Sample::<T>::BYTES.min(triangles * size_of::<[T; 3]>() as u64)
     }
 
@@ -177,13 +165,6 @@ fn pages<T, M>(parts: u64) -> u64 {
     2 * fine.max(coarse)
 }
 
-/// Bytes of a group of triangles that is read, with the vertices that its numbers span, and of its records.
-fn reading<T, M: Mark>(triangles: u64) -> u64 {
-    let group = triangles.min(BLOCK as u64) * (2 * size_of::<Record<T, M>>() as u64 + 3 * 12 + 110);
-    let channels = if M::CARRIED { 3 * 8 } else { 0 };
-    group + (WINDOW as u64).min(3 * triangles) * (24 + 8 + channels)
-}
-
 impl Passes<'_> {
     /// Simplifies, pass after pass. `progress` is told the part that is done.
     pub(super) fn simplified<T: Coordinate, M: Mark>(
@@ -220,16 +201,10 @@ impl Passes<'_> {
         Partitions::new(rows, self.room.pages / 2, self.room.quota, self.workspace)
     }
 
-    /// Visits the triangles of some groups of a mesh, in order.
-    pub(super) fn groups<T: Coordinate, M: Mark>(
-        &self,
-        mesh: &dyn MeshSource,
-        wanted: Wanted,
-        groups: Range<usize>,
-        visit: impl FnMut(Vec<Record<T, M>>) -> Result<()>,
-    ) -> Result<()> {
-        let read = |group: usize| read_group(mesh, wanted, groups.start + group);
-        self.workers.in_order_range(1, groups.len(), read, visit)
+    /// A mesh that is read. Parts take no memory meanwhile.
+    pub(super) fn reading<'m>(&'m self, mesh: &'m dyn MeshSource, wanted: Wanted) -> Reading<'m> {
+        let memory = self.room.jobs.max(given::far_bytes(mesh.face_count()));
+        Reading { mesh, wanted, workers: self.workers, workspace: self.workspace, memory }
     }
 
     /// The planes of a pass.
@@ -464,49 +439,10 @@ impl<T: Coordinate, M: Mark> Triangles<'_, T, M> {
     }
 
     /// Visits all triangles in order. Those that repeat a vertex are left out.
-    fn visit(&self, passes: &Passes, mut visit: impl FnMut(&[Record<T, M>]) -> Result<()>) -> Result<()> {
+    fn visit(&self, passes: &Passes, visit: impl FnMut(&[Record<T, M>]) -> Result<()>) -> Result<()> {
         match self {
             Triangles::Soup(soup) => soup.each_block(visit),
-            Triangles::Mesh(mesh, wanted) => {
-                let groups = mesh.face_count().div_ceil(BLOCK as u64) as usize;
-                passes.groups(*mesh, *wanted, 0..groups, |records: Vec<Record<T, M>>| visit(&records))
-            }
+            Triangles::Mesh(mesh, wanted) => passes.reading(*mesh, *wanted).for_each(0..given::blocks(*mesh), visit),
         }
     }
-}
-
-/// A group of triangles with their corners' places and classes.
-fn read_group<T: Coordinate, M: Mark>(
-    mesh: &dyn MeshSource,
-    wanted: Wanted,
-    group: usize,
-) -> Result<Vec<Record<T, M>>> {
-    let first = (group * BLOCK) as u64;
-    let mut faces = vec![[0; 3]; (mesh.face_count() - first).min(BLOCK as u64) as usize];
-    mesh.read_faces(first, &mut faces)?;
-    faces.retain(|face| !is_degenerate(*face));
-    let numbers = faces.clone();
-    let mut corners = Corners::default();
-    corners.fill(mesh, &mut faces, WINDOW)?;
-    // The table's order is the same for whatever is read of the same vertices.
-    let read = |attribute: usize| {
-        let (mut table, mut again) = (Corners::<f64>::default(), numbers.clone());
-        table.fill_from(&|first, out| mesh.read_attribute(attribute, first, out), &mut again, WINDOW)?;
-        Ok::<_, Error>(table.table)
-    };
-    let of_class = wanted.classes.map(read).transpose()?.unwrap_or_default();
-    let class = |v: u32| of_class.get(v as usize).map_or(0, |class| *class as u16);
-    let mut channels = Vec::new();
-    if let Some(colours) = wanted.colours {
-        for attribute in colours.attributes {
-            channels.push(read(attribute)?);
-        }
-    }
-    let colour = |v: u32| std::array::from_fn(|c| channels.get(c).map_or(0.0, |channel| channel[v as usize] as f32));
-    let record = |(face, number): (&[u32; 3], &[u32; 3])| {
-        let places = face.map(|v| corners.table[v as usize]);
-        let corners = std::array::from_fn(|corner| Blend::of(number[corner], colour(face[corner])));
-        Record::new(*number, face.map(class), places, Drift::NONE, Marks { corners, ..Marks::default() })
-    };
-    Ok(faces.iter().zip(&numbers).map(record).collect())
 }

@@ -74,7 +74,7 @@ pub(super) fn record_bytes<T, M>() -> u64 {
 }
 
 /// Triangles read at a time.
-const BLOCK: usize = 1 << 13;
+pub(super) const BLOCK: usize = 1 << 13;
 /// Places that are kept of a pass's triangles, to cut space by: the most.
 const SAMPLE: usize = 1 << 18;
 

@@ -17,6 +17,7 @@ use crate::points::scalar::Scalar;
 
 mod apart;
 mod beside;
+mod given;
 mod kept;
 mod moved;
 

@@ -308,6 +308,7 @@ fn cases(seeds: Range<u64>, slab_slices: Option<u32>) -> impl Iterator<Item = Ca
 }
 
 #[test]
+#[ignore = "exhaustive"]
 fn from_a_clean_seam_on_all_is_written_as_in_one_run() {
     let (mut clean, mut changed, mut all) = (0, 0, 0);
     for slab_slices in [None, Some(8), Some(12), Some(16)] {
@@ -359,6 +360,7 @@ fn pieces_that_are_made_apart_give_one_mesh() {
 
 /// Whatever slabs pieces begin with, all is written as by one.
 #[test]
+#[ignore = "exhaustive"]
 fn all_sets_of_boundaries_give_one_mesh() {
     let workers = Workers::new(2).unwrap();
     let (mut sets, mut dirty) = (0, 0);
@@ -395,6 +397,7 @@ fn all_sets_of_boundaries_give_one_mesh() {
 
 /// A piece none of whose first seams is clean gives up, and hardly a slab is made in vain.
 #[test]
+#[ignore = "exhaustive"]
 fn a_piece_in_vain_gives_up() {
     const TRIES: u32 = 2;
     let workers = Workers::new(2).unwrap();

@@ -50,7 +50,7 @@ impl Need {
         let near =
             group * 2 * size_of::<[u32; 3]>() as u64 + widest.min(WINDOW.1 as u64) * size_of::<[f64; 3]>() as u64;
         // A group can span more than a window only where there are more vertices.
-        let far = if widest > WINDOW.1 as u64 { corners::least_memory(group, jobs + 1) } else { 0 };
+        let far = if widest > WINDOW.1 as u64 { corners::least_memory::<[f64; 3]>(group, jobs + 1) } else { 0 };
         let surveying = (jobs.min(triangles.div_ceil(GROUP as u64)) * near).max(far);
 
         let range = vertices.min(u64::from(NEAR_RANGE));

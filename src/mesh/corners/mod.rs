@@ -31,7 +31,7 @@ use crate::storage::spool::Workspace;
 /// Bytes of memory for each triangle whose corners are picked: see [`Corners::fill`], and the triangle.
 const PICKED_BYTES: u64 = 110 + 12;
 /// Bytes for each triangle of a far block that a job looks at: as the mesh numbers its vertices, and by places in the table.
-const LOOKED_AT_BYTES: u64 = 24;
+pub(crate) const LOOKED_AT_BYTES: u64 = 24;
 
 /// What vertices have: their positions, say.
 pub(crate) trait Value: Pod + Default + Send + Sync {}
@@ -111,8 +111,8 @@ struct Known<'a, V> {
 }
 
 /// The least memory for far blocks of so many triangles, of which so many are under way: one whose corners are looked up, and jobs. More makes them faster.
-pub(crate) fn least_memory(block: u64, in_flight: u64) -> u64 {
-    in_flight * block * LOOKED_AT_BYTES + block * size_of::<[[f64; 3]; 3]>() as u64 + (1 << 20)
+pub(crate) fn least_memory<V>(block: u64, in_flight: u64) -> u64 {
+    in_flight * block * LOOKED_AT_BYTES + block * size_of::<[V; 3]>() as u64 + (1 << 20)
 }
 
 impl Lookup<'_> {

@@ -11,7 +11,7 @@ use crate::mesh::MeshSource;
 /// Vertices read at once where a table is picked from scattered numbers: 1.5 MiB of positions.
 pub(super) const PIECE: usize = 1 << 16;
 /// Unwanted vertices that are read along rather than skipped by a new read.
-const GAP: u32 = 1 << 12;
+const GAP: u32 = 1 << 9;
 
 /// What some triangles need of their vertices, positions mostly: a table, and the triangles renumbered to it.
 #[derive(Debug, Default)]
