@@ -18,6 +18,8 @@ use super::queue::Queue;
 pub(super) struct Limits {
     /// No place of either surface is farther than this from the other.
     pub(super) tolerance: f64,
+    /// Within this, all has gone that could: 0 if nothing was tried.
+    pub(super) before: f64,
     /// A collapse that costs more is not made: of the squared distances from the planes of the triangles that go, their areas' sum.
     pub(super) cost: f64,
     /// No channel of the colour changes by more than this.
@@ -36,6 +38,9 @@ const MOST_TRIED: usize = 3;
 pub(super) const SHAPE: f64 = 0.15;
 /// What edges' lengths weigh beside distances from planes: flat areas become even triangles.
 pub(super) const EVEN: f64 = 1e-3;
+/// The shares of the tolerance that collapses are kept to, one after the other. What is cheap but goes far comes last: it would leave triangles that have used the tolerance up
+/// beside others that have hardly begun, and these could not go.
+const STEPS: [f64; 3] = [0.5, 0.75, 1.0];
 /// What the rim's planes weigh beside those of triangles.
 const RIM: f64 = 10.0;
 
@@ -58,6 +63,8 @@ pub(super) struct Simplifier<'a> {
     pub(super) queue: Queue,
     /// Vertices whose cost may have changed.
     pub(super) stale: Vec<bool>,
+    /// Vertices that could not go within the tolerance when they were looked at last.
+    far: Vec<bool>,
     pub(super) costs: Vec<f32>,
     /// Of each vertex that is in the queue and not stale: the cheapest of its neighbours, in order, while no places are tried.
     best: Vec<[u32; MOST_TRIED]>,
@@ -112,6 +119,7 @@ impl<'a> Simplifier<'a> {
             rim: vec![false; vertices],
             queue: Queue::new(piece.numbers.iter().map(|number| mixed(*number) as u32).collect()),
             stale: vec![false; vertices],
+            far: vec![false; vertices],
             costs: vec![0.0; vertices],
             best: vec![[NONE; MOST_TRIED]; vertices],
             around: Vec::new(),
@@ -282,16 +290,31 @@ impl<'a> Simplifier<'a> {
 
     /// Collapses until nothing more can go.
     pub(super) fn run(&mut self) {
-        self.run_through();
+        let Limits { tolerance, before, .. } = self.limits;
+        let mut once_more = false;
+        for share in STEPS {
+            let is_more = share * tolerance > before && tolerance < f64::INFINITY;
+            if is_more || share == 1.0 {
+                self.limits.tolerance = share * tolerance;
+                self.run_through(once_more);
+                once_more = true;
+            }
+        }
         if self.limits.moves && !self.placing {
             self.placing = true;
-            self.run_through();
+            self.run_through(false);
         }
     }
 
-    fn run_through(&mut self) {
+    /// Collapses until nothing more can go: begins with the vertices that are not settled or, once more, with those that could not go within the tolerance.
+    fn run_through(&mut self, once_more: bool) {
         for vertex in 0..self.piece.positions.len() as u32 {
-            if !self.piece.star(vertex).is_empty() && !self.piece.settled[vertex as usize] {
+            let is_tried = if once_more {
+                std::mem::take(&mut self.far[vertex as usize])
+            } else {
+                !self.piece.settled[vertex as usize]
+            };
+            if is_tried && !self.piece.star(vertex).is_empty() {
                 self.push(vertex);
             }
         }
@@ -309,6 +332,7 @@ impl<'a> Simplifier<'a> {
                     continue;
                 }
             }
+            self.far[vertex as usize] = false;
             if !leaving.look_round(&self.piece, vertex) || leaving.ring.vertices.len() > MOST {
                 continue;
             }
@@ -426,6 +450,7 @@ impl<'a> Simplifier<'a> {
             let way = if seen { self.overlay.moved() } else { self.piece.position(target) - own };
             let bound = leaving.used.along(way, [-1.0, 0.0]).wider(ROUNDING * way.length());
             if bound.most() > self.limits.tolerance {
+                self.far[vertex as usize] = true;
                 return false;
             }
             self.bounds.clear();
@@ -441,6 +466,7 @@ impl<'a> Simplifier<'a> {
         let old = |j: usize| ring.triangles[from.triangle(j)] as usize;
         let used = |j: usize| leaving.drift[from.triangle(j)];
         if covered && !self.overlay.bounds(axis, self.limits.tolerance, used, &mut self.bounds) {
+            self.far[vertex as usize] = true;
             return false;
         }
         // Where a triangle goes whose vertex has no other, the edge that it stood on has all of it; so does the triangle on the edge's other side.
@@ -449,6 +475,7 @@ impl<'a> Simplifier<'a> {
             self.bounds[0] = self.bounds[0].with(self.piece.drift[inner as usize]);
         }
         if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) {
+            self.far[vertex as usize] = true;
             return false;
         }
         let tinted = self.limits.tint < f64::INFINITY;

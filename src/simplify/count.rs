@@ -33,8 +33,8 @@ pub(super) fn fewest<T: Coordinate, M: Mark>(
     most: u64,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Soup<T, M>> {
-    let with = |limit: f64| match knob {
-        Knob::Tolerance => Limits { tolerance: limit, ..limits },
+    let with = |limit: f64, before: f64| match knob {
+        Knob::Tolerance => Limits { tolerance: limit, before, ..limits },
         Knob::Cost => Limits { cost: limit, ..limits },
     };
     // What is left with the greatest limit that leaves too many, and with the least that does not.
@@ -46,7 +46,7 @@ pub(super) fn fewest<T: Coordinate, M: Mark>(
         let before = many.as_ref().map_or(mesh, Triangles::Soup);
         let begun = trial as f64 / (trial as f64 + 1.0);
         let told = &mut |part: f64| progress(begun + part * (1.0 - begun) / 2.0);
-        let left = passes.simplified(&before, with(limit), told)?;
+        let left = passes.simplified(&before, with(limit, low), told)?;
         let share = left.count() as f64 / most as f64;
         if left.count() > most {
             if limit >= farthest {
@@ -63,7 +63,7 @@ pub(super) fn fewest<T: Coordinate, M: Mark>(
     }
     match few {
         Some(few) => Ok(few),
-        None => passes.simplified(&many.as_ref().map_or(mesh, Triangles::Soup), with(farthest), progress),
+        None => passes.simplified(&many.as_ref().map_or(mesh, Triangles::Soup), with(farthest, low), progress),
     }
 }
 

@@ -250,6 +250,7 @@ fn simplify_as<T: Coordinate, M: Mark>(
 fn limits(options: &Options, colours: Option<Colours>) -> Limits {
     Limits {
         tolerance: options.tolerance.map_or(f64::INFINITY, |asked| asked * LESS),
+        before: 0.0,
         cost: f64::INFINITY,
         tint: match (options.colours, colours) {
             (Some(steps), Some(colours)) => f64::from(steps) * colours.step * LESS,

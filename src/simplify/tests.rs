@@ -20,6 +20,7 @@ mod beside;
 mod given;
 mod kept;
 mod moved;
+mod steps;
 
 type Triangle = [DVec3; 3];
 
