@@ -64,7 +64,7 @@ pub(super) struct Simplifier<'a> {
     /// Vertices whose cost may have changed.
     pub(super) stale: Vec<bool>,
     /// Vertices that could not go within the tolerance when they were looked at last.
-    far: Vec<bool>,
+    pub(super) far: Vec<bool>,
     pub(super) costs: Vec<f32>,
     /// Of each vertex that is in the queue and not stale: the cheapest of its neighbours, in order, while no places are tried.
     best: Vec<[u32; MOST_TRIED]>,

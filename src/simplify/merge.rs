@@ -227,9 +227,12 @@ impl Simplifier<'_> {
         let Piece { drift, tints, .. } = &self.piece;
         let used = |j: usize| (drift[star[j] as usize], tints[star[j] as usize]);
         if !self.patch.bounds(axis, DVec3::ZERO, used, &mut self.bounds, &mut self.tints)
-            || !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance)
             || !self.tints.iter().all(|tint| tint.greatest() <= self.limits.tint)
         {
+            return false;
+        }
+        if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) {
+            self.far[vertex as usize] = true;
             return false;
         }
         if self.fan.meets(&self.piece, &mut self.boxes, star, own, Some((right, up))) {
