@@ -126,7 +126,7 @@ fn options_that_readme_names_are_there() {
     for word in documents.split(|c: char| !(c.is_ascii_lowercase() || c == '-')).filter(|word| word.starts_with("--")) {
         let option = word.trim_end_matches('-');
         // Those of other programs' commands that are shown.
-        if option.len() > 3 && !["--release", "--path", "--test", "--lib"].contains(&option) {
+        if option.len() > 3 && !["--release", "--path", "--test", "--tests", "--ignored", "--lib"].contains(&option) {
             assert!(reference.contains(&format!("`{option}")), "{option} is no option");
         }
     }
@@ -180,5 +180,9 @@ fn files_that_are_linked_exist() {
         section(README, "## Two commands").lines().filter(|line| line.starts_with("cargo ")).collect();
     let [meshes, tests] = commands[..] else { panic!("two commands, not {commands:?}") };
     assert!(meshes.contains(" tests/data/stadium ") && meshes.ends_with(" --preview"), "{meshes}");
-    assert!(include_str!("../.ci/run").contains(&format!("if ! {tests} <")), "CI runs {tests:?}");
+    let exhaustive = "cargo test --tests -- --ignored";
+    assert!(README.contains(&format!("`{exhaustive}`")), "README names {exhaustive:?}");
+    for tests in [tests, exhaustive] {
+        assert!(include_str!("../.ci/run").contains(&format!("if ! {tests} <")), "CI runs {tests:?}");
+    }
 }
