@@ -71,7 +71,11 @@ fn alone(test: &str, work: impl FnOnce()) {
         return work();
     }
     let program = std::env::current_exe().unwrap();
-    let made = Command::new(program).args(["--exact", test, "--nocapture"]).env(ALONE, "1").output().unwrap();
+    let made = Command::new(program)
+        .args(["--exact", test, "--nocapture", "--include-ignored"])
+        .env(ALONE, "1")
+        .output()
+        .unwrap();
     let words = [made.stdout, made.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
     eprint!("{}", words[1]);
     assert!(made.status.success() && words[0].contains("1 passed"), "{}", words.concat());
