@@ -231,7 +231,7 @@ mod tests {
 
     /// A square of waves.
     fn waves(workspace: &Workspace) -> MeshSpool {
-        const SIDE: u32 = 64;
+        const SIDE: u32 = 44;
         let mut mesh = MeshSpool::new(workspace, Precision::Single, 1 << 30);
         let place = |v: u32| {
             let [x, y] = [v % (SIDE + 1), v / (SIDE + 1)].map(f64::from);
