@@ -12,9 +12,9 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::given::blocks;
 use super::mark::{Mark, Marks};
 use super::passes::{self, SHARES, Triangles, meeting_rows};
+use super::reading::blocks;
 use super::soup::{BLOCK, Record, Soup, each_block};
 use super::space::Space;
 use super::{Figures, Given, limits};

@@ -19,7 +19,7 @@ pub(super) struct Limits {
     /// No place of either surface is farther than this from the other.
     pub(super) tolerance: f64,
     /// Within this, all has gone that could: 0 if nothing was tried.
-    pub(super) before: f64,
+    pub(super) tried: f64,
     /// A collapse that costs more is not made: of the squared distances from the planes of the triangles that go, their areas' sum.
     pub(super) cost: f64,
     /// No channel of the colour changes by more than this.
@@ -64,7 +64,7 @@ pub(super) struct Simplifier<'a> {
     /// Vertices whose cost may have changed.
     pub(super) stale: Vec<bool>,
     /// Vertices that could not go within the tolerance when they were looked at last.
-    pub(super) far: Vec<bool>,
+    pub(super) too_far: Vec<bool>,
     pub(super) costs: Vec<f32>,
     /// Of each vertex that is in the queue and not stale: the cheapest of its neighbours, in order, while no places are tried.
     best: Vec<[u32; MOST_TRIED]>,
@@ -119,7 +119,7 @@ impl<'a> Simplifier<'a> {
             rim: vec![false; vertices],
             queue: Queue::new(piece.numbers.iter().map(|number| mixed(*number) as u32).collect()),
             stale: vec![false; vertices],
-            far: vec![false; vertices],
+            too_far: vec![false; vertices],
             costs: vec![0.0; vertices],
             best: vec![[NONE; MOST_TRIED]; vertices],
             around: Vec::new(),
@@ -290,10 +290,10 @@ impl<'a> Simplifier<'a> {
 
     /// Collapses until nothing more can go.
     pub(super) fn run(&mut self) {
-        let Limits { tolerance, before, .. } = self.limits;
+        let Limits { tolerance, tried, .. } = self.limits;
         let mut once_more = false;
         for share in STEPS {
-            let is_more = share * tolerance > before && tolerance < f64::INFINITY;
+            let is_more = share * tolerance > tried && tolerance < f64::INFINITY;
             if is_more || share == 1.0 {
                 self.limits.tolerance = share * tolerance;
                 self.run_through(once_more);
@@ -310,7 +310,7 @@ impl<'a> Simplifier<'a> {
     fn run_through(&mut self, once_more: bool) {
         for vertex in 0..self.piece.positions.len() as u32 {
             let is_tried = if once_more {
-                std::mem::take(&mut self.far[vertex as usize])
+                std::mem::take(&mut self.too_far[vertex as usize])
             } else {
                 !self.piece.settled[vertex as usize]
             };
@@ -332,7 +332,7 @@ impl<'a> Simplifier<'a> {
                     continue;
                 }
             }
-            self.far[vertex as usize] = false;
+            self.too_far[vertex as usize] = false;
             if !leaving.look_round(&self.piece, vertex) || leaving.ring.vertices.len() > MOST {
                 continue;
             }
@@ -450,7 +450,7 @@ impl<'a> Simplifier<'a> {
             let way = if seen { self.overlay.moved() } else { self.piece.position(target) - own };
             let bound = leaving.used.along(way, [-1.0, 0.0]).wider(ROUNDING * way.length());
             if bound.most() > self.limits.tolerance {
-                self.far[vertex as usize] = true;
+                self.too_far[vertex as usize] = true;
                 return false;
             }
             self.bounds.clear();
@@ -466,7 +466,7 @@ impl<'a> Simplifier<'a> {
         let old = |j: usize| ring.triangles[from.triangle(j)] as usize;
         let used = |j: usize| leaving.drift[from.triangle(j)];
         if covered && !self.overlay.bounds(axis, self.limits.tolerance, used, &mut self.bounds) {
-            self.far[vertex as usize] = true;
+            self.too_far[vertex as usize] = true;
             return false;
         }
         // Where a triangle goes whose vertex has no other, the edge that it stood on has all of it; so does the triangle on the edge's other side.
@@ -475,7 +475,7 @@ impl<'a> Simplifier<'a> {
             self.bounds[0] = self.bounds[0].with(self.piece.drift[inner as usize]);
         }
         if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) {
-            self.far[vertex as usize] = true;
+            self.too_far[vertex as usize] = true;
             return false;
         }
         let tinted = self.limits.tint < f64::INFINITY;

@@ -33,8 +33,8 @@ pub(super) fn fewest<T: Coordinate, M: Mark>(
     most: u64,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Soup<T, M>> {
-    let with = |limit: f64, before: f64| match knob {
-        Knob::Tolerance => Limits { tolerance: limit, before, ..limits },
+    let with = |limit: f64, tried: f64| match knob {
+        Knob::Tolerance => Limits { tolerance: limit, tried, ..limits },
         Knob::Cost => Limits { cost: limit, ..limits },
     };
     // What is left with the greatest limit that leaves too many, and with the least that does not.

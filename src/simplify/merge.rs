@@ -232,7 +232,7 @@ impl Simplifier<'_> {
             return false;
         }
         if !self.bounds.iter().all(|bound| bound.most() <= self.limits.tolerance) {
-            self.far[vertex as usize] = true;
+            self.too_far[vertex as usize] = true;
             return false;
         }
         if self.fan.meets(&self.piece, &mut self.boxes, star, own, Some((right, up))) {

@@ -40,7 +40,6 @@ mod collapse;
 mod count;
 mod fan;
 mod gap;
-mod given;
 mod leaving;
 mod mark;
 mod merge;
@@ -52,6 +51,7 @@ mod patch;
 mod piece;
 mod quadric;
 mod queue;
+mod reading;
 mod sight;
 mod soup;
 mod space;
@@ -62,10 +62,10 @@ use std::cell::Cell;
 
 use self::collapse::Limits;
 use self::count::Knob;
-use self::given::Wanted;
 use self::mark::{Colours, Mark, Marks};
 use self::number::Placed;
 use self::passes::{Passes, Room, Triangles};
+use self::reading::Wanted;
 use self::soup::Soup;
 use crate::error::Result;
 use crate::mesh::spool::MeshSpool;
@@ -251,7 +251,7 @@ fn simplify_as<T: Coordinate, M: Mark>(
 fn limits(options: &Options, colours: Option<Colours>) -> Limits {
     Limits {
         tolerance: options.tolerance.map_or(f64::INFINITY, |asked| asked * LESS),
-        before: 0.0,
+        tried: 0.0,
         cost: f64::INFINITY,
         tint: match (options.colours, colours) {
             (Some(steps), Some(colours)) => f64::from(steps) * colours.step * LESS,

@@ -7,9 +7,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::collapse::Limits;
-use super::given::{self, Reading, Wanted};
 use super::mark::Mark;
 use super::part::Gathered;
+use super::reading::{self, Reading, Wanted};
 use super::soup::{Record, Sample, Soup};
 use super::space::Space;
 use crate::error::{Error, Result};
@@ -110,8 +110,8 @@ impl Room {
 
     fn fixed<T: Coordinate, M: Mark>(triangles: u64) -> u64 {
         pages::<T, M>(triangles.div_ceil(PART / 2))
-            + given::bytes::<T, M>(triangles)
-            + given::far_bytes(triangles).saturating_sub(Room::largest::<T, M>(triangles))
+            + reading::bytes::<T, M>(triangles)
+            + reading::far_bytes(triangles).saturating_sub(Room::largest::<T, M>(triangles))
             + 3 * Sample::<T>::BYTES.min(triangles * size_of::<[T; 3]>() as u64)
     }
 
@@ -203,7 +203,7 @@ impl Passes<'_> {
 
     /// A mesh that is read. Parts take no memory meanwhile.
     pub(super) fn reading<'m>(&'m self, mesh: &'m dyn MeshSource, wanted: Wanted) -> Reading<'m> {
-        let memory = self.room.jobs.max(given::far_bytes(mesh.face_count()));
+        let memory = self.room.jobs.max(reading::far_bytes(mesh.face_count()));
         Reading { mesh, wanted, workers: self.workers, workspace: self.workspace, memory }
     }
 
@@ -442,7 +442,7 @@ impl<T: Coordinate, M: Mark> Triangles<'_, T, M> {
     fn visit(&self, passes: &Passes, visit: impl FnMut(&[Record<T, M>]) -> Result<()>) -> Result<()> {
         match self {
             Triangles::Soup(soup) => soup.each_block(visit),
-            Triangles::Mesh(mesh, wanted) => passes.reading(*mesh, *wanted).for_each(0..given::blocks(*mesh), visit),
+            Triangles::Mesh(mesh, wanted) => passes.reading(*mesh, *wanted).for_each(0..reading::blocks(*mesh), visit),
         }
     }
 }

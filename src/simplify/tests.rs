@@ -17,9 +17,9 @@ use crate::points::scalar::Scalar;
 
 mod apart;
 mod beside;
-mod given;
 mod kept;
 mod moved;
+mod reading;
 mod steps;
 
 type Triangle = [DVec3; 3];

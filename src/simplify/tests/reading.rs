@@ -1,7 +1,7 @@
 //! The naive twin of reading the mesh that is given: each triangle's corners are looked up by themselves.
 
-use super::super::given::{Reading, Wanted, blocks, far_bytes};
 use super::super::mark::{Blend, Colours, Mark, Marks};
+use super::super::reading::{Reading, Wanted, blocks, far_bytes};
 use super::super::soup::Record;
 use super::*;
 use crate::mesh::measure::is_degenerate;
