@@ -22,6 +22,9 @@ use crate::resources::allocator;
 /// How long a result is waited for before the wish to stop is looked at again.
 const LOOK: Duration = Duration::from_millis(50);
 
+/// A job's work, which leaves its result where its pass finds it.
+type Task<'a> = Box<dyn FnOnce() + Send + 'a>;
+
 /// Worker threads and the wish to stop, shared by all passes of a run.
 #[derive(Debug, Clone)]
 pub struct Workers {
@@ -124,20 +127,62 @@ impl Workers {
         work: impl Fn(J) -> Result<R> + Sync,
         sink: impl FnMut(R) -> Result<()>,
     ) -> Result<()> {
-        #[cfg(test)]
-        let (source, work, sink) = self.fault.within(source, work, sink);
         let (mut source, mut sink) = (source, sink);
+        let results: Vec<Mutex<Option<Result<R>>>> = (0..in_flight.max(1)).map(|_| Mutex::default()).collect();
+        let (results, work) = (&results, &work);
+        let result = |number: usize| results[number % results.len()].lock().expect(NO_PANIC);
+        let mut begin = |number: usize| {
+            let Some(job) = source()? else { return Ok(None) };
+            let task: Task = Box::new(move || {
+                let done = work(job);
+                *result(number) = Some(done);
+            });
+            Ok(Some(task))
+        };
+        let mut end = |number: usize| {
+            let done = result(number).take();
+            sink(done.unwrap_or_else(|| Err(Error::Internal("a job is done, but has no result".into())))?)
+        };
+        self.drive(in_flight, &mut begin, &mut end)
+    }
+
+    /// [`Workers::in_order`] without its types, so that the compiler makes this part once and not for each of hundreds of passes. `begin` makes the task of the job with a number, or
+    /// gives `None` at the end; `end` hands on what the task has left.
+    fn drive<'a>(
+        &self,
+        in_flight: usize,
+        begin: &mut dyn FnMut(usize) -> Result<Option<Task<'a>>>,
+        end: &mut dyn FnMut(usize) -> Result<()>,
+    ) -> Result<()> {
+        #[cfg(test)]
+        let fault = self.fault.of_next_pass();
+        let mut begin = |number: usize| {
+            #[cfg(test)]
+            fault.reach(fault::Part::Source);
+            begin(number)
+        };
+        let run = |task: Task<'a>| {
+            #[cfg(test)]
+            fault.reach(fault::Part::Work);
+            task();
+        };
+        let mut end = |number: usize| {
+            #[cfg(test)]
+            fault.reach(fault::Part::Sink);
+            end(number)
+        };
         if in_flight <= 1 || self.alone {
             return defect::caught(|| {
-                while let Some(job) = source()? {
+                while let Some(task) = begin(0)? {
                     self.check_cancelled()?;
-                    sink(work(job)?)?;
+                    run(task);
+                    end(0)?;
                 }
                 Ok(())
             });
         }
-        let (done, results) = crossbeam_channel::bounded::<(usize, Result<R>)>(in_flight);
-        let (work, over) = (&work, &AtomicBool::new(false));
+        let (done, finished) = crossbeam_channel::bounded::<(usize, Result<()>)>(in_flight);
+        let (run, over) = (&run, &AtomicBool::new(false));
         let outcome = self.pool.in_place_scope(|scope| {
             let mut waiting = BTreeMap::new();
             let (mut started, mut sunk) = (0usize, 0usize);
@@ -145,14 +190,18 @@ impl Workers {
             let mut pass = || loop {
                 self.check_cancelled()?;
                 while !exhausted && started - sunk < in_flight {
-                    match source()? {
+                    match begin(started)? {
                         None => exhausted = true,
-                        Some(job) => {
+                        Some(task) => {
                             let (done, number) = (done.clone(), started);
-                            // The channel holds `in_flight` results, so a worker never blocks on sending.
+                            // The channel holds `in_flight` messages, so a worker never blocks on sending.
                             scope.spawn(move |_| {
                                 if !over.load(Ordering::Relaxed) {
-                                    drop(done.send((number, defect::caught(|| work(job)))));
+                                    let caught = defect::caught(|| {
+                                        run(task);
+                                        Ok(())
+                                    });
+                                    drop(done.send((number, caught)));
                                 }
                             });
                             started += 1;
@@ -162,10 +211,11 @@ impl Workers {
                 if sunk == started {
                     return Ok(());
                 }
-                let (number, result) = self.receive(&results)?;
-                waiting.insert(number, result);
-                while let Some(result) = waiting.remove(&sunk) {
-                    sink(result?)?;
+                let (number, caught) = self.receive(&finished)?;
+                waiting.insert(number, caught);
+                while let Some(caught) = waiting.remove(&sunk) {
+                    caught?;
+                    end(sunk)?;
                     sunk += 1;
                 }
             };
@@ -177,11 +227,11 @@ impl Workers {
         outcome
     }
 
-    /// The next result. Waiting ends when the flag is set, whatever the jobs do.
-    fn receive<T>(&self, results: &Receiver<T>) -> Result<T> {
+    /// The next job that is done. Waiting ends when the flag is set, whatever the jobs do.
+    fn receive(&self, finished: &Receiver<(usize, Result<()>)>) -> Result<(usize, Result<()>)> {
         loop {
-            match results.recv_timeout(LOOK) {
-                Ok(result) => return Ok(result),
+            match finished.recv_timeout(LOOK) {
+                Ok(job) => return Ok(job),
                 Err(RecvTimeoutError::Timeout) => self.check_cancelled()?,
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(Error::Internal("all jobs are gone, but not all results are there".into()));
@@ -260,8 +310,6 @@ mod fault {
 
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use crate::error::Result;
-
     #[derive(Debug)]
     pub(super) struct Fault {
         begun: AtomicUsize,
@@ -286,36 +334,30 @@ mod fault {
             self.begun.load(Ordering::SeqCst)
         }
 
-        /// Source, work and sink of the next pass, one of which may panic.
-        #[expect(clippy::type_complexity, reason = "three closures, as they came")]
-        pub(super) fn within<J, R>(
-            &self,
-            mut source: impl FnMut() -> Result<Option<J>>,
-            work: impl Fn(J) -> Result<R> + Sync,
-            mut sink: impl FnMut(R) -> Result<()>,
-        ) -> (impl FnMut() -> Result<Option<J>>, impl Fn(J) -> Result<R> + Sync, impl FnMut(R) -> Result<()>) {
+        /// What the next pass is to do.
+        pub(super) fn of_next_pass(&self) -> Planted {
             let here = self.begun.fetch_add(1, Ordering::SeqCst) == self.pass.load(Ordering::SeqCst);
-            let planted = if here { self.part.load(Ordering::SeqCst) } else { usize::MAX };
-            // Without the hook: nobody needs to read of panics that a test wants.
-            let reach = move |part: usize| {
-                if part == planted {
-                    std::panic::resume_unwind(Box::new("planted"));
-                }
-            };
-            (
-                move || {
-                    reach(0);
-                    source()
-                },
-                move |job| {
-                    reach(1);
-                    work(job)
-                },
-                move |result| {
-                    reach(2);
-                    sink(result)
-                },
-            )
+            Planted(here.then(|| self.part.load(Ordering::SeqCst)))
+        }
+    }
+
+    /// A part of a pass.
+    #[derive(Debug, Clone, Copy)]
+    pub(super) enum Part {
+        Source,
+        Work,
+        Sink,
+    }
+
+    /// The part of a pass that is to panic, if one is.
+    pub(super) struct Planted(Option<usize>);
+
+    impl Planted {
+        pub(super) fn reach(&self, part: Part) {
+            if self.0 == Some(part as usize) {
+                // Without the hook: nobody needs to read of panics that a test wants.
+                std::panic::resume_unwind(Box::new("planted"));
+            }
         }
     }
 }
@@ -359,7 +401,7 @@ mod tests {
     #[test]
     fn a_set_flag_is_seen_while_waiting_for_a_result() {
         let workers = Workers::new(1).unwrap();
-        let (_held, results) = crossbeam_channel::bounded::<()>(1);
+        let (_held, results) = crossbeam_channel::bounded(1);
         workers.cancel_flag().store(true, Ordering::Relaxed);
         assert!(matches!(workers.receive(&results), Err(Error::Interrupted)));
     }
