@@ -43,7 +43,7 @@ impl PointSource for Waves {
 /// Makes terrain of points that are computed, and looks at its attribute.
 pub fn main() -> Result<()> {
     let waves = Waves { side: 400 };
-    let mesh = Reconstruction::from_source(&waves).open(asra_stream::Open::TERRAIN).cell_size(0.02).run()?;
+    let mesh = Reconstruction::from_source(&waves).terrain().cell_size(0.02).run()?;
     let intensity = mesh.attribute("intensity")?;
     let (low, high) = intensity.iter().fold((f64::MAX, f64::MIN), |(low, high), i| (low.min(*i), high.max(*i)));
     println!("{} triangles, intensity {low} to {high}", mesh.triangle_count());

@@ -35,8 +35,8 @@
 //!
 //! # What you can rely on
 //!
-//! * **The mesh** is a closed, oriented 2-manifold, normals outwards. With [`Reconstruction::open`] it is a 2-manifold with a boundary: terrain, or what was
-//!   scanned from one side. Every mesh is checked before it is handed over.
+//! * **The mesh** is a closed, oriented 2-manifold, normals outwards. With [`Reconstruction::terrain`], [`Reconstruction::ground`] and
+//!   [`Reconstruction::sheet`] it is a 2-manifold with a boundary. Every mesh is checked before it is handed over.
 //! * **The result** depends on the points and the settings alone, bit for bit: not on memory, threads, temporary storage, or the order of the points.
 //! * **Memory** stays below [`Reconstruction::max_memory`]. What does not fit lies in temporary files, which have no names and vanish with the process.
 //! * **Errors** are values of [`Error`]; [`Error::kind`] groups them by what a caller can do about them. A panic in a worker is an error, too.
@@ -88,14 +88,13 @@ mod system;
 
 pub use error::{Error, Kind as ErrorKind, Result};
 pub use format::write::Positions;
-pub use input::{Filter, Layout, PointBuffer, PointSlice, PointSource, PointSpool, Returns, Values, Withheld};
+pub use input::{Layout, PointBuffer, PointSlice, PointSource, PointSpool, Values};
 pub use mesh::check::CheckReport;
 pub use points::Precision;
-pub use points::attribute::{Attribute, Wanted};
+pub use points::attribute::Attribute;
 pub use points::bounds::{Axis, Bounds};
-pub use points::clip::Clip;
 pub use points::crs::Crs;
-pub use points::scalar::{Endian, Scalar};
+pub use points::scalar::Scalar;
 pub use points::seen_from::SeenFrom;
 #[cfg(feature = "allocator")]
 #[doc(hidden)]
@@ -105,11 +104,9 @@ pub use run::phase::Phase;
 pub use run::reconstruction::{Mesh, MeshSink, Reconstruction};
 pub use run::report::Report;
 pub use settings::closing::{Least, Sealing};
-pub use settings::ground::{ClassSet, Classes};
-pub use settings::open::{Facing, Hole, Kind as OpenKind, Open};
-pub use settings::simplification::{Borders, Simplification, Tolerance};
+pub use settings::open::Facing;
+pub use settings::simplification::{Simplification, Tolerance};
 pub use settings::surface::{Diagonals, Fit};
-pub use simplify::Figures as SimplificationFigures;
 pub use storage::atomic_file::Overwrite;
 
 /// The modules below the crate's face, for this project's own tests, benchmarks, fuzz targets and Python module. They change without notice.

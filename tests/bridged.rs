@@ -1,6 +1,6 @@
 //! Distances from points, and surfaces without what is far from them: against every point, one by one.
 
-use asra_stream::{Error, Fit, Mesh, Open, Reconstruction, Sealing, Tolerance};
+use asra_stream::{Error, Fit, Mesh, Reconstruction, Sealing, Tolerance};
 use proptest::prelude::*;
 
 /// The distance of each vertex from the nearest point: of all points.
@@ -55,7 +55,7 @@ proptest! {
             };
             // Every point counts.
             let cloud = cloud.keep_outliers().k(k).fit(if plane { Fit::Plane } else { Fit::Nearest }).bridged();
-            if ball { cloud.min_component(None).seal(Sealing::Auto) } else { cloud.open(Open::TERRAIN) }
+            if ball { cloud.min_component(None).seal(Sealing::Auto) } else { cloud.terrain() }
         };
         let places: Vec<[f64; 3]> =
             if narrow { single.iter().map(|p| p.map(f64::from)).collect() } else { points.clone() };
@@ -95,9 +95,7 @@ proptest! {
 fn what_cannot_be_trimmed_is_refused() {
     let points: Vec<[f32; 3]> = (0..400).map(|i| [(i % 20) as f32, (i / 20) as f32, 0.1 * (i % 7) as f32]).collect();
     let told = |of: Reconstruction| of.run().unwrap_err().to_string();
-    let mut base = Open::TERRAIN;
-    base.base = Some(-3.0);
-    assert!(told(Reconstruction::of(&points).open(base).trim(Tolerance::Cells(3.0))).contains("`trim`"));
+    assert!(told(Reconstruction::of(&points).terrain().base(-3.0).trim(Tolerance::Cells(3.0))).contains("`trim`"));
     assert!(told(Reconstruction::of(&points).trim(Tolerance::Length(0.0))).contains("`trim` 0"));
     assert!(told(Reconstruction::of(&points).trim(Tolerance::Length(1e-9)).fit(Fit::Plane)).contains("surface"));
     let twice = Reconstruction::of(&points).attribute("bridged", &[1u8; 400]).bridged();

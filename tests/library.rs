@@ -1,14 +1,16 @@
 //! The library as another program uses it: points in memory, a mesh in memory.
 
+use std::ffi::OsString;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use asra_stream::internals::points::attribute::Attribute;
 use asra_stream::internals::points::scalar::Scalar;
 use asra_stream::{
-    Error, ErrorKind, Fit, Mesh, MeshSink, Observer, PointBuffer, PointSource, PointSpool, Precision, Reconstruction,
-    Result, Update,
+    Bounds, Error, ErrorKind, Facing, Fit, Mesh, MeshSink, Observer, PointBuffer, PointSource, PointSpool, Precision,
+    Reconstruction, Result, Update,
 };
 
 /// Points on a sphere round a centre.
@@ -342,4 +344,84 @@ fn a_check_that_was_ended_leaves_a_mesh_that_can_be_checked() {
     let mesh = Reconstruction::of(&sphere(5000, [0.0; 3])).run().unwrap();
     assert!(matches!(mesh.check_observed(&Ended), Err(Error::Interrupted)));
     assert_eq!(mesh.check().unwrap().intersections.unwrap().pairs, 0);
+}
+
+/// What the options of a command line make of a file.
+fn commanded(path: &Path, options: &str) -> Result<Mesh> {
+    let words = ["asra-stream"].into_iter().chain(options.split_whitespace()).chain(["--", "-"]);
+    let job = asra_stream::cli::parsed(words.map(OsString::from))?.reconstruct.job()?;
+    Reconstruction::from_files([path]).job(job).run()
+}
+
+#[test]
+fn settings_do_what_the_options_of_their_names_do() {
+    let dir = tempfile::tempdir().unwrap();
+    // A hill, with a house on it and birds above, in big-endian records after a header of 7 bytes.
+    let mut bytes = vec![0u8; 7];
+    for i in 0..9000u32 {
+        let (x, y) = (f64::from(i) / 9000.0, f64::from(i) * 0.618_034 % 1.0);
+        let in_hole = (x - 0.75).hypot(y - 0.3) < 0.04;
+        let (lift, class) = match () {
+            () if i % 90 == 0 => (0.3, 7u8),
+            () if (x - 0.3).abs().max((y - 0.6).abs()) < 0.1 => (0.1, 6),
+            () => (0.0, 2),
+        };
+        if !in_hole {
+            let place = [x, y, 0.1 * (6.0 * x).sin() * (5.0 * y).cos() + lift];
+            place.into_iter().for_each(|c| bytes.extend((c as f32).to_be_bytes()));
+            bytes.extend([class, if i % 3 == 0 { 1 } else { 2 }, 2, u8::from(i % 11 == 0)]);
+        }
+    }
+    let path = dir.path().join("hill.bin");
+    std::fs::write(&path, bytes).unwrap();
+    let clip = dir.path().join("clip.wkt");
+    std::fs::write(&clip, "POLYGON ((0.2 -1, 2 -1, 2 2, 0.2 0.7, 0.2 -1))").unwrap();
+    let layout = "xyz,classification:u8,return_number:u8,number_of_returns:u8,withheld:u8";
+    let read = format!("--layout {layout} --endian big --skip-bytes 7");
+    let reading = || Reconstruction::from_files([&path]).layout(layout.parse().unwrap()).big_endian().skip_bytes(7);
+    let same_as_by = |options: &str, mesh: Result<Mesh>| {
+        let (mesh, other) = (mesh.unwrap(), commanded(&path, &format!("{read} {options}")).unwrap());
+        assert!(same(&mesh, &other) && mesh.attributes() == other.attributes(), "{options}");
+        mesh
+    };
+    let terrain = same_as_by("--surface terrain", reading().terrain().run());
+    let bounds = Bounds { min: [0.1, 0.0, -1.0], max: [0.8, 0.9, 1.0] };
+    let facing = Facing::Direction([0.1, 0.0, 1.0]);
+    let clipped = format!("--clip {}", clip.display());
+    for (options, set) in [
+        ("--drop-class 7", reading().terrain().drop_class(&[7])),
+        ("--keep-class 2,6", reading().terrain().keep_class(&[2, 6])),
+        ("--first-return", reading().terrain().first_return()),
+        ("--last-return", reading().terrain().last_return()),
+        ("--bounds 0.1,0,-1,0.8,0.9,1", reading().terrain().bounds(bounds)),
+        (&clipped, reading().terrain().clip(&clip)),
+        ("--keep-withheld", reading().terrain().keep_withheld()),
+        ("--attributes none", reading().terrain().attributes(&[])),
+        ("--attributes classification", reading().terrain().attributes(&["classification"])),
+        ("--max-hole 1c", reading().max_hole_cells(1).terrain()),
+        ("--max-hole 0.01", reading().terrain().max_hole(0.01)),
+        ("--base -0.5", reading().terrain().base(-0.5)),
+    ] {
+        let mesh = same_as_by(&format!("--surface terrain {options}"), set.run());
+        assert!(!same(&mesh, &terrain) || mesh.attributes() != terrain.attributes(), "{options} changes nothing");
+    }
+    let ground = same_as_by("--surface ground", reading().ground().run());
+    let sheet = same_as_by("--surface sheet --facing 0.1,0,1", reading().sheet(facing).run());
+    for (options, set) in [
+        ("--classes none", reading().ground().classes(&[])),
+        ("--classes 2,6", reading().ground().classes(&[2, 6])),
+        ("--base -0.5", reading().ground().base(-0.5)),
+    ] {
+        assert!(!same(&same_as_by(&format!("--surface ground {options}"), set.run()), &ground), "{options}");
+    }
+    assert!(!same(&ground, &terrain) && !same(&sheet, &terrain));
+
+    let told = |refused: Reconstruction| refused.run().unwrap_err().to_string();
+    assert!(told(reading().max_hole(1.0)).starts_with("`max_hole`"));
+    assert!(told(reading().base(1.0)).starts_with("`base`"));
+    assert!(told(reading().sheet(facing).base(1.0)).starts_with("`base`"));
+    assert!(told(reading().terrain().clip(dir.path().join("none.wkt"))).contains("none.wkt"));
+    // Read from the wrong end, nearly all numbers are next to zero, or huge.
+    let wrong = reading().little_endian().terrain().run();
+    assert!(wrong.map_or(true, |wrong| !same(&wrong, &terrain)));
 }

@@ -65,7 +65,6 @@ pub const MOST_BYTES: usize = 8 << 10;
 
 /// Which attributes are carried to the mesh.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Wanted {
     /// All that any of the files has, but normals and the marks of withheld points.
     #[default]

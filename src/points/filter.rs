@@ -13,7 +13,6 @@ use crate::points::{Batch, Coordinate, Points};
 
 /// Which points of the input count.
 #[derive(Debug, Clone, PartialEq, Default)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Filter {
     /// Classes whose points are left out.
     pub drop_class: Vec<u8>,
@@ -31,7 +30,6 @@ pub struct Filter {
 
 /// Which of a pulse's returns count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Returns {
     /// All.
     #[default]
@@ -44,7 +42,6 @@ pub enum Returns {
 
 /// What becomes of points that are marked as withheld.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Withheld {
     /// They are left out.
     #[default]

@@ -34,9 +34,8 @@ impl FromIterator<u8> for ClassSet {
     }
 }
 
-/// What tells the ground of [`crate::OpenKind::Ground`].
+/// What tells the ground of [`super::open::Kind::Ground`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Classes {
     /// Classes 2 (ground) and 9 (water), if any point of class 2 is there; else a filter.
     #[default]

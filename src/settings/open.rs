@@ -7,7 +7,6 @@ use crate::points::bounds::{Axis, Bounds};
 /// The kind of an open surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Kind {
     /// Something that was scanned from one side.
     Sheet,
@@ -116,7 +115,6 @@ impl<'de> serde::Deserialize<'de> for Facing {
 /// The width of a hole.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Hole {
     /// In cells.
     Cells(u32),
@@ -154,7 +152,6 @@ impl FromStr for Hole {
 
 /// Options of an open surface.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct Open {
     /// The kind of surface.
     pub kind: Kind,

@@ -59,7 +59,6 @@ impl Tolerance {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Borders {
     /// Borders of classes, where vertices have a `classification`.
     #[default]
@@ -77,7 +76,7 @@ pub struct Simplification {
     /// No more triangles than this, if that can be. Without a tolerance it is the least one that does; within one, what costs least goes.
     pub max_triangles: Option<u64>,
     /// What edges are not collapsed across.
-    pub keep_borders: Borders,
+    pub(crate) keep_borders: Borders,
     /// No place may change its colour by more than so many steps of 255, in any channel, where vertices have `red`, `green` and `blue`. None: as much as it may.
     pub keep_colours: Option<u8>,
     /// Whether vertices may be placed anew, where that keeps nearer to the surface, with attributes between those of the vertices that they are made of. Else every
@@ -109,9 +108,9 @@ impl Simplification {
         Simplification { move_vertices, ..self }
     }
 
-    /// The same, with what edges are not collapsed across.
-    pub const fn keep_borders(self, keep_borders: Borders) -> Simplification {
-        Simplification { keep_borders, ..self }
+    /// The same, with edges that are collapsed across borders of classes, too.
+    pub const fn across_classes(self) -> Simplification {
+        Simplification { keep_borders: Borders::None, ..self }
     }
 
     /// The same, with colours that change by no more than so many steps of 255.

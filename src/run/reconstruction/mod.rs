@@ -1,20 +1,20 @@
 //! A reconstruction as a call: points from memory, from a source of one's own or from files; a mesh in memory.
 
+mod input;
 mod mesh;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use crate::error::{Error, Result};
 use crate::format::write::Positions;
-use crate::input::{Arrays, Cloud, Depth, Filter, Layout, PointSlice, PointSource, Values};
+use crate::input::{Arrays, Cloud, PointSlice, PointSource, Values};
 use crate::mesh::MeshSource;
 use crate::mesh::check::check_near;
 use crate::points::attribute::Wanted;
 use crate::points::bounds::Axis;
-use crate::points::crs::Crs;
-use crate::points::scalar::Endian;
-use crate::points::seen_from::SeenFrom;
+use crate::points::clip::Clip;
 use crate::resources::workers::Workers;
 use crate::run::bare_earth::{Beside, bare_earth, budget_beside, of_whole_budget};
 use crate::run::finished::{Finished, refuse_unsound, report};
@@ -32,7 +32,7 @@ use crate::run::simplification::{Lengths, simplified};
 use crate::settings::closing::Least;
 use crate::settings::closing::Sealing;
 use crate::settings::ground::Classes;
-use crate::settings::open::Open;
+use crate::settings::open::{Facing, Hole, Kind, Open};
 use crate::settings::simplification::{Simplification, Tolerance};
 use crate::settings::surface::{Diagonals, Fit};
 use crate::settings::{AxisChoice, Fineness, Resolution};
@@ -72,6 +72,11 @@ pub use mesh::{Mesh, MeshSink};
 pub struct Reconstruction<'a> {
     points: Points<'a>,
     job: Job,
+    /// The widest hole and the base of an open surface, if they were said.
+    max_hole: Option<Hole>,
+    base: Option<f64>,
+    /// The file of polygons within which points count.
+    clip: Option<PathBuf>,
     observer: Option<&'a dyn Observer>,
     /// The first thing that cannot be done.
     refused: Option<String>,
@@ -109,7 +114,8 @@ impl<'a> Reconstruction<'a> {
     }
 
     fn new(points: Points<'a>, inputs: Vec<PathBuf>) -> Reconstruction<'a> {
-        Reconstruction { points, job: Job::new(inputs), observer: None, refused: None }
+        let job = Job::new(inputs);
+        Reconstruction { points, job, max_hole: None, base: None, clip: None, observer: None, refused: None }
     }
 
     /// All settings of a job at once, in the place of those before, and its resources: not its inputs, nor its output.
@@ -214,9 +220,39 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
-    /// Makes an open surface, of terrain or of what was scanned from one side, and not a closed one.
-    pub fn open(mut self, open: Open) -> Self {
-        self.job.settings.open = Some(open);
+    /// Makes terrain, in the place of a closed surface: ground, buildings and trees as one open layer, seen from above. The third coordinate grows upwards.
+    pub fn terrain(mut self) -> Self {
+        self.job.settings.open = Some(Open::TERRAIN);
+        self
+    }
+
+    /// Makes bare earth, in the place of a closed surface: one open layer of the points on the ground, seen from above.
+    pub fn ground(mut self) -> Self {
+        self.job.settings.open = Some(Open::GROUND);
+        self
+    }
+
+    /// Makes a sheet, in the place of a closed surface: one open layer of what was scanned from one side.
+    pub fn sheet(mut self, facing: Facing) -> Self {
+        self.job.settings.open = Some(Open::sheet(facing));
+        self
+    }
+
+    /// The widest hole that is bridged in an open surface: 16 cells by default.
+    pub fn max_hole(mut self, width: f64) -> Self {
+        self.max_hole = Some(Hole::Length(width));
+        self
+    }
+
+    /// [`Reconstruction::max_hole`] as a number of cells.
+    pub fn max_hole_cells(mut self, cells: u32) -> Self {
+        self.max_hole = Some(Hole::Cells(cells));
+        self
+    }
+
+    /// Closes terrain or bare earth into a body with a flat bottom at this height.
+    pub fn base(mut self, height: f64) -> Self {
+        self.base = Some(height);
         self
     }
 
@@ -239,9 +275,12 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
-    /// What tells the ground, for [`Open::GROUND`]: classes 2 and 9 by default, if any point has class 2, else a filter.
-    pub fn classes(mut self, classes: Classes) -> Self {
-        self.job.settings.classes = classes;
+    /// Which classes tell the ground: 2 and 9 by default, if any point has class 2, else a filter. An empty slice is for the filter, whatever classes say.
+    pub fn classes(mut self, classes: &[u8]) -> Self {
+        self.job.settings.classes = match classes {
+            [] => Classes::None,
+            _ => Classes::Of(classes.iter().copied().collect()),
+        };
         self
     }
 
@@ -267,54 +306,6 @@ impl<'a> Reconstruction<'a> {
     /// The side of the cells of [`Reconstruction::dtm`] and [`Reconstruction::dsm`]: a metre by default.
     pub fn raster_size(mut self, side: f64) -> Self {
         self.job.raster_size = Some(side);
-        self
-    }
-
-    /// Where points were scanned from: as E57 files tell by default. What lies between a point and that place is empty, so that it is outside of a closed surface.
-    pub fn seen_from(mut self, places: SeenFrom) -> Self {
-        self.job.input.seen_from = places;
-        self
-    }
-
-    /// Which points count: all by default.
-    pub fn filter(mut self, filter: Filter) -> Self {
-        self.job.input.filter = filter;
-        self
-    }
-
-    /// Which attributes are carried to the mesh: all by default.
-    pub fn attributes(mut self, wanted: Wanted) -> Self {
-        self.job.input.attributes = wanted;
-        self
-    }
-
-    /// The record layout of raw binary files, such as `"xyz:f64,intensity:u16".parse()?`. By default a side-car file tells, or it is detected.
-    pub fn layout(mut self, layout: Layout) -> Self {
-        self.job.input.layout = Some(layout);
-        self
-    }
-
-    /// Bytes before the first record of raw binary files: 0 by default.
-    pub fn skip_bytes(mut self, bytes: u64) -> Self {
-        self.job.input.skip_bytes = Some(bytes);
-        self
-    }
-
-    /// The byte order of raw binary files: detected by default.
-    pub fn endian(mut self, endian: Endian) -> Self {
-        self.job.input.endian = Some(endian);
-        self
-    }
-
-    /// Takes the files in the folders of folders, too, where [`Reconstruction::from_files`] names a folder.
-    pub fn recursive(mut self) -> Self {
-        self.job.input.depth = Depth::Recursive;
-        self
-    }
-
-    /// The coordinate reference system, whatever files say.
-    pub fn crs(mut self, crs: Option<Crs>) -> Self {
-        self.job.input.crs = Some(crs);
         self
     }
 
@@ -350,22 +341,49 @@ impl<'a> Reconstruction<'a> {
         if let Some(refused) = self.refused {
             return Err(Error::Usage(refused));
         }
-        let workers = self.job.resources.workers()?;
+        let mut job = self.settled_job()?;
+        let workers = job.resources.workers()?;
         watched(self.observer, &workers, || {
             let mut progress = Progress::told(self.observer);
             match &self.points {
                 Points::Arrays(arrays) => {
-                    let mut job = self.job.clone();
                     if job.input.attributes == Wanted::All {
                         // Those that were named are wanted, whatever files would call them, and even if they never change.
                         job.input.attributes = Wanted::Named(arrays.names());
                     }
                     of_source(arrays, &job, &workers, &mut progress)
                 }
-                Points::Source(source) => of_source(*source, &self.job, &workers, &mut progress),
-                Points::Files => of_files(&self.job, &workers, &mut progress),
+                Points::Source(source) => of_source(*source, &job, &workers, &mut progress),
+                Points::Files => of_files(&job, &workers, &mut progress),
             }
         })
+    }
+
+    /// The job, with what could not be settled before all settings were known.
+    fn settled_job(&self) -> Result<Job> {
+        let mut job = self.job.clone();
+        match &mut job.settings.open {
+            Some(open) => {
+                open.max_hole = self.max_hole.unwrap_or(open.max_hole);
+                open.base = self.base.or(open.base);
+                if self.base.is_some() && open.kind == Kind::Sheet {
+                    return Err(Error::setting("base", "`base`: is for terrain and ground, not for a sheet".into()));
+                }
+            }
+            None if self.max_hole.is_some() => {
+                let message =
+                    "`max_hole`: is for terrain, ground and sheets; `seal` closes the holes of a closed surface";
+                return Err(Error::setting("max_hole", message.into()));
+            }
+            None if self.base.is_some() => {
+                return Err(Error::setting("base", "`base`: is for terrain and ground".into()));
+            }
+            None => {}
+        }
+        if let Some(path) = &self.clip {
+            job.input.filter.clip = Some(Arc::new(Clip::read(path)?));
+        }
+        Ok(job)
     }
 
     /// Makes the mesh, checks it, and hands it on piece by piece.
