@@ -415,6 +415,7 @@ fn walls_cost_no_more_than_planned() {
 
 /// Beside the plan, points are judged in the blocks in flight; before it, tiles are filled.
 #[test]
+#[ignore = "exhaustive"]
 fn the_ground_filter_keeps_the_budget() {
     alone("the_ground_filter_keeps_the_budget", || {
         for (threads, budget) in [(1, 40 << 20), (2, 64 << 20), (4, 256 << 20)] {

@@ -164,6 +164,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(12))]
 
     #[test]
+    #[ignore = "exhaustive"]
     fn the_verdicts_are_those_of_the_definition_whatever_memory_and_threads(
         count in 1usize..3000,
         seed in any::<u64>(),

@@ -512,6 +512,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "exhaustive"]
     fn the_air_between_thin_fins_is_outside() {
         let mut wrong = Vec::new();
         for seed in 0..60u8 {
@@ -547,6 +548,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "exhaustive"]
     fn the_level_that_is_taken_is_the_one_that_the_rule_names() {
         let cells = [96; 3];
         let mut taken = BTreeSet::new();
