@@ -135,7 +135,7 @@ pub enum Error {
         what: &'static str,
     },
     /// The work directory lacks room.
-    #[error("{}: {available} free, the work needs up to {needed}; free some space or choose another `temp_dir`", path.display())]
+    #[error("{}: {available} free, the work needs up to {needed}, {} more; free some space or choose another `temp_dir`", path.display(), ByteSize(needed.0.saturating_sub(available.0)))]
     Disk {
         /// The work directory.
         path: PathBuf,
