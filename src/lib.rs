@@ -44,8 +44,8 @@
 //!
 //! # Settings
 //!
-//! Every setting has the command's default and the name of the command's option, in snake case: `--cell-size` is [`Reconstruction::cell_size`]. Of words
-//! that an option may have, each has a method: `--surface terrain` is [`Reconstruction::terrain`].
+//! Every setting has the command's default and the name of the command's option, in snake case: `--cell-size` is [`Reconstruction::cell_size`].
+//! `--surface terrain` is [`Reconstruction::terrain`], and `--endian big` is [`Reconstruction::big_endian`].
 //! The [guide](https://docs.rs/crate/asra-stream/latest/source/docs/guide.md) tells which ones matter for objects, terrain and noisy scans.
 //!
 //! # Features

@@ -398,6 +398,7 @@ fn settings_do_what_the_options_of_their_names_do() {
         ("--keep-withheld", reading().terrain().keep_withheld()),
         ("--attributes none", reading().terrain().attributes(&[])),
         ("--attributes classification", reading().terrain().attributes(&["classification"])),
+        ("--attributes Class,returnnumber", reading().terrain().attributes(&["Class", "returnnumber"])),
         ("--max-hole 1c", reading().max_hole_cells(1).terrain()),
         ("--max-hole 0.01", reading().terrain().max_hole(0.01)),
         ("--base -0.5", reading().terrain().base(-0.5)),
@@ -420,6 +421,7 @@ fn settings_do_what_the_options_of_their_names_do() {
     assert!(told(reading().max_hole(1.0)).starts_with("`max_hole`"));
     assert!(told(reading().base(1.0)).starts_with("`base`"));
     assert!(told(reading().sheet(facing).base(1.0)).starts_with("`base`"));
+    assert!(told(reading().terrain().attributes(&["classification", "x"])).contains("\"x\" is no attribute's name"));
     assert!(told(reading().terrain().clip(dir.path().join("none.wkt"))).contains("none.wkt"));
     // Read from the wrong end, nearly all numbers are next to zero, or huge.
     let wrong = reading().little_endian().terrain().run();

@@ -82,27 +82,33 @@ impl FromStr for Wanted {
         match text {
             "all" => Ok(Wanted::All),
             "none" => Ok(Wanted::None),
-            names => {
-                let mut out: Vec<String> = Vec::new();
-                for name in names.split(',').map(str::trim) {
-                    let spelt: &[&str] =
-                        if name.eq_ignore_ascii_case("rgb") { &["red", "green", "blue"] } else { &[name] };
-                    for name in spelt.iter().map(|name| canonical(name)) {
-                        if name.is_empty() || ["x", "y", "z"].contains(&name.as_str()) {
-                            return Err(Error::Usage(format!("attributes {text:?}: {name:?} is no attribute's name")));
-                        }
-                        if !out.contains(&name) {
-                            out.push(name);
-                        }
-                    }
-                }
-                Ok(Wanted::Named(out))
-            }
+            names => Wanted::named(names.split(',')),
         }
     }
 }
 
 impl Wanted {
+    /// These, by whatever names files call them; `rgb` is for `red`, `green` and `blue`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a name that no attribute has.
+    #[doc(hidden)]
+    pub fn named<'a>(names: impl IntoIterator<Item = &'a str>) -> Result<Wanted> {
+        let mut out: Vec<String> = Vec::new();
+        for name in names.into_iter().map(str::trim) {
+            let spelt: &[&str] = if name.eq_ignore_ascii_case("rgb") { &["red", "green", "blue"] } else { &[name] };
+            for name in spelt.iter().map(|name| canonical(name)) {
+                if name.is_empty() || ["x", "y", "z"].contains(&name.as_str()) {
+                    return Err(Error::Usage(format!("attributes: {name:?} is no attribute's name")));
+                }
+                if !out.contains(&name) {
+                    out.push(name);
+                }
+            }
+        }
+        Ok(Wanted::Named(out))
+    }
+
     /// The wanted ones of the attributes that files have, each once, in a type that holds every file's values.
     ///
     /// # Errors

@@ -54,12 +54,15 @@ impl Reconstruction<'_> {
         self
     }
 
-    /// Which attributes are carried to the mesh: all by default, none of an empty slice.
+    /// Which attributes are carried to the mesh, by whatever names files call them, `rgb` for all three: all by default, none of an empty slice.
     pub fn attributes(mut self, names: &[&str]) -> Self {
-        self.job.input.attributes = match names {
-            [] => Wanted::None,
-            _ => Wanted::Named(names.iter().map(|name| (*name).to_owned()).collect()),
-        };
+        match names {
+            [] => self.job.input.attributes = Wanted::None,
+            _ => match Wanted::named(names.iter().copied()) {
+                Ok(wanted) => self.job.input.attributes = wanted,
+                Err(error) => self.refuse(&error),
+            },
+        }
         self
     }
 

@@ -137,9 +137,14 @@ impl<'a> Reconstruction<'a> {
             }
         };
         if let Err(error) = added {
-            self.refused.get_or_insert(error.to_string());
+            self.refuse(&error);
         }
         self
+    }
+
+    /// Has the run end with an error, if it is the first.
+    fn refuse(&mut self, error: &Error) {
+        self.refused.get_or_insert(error.to_string());
     }
 
     /// The side of a cell. By default that of the paper's k = 4, down to half of it where points are dense and clean, and no less than 1.25 sampling distances.
