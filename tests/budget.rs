@@ -292,7 +292,7 @@ fn cases() -> impl Strategy<Value = Case> {
     let noise = prop_oneof![Just(0.0), Just(0.002), Just(0.01)];
     (
         clouds,
-        2_000..60_000usize,
+        2_000..30_000usize,
         noise,
         2.0..7.0,
         surfaces,
@@ -379,12 +379,9 @@ fn the_least_budget_does_for_open_surfaces_over_sparse_clouds() {
 #[ignore = "exhaustive"]
 fn pieces_cost_no_more_than_planned() {
     alone("pieces_cost_no_more_than_planned", || {
-        for (surface, fit, threads, factor) in [
-            (None, Fit::Nearest, 9, 1.0),
-            (None, Fit::Nearest, 9, 3.0),
-            (Some(Kind::Terrain), Fit::Auto, 17, 6.0),
-            (None, Fit::Plane, 33, 12.0),
-        ] {
+        for (surface, fit, threads, factor) in
+            [(None, Fit::Nearest, 9, 3.0), (Some(Kind::Terrain), Fit::Auto, 17, 6.0), (None, Fit::Plane, 33, 12.0)]
+        {
             let case = Case {
                 cloud: Cloud::Lumps,
                 points: 300_000,

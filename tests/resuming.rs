@@ -13,6 +13,7 @@ use asra_stream::internals::run::pipeline::{context, reconstruct};
 use asra_stream::internals::run::progress::{Progress, Show};
 use asra_stream::internals::run::surveyed::survey_cloud;
 use asra_stream::internals::settings::open::Open;
+use asra_stream::internals::settings::surface::SurfaceOptions;
 use asra_stream::internals::settings::{Fineness, Resolution, Settings};
 use asra_stream::internals::storage::spool::Workspace;
 use asra_stream::internals::storage::work::WorkFolder;
@@ -20,6 +21,8 @@ use asra_stream::internals::storage::work::simulated::{Crash, Fault, Simulated};
 
 /// Vertices, attributes and triangles, as bits.
 type Bits = (Vec<[u64; 3]>, Vec<u64>, Vec<[u32; 3]>);
+
+const POINTS: usize = 900;
 
 /// A cloud in a file, and what is made of it.
 struct Case {
@@ -34,8 +37,8 @@ impl Case {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("cloud.bin");
         let mut bytes = Vec::new();
-        for i in 0..2500 {
-            let z = (2.0 * i as f32 + 1.0) / 2500.0 - 1.0;
+        for i in 0..POINTS {
+            let z = (2.0 * i as f32 + 1.0) / POINTS as f32 - 1.0;
             let (round, angle) = ((1.0 - z * z).sqrt(), 2.399_963 * i as f32);
             let r = 1.0 + 0.1 * (5.0 * angle.cos()).sin() * (4.0 * z).cos();
             let [x, y, z] = [
@@ -47,7 +50,9 @@ impl Case {
         }
         std::fs::write(&path, bytes).unwrap();
         let settings = Settings {
-            fineness: Fineness::Given(Resolution::Slices(if is_open { 62 } else { 64 })),
+            fineness: Fineness::Given(Resolution::Slices(if is_open { 31 } else { 32 })),
+            // Thin slabs, so that there are as many of them as in a larger run.
+            surface: SurfaceOptions { slab_slices: Some(8), ..Settings::default().surface },
             open: is_open.then_some(Open::TERRAIN),
             ..Settings::default()
         };

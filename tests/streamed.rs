@@ -489,12 +489,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 72, max_global_rejects: 100_000, ..ProptestConfig::default() })]
-
-    #[test]
-    fn the_stream_gives_the_twins_mesh(cloud in twin::clouds::cloud(), settings in settings()) {
-        assert_same(&cloud.points, cloud.single, &settings)?;
-    }
+    #![proptest_config(ProptestConfig { cases: 24, max_global_rejects: 100_000, ..ProptestConfig::default() })]
 
     #[test]
     #[ignore = "exhaustive"]
@@ -507,6 +502,15 @@ proptest! {
         let slices = Resolution::Slices(40);
         let settings = Settings { axis: AxisChoice::Longest, fineness: Fineness::Given(slices), ..settings };
         assert_same(&points, true, &settings)?;
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 72, max_global_rejects: 100_000, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_stream_gives_the_twins_mesh(cloud in twin::clouds::cloud(), settings in settings()) {
+        assert_same(&cloud.points, cloud.single, &settings)?;
     }
 
     #[test]
@@ -633,7 +637,7 @@ fn far_points_do_not_cost_what_lies_between() {
 
 // The twin looks for intersections among all pairs: some ten seconds a case.
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 8, max_global_rejects: 100_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 4, max_global_rejects: 100_000, ..ProptestConfig::default() })]
 
     #[test]
     #[ignore = "exhaustive"]

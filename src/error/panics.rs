@@ -41,7 +41,7 @@ fn a_panic_in_any_pass_is_an_error_and_leaves_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);
     let quiet = || Progress::new(Show::Nothing);
-    let mut options = Options::new(Shape::Sphere, 800, path("s.bin"));
+    let mut options = Options::new(Shape::Sphere, 300, path("s.bin"));
     options.overwrite = Overwrite::Replace;
     each(dir.path(), "generate", |workers| generate(&options, workers, &mut |_| ()).map(drop));
 

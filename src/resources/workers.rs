@@ -85,6 +85,13 @@ impl Workers {
         allocator::give_back();
     }
 
+    /// Has every thread give back what it has freed as soon as it has nothing else to do; returns at once. What one thread took and another freed stays with the first until then.
+    pub fn give_back_soon(&self) {
+        if !self.alone {
+            self.pool.spawn_broadcast(|_| allocator::give_back());
+        }
+    }
+
     /// Says whether memory is short: then each pass ends with all threads giving back what they have freed in it. Else it stays with them while others take memory
     /// for the next pass, and what is resident is the sum of what each thread ever took.
     pub fn give_back_after_passes(&self, is_short: bool) {

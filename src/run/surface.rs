@@ -221,6 +221,10 @@ pub(super) fn with_slabs<T: Coordinate, R>(
         *done += work(number);
         mesh.set((mesh.bytes() + grown).min(memory.mesh_quota));
         progress.add_weighed(faces_of_slab(number), *done / all);
+        // Else a worker that waits keeps what was freed of the slabs that it made.
+        if jobs.gives_back {
+            context.workers.give_back_soon();
+        }
     };
     let ranges = jobs.ranges(workload);
     let unasked =
