@@ -52,15 +52,15 @@ def test_steps_orders_and_locks_of_arrays_do_not_matter(sphere):
 
 
 def test_integers_and_half_floats_are_numbers(sphere):
-    points = np.round(sphere(20_000) * 1000)
+    points = np.round(sphere(8_000) * 1000)
     mesh = asra_stream.reconstruct(points)
     assert same(mesh, asra_stream.reconstruct(points.astype(np.int32)))
     assert asra_stream.reconstruct(sphere(5_000).astype(np.float16)).vertices.dtype == np.float32
 
 
 def test_pieces_are_one_cloud(sphere):
-    points = sphere(30_000)
-    values = np.arange(30_000, dtype=np.int64) << 33
+    points = sphere(12_000)
+    values = np.arange(12_000, dtype=np.int64) << 33
 
     def records(part, numbers):
         out = np.zeros(len(part), dtype=[("x", "f8"), ("y", "f8"), ("z", "f8"), ("number", "i8")])
@@ -68,15 +68,15 @@ def test_pieces_are_one_cloud(sphere):
         return out
 
     whole = asra_stream.reconstruct(points, attributes={"number": values})
-    pieces = (records(points[i : i + 2_100], values[i : i + 2_100]) for i in range(0, 30_000, 2_100))
+    pieces = (records(points[i : i + 840], values[i : i + 840]) for i in range(0, 12_000, 840))
     mesh = asra_stream.reconstruct(pieces, max_memory="64M")
     assert same(mesh, whole) and np.array_equal(mesh.attributes["number"], whole.attributes["number"])
     assert mesh.attributes["number"].dtype == np.int64 and mesh.attributes["number"].max() > 2**40
-    assert same(mesh, asra_stream.reconstruct([points[:15_000], points[15_000:]]))
+    assert same(mesh, asra_stream.reconstruct([points[:6_000], points[6_000:]]))
 
 
 def test_attributes_come_with_their_points(sphere):
-    points = sphere(20_000)
+    points = sphere(8_000)
     rgb = (np.abs(points) * 255).astype(np.uint8)
     values = {"rgb": rgb, "height": points[:, 2], "fresh": points[:, 0] > 0}
     mesh = asra_stream.reconstruct(points, attributes=values, fit="nearest")
@@ -91,7 +91,7 @@ def test_attributes_come_with_their_points(sphere):
 
 
 def test_clouds_of_others(sphere, tmp_path):
-    points = sphere(20_000)
+    points = sphere(8_000)
     mesh = asra_stream.reconstruct(points)
     trimesh = pytest.importorskip("trimesh")
     assert same(mesh, asra_stream.reconstruct(trimesh.PointCloud(points)))
@@ -99,7 +99,7 @@ def test_clouds_of_others(sphere, tmp_path):
     las = laspy.create(point_format=3, file_version="1.2")
     las.header.scales, las.header.offsets = [1e-4] * 3, [0.0] * 3
     las.x, las.y, las.z = points.T
-    las.intensity = np.arange(20_000) % 1000
+    las.intensity = np.arange(8_000) % 1000
     found = asra_stream.reconstruct(las)
     assert found.attributes["intensity"].max() == 999
     las.write(tmp_path / "sphere.las")
@@ -110,8 +110,8 @@ COLOUR = (200, 100, 50)
 
 
 def painted(sphere):
-    points = sphere(20_000)
-    return points, {"rgb": np.full((20_000, 3), COLOUR, np.uint8), "height": points[:, 2]}
+    points = sphere(8_000)
+    return points, {"rgb": np.full((8_000, 3), COLOUR, np.uint8), "height": points[:, 2]}
 
 
 def test_trimesh_gets_every_vertex(sphere):
@@ -150,7 +150,7 @@ def test_pyvista_gets_every_vertex_and_gives_clouds(sphere):
     assert np.array_equal(other.point_data["height"], mesh.attributes["height"])
     cloud = pyvista.PolyData(points)
     cloud.point_data["RGB"], cloud.point_data["height"] = attributes["rgb"], attributes["height"]
-    cloud.point_data["normals"] = np.zeros((20_000, 3))
+    cloud.point_data["normals"] = np.zeros((8_000, 3))
     again = asra_stream.reconstruct(cloud)
     assert same(mesh, again) and np.array_equal(again.colors, mesh.colors)
     assert np.array_equal(again.attributes["height"], mesh.attributes["height"]) and "normals" not in again.attributes

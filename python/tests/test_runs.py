@@ -241,7 +241,7 @@ def test_another_thread_counts_on(sphere):
 
 
 def test_two_runs_at_once_share_nothing(sphere):
-    clouds = [sphere(20_000), sphere(16_000, centre=(5, 5, 5))]
+    clouds = [sphere(8_000), sphere(6_000, centre=(5, 5, 5))]
     alone = [asra_stream.reconstruct(cloud) for cloud in clouds]
     made = [None, None]
 

@@ -46,6 +46,7 @@ impl Default for Reach {
 
 const NOTHING: [u32; 2] = [u32::MAX, 0];
 
+#[inline]
 fn with([low, high]: [u32; 2], v: u32) -> [u32; 2] {
     [low.min(v), high.max(v)]
 }

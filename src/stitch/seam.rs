@@ -79,11 +79,13 @@ impl<'a, T: Coordinate> Seam<'a, T> {
     }
 
     /// The number of the upper slab's first triangle.
+    #[inline]
     fn upper_triangles(&self) -> u32 {
         self.lower.triangles.len().next_multiple_of(BLOCK) as u32
     }
 
     /// The slab that a vertex is of, and its number there. It counts as read.
+    #[inline]
     fn slab_of(&self, v: u32) -> (&SlabMesh<T>, InSlab) {
         self.reach.read(v);
         self.place_of(v)
@@ -103,6 +105,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
     }
 
     /// The number here of what the upper slab calls `name`, and the reverse.
+    #[inline]
     fn named_by_upper(&self, name: u32) -> u32 {
         match self.upper.named(name) {
             Named::Before(InSlab(v)) => v,

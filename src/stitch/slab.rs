@@ -89,6 +89,7 @@ const SMALL: usize = 1 << 12;
 
 impl<T: Coordinate> SlabMesh<T> {
     /// Number of the slab's own vertices, contracted ones included.
+    #[inline]
     pub fn own(&self) -> u32 {
         self.state.len() as u32
     }
@@ -407,6 +408,7 @@ impl<T: Coordinate> SlabMesh<T> {
     }
 
     /// The final position of vertex `v`, in file axes.
+    #[inline]
     pub fn position(&self, v: InSlab) -> [f64; 3] {
         let smoothed = self.smoothed[v.at()];
         let own = self.fitted.target[v.at()];
