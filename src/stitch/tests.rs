@@ -335,6 +335,7 @@ fn from_a_clean_seam_on_all_is_written_as_in_one_run() {
 
 /// Whatever slabs pieces begin with that know nothing of each other, all is written as by one.
 #[test]
+#[ignore = "exhaustive"]
 fn pieces_that_are_made_apart_give_one_mesh() {
     let workers = Workers::new(2).unwrap();
     let (mut sets, mut bridges) = (0, 0);

@@ -187,6 +187,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
+    #[ignore = "exhaustive"]
     fn distance_and_noise_are_those_of_their_description(
         count in prop_oneof![1usize..200, 3000usize..6000, 60_000usize..61_000],
         kind in 0usize..6,
