@@ -85,7 +85,7 @@ impl Workers {
         allocator::give_back();
     }
 
-    /// Has every thread give back what it has freed as soon as it has nothing else to do; returns at once. What one thread took and another freed stays with the first until then.
+    /// [`Workers::give_back`] without waiting: each thread does it when it has nothing else to do. What one thread took and another freed stays with the first until then.
     pub fn give_back_soon(&self) {
         if !self.alone {
             self.pool.spawn_broadcast(|_| allocator::give_back());

@@ -383,9 +383,9 @@ proptest! {
             let owners: BTreeMap<[i64; 3], usize> =
                 (0..).zip(&expected).flat_map(|(i, (group, _))| group.iter().map(move |cell| (*cell, i))).collect();
             let touches_another = |i: usize| {
-                let round = |cell: &[i64; 3]| places([3; 3]).map(|d| plus(*cell, d.map(|c| c - 1))).collect::<Vec<_>>();
-                let near = expected[i].0.iter().flat_map(round);
-                near.into_iter().any(|cell| owners.get(&cell).is_some_and(|owner| *owner != i))
+                let round = |cell: [i64; 3]| places([3; 3]).map(move |d| plus(cell, d.map(|c| c - 1)));
+                let mut near = expected[i].0.iter().copied().flat_map(round);
+                near.any(|cell| owners.get(&cell).is_some_and(|owner| *owner != i))
             };
             for i in (0..expected.len()).filter(|i| !touches_another(*i)).take(12) {
                 let (group, measure) = &expected[i];
