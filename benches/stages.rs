@@ -117,7 +117,7 @@ fn points_to_cells(
         let in_flight = 2 * context.workers.threads();
         b.iter(|| survey(cloud, Wanted::Density, &context.workers, in_flight, |_| ()).expect("points"));
     });
-    let fill = || Buckets::<f32>::fill(cloud, Carried::Attributes, grid, context, |_| ()).expect("points");
+    let fill = || Buckets::<f32>::fill((cloud, None, Carried::Attributes), grid, context, |_| ()).expect("points");
     group.bench_function("bucket", |b| b.iter(fill));
     let buckets = fill();
     assert_eq!(context.workspace.peak_on_disk(), 0);

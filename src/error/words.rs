@@ -55,7 +55,7 @@ pub fn short(value: f64) -> String {
 }
 
 /// The settings that messages name, in backticks: `max_memory`, as the library has it, is the command's `--max-memory`.
-pub const SETTINGS: [&str; 47] = [
+pub const SETTINGS: [&str; 48] = [
     "attributes",
     "axis",
     "base",
@@ -100,6 +100,7 @@ pub const SETTINGS: [&str; 47] = [
     "tile",
     "trim",
     "unsound",
+    "upsample",
     "window",
     "work",
     "write_classes",

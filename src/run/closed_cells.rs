@@ -216,7 +216,7 @@ pub(super) fn closed_cells<T: Coordinate>(
         }
         false => None,
     };
-    let closed = match signed && !shell.is_some_and(|shell| shell.hides_walls()) {
+    let closed = match signed && surveyed.may_reopen() && !shell.is_some_and(|shell| shell.hides_walls()) {
         true => reopened(closed, buckets, grid, context, progress)?,
         false => closed,
     };

@@ -159,7 +159,7 @@ impl MemoryPlan {
         let surveying = workload.surveying();
         let threads = self.threads as u64;
         let bytes = surveying.bytes_as_read(survey_jobs(surveying, self.budget, self.threads) as u64, threads);
-        Pass { bytes, busy: self.busy(surveying.blocks) }
+        Pass { bytes: bytes.max(workload.upsampling()), busy: self.busy(surveying.blocks) }
     }
 
     /// Sorting points into buckets.

@@ -236,7 +236,7 @@ pub(super) fn run_in(job: &Job, source: Source<'_>, workers: &Workers, progress:
         Source::Made(_) => (None, budget),
     };
     let (mut surveyed, settings) = match source {
-        Source::Points(_) => surveyed(&cloud, &job.settings, workers, left, progress)?,
+        Source::Points(_) => surveyed(&cloud, &job.settings, (workers, &workspace), left, progress)?,
         Source::Made(made) => made.surveyed(&job.settings),
     };
     let levels = matches!(target, Place::Tileset(_));

@@ -73,7 +73,10 @@ pub(crate) fn report(run: Finished<'_>) -> Report {
         ground,
         grid: GridReport::of(&surveyed.grid),
         points_to_a_cell: surveyed.survey.points as f64 / made.occupied as f64,
-        closing: Closing::of(made, &surveyed.grid),
+        closing: Closing {
+            steady: surveyed.upsampled.as_ref().map(|upsampled| upsampled.is_steady),
+            ..Closing::of(made, &surveyed.grid)
+        },
         fit: FitReport { onto: made.fit, shell: made.shell },
         vertices: made.counts,
         seams: made.seams.clone(),

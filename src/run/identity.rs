@@ -170,6 +170,7 @@ fn of_settings(settings: &Settings, input: &InputOptions) -> Value {
         seal,
         window,
         keep_outliers,
+        upsample,
         min_points,
         min_component,
         surface,
@@ -186,6 +187,7 @@ fn of_settings(settings: &Settings, input: &InputOptions) -> Value {
         "seal": format!("{seal:?}"),
         "window": window,
         "keep_outliers": keep_outliers,
+        "upsample": upsample,
         "min_points": min_points,
         "min_component": format!("{min_component:?}"),
         "surface": format!("{surface:?}"),
@@ -217,6 +219,7 @@ fn of_grid(surveyed: &Surveyed) -> Value {
         "axis": format!("{:?}", grid.axis()),
         "side": bits(grid.cell_size()),
         "low": low.map(bits),
+        "added": surveyed.added().map(|added| format!("{:08x} {}", added.checksum(), surveyed.may_reopen())),
         "gaps": format!("{:08x}", crc32fast::hash(format!("{:?}", grid.gaps()).as_bytes())),
     })
 }

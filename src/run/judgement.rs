@@ -31,6 +31,7 @@ impl Report {
         self.closing.sealed = !self.closing.ends
             && self.closing.parted
             && self.closing.narrow_handles == 0
+            && self.closing.steady != Some(false)
             && self.closing.over_holes() < MUCH_BRIDGED;
         self.warnings = self.find_warnings();
     }
@@ -56,6 +57,11 @@ impl Report {
         found.extend(self.too_fine());
         if self.parameters.open.is_none() {
             found.extend(self.closing.warnings(self.grid.cell_size));
+        }
+        if self.closing.parted && self.closing.steady == Some(false) {
+            found.push(Warning::bare(
+                "not sealed: the points are too sparse for what they are of; thought a little farther in, or out, its surface has other pieces or handles",
+            ));
         }
         if self.closing.over_holes() >= MUCH_BRIDGED {
             let (share, which) = match self.closing.bridged.filter(|share| *share >= self.closing.spanned) {

@@ -51,6 +51,7 @@ pub mod tasks;
 #[cfg(any(test, feature = "internals"))]
 #[doc(hidden)]
 pub mod testing;
+mod upsampled;
 pub mod workload;
 
 pub use self::files_to_mesh::run;

@@ -17,6 +17,8 @@ pub enum Phase {
     Count,
     /// Closing coarse cells, or all of them, to know how large the mesh is going to be.
     Rehearse,
+    /// Finding places of the surface between sparse points.
+    Upsample,
     /// Sorting points into buckets.
     Bucket,
     /// Finding the occupied cells.
@@ -55,6 +57,7 @@ impl Phase {
             Phase::Gather => ("gather", "points"),
             Phase::Count => ("count", "points"),
             Phase::Rehearse => ("rehearse", "slices"),
+            Phase::Upsample => ("upsample", "points"),
             Phase::Bucket => ("bucket", "points"),
             Phase::Raster => ("raster", "points"),
             Phase::Seal => ("seal", "slices"),

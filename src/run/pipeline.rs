@@ -95,7 +95,8 @@ fn bucketed<T: Coordinate>(
 ) -> Result<Buckets<T>> {
     let Surveyed { survey, grid, .. } = surveyed;
     progress.begin(Phase::Bucket, Some(survey.records()));
-    let buckets = Buckets::<T>::fill(cloud, Carried::Attributes, grid, context, |records| progress.add(records))?;
+    let input = (cloud, surveyed.added(), Carried::Attributes);
+    let buckets = Buckets::<T>::fill(input, grid, context, |records| progress.add(records))?;
     if buckets.point_count() != survey.points {
         return Err(Error::malformed(
             &cloud.sources()[0].path,

@@ -211,6 +211,7 @@ impl MemoryPlan {
             + BESIDE
             + bucketing
                 .max(workload.surveying().bytes(1, threads as u64))
+                .max(workload.upsampling())
                 .max(Self::chunk_job(workload))
                 .max(deciding(workload))
                 .max(looking(workload, 1))

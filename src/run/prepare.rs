@@ -22,6 +22,7 @@ use crate::run::phase::Phase;
 use crate::run::pipeline::{self, context};
 use crate::run::progress::Progress;
 use crate::run::surveyed::{Sampling, Surveyed, rehearsed, survey_cloud, survey_with};
+use crate::run::upsampled::upsampled;
 use crate::run::workload::Workload;
 use crate::settings::Settings;
 use crate::settings::open::Kind;
@@ -64,8 +65,9 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
     let whole = |error| of_whole_budget(error, &job.settings, budget, workers);
-    let mut surveyed = rehearsed(surveyed, &job.settings, workers, &workspace, left, progress)?;
     let settings = Settings { open: surveyed.open, ..job.settings };
+    let (surveyed, settings) = upsampled(&cloud, (surveyed, settings), (workers, &workspace), left, progress)?;
+    let mut surveyed = rehearsed(surveyed, &settings, workers, &workspace, left, progress)?;
     match counted(&cloud, &surveyed, &settings, (workers, &workspace), left, progress)? {
         Some(workload) => surveyed.workload = workload,
         None => progress.note(&format!(
@@ -299,14 +301,14 @@ pub fn contradiction(cloud: &Cloud, surveyed: &Surveyed) -> Option<String> {
     ))
 }
 
-/// Surveys a cloud, in `budget` bytes; with the settings as its points settle them.
+/// Surveys a cloud, in `budget` bytes, with places added where its points are sparse; with the settings as its points settle them.
 ///
 /// # Errors
 /// Errors of reading the input and of laying the grid; [`Error::InvalidSetting`] if its reference system contradicts its coordinates.
 pub(crate) fn surveyed(
     cloud: &Cloud,
     settings: &Settings,
-    workers: &Workers,
+    (workers, workspace): (&Workers, &Workspace),
     budget: u64,
     progress: &mut Progress,
 ) -> Result<(Surveyed, Settings)> {
@@ -318,7 +320,7 @@ pub(crate) fn surveyed(
         );
     }
     let settings = Settings { open: surveyed.open, ..*settings };
-    Ok((surveyed, settings))
+    upsampled(cloud, (surveyed, settings), (workers, workspace), budget, progress)
 }
 
 /// With a budget of so many times the least of a surface as it is expected from the box alone, with upright walls in its first and last slab if it is open, there is room

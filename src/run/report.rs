@@ -114,6 +114,8 @@ pub struct Parameters {
     pub window: Option<u32>,
     /// Whether outliers were to be kept.
     pub keep_outliers: bool,
+    /// Whether places might be added where points are sparse.
+    pub upsample: bool,
     /// The least points of an occupied cell.
     pub min_points: u32,
     /// The components that were kept, if not all.
@@ -136,6 +138,8 @@ pub struct Parameters {
 pub struct PointsReport {
     /// Finite points.
     pub count: u64,
+    /// Places between them, on the surface that they tell of together, that were added as they are sparse.
+    pub added: u64,
     /// Records left out as not finite.
     pub dropped: u64,
     /// Points left out by filters.
@@ -181,6 +185,8 @@ pub struct Closing {
     /// Whether triangles were left out, so that the mesh ends there.
     #[serde(skip)]
     pub(crate) ends: bool,
+    /// Whether the surface has as many pieces and handles where it is thought a little farther in, or out, if places were added.
+    pub steady: Option<bool>,
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
     pub bridged: Option<f64>,
     /// The part of the border between inside and outside that no sample is near, on the level that tells them apart: what holes are closed with there.
@@ -291,7 +297,8 @@ impl Parameters {
             Fineness::Given(Resolution::Cell(value)) => cell_size = Some(value),
             Fineness::Sampling | Fineness::Default => {}
         }
-        let Settings { seal, window, keep_outliers, min_points, min_component, surface, open, .. } = *settings;
+        let Settings { seal, window, keep_outliers, upsample, min_points, min_component, surface, open, .. } =
+            *settings;
         let Settings { bridged, trim, simplify, .. } = *settings;
         Parameters {
             k,
@@ -300,6 +307,7 @@ impl Parameters {
             seal,
             window,
             keep_outliers,
+            upsample,
             min_points,
             min_component,
             surface,
@@ -314,8 +322,10 @@ impl Parameters {
 impl PointsReport {
     /// The points of a surveyed cloud.
     pub fn of(cloud: &Cloud, surveyed: &Surveyed) -> PointsReport {
+        let added = surveyed.added().map_or(0, |added| added.points.len() as u64);
         PointsReport {
-            count: surveyed.survey.points,
+            count: surveyed.survey.points - added,
+            added,
             dropped: surveyed.survey.dropped,
             filtered: surveyed.survey.filtered,
             attributes: cloud.schema().attributes().iter().map(|a| a.name.clone()).collect(),
@@ -361,6 +371,7 @@ impl Closing {
             sealed: is_parted && made.narrow.count == 0,
             parted: is_parted,
             ends: false,
+            steady: None,
             bridged: None,
             spanned: parted.map_or(0.0, |parted| parted.spanned()),
             part_nothing: parted.map_or(0.0, |parted| parted.part_nothing as f64 / walls),

@@ -98,6 +98,9 @@ impl Report {
                 points += &format!(" ({} {why})", thousands(count));
             }
         }
+        if self.points.added > 0 {
+            points += &format!("; {} places between them added, as they are sparse", thousands(self.points.added));
+        }
         let mut lines = vec![points, format!("grid     {}", self.grid)];
         match (&self.parameters.open, self.closing.columns) {
             (Some(open), Some(columns)) => {

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::grid::Grid;
+use crate::grid::bucket::Added;
 use crate::grid::coarse::CoarseGrid;
 use crate::grid::partition::Slabs;
 use crate::grid::survey::{Density, Survey, Wanted, planes_with_points, seen_from, survey, turned_bounds};
@@ -38,6 +39,32 @@ pub struct Surveyed {
     pub coarse_grid: CoarseGrid,
     /// What the plan is made from.
     pub workload: Workload,
+    /// Places that are added to the points, if these are sparse: the survey counts them, and so does the grid.
+    #[serde(default)]
+    pub upsampled: Option<Upsampled>,
+}
+
+/// Places that are added to a cloud's points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Upsampled {
+    /// The places, with the attributes of the nearest point each.
+    pub added: Added,
+    /// Whether the body has as many pieces and handles where its surface is thought a little farther in, or out.
+    pub is_steady: bool,
+    /// Whether cells are opened again after the closing: not where that makes other handles than the surface has.
+    pub reopened: bool,
+}
+
+impl Surveyed {
+    /// Whether cells may be opened again after the closing.
+    pub fn may_reopen(&self) -> bool {
+        self.upsampled.as_ref().is_none_or(|upsampled| upsampled.reopened)
+    }
+
+    /// The points that are added to the cloud's.
+    pub fn added(&self) -> Option<&Added> {
+        self.upsampled.as_ref().map(|upsampled| &upsampled.added)
+    }
 }
 
 /// Surveys the cloud and lays the grid, with as many blocks in flight as `budget` bytes have room for.
@@ -165,7 +192,7 @@ pub fn survey_with(
             workload = workload.with_walls_at_ends();
         }
     }
-    Ok(Surveyed { survey, grid, open, density, coarse_grid, workload })
+    Ok(Surveyed { survey, grid, open, density, coarse_grid, workload, upsampled: None })
 }
 
 /// The passes of a survey, which is as far as the records they have read.

@@ -11,6 +11,7 @@ use crate::points::Precision;
 use crate::settings::simplification::Simplification;
 use crate::settings::surface::Fit;
 use crate::simplify::Extent;
+use crate::solid::winding;
 use crate::stitch::size::{Made, MeansBytes, Size};
 use crate::storage::remote;
 
@@ -60,6 +61,8 @@ pub struct Workload {
     transfers: bool,
     /// The survey's passes.
     surveying: SurveyWorkload,
+    /// Sparse points between which places are looked for; none where they are not.
+    upsampled: u64,
 }
 
 /// What the plan must know of the survey.
@@ -173,6 +176,7 @@ impl Workload {
             sighted: false,
             outlasting: false,
             transfers: false,
+            upsampled: 0,
             surveying: SurveyWorkload {
                 blocks: 0,
                 points: 0,
@@ -336,6 +340,16 @@ impl Workload {
     /// Bytes of a point in a bucket, and of a vertex in the mesh.
     pub fn record(&self) -> u64 {
         self.coordinates() + self.attributes
+    }
+
+    /// The same with places looked for between so many points.
+    pub fn with_upsampling(self, points: u64) -> Workload {
+        Workload { upsampled: points, ..self }
+    }
+
+    /// Bytes of looking for places between sparse points.
+    pub(crate) fn upsampling(&self) -> u64 {
+        if self.upsampled > 0 { winding::bytes(self.upsampled) } else { 0 }
     }
 
     /// Faces to expect.

@@ -69,6 +69,8 @@ pub struct Settings {
     pub window: Option<u32>,
     /// Whether outliers stay.
     pub keep_outliers: bool,
+    /// Whether places of the surface are added where points are sparse for what they are of.
+    pub upsample: bool,
     /// The least number of points that make a cell occupied.
     pub min_points: u32,
     /// The components that are kept; `None` keeps all.
@@ -95,6 +97,7 @@ impl Default for Settings {
             seal: Sealing::Auto,
             window: None,
             keep_outliers: false,
+            upsample: true,
             min_points: 1,
             min_component: Some(Least::Auto),
             surface: SurfaceOptions {

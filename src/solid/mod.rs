@@ -7,6 +7,7 @@
 mod bare;
 pub mod cavities;
 mod change;
+mod characteristic;
 pub mod close;
 pub mod component;
 pub mod dents;
@@ -20,6 +21,7 @@ pub mod sign;
 pub mod thicken;
 pub mod unresolved;
 pub mod watershed;
+pub mod winding;
 
 use serde::{Deserialize, Serialize};
 

@@ -97,7 +97,7 @@ fn with_slabs<R>(case: &Case, work: impl FnOnce(&Grid, &Making<'_, f32>, &Contex
     let workspace = Workspace::new(dir.path()).unwrap();
     let context = context(&surveyed, &workers, &workspace, 1 << 30).unwrap();
     let grid = &surveyed.grid;
-    let buckets = Buckets::<f32>::fill(&cloud, Carried::Attributes, grid, &context, |_| ()).unwrap();
+    let buckets = Buckets::<f32>::fill((&cloud, None, Carried::Attributes), grid, &context, |_| ()).unwrap();
     let occupancy = Occupancy::of_buckets(&buckets, grid, 1, &context, |_| ()).unwrap();
     let options =
         ClosingOptions { seal: settings.seal, window: None, keep_outliers: true, min_component: None, rough: false };

@@ -95,6 +95,16 @@ pub struct CloudArguments {
     /// Keep points that lie apart from all surfaces; else the surface does not go to them
     #[arg(long, help_heading = "Surface")]
     pub keep_outliers: bool,
+    /// Whether places of the surface are added between points that are too sparse for what they are of: up to 10,000 points, where the cells are those by default and leave it unsealed
+    #[arg(
+        long,
+        value_enum,
+        default_value_t,
+        value_name = "auto|off",
+        hide_possible_values = true,
+        help_heading = "Surface"
+    )]
+    pub upsample: UpsampleWord,
     /// Points that make a cell occupied, at least: thins out strays
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Surface")]
     pub min_points: u32,
@@ -178,6 +188,16 @@ impl SimplificationArguments {
         let (keep_colours, move_vertices) = (self.keep_colours, self.move_vertices);
         is_asked.then_some(Simplification { tolerance, max_triangles, keep_borders, keep_colours, move_vertices })
     }
+}
+
+/// Whether places are added, as typed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum UpsampleWord {
+    /// Where points are too sparse.
+    #[default]
+    Auto,
+    /// Never.
+    Off,
 }
 
 /// The axis as typed.
@@ -275,6 +295,7 @@ impl CloudArguments {
         let (min_points, min_component) = (self.min_points, Some(self.min_component));
         let (seal, window, open) = (self.seal.value, self.window, self.open()?);
         let (keep_outliers, simplify) = (self.keep_outliers, self.simplification.asked());
+        let upsample = self.upsample == UpsampleWord::Auto;
         let classes = self.classes.unwrap_or_default();
         let (bridged, trim) = (self.bridged, self.trim.map(|distance| distance.value));
         Ok(Settings {
@@ -283,6 +304,7 @@ impl CloudArguments {
             seal,
             window,
             keep_outliers,
+            upsample,
             min_points,
             min_component,
             surface,

@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, MutexGuard};
 
-use super::{Bucket, Buckets, Chunk, Part};
+use super::{Added, Bucket, Buckets, Chunk, Part};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::grid::partition::BUCKET_SLICES;
@@ -55,9 +55,26 @@ impl<T: Coordinate> Filling<T> {
         Filling { buckets, page_file, chunk, stride, digested }
     }
 
+    /// Sorts what is added to the cloud's points into the buckets, some at a time.
+    pub fn add_all(&self, added: &Added, grid: &Grid, scratch: &mut Scratch<T>) -> Result<()> {
+        const AT_A_TIME: usize = 4096;
+        for (number, points) in added.points.chunks(AT_A_TIME).enumerate() {
+            let points: Vec<[T; 3]> = points.iter().map(|point| point.map(T::from_f64)).collect();
+            // Where attributes are not carried, they have no bytes.
+            let attributes = &added.attributes[number * AT_A_TIME * self.stride..][..points.len() * self.stride];
+            self.sort_part(Lent { points: &points, attributes }, grid, scratch)?;
+        }
+        Ok(())
+    }
+
     /// Sorts a block's points into the buckets, and returns the number of the block's records.
     pub fn sort(&self, batch: &Batch, grid: &Grid, scratch: &mut Scratch<T>) -> Result<u64> {
         let part = Lent { points: T::of(&batch.points), attributes: &batch.attributes };
+        self.sort_part(part, grid, scratch)?;
+        Ok(batch.records())
+    }
+
+    fn sort_part(&self, part: Lent<'_, T>, grid: &Grid, scratch: &mut Scratch<T>) -> Result<()> {
         scratch.sort(part, self.stride, grid, self.buckets.len());
         let mut rest = scratch.sorted.part();
         let mut start = 0;
@@ -70,7 +87,7 @@ impl<T: Coordinate> Filling<T> {
                 (rest, start) = (beyond, end);
             }
         }
-        Ok(batch.records())
+        Ok(())
     }
 
     /// Adds points to a bucket. `spare` is an empty chunk, and stays one.

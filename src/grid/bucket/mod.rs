@@ -36,6 +36,25 @@ use crate::storage::work::sections::{Section, SectionReader, SectionWriter};
 /// Chunks on disk that are announced before they are read: a bucket's lie all over the file, and disks are fast only if they are asked for several at a time.
 const AHEAD: usize = 32;
 
+/// Points that are added to a cloud's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Added {
+    /// In the cloud's precision.
+    pub points: Vec<[f64; 3]>,
+    /// The records of their attributes, one after the other.
+    pub attributes: Vec<u8>,
+}
+
+impl Added {
+    /// What tells them from others.
+    pub fn checksum(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        hasher.update(bytemuck::cast_slice(&self.points));
+        hasher.update(&self.attributes);
+        hasher.finalize()
+    }
+}
+
 /// The buckets of a cloud, readable in any order, from several threads.
 #[derive(Debug)]
 pub struct Buckets<T> {
@@ -107,20 +126,19 @@ struct Chunk<T> {
 }
 
 impl<T: Coordinate> Buckets<T> {
-    /// Sorts the whole cloud into buckets, with attributes or without. `progress` is told the records of each block.
+    /// Sorts the whole cloud into buckets, with attributes or without, and what is added to it. `progress` is told the records of each block.
     ///
     /// Memory: a block, its sorted points and a chunk for each job in flight, and a chunk for each bucket.
     ///
     /// # Errors
     /// Errors of reading the input, [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn fill(
-        cloud: &Cloud,
-        carried: Carried,
+        (cloud, added, carried): (&Cloud, Option<&Added>, Carried),
         grid: &Grid,
         context: &Context,
         progress: impl FnMut(u64),
     ) -> Result<Buckets<T>> {
-        Buckets::fill_with((cloud, None, carried), grid, context, PHASE, progress)
+        Buckets::fill_with((cloud, None, carried), added, (grid, context), PHASE, progress)
     }
 
     /// The same with the points of a segment, if there is one, for a phase of that name.
@@ -129,8 +147,8 @@ impl<T: Coordinate> Buckets<T> {
     /// The same as [`Buckets::fill`].
     pub fn fill_with(
         (cloud, segment, carried): (&Cloud, Option<&Segment>, Carried),
-        grid: &Grid,
-        context: &Context,
+        added: Option<&Added>,
+        (grid, context): (&Grid, &Context),
         phase: &str,
         mut progress: impl FnMut(u64),
     ) -> Result<Buckets<T>> {
@@ -157,6 +175,9 @@ impl<T: Coordinate> Buckets<T> {
                 Ok(())
             },
         )?;
+        if let Some(added) = added {
+            spares.lend(|scratch| filling.add_all(added, grid, scratch))?;
+        }
         context.workers.in_order_range(memory.blocks_in_flight, count, |bucket| filling.close(bucket), |()| Ok(()))?;
         Ok(filling.filled())
     }
@@ -503,7 +524,8 @@ mod tests {
         with_context(grid.cells(), |context| {
             let mut context = context.clone();
             context.memory.buckets_quota = 1 << 20;
-            let mut buckets = Buckets::<f32>::fill(&cloud, Carried::Attributes, &grid, &context, |_| ()).unwrap();
+            let mut buckets =
+                Buckets::<f32>::fill((&cloud, None, Carried::Attributes), &grid, &context, |_| ()).unwrap();
             let read = |buckets: &Buckets<f32>, bucket: usize| {
                 let (mut points, mut numbers) = (Vec::new(), Vec::new());
                 let add = |some: &[[f32; 3]], records: &[u8]| {

@@ -195,6 +195,13 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
+    /// Whether places of the surface are added between points that are too sparse for what they are of, as they are by default: up to 10,000 points, where
+    /// the cells are those by default and leave it unsealed.
+    pub fn upsample(mut self, upsample: bool) -> Self {
+        self.job.settings.upsample = upsample;
+        self
+    }
+
     /// The least number of points of an occupied cell: 1 by default.
     pub fn min_points(mut self, points: u32) -> Self {
         self.job.settings.min_points = points;
@@ -438,7 +445,7 @@ fn made(
     let mut beside = Beside::of(job)?.create()?;
     let ground = bare_earth(cloud, &job.settings, &mut beside, budget, workers, workspace, progress)?;
     let left = budget_beside(&job.settings, budget, workers);
-    let (surveyed, settings) = surveyed(cloud, &job.settings, workers, left, progress)?;
+    let (surveyed, settings) = surveyed(cloud, &job.settings, (workers, workspace), left, progress)?;
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     let (surveyed, context) =
         planned(cloud, surveyed, &settings, (workers, workspace), left, None, progress).map_err(whole)?;

@@ -232,8 +232,11 @@ impl Tasks {
         progress.begin(Phase::Bucket, None);
         let phase = self.phase(Task::Bucket(number));
         let input = (cloud, Some(&self.plan.segments[number].segment), Carried::Attributes);
-        let grid = &self.plan.surveyed.grid;
-        let buckets = Buckets::<T>::fill_with(input, grid, context, &phase, |records| progress.add(records))?;
+        let surveyed = &self.plan.surveyed;
+        // They are no file's.
+        let added = surveyed.added().filter(|_| number == 0);
+        let buckets =
+            Buckets::<T>::fill_with(input, added, (&surveyed.grid, context), &phase, |records| progress.add(records))?;
         progress.end();
         buckets.commit(&self.work, &phase)
     }

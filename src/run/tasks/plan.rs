@@ -87,7 +87,7 @@ fn plan_in(
         }
     }
     let budget = job.resources.budget();
-    let (mut surveyed, settings) = surveyed(&cloud, &measured.settings, workers, budget, progress)?;
+    let (mut surveyed, settings) = surveyed(&cloud, &measured.settings, (workers, &workspace), budget, progress)?;
     if job.output.as_deref().is_some_and(is_remote) {
         surveyed.workload = surveyed.workload.with_transfers();
     }
