@@ -233,7 +233,7 @@ fn an_observer_is_told_every_stage() {
     Reconstruction::of(&sphere(3000, [0.0; 3])).observer(&watching).run().unwrap();
     let stages = watching.stages.into_inner().unwrap();
     let both = |name| [(name, false), (name, true)];
-    let expected = ["survey", "bucket", "raster", "seal", "reopen", "surface", "check"].map(both).concat();
+    let expected = ["survey", "upsample", "bucket", "raster", "seal", "reopen", "surface", "check"].map(both).concat();
     assert_eq!(stages, expected);
     let fractions = watching.fractions.into_inner().unwrap();
     assert!(fractions.is_sorted() && fractions.last() == Some(&1.0), "{fractions:?}");

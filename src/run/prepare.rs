@@ -65,8 +65,9 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     refuse_contradiction(&cloud, &surveyed)?;
     let tiles = expected_tiles(job, &surveyed)?;
     let whole = |error| of_whole_budget(error, &job.settings, budget, workers);
-    let settings = Settings { open: surveyed.open, ..job.settings };
-    let (surveyed, settings) = upsampled(&cloud, (surveyed, settings), (workers, &workspace), left, progress)?;
+    let settings = surveyed.settled(&job.settings);
+    let surveyed = upsampled(&cloud, surveyed, &settings, (workers, &workspace), left, progress)?;
+    let settings = surveyed.settled(&settings);
     let mut surveyed = rehearsed(surveyed, &settings, workers, &workspace, left, progress)?;
     match counted(&cloud, &surveyed, &settings, (workers, &workspace), left, progress)? {
         Some(workload) => surveyed.workload = workload,
@@ -319,8 +320,10 @@ pub(crate) fn surveyed(
             "the points look like a tile of terrain, scanned from above: `surface` terrain makes one layer of it, `surface` ground bare earth",
         );
     }
-    let settings = Settings { open: surveyed.open, ..*settings };
-    upsampled(cloud, (surveyed, settings), (workers, workspace), budget, progress)
+    let settings = surveyed.settled(settings);
+    let surveyed = upsampled(cloud, surveyed, &settings, (workers, workspace), budget, progress)?;
+    let settings = surveyed.settled(&settings);
+    Ok((surveyed, settings))
 }
 
 /// With a budget of so many times the least of a surface as it is expected from the box alone, with upright walls in its first and last slab if it is open, there is room

@@ -20,6 +20,7 @@ use crate::run::planner::survey_jobs;
 use crate::run::progress::Progress;
 use crate::run::workload::{ColumnWorkload, SurveyWorkload, Workload};
 use crate::settings::open::{Facing, Open};
+use crate::settings::simplification::Simplification;
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::heightfield;
 use crate::storage::spool::Workspace;
@@ -53,9 +54,17 @@ pub struct Upsampled {
     pub is_steady: bool,
     /// Whether cells are opened again after the closing: not where that makes other handles than the surface has.
     pub reopened: bool,
+    /// How many triangles are left unasked, if there would be more.
+    pub max_triangles: Option<u64>,
 }
 
 impl Surveyed {
+    /// The settings as the points settle them.
+    pub fn settled(&self, settings: &Settings) -> Settings {
+        let unasked = self.upsampled.as_ref().and_then(|upsampled| upsampled.max_triangles).map(Simplification::to);
+        Settings { open: self.open, simplify: settings.simplify.or(unasked), ..*settings }
+    }
+
     /// Whether cells may be opened again after the closing.
     pub fn may_reopen(&self) -> bool {
         self.upsampled.as_ref().is_none_or(|upsampled| upsampled.reopened)

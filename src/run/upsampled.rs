@@ -21,9 +21,7 @@ use crate::run::counted::context_of;
 use crate::run::phase::Phase;
 use crate::run::progress::{Progress, Show};
 use crate::run::surveyed::{Surveyed, Upsampled, survey_cloud};
-use crate::run::workload::Workload;
 use crate::settings::closing::Sealing;
-use crate::settings::simplification::Simplification;
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::close::How;
 use crate::solid::winding::{self, Sampled};
@@ -32,49 +30,36 @@ use crate::storage::spool::Workspace;
 /// So many times as many triangles as k = 4 makes are made unasked at the most.
 const MOST_TRIANGLES: f64 = 4.0;
 
-/// A surveyed cloud, with places added where its points alone are too sparse; and the settings that go with them.
+/// A surveyed cloud, with places added where its points alone are too sparse.
 ///
 /// # Errors
 /// Those of reading the input, of surveying and of closing cells; [`crate::Error::Budget`] if the budget is too small to look.
 pub(super) fn upsampled(
     cloud: &Cloud,
-    (surveyed, settings): (Surveyed, Settings),
+    surveyed: Surveyed,
+    settings: &Settings,
     (workers, workspace): (&Workers, &Workspace),
     budget: u64,
     progress: &mut Progress,
-) -> Result<(Surveyed, Settings)> {
-    if !may_be(cloud, &surveyed, &settings) {
-        return Ok((surveyed, settings));
+) -> Result<Surveyed> {
+    if !may_be(cloud, &surveyed, settings) {
+        return Ok(surveyed);
     }
     progress.begin(Phase::Upsample, Some(surveyed.survey.points));
     let means = (workers, workspace);
     let found = match cloud.precision() {
-        Precision::Single => looked_for::<f32>(cloud, &surveyed, &settings, means, budget),
-        Precision::Double => looked_for::<f64>(cloud, &surveyed, &settings, means, budget),
+        Precision::Single => looked_for::<f32>(cloud, surveyed, settings, means, budget),
+        Precision::Double => looked_for::<f64>(cloud, surveyed, settings, means, budget),
     };
     progress.end();
-    match found? {
-        Found::Sealed => Ok((surveyed, settings)),
-        Found::Nothing(workload) => Ok((Surveyed { workload: *workload, ..surveyed }, settings)),
-        Found::Places(made) => {
-            let added = made.0.upsampled.as_ref().map_or(0, |upsampled| upsampled.added.points.len());
-            progress.note(&format!(
-                "the points are sparse for what they are of: {} places between them, on the surface that they tell of together, are added; `upsample` off leaves them out",
-                thousands(added as u64)
-            ));
-            Ok(*made)
-        }
+    let found = found?;
+    if let Some(added) = found.added() {
+        progress.note(&format!(
+            "the points are sparse for what they are of: {} places between them, on the surface that they tell of together, are added; `upsample` off leaves them out",
+            thousands(added.points.len() as u64)
+        ));
     }
-}
-
-/// What came of looking.
-enum Found {
-    /// The cells are sealed as they are.
-    Sealed,
-    /// No places, though they were looked for, which this workload has.
-    Nothing(Box<Workload>),
-    /// Places, in the surveyed cloud.
-    Places(Box<(Surveyed, Settings)>),
+    Ok(found)
 }
 
 /// Whether places may be added: nothing is asked of the cells, and nothing that speaks of the points alone.
@@ -87,11 +72,11 @@ fn may_be(cloud: &Cloud, surveyed: &Surveyed, settings: &Settings) -> bool {
 
 fn looked_for<T: Coordinate>(
     cloud: &Cloud,
-    surveyed: &Surveyed,
+    surveyed: Surveyed,
     settings: &Settings,
     (workers, workspace): (&Workers, &Workspace),
     budget: u64,
-) -> Result<Found> {
+) -> Result<Surveyed> {
     let close = |surveyed: &Surveyed, settings: &Settings| -> Result<(Buckets<T>, ClosedCells)> {
         let context = context_of(surveyed, (workers, workspace), budget)?;
         let input = (cloud, surveyed.added(), Carried::Attributes);
@@ -99,40 +84,45 @@ fn looked_for<T: Coordinate>(
         let cells = closed_cells(cloud, surveyed, settings, &buckets, &context, &mut Progress::new(Show::Nothing))?;
         Ok((buckets, cells))
     };
-    let (buckets, cells) = close(surveyed, settings)?;
+    let (buckets, cells) = close(&surveyed, settings)?;
     if is_sealed(&cells) {
-        return Ok(Found::Sealed);
+        return Ok(surveyed);
     }
     let workload = surveyed.workload.clone().with_upsampling(surveyed.survey.points);
+    let surveyed = Surveyed { workload, ..surveyed };
     // What is too small a budget is told now.
-    let looking = Surveyed { workload: workload.clone(), ..surveyed.clone() };
-    let context = context_of(&looking, (workers, workspace), budget)?;
-    let nothing = Found::Nothing(Box::new(workload));
-    let (points, records): (Vec<_>, Vec<_>) = counted(&buckets, &cells, &surveyed.grid, &context)?.into_iter().unzip();
+    let context = context_of(&surveyed, (workers, workspace), budget)?;
+    let counted = counted(&buckets, &cells, &surveyed.grid, &context)?;
+    let (points, records): (Vec<_>, Vec<_>) = counted.into_iter().unzip();
     drop(buckets);
-    let Some(told) = winding::surface_of(&points, workers)? else { return Ok(nothing) };
-    let faces: u64 = cells.closed.solid.faces.iter().map(|faces| u64::from(*faces)).sum();
+    let Some(told) = winding::surface_of(&points, workers)? else { return Ok(surveyed) };
+    let most = MOST_TRIANGLES * faces(&cells) as f64 * in_usual_cells(&surveyed, settings)?;
     drop(cells);
-    let most = MOST_TRIANGLES * faces as f64 * in_usual_cells(surveyed, settings)?;
-    let settings = match settings.simplify {
-        None => Settings { simplify: Some(at_most(most as u64)), ..*settings },
-        Some(_) => *settings,
-    };
     for sampled in &told.sampled {
         let added = with_records::<T>(sampled, &records, cloud.schema().stride());
-        let upsampled = Upsampled { added, is_steady: told.is_steady, reopened: true };
-        let mut surveyed = surveyed_with(cloud, surveyed, &settings, upsampled, workers, budget)?;
+        let upsampled = Upsampled { added, is_steady: told.is_steady, reopened: true, max_triangles: None };
+        let mut made = surveyed_with(cloud, &surveyed, settings, upsampled, workers, budget)?;
         // Reopening goes by the walls round a place, the surface by all points: where they disagree, it is left out.
         for reopened in [true, false] {
-            surveyed.upsampled.iter_mut().for_each(|upsampled| upsampled.reopened = reopened);
-            let (_, cells) = close(&surveyed, &settings)?;
+            made.upsampled.iter_mut().for_each(|upsampled| upsampled.reopened = reopened);
+            let (_, cells) = close(&made, settings)?;
             // The cells must have the pieces and handles that the surface has.
             if cells.closed.solid.characteristic()? == told.characteristic {
-                return Ok(Found::Places(Box::new((surveyed, settings))));
+                // Contraction leaves more than a triangle to a face, and fewer than two.
+                let too_many = 2.0 * faces(&cells) as f64 > most && settings.simplify.is_none();
+                let most = too_many.then_some(most.max(4.0) as u64);
+                made.upsampled.iter_mut().for_each(|upsampled| upsampled.max_triangles = most);
+                let simplify = made.settled(settings).simplify;
+                made.workload = made.workload.with_simplification(simplify);
+                return Ok(made);
             }
         }
     }
-    Ok(nothing)
+    Ok(surveyed)
+}
+
+fn faces(cells: &ClosedCells) -> u64 {
+    cells.closed.solid.faces.iter().map(|faces| u64::from(*faces)).sum()
 }
 
 fn is_sealed(cells: &ClosedCells) -> bool {
@@ -198,10 +188,6 @@ fn in_usual_cells(surveyed: &Surveyed, settings: &Settings) -> Result<f64> {
     Ok((grid.cell_size() / usual).powi(2))
 }
 
-fn at_most(triangles: u64) -> Simplification {
-    Simplification::to(triangles.max(4))
-}
-
 /// The points of a cloud and the places that are added to them.
 struct Both<'a> {
     points: &'a [[f64; 3]],
@@ -246,7 +232,9 @@ fn surveyed_with(
     })?;
     let both = Both { points: &points, added: &upsampled.added.points, precision: cloud.precision() };
     let joined = Cloud::of_source(&both, &InputOptions::default())?;
-    let surveyed = survey_cloud(&joined, settings, workers, budget, &mut Progress::new(Show::Nothing))?;
+    // As fine as the places carry.
+    let settings = Settings { fineness: Fineness::Sampling, ..*settings };
+    let surveyed = survey_cloud(&joined, &settings, workers, budget, &mut Progress::new(Show::Nothing))?;
     drop(joined);
     let survey =
         crate::grid::survey::Survey { points: surveyed.survey.points, bounds: surveyed.survey.bounds, ..before.survey };

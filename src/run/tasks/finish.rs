@@ -57,7 +57,7 @@ impl Premade for Tasks {
 
     fn surveyed(&self, settings: &Settings) -> (Surveyed, Settings) {
         let surveyed = self.plan.surveyed.clone();
-        let settings = Settings { open: surveyed.open, ..*settings };
+        let settings = surveyed.settled(settings);
         (surveyed, settings)
     }
 

@@ -341,7 +341,7 @@ impl Tasks {
 
     /// Whether tasks make the mesh that is written. They do not where a number of triangles is to be searched for, or where the mesh becomes another one in the end.
     fn is_whole(&self) -> bool {
-        let settings = &self.job.settings;
+        let settings = self.plan.surveyed.settled(&self.job.settings);
         !settings.bridged
             && settings.trim.is_none()
             && settings.simplify.is_none_or(|asked| asked.max_triangles.is_none())

@@ -22,13 +22,16 @@ use crate::error::Result;
 use crate::resources::workers::Workers;
 
 /// Clouds of more points are not looked at: their sums take seconds.
-pub const MOST: usize = 10_000;
+pub const MOST: usize = 5_000;
 
 /// Of fewer, nobody can tell what they are of.
 const LEAST: usize = 50;
 
 /// The part of the points that must have the inside below and the outside above.
 const PARTING: f64 = 0.98;
+
+/// How far the Euler number may be from that of the body whose surface is thought a little farther out: else points are too few, or too noisy, to be believed.
+const UNSTEADY: i64 = 2;
 
 /// The part of the surface that may lie far from all points, and what is far, in sampling distances: else it is open, or has a hole.
 const OPEN: f64 = 0.012;
@@ -97,8 +100,8 @@ pub fn surface_of(points: &[[f64; 3]], workers: &Workers) -> Result<Option<Told>
         return Ok(None);
     }
     let Some(shown) = lattice::look(&dipoles, &SPACED, workers)? else { return Ok(None) };
-    let [fine, coarse, ..] = shown.characteristic;
-    if fine != coarse {
+    let [fine, coarse, wider, _] = shown.characteristic;
+    if fine != coarse || (wider - fine).abs() > UNSTEADY {
         return Ok(None);
     }
     let place = |p: &Vector| std::array::from_fn(|a| middle[a] + unit * f64::from(p[a]));

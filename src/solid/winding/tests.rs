@@ -105,11 +105,8 @@ proptest! {
     }
 }
 
-/// What is found of points, however many threads look.
 fn found(points: &[[f64; 3]]) -> Option<Told> {
-    let told = [1, 3].map(|threads| surface_of(points, &Workers::new(threads).unwrap()).unwrap());
-    assert_eq!(told[0], told[1]);
-    told.into_iter().next().unwrap()
+    surface_of(points, &Workers::new(2).unwrap()).unwrap()
 }
 
 /// The distance of a place from the nearest of others.
@@ -120,10 +117,10 @@ fn far(place: &[f64; 3], from: &[[f64; 3]]) -> f64 {
 
 #[test]
 fn spheres_and_tori_are_told_from_few_points() {
-    for seed in 0..6u64 {
+    for seed in 0..3u64 {
         let mut numbers = numbers(seed);
         let axes = axes(&mut numbers);
-        let count = numbers.random_range(250..700usize);
+        let count = numbers.random_range(250..450usize);
         let inner = numbers.random_range(0.4..0.6);
         let mut two = sphere(count, 1.0, &mut numbers);
         two.extend(sphere((count as f64 * inner * inner) as usize, inner, &mut numbers));
@@ -135,6 +132,10 @@ fn spheres_and_tori_are_told_from_few_points() {
             let offset = [1e5, -3e4, 7.0];
             points.iter_mut().for_each(|p| (0..3).for_each(|a| p[a] += offset[a]));
             ordered(&mut points);
+            if seed == 0 {
+                let others = surface_of(&points, &Workers::new(3).unwrap()).unwrap();
+                assert_eq!(found(&points), others, "threads show");
+            }
             let told = found(&points).unwrap_or_else(|| panic!("seed {seed}, Euler number {expected}: nothing"));
             assert_eq!((told.characteristic, told.is_steady), (expected, true), "seed {seed}");
             let [first, .., last] = told.sampled.as_slice() else { panic!("seed {seed}") };
@@ -157,10 +158,10 @@ fn spheres_and_tori_are_told_from_few_points() {
 
 #[test]
 fn what_has_no_inside_is_not_told() {
-    for seed in 0..6u64 {
+    for seed in 0..3u64 {
         let mut numbers = numbers(100 + seed);
         let axes = axes(&mut numbers);
-        let count = numbers.random_range(250..700usize);
+        let count = numbers.random_range(250..450usize);
         let flat: Vec<[f64; 3]> =
             (0..count).map(|_| [numbers.random_range(-1.0..1.0), numbers.random_range(-1.0..1.0), 0.0]).collect();
         let half: Vec<[f64; 3]> = sphere(2 * count, 1.0, &mut numbers).into_iter().filter(|p| p[2] < 0.0).collect();
