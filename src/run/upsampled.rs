@@ -13,8 +13,9 @@ use crate::grid::bucket::{Added, Buckets};
 use crate::grid::context::Context;
 use crate::grid::partition::BUCKET_SLICES;
 use crate::grid::slice::{Bits, Runs};
+use crate::grid::survey::Survey;
 use crate::input::{Carried, Cloud, InputOptions, PointBuffer, PointSource};
-use crate::points::{Coordinate, Precision};
+use crate::points::{Batch, Coordinate, Points, Precision};
 use crate::resources::workers::Workers;
 use crate::run::closed_cells::{ClosedCells, closed_cells};
 use crate::run::counted::context_of;
@@ -26,6 +27,9 @@ use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::close::How;
 use crate::solid::winding::{self, Sampled};
 use crate::storage::spool::Workspace;
+
+/// How many times as wide as places carry them cells are tried.
+const WIDER: [f64; 2] = [1.0, 1.25];
 
 /// So many times as many triangles as k = 4 makes are made unasked at the most.
 const MOST_TRIANGLES: f64 = 4.0;
@@ -98,10 +102,12 @@ fn looked_for<T: Coordinate>(
     let Some(told) = winding::surface_of(&points, workers)? else { return Ok(surveyed) };
     let most = MOST_TRIANGLES * faces(&cells) as f64 * in_usual_cells(&surveyed, settings)?;
     drop(cells);
-    for sampled in &told.sampled {
+    // On another grid, walls that nearly meet may come to lie in other cells.
+    let tries = told.sampled.iter().flat_map(|sampled| WIDER.map(|wider| (sampled, wider)));
+    for (sampled, wider) in tries {
         let added = with_records::<T>(sampled, &records, cloud.schema().stride());
         let upsampled = Upsampled { added, is_steady: told.is_steady, reopened: true, max_triangles: None };
-        let mut made = surveyed_with(cloud, &surveyed, settings, upsampled, workers, budget)?;
+        let mut made = surveyed_with(cloud, &surveyed, settings, (upsampled, wider), workers, budget)?;
         // Reopening goes by the walls round a place, the surface by all points: where they disagree, it is left out.
         for reopened in [true, false] {
             made.upsampled.iter_mut().for_each(|upsampled| upsampled.reopened = reopened);
@@ -217,16 +223,16 @@ fn surveyed_with(
     cloud: &Cloud,
     before: &Surveyed,
     settings: &Settings,
-    upsampled: Upsampled,
+    (upsampled, wider): (Upsampled, f64),
     workers: &Workers,
     budget: u64,
 ) -> Result<Surveyed> {
     let mut points = Vec::with_capacity(before.survey.points as usize);
-    let read = |batch: &crate::points::Batch| Ok(batch.points.clone());
+    let read = |batch: &Batch| Ok(batch.points.clone());
     cloud.for_each_batch(workers, 1, Carried::Coordinates, read, |some| {
         match some {
-            crate::points::Points::Single(some) => points.extend(some.iter().map(|p| p.map(f64::from))),
-            crate::points::Points::Double(some) => points.extend(some),
+            Points::Single(some) => points.extend(some.iter().map(|p| p.map(f64::from))),
+            Points::Double(some) => points.extend(some),
         }
         Ok(())
     })?;
@@ -234,10 +240,17 @@ fn surveyed_with(
     let joined = Cloud::of_source(&both, &InputOptions::default())?;
     // As fine as the places carry.
     let settings = Settings { fineness: Fineness::Sampling, ..*settings };
-    let surveyed = survey_cloud(&joined, &settings, workers, budget, &mut Progress::new(Show::Nothing))?;
+    let survey_with =
+        |settings: &Settings| survey_cloud(&joined, settings, workers, budget, &mut Progress::new(Show::Nothing));
+    let mut surveyed = survey_with(&settings)?;
+    if wider > 1.0 {
+        let side = wider * surveyed.grid.cell_size();
+        let wide = survey_with(&Settings { fineness: Fineness::Given(Resolution::Cell(side)), ..settings })?;
+        surveyed = Surveyed { density: surveyed.density, ..wide };
+    }
     drop(joined);
-    let survey =
-        crate::grid::survey::Survey { points: surveyed.survey.points, bounds: surveyed.survey.bounds, ..before.survey };
+    let Survey { points, bounds, .. } = surveyed.survey;
+    let survey = Survey { points, bounds, ..before.survey };
     let workload = surveyed.workload.with_attributes(cloud.schema().stride());
     let workload = workload.with_survey(before.workload.surveying()).with_upsampling(before.survey.points);
     Ok(Surveyed { survey, workload, upsampled: Some(upsampled), ..surveyed })

@@ -176,3 +176,56 @@ fn what_has_no_inside_is_not_told() {
         }
     }
 }
+
+/// The blocks that are looked at, and what is taken of the others, give the Euler number of all vertices of the lattice, each with the sum over all points.
+#[test]
+fn the_lattice_has_the_euler_number_of_all_its_vertices() {
+    use super::dipoles::Dipoles;
+    use super::lattice::{EDGE, look};
+
+    for seed in 0..4u64 {
+        let mut numbers = numbers(200 + seed);
+        let mut points = if seed % 2 == 0 { sphere(120, 3.0, &mut numbers) } else { torus(200, 0.35, &mut numbers) };
+        if seed % 2 == 1 {
+            points.as_flattened_mut().iter_mut().for_each(|c| *c *= 3.5);
+        }
+        turned(&mut points, &axes(&mut numbers));
+        let points: Vec<Vector> = points.iter().map(|p| p.map(|c| c as f32)).collect();
+        let workers = Workers::new(2).unwrap();
+        let dipoles = Dipoles::find(Bins::of(&points).0, &workers).unwrap();
+        let shown = look(&dipoles, &[0.45], &workers).unwrap().unwrap();
+        let vertex = |c: f64| (c / f64::from(EDGE)).floor() as i32;
+        let bound = |a: usize, up: f64| {
+            points
+                .iter()
+                .map(|p| vertex(f64::from(p[a]) + up))
+                .reduce(|x, y| if up > 0.0 { x.max(y) } else { x.min(y) })
+                .unwrap()
+        };
+        let (low, high) = ([0, 1, 2].map(|a| bound(a, -2.0)), [0, 1, 2].map(|a| bound(a, 2.0)));
+        for (which, width) in [0.4f64, 0.7].into_iter().enumerate() {
+            let inside = |x: i32, y: i32, z: i32| {
+                let at = [x, y, z].map(|c| f64::from(c) * f64::from(EDGE));
+                let of_point = |(p, v): (&Vector, &Vector)| {
+                    let e: [f64; 3] = std::array::from_fn(|a| f64::from(p[a]) - at[a]);
+                    let r = e.iter().map(|c| c * c).sum::<f64>().sqrt().max(width);
+                    (0..3).map(|a| f64::from(v[a]) * e[a]).sum::<f64>() / (4.0 * PI * r.powi(3))
+                };
+                dipoles.bins.points.iter().zip(&dipoles.values).map(of_point).sum::<f64>() > 0.5
+            };
+            let all = (low[2]..=high[2])
+                .flat_map(|z| (low[1]..=high[1]).flat_map(move |y| (low[0]..=high[0]).map(move |x| [x, y, z])));
+            let set: std::collections::BTreeSet<[i32; 3]> = all.filter(|[x, y, z]| inside(*x, *y, *z)).collect();
+            let mut expected = 0i64;
+            for at in &set {
+                for sides in 0..8u32 {
+                    let corner = |i: u32| set.contains(&std::array::from_fn(|a| at[a] + (i >> a & 1) as i32));
+                    if (0..8u32).filter(|i| i & !sides == 0).all(corner) {
+                        expected += 1 - 2 * i64::from(sides.count_ones() % 2);
+                    }
+                }
+            }
+            assert_eq!(shown.characteristic[which], expected, "seed {seed}, width {width}");
+        }
+    }
+}
