@@ -29,7 +29,7 @@ use crate::solid::winding::{self, Sampled};
 use crate::storage::spool::Workspace;
 
 /// How many times as wide as places carry them cells are tried.
-const WIDER: [f64; 2] = [1.0, 1.25];
+const WIDER: [f64; 3] = [1.0, 1.25, 1.5];
 
 /// So many times as many triangles as k = 4 makes are made unasked at the most.
 const MOST_TRIANGLES: f64 = 4.0;
