@@ -197,3 +197,36 @@ fn filters_choose_points_and_are_told_of() {
     let error = run(&job, &Workers::new(1).unwrap(), &mut Progress::new(Show::Nothing)).unwrap_err().to_string();
     assert!(error.contains("all.bin: its points have no return_number"), "{error}");
 }
+
+/// Where points are sparse, places between them have the attributes of the nearest point: on a torus, those of its own half.
+#[test]
+fn places_between_points_have_their_attributes() {
+    let dir = tempfile::tempdir().unwrap();
+    let [cloud, mesh] = ["torus.bin", "torus.ply"].map(|name| dir.path().join(name));
+    let mut state = 5u64;
+    let mut turn = || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 40) as f32 / (1u64 << 24) as f32 * std::f32::consts::TAU
+    };
+    let samples: Vec<Sample> = (0..300)
+        .map(|_| {
+            let ((sin, cos), (up, out)) = (turn().sin_cos(), turn().sin_cos());
+            let far = 1.0 + 0.25 * out;
+            let (intensity, class) = if cos > 0.0 { (900, 6) } else { (100, 2) };
+            ([far * cos, far * sin, 0.25 * up], intensity, class)
+        })
+        .collect();
+    write_raw(&cloud, &samples);
+    let report = run_job(&job(&[cloud], &mesh, 2, 1 << 30));
+    assert!(report.points.added > 4 * 300, "{}", report.points.added);
+    let mut of_half = [0; 2];
+    for (place, record) in vertices(&mesh, &["ushort intensity", "uchar classification"]) {
+        // Within a sampling distance of the middle, a vertex may be nearest to a point of the other half.
+        if place[0].abs() > 0.3 {
+            of_half[usize::from(place[0] > 0.0)] += 1;
+            let own: (u16, u8) = if place[0] > 0.0 { (900, 6) } else { (100, 2) };
+            assert_eq!(record, [&own.0.to_le_bytes()[..], &[own.1]].concat(), "{place:?}");
+        }
+    }
+    assert!(of_half.iter().all(|vertices| *vertices > 500), "{of_half:?}");
+}

@@ -287,7 +287,7 @@ fn a_floor_has_no_hole_where_a_sphere_stands_on_it() {
         mesh.report().check.as_ref().unwrap().genus
     };
     let wrong: Vec<(u64, Option<u64>)> =
-        (0..6).map(|seed| (seed, genus(seed))).filter(|(_, genus)| *genus != Some(0)).collect();
+        (0..8).map(|seed| (seed, genus(seed))).filter(|(_, genus)| *genus != Some(0)).collect();
     // Without the rule for where a sheet goes on, 5. A ring of air round the foot may be cut in two, which is rare.
     assert!(wrong.len() <= 1, "{wrong:?}");
 }

@@ -23,6 +23,9 @@ use crate::points::bounds::Bounds;
 /// The most cells along an axis, a power of two: a bit each, 2 MiB in all.
 pub const SIDE: u32 = 256;
 
+/// Bytes of a coarse grid.
+pub const BYTES: u64 = (SIDE as u64).pow(3) / 8;
+
 /// Added to a number of less than 2^51, it leaves the nearest whole number in the lowest bits.
 const TO_WHOLE: f64 = 6_755_399_441_055_744.0;
 

@@ -39,7 +39,7 @@ pub(super) fn counted(
     progress: &mut Progress,
 ) -> Result<Option<Workload>> {
     let expected = &surveyed.workload;
-    let memory = memory_of(expected, workers.threads(), budget)?;
+    let memory = plan_before_slabs(expected, workers.threads(), budget)?;
     // Nothing may be written where the input lies, and there may be no other folder.
     let has_room =
         || workspace.available().is_ok_and(|free| free >= memory.predicted_disk) && workspace.scratch_file().is_ok();
@@ -56,30 +56,11 @@ pub(super) fn counted(
 }
 
 /// The plan for sorting points and closing cells alone: what these cannot do without is taken in any case.
-fn memory_of(expected: &Workload, threads: usize, budget: u64) -> Result<MemoryPlan> {
+pub(super) fn plan_before_slabs(expected: &Workload, threads: usize, budget: u64) -> Result<MemoryPlan> {
     // All but the slabs, of which none is made.
     let small = expected.clone().without_surface();
     let least = MemoryPlan::least_before_slabs(expected, threads).max(MemoryPlan::least(&small, threads));
     MemoryPlan::for_budget(budget.max(least), &small, threads)
-}
-
-/// The context for that, if the budget is not too small.
-///
-/// # Errors
-/// [`crate::Error::Budget`].
-pub(super) fn context_of(
-    surveyed: &Surveyed,
-    (workers, workspace): (&Workers, &Workspace),
-    budget: u64,
-) -> Result<Context> {
-    let threads = workers.threads();
-    let least = MemoryPlan::least_before_slabs(&surveyed.workload, threads);
-    let budget = match budget < least {
-        // With the figure.
-        true => MemoryPlan::for_budget(budget, &surveyed.workload, threads)?.budget,
-        false => budget,
-    };
-    Ok(Context::new(workers, workspace, memory_of(&surveyed.workload, threads, budget)?))
 }
 
 /// The workload of a cloud whose points are sorted and whose cells are closed for that, and for nothing else.

@@ -174,6 +174,11 @@ impl MemoryPlan {
         Pass { bytes, busy: self.busy(blocks) }
     }
 
+    /// Bytes of closing the cells and opening them again, as that was found to take.
+    pub(super) fn bytes_of_closing(&self, workload: &Workload, closing: Closing) -> u64 {
+        self.closing(workload, Some(closing)).bytes
+    }
+
     /// Closing the cells and opening them again; with what it was found to take, if that is known.
     fn closing(&self, workload: &Workload, closing: Option<Closing>) -> Pass {
         let sealing = workload.slice_bytes().min(self.slices_quota());

@@ -60,7 +60,7 @@ impl Report {
         }
         if self.closing.parted && self.closing.steady == Some(false) {
             found.push(Warning::bare(
-                "not sealed: the points are too sparse for what they are of; thought a little farther in, or out, its surface has other pieces or handles",
+                "not sealed: the points are too sparse for the shape; if its surface is moved a little inwards or outwards, it has other pieces or handles",
             ));
         }
         if self.closing.over_holes() >= MUCH_BRIDGED {

@@ -63,11 +63,11 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let left = budget_beside(&job.settings, budget, workers);
     let surveyed = survey_with(&cloud, &job.settings, Sampling::Always, workers, left, progress)?;
     refuse_contradiction(&cloud, &surveyed)?;
-    let tiles = expected_tiles(job, &surveyed)?;
-    let whole = |error| of_whole_budget(error, &job.settings, budget, workers);
     let settings = surveyed.settled(&job.settings);
     let surveyed = upsampled(&cloud, surveyed, &settings, (workers, &workspace), left, progress)?;
     let settings = surveyed.settled(&settings);
+    let tiles = expected_tiles(job, &surveyed)?;
+    let whole = |error| of_whole_budget(error, &settings, budget, workers);
     let mut surveyed = rehearsed(surveyed, &settings, workers, &workspace, left, progress)?;
     match counted(&cloud, &surveyed, &settings, (workers, &workspace), left, progress)? {
         Some(workload) => surveyed.workload = workload,

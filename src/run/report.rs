@@ -114,7 +114,7 @@ pub struct Parameters {
     pub window: Option<u32>,
     /// Whether outliers were to be kept.
     pub keep_outliers: bool,
-    /// Whether places might be added where points are sparse.
+    /// Whether places of the surface might be added where points are sparse.
     pub upsample: bool,
     /// The least points of an occupied cell.
     pub min_points: u32,
@@ -138,7 +138,7 @@ pub struct Parameters {
 pub struct PointsReport {
     /// Finite points.
     pub count: u64,
-    /// Places between them, on the surface that they tell of together, that were added as they are sparse.
+    /// Places of the surface that were added between them, as they are sparse.
     pub added: u64,
     /// Records left out as not finite.
     pub dropped: u64,
@@ -185,7 +185,7 @@ pub struct Closing {
     /// Whether triangles were left out, so that the mesh ends there.
     #[serde(skip)]
     pub(crate) ends: bool,
-    /// Whether the surface has as many pieces and handles where it is thought a little farther in, or out, if places were added.
+    /// If places were added: whether the body has the same Euler number if its surface is moved a little inwards or outwards.
     pub steady: Option<bool>,
     /// The part of the surface that bridges holes, if the mesh was checked and its vertices are fitted to points.
     pub bridged: Option<f64>,

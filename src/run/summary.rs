@@ -99,7 +99,7 @@ impl Report {
             }
         }
         if self.points.added > 0 {
-            points += &format!("; {} places between them added, as they are sparse", thousands(self.points.added));
+            points += &format!("; {} places of the surface added between them", thousands(self.points.added));
         }
         let mut lines = vec![points, format!("grid     {}", self.grid)];
         match (&self.parameters.open, self.closing.columns) {

@@ -41,7 +41,6 @@ pub struct Surveyed {
     /// What the plan is made from.
     pub workload: Workload,
     /// Places that are added to the points, if these are sparse: the survey counts them, and so does the grid.
-    #[serde(default)]
     pub upsampled: Option<Upsampled>,
 }
 
@@ -50,7 +49,7 @@ pub struct Surveyed {
 pub struct Upsampled {
     /// The places, with the attributes of the nearest point each.
     pub added: Added,
-    /// Whether the body has as many pieces and handles where its surface is thought a little farther in, or out.
+    /// Whether the body has the same Euler number if its surface is moved a little inwards or outwards.
     pub is_steady: bool,
     /// Whether cells are opened again after the closing: not where that makes other handles than the surface has.
     pub reopened: bool,
@@ -68,6 +67,20 @@ impl Surveyed {
     /// Whether cells may be opened again after the closing.
     pub fn may_reopen(&self) -> bool {
         self.upsampled.as_ref().is_none_or(|upsampled| upsampled.reopened)
+    }
+
+    /// The same with its workload changed, which is given the number of points.
+    pub(super) fn with_workload(self, change: impl FnOnce(Workload, u64) -> Workload) -> Surveyed {
+        let workload = change(self.workload, self.survey.points);
+        Surveyed { workload, ..self }
+    }
+
+    /// The same with a change of how it is upsampled, if it is.
+    pub(super) fn with_upsampled(mut self, change: impl FnOnce(&mut Upsampled)) -> Surveyed {
+        if let Some(upsampled) = &mut self.upsampled {
+            change(upsampled);
+        }
+        self
     }
 
     /// The points that are added to the cloud's.

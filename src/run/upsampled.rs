@@ -18,10 +18,11 @@ use crate::input::{Carried, Cloud, InputOptions, PointBuffer, PointSource};
 use crate::points::{Batch, Coordinate, Points, Precision};
 use crate::resources::workers::Workers;
 use crate::run::closed_cells::{ClosedCells, closed_cells};
-use crate::run::counted::context_of;
+use crate::run::counted::plan_before_slabs;
 use crate::run::phase::Phase;
 use crate::run::progress::{Progress, Show};
 use crate::run::surveyed::{Surveyed, Upsampled, survey_cloud};
+use crate::run::workload::Workload;
 use crate::settings::closing::Sealing;
 use crate::settings::{Fineness, Resolution, Settings};
 use crate::solid::close::How;
@@ -36,8 +37,10 @@ const MOST_TRIANGLES: f64 = 4.0;
 
 /// A surveyed cloud, with places added where its points alone are too sparse.
 ///
+/// Looking takes what memory it cannot do without in any case; a budget that has no room for it is refused by the plan that is made afterwards.
+///
 /// # Errors
-/// Those of reading the input, of surveying and of closing cells; [`crate::Error::Budget`] if the budget is too small to look.
+/// Those of reading the input, of surveying and of closing cells.
 pub(super) fn upsampled(
     cloud: &Cloud,
     surveyed: Surveyed,
@@ -59,7 +62,7 @@ pub(super) fn upsampled(
     let found = found?;
     if let Some(added) = found.added() {
         progress.note(&format!(
-            "the points are sparse for what they are of: {} places between them, on the surface that they tell of together, are added; `upsample` off leaves them out",
+            "the points are sparse for the shape: {} places of its surface are added between them; `upsample` off adds none",
             thousands(added.points.len() as u64)
         ));
     }
@@ -81,50 +84,72 @@ fn looked_for<T: Coordinate>(
     (workers, workspace): (&Workers, &Workspace),
     budget: u64,
 ) -> Result<Surveyed> {
-    let close = |surveyed: &Surveyed, settings: &Settings| -> Result<(Buckets<T>, ClosedCells)> {
-        let context = context_of(surveyed, (workers, workspace), budget)?;
-        let input = (cloud, surveyed.added(), Carried::Attributes);
-        let buckets = Buckets::fill(input, &surveyed.grid, &context, |_| ())?;
-        let cells = closed_cells(cloud, surveyed, settings, &buckets, &context, &mut Progress::new(Show::Nothing))?;
-        Ok((buckets, cells))
+    let context = |workload: &Workload| -> Result<Context> {
+        Ok(Context::new(workers, workspace, plan_before_slabs(workload, workers.threads(), budget)?))
     };
-    let (buckets, cells) = close(&surveyed, settings)?;
+    let sort = |surveyed: &Surveyed, context: &Context| {
+        let input = (cloud, surveyed.added(), Carried::Attributes);
+        Buckets::<T>::fill(input, &surveyed.grid, context, |_| ())
+    };
+    let close = |surveyed: &Surveyed, buckets: &Buckets<T>, context: &Context| {
+        closed_cells(cloud, surveyed, settings, buckets, context, &mut Progress::new(Show::Nothing))
+    };
+    let of_points = context(&surveyed.workload)?;
+    let buckets = sort(&surveyed, &of_points)?;
+    let cells = close(&surveyed, &buckets, &of_points)?;
     if is_sealed(&cells) {
         return Ok(surveyed);
     }
-    let workload = surveyed.workload.clone().with_upsampling(surveyed.survey.points);
-    let surveyed = Surveyed { workload, ..surveyed };
-    // What is too small a budget is told now.
-    let context = context_of(&surveyed, (workers, workspace), budget)?;
-    let counted = counted(&buckets, &cells, &surveyed.grid, &context)?;
-    let (points, records): (Vec<_>, Vec<_>) = counted.into_iter().unzip();
-    drop(buckets);
-    let Some(told) = winding::surface_of(&points, workers)? else { return Ok(surveyed) };
+    let surveyed = surveyed.with_workload(|workload, points| workload.with_upsampling(points));
+    let (points, records): (Vec<_>, Vec<_>) =
+        points_that_count(&buckets, &cells, &surveyed.grid, &of_points)?.into_iter().unzip();
     let most = MOST_TRIANGLES * faces(&cells) as f64 * in_usual_cells(&surveyed, settings)?;
-    drop(cells);
-    // On another grid, walls that nearly meet may come to lie in other cells.
-    let tries = told.sampled.iter().flat_map(|sampled| WIDER.map(|wider| (sampled, wider)));
-    for (sampled, wider) in tries {
+    drop((buckets, cells, of_points));
+    let Some(told) = winding::surface_of(&points, workers)? else { return Ok(surveyed) };
+    drop(points);
+    let all = all_points(cloud, surveyed.survey.points, workers)?;
+    let mut tries = 0;
+    for sampled in &told.sampled {
         let added = with_records::<T>(sampled, &records, cloud.schema().stride());
-        let upsampled = Upsampled { added, is_steady: told.is_steady, reopened: true, max_triangles: None };
-        let mut made = surveyed_with(cloud, &surveyed, settings, (upsampled, wider), workers, budget)?;
-        // Reopening goes by the walls round a place, the surface by all points: where they disagree, it is left out.
-        for reopened in [true, false] {
-            made.upsampled.iter_mut().for_each(|upsampled| upsampled.reopened = reopened);
-            let (_, cells) = close(&made, settings)?;
-            // The cells must have the pieces and handles that the surface has.
-            if cells.closed.solid.characteristic()? == told.characteristic {
-                // Contraction leaves more than a triangle to a face, and fewer than two.
-                let too_many = 2.0 * faces(&cells) as f64 > most && settings.simplify.is_none();
-                let most = too_many.then_some(most.max(4.0) as u64);
-                made.upsampled.iter_mut().for_each(|upsampled| upsampled.max_triangles = most);
-                let simplify = made.settled(settings).simplify;
-                made.workload = made.workload.with_simplification(simplify);
-                return Ok(made);
+        let mut upsampled = Upsampled { added, is_steady: told.is_steady, reopened: true, max_triangles: None };
+        // The cells and the density of the first grid, which the wider ones go by.
+        let mut finest = None;
+        for wider in WIDER {
+            let fineness = match finest {
+                None => Fineness::Sampling,
+                Some((side, _)) => Fineness::Given(Resolution::Cell(wider * side)),
+            };
+            let joined = Joined { points: &all, added: &upsampled.added.points, precision: cloud.precision() };
+            let joined = Cloud::of_source(&joined, &InputOptions::default())?;
+            let with_fineness = Settings { fineness, ..*settings };
+            let mut unseen = Progress::new(Show::Nothing);
+            let found = survey_cloud(&joined, &with_fineness, workers, budget, &mut unseen)?;
+            drop(joined);
+            let (_, density) = *finest.get_or_insert((found.grid.cell_size(), found.density));
+            let mut made = with_places(cloud, &surveyed, Surveyed { density, ..found }, upsampled);
+            let context = context(&made.workload)?;
+            let buckets = sort(&made, &context)?;
+            // Reopening goes by the walls round a place, the surface by all points: where they disagree, it is left out.
+            for reopened in [true, false] {
+                made = made.with_upsampled(|upsampled| upsampled.reopened = reopened);
+                let cells = close(&made, &buckets, &context)?;
+                tries = context.memory.bytes_of_closing(&made.workload, context.account.closing()).max(tries);
+                // The cells must have the pieces and handles that the surface has.
+                if cells.closed.solid.characteristic()? == told.characteristic {
+                    // Contraction leaves more than a triangle to a face, and fewer than two.
+                    let too_many = 2.0 * faces(&cells) as f64 > most && settings.simplify.is_none();
+                    let most = too_many.then_some(most.max(4.0) as u64);
+                    let made = made.with_upsampled(|upsampled| upsampled.max_triangles = most);
+                    let simplify = made.settled(settings).simplify;
+                    return Ok(
+                        made.with_workload(|workload, _| workload.with_simplification(simplify).with_tries(tries))
+                    );
+                }
             }
+            upsampled = made.upsampled.expect("it was given");
         }
     }
-    Ok(surveyed)
+    Ok(surveyed.with_workload(|workload, _| workload.with_tries(tries)))
 }
 
 fn faces(cells: &ClosedCells) -> u64 {
@@ -135,21 +160,21 @@ fn is_sealed(cells: &ClosedCells) -> bool {
     matches!(&cells.closed.how, How::Sign(parted) if parted.is_sealed()) && cells.narrow.count == 0
 }
 
-/// Points, each with the record of its attributes.
-type Counted = Vec<([f64; 3], Vec<u8>)>;
+/// A point with the record of its attributes.
+type Recorded = ([f64; 3], Vec<u8>);
 
-/// The points that lie in occupied cells, in an order that they alone decide, each once, with the records of their attributes.
-fn counted<T: Coordinate>(
+/// The points that lie in occupied cells, in an order that they alone decide, each once.
+fn points_that_count<T: Coordinate>(
     buckets: &Buckets<T>,
     cells: &ClosedCells,
     grid: &Grid,
     context: &Context,
-) -> Result<Counted> {
+) -> Result<Vec<Recorded>> {
     let occupied = &cells.closed.occupancy;
     let [width, slices, rows] = occupied.cells;
     let (mut bits, mut runs) = (vec![Bits::new(width, rows); BUCKET_SLICES as usize], Runs::default());
     let stride = buckets.stride();
-    let mut all: Counted = Vec::new();
+    let mut all: Vec<Recorded> = Vec::new();
     for bucket in 0..buckets.count() {
         context.workers.check_cancelled()?;
         let first = bucket as u32 * BUCKET_SLICES;
@@ -167,16 +192,28 @@ fn counted<T: Coordinate>(
             Ok(())
         })?;
     }
-    let key = |point: &[f64; 3]| point.map(order_key);
-    all.sort_by(|a, b| key(&a.0).cmp(&key(&b.0)).then_with(|| a.1.cmp(&b.1)));
+    // The two zeros are one place.
+    all.iter_mut().for_each(|(point, _)| *point = point.map(|c| c + 0.0));
+    let by_axes = |p: &[f64; 3], q: &[f64; 3]| {
+        p[0].total_cmp(&q[0]).then_with(|| p[1].total_cmp(&q[1])).then_with(|| p[2].total_cmp(&q[2]))
+    };
+    all.sort_by(|(p, of_p), (q, of_q)| by_axes(p, q).then_with(|| of_p.cmp(of_q)));
     all.dedup_by(|a, b| a.0 == b.0);
     Ok(all)
 }
 
-/// A number that is in the order of finite coordinates, with the two zeros as one.
-fn order_key(c: f64) -> u64 {
-    let bits = (c + 0.0).to_bits();
-    if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
+/// All points of a cloud, in the file's order.
+fn all_points(cloud: &Cloud, count: u64, workers: &Workers) -> Result<Vec<[f64; 3]>> {
+    let mut points = Vec::with_capacity(count as usize);
+    let read = |batch: &Batch| Ok(batch.points.clone());
+    cloud.for_each_batch(workers, 1, Carried::Coordinates, read, |some| {
+        match some {
+            Points::Single(some) => points.extend(some.iter().map(|p| p.map(f64::from))),
+            Points::Double(some) => points.extend(some),
+        }
+        Ok(())
+    })?;
+    Ok(points)
 }
 
 /// The places, as the cloud's precision has them.
@@ -187,7 +224,7 @@ fn with_records<T: Coordinate>(sampled: &Sampled, records: &[Vec<u8>], stride: u
     Added { points, attributes }
 }
 
-/// How much of a grid's faces cells by k = 4 would have.
+/// The part of the faces on this grid that cells by k = 4 would have.
 fn in_usual_cells(surveyed: &Surveyed, settings: &Settings) -> Result<f64> {
     let Surveyed { survey, grid, .. } = surveyed;
     let usual = Grid::new(survey.points, &survey.bounds, Resolution::default(), settings.axis)?.cell_size();
@@ -195,13 +232,13 @@ fn in_usual_cells(surveyed: &Surveyed, settings: &Settings) -> Result<f64> {
 }
 
 /// The points of a cloud and the places that are added to them.
-struct Both<'a> {
+struct Joined<'a> {
     points: &'a [[f64; 3]],
     added: &'a [[f64; 3]],
     precision: Precision,
 }
 
-impl PointSource for Both<'_> {
+impl PointSource for Joined<'_> {
     fn len(&self) -> u64 {
         (self.points.len() + self.added.len()) as u64
     }
@@ -218,40 +255,11 @@ impl PointSource for Both<'_> {
     }
 }
 
-/// The survey of a cloud with places added.
-fn surveyed_with(
-    cloud: &Cloud,
-    before: &Surveyed,
-    settings: &Settings,
-    (upsampled, wider): (Upsampled, f64),
-    workers: &Workers,
-    budget: u64,
-) -> Result<Surveyed> {
-    let mut points = Vec::with_capacity(before.survey.points as usize);
-    let read = |batch: &Batch| Ok(batch.points.clone());
-    cloud.for_each_batch(workers, 1, Carried::Coordinates, read, |some| {
-        match some {
-            Points::Single(some) => points.extend(some.iter().map(|p| p.map(f64::from))),
-            Points::Double(some) => points.extend(some),
-        }
-        Ok(())
-    })?;
-    let both = Both { points: &points, added: &upsampled.added.points, precision: cloud.precision() };
-    let joined = Cloud::of_source(&both, &InputOptions::default())?;
-    // As fine as the places carry.
-    let settings = Settings { fineness: Fineness::Sampling, ..*settings };
-    let survey_with =
-        |settings: &Settings| survey_cloud(&joined, settings, workers, budget, &mut Progress::new(Show::Nothing));
-    let mut surveyed = survey_with(&settings)?;
-    if wider > 1.0 {
-        let side = wider * surveyed.grid.cell_size();
-        let wide = survey_with(&Settings { fineness: Fineness::Given(Resolution::Cell(side)), ..settings })?;
-        surveyed = Surveyed { density: surveyed.density, ..wide };
-    }
-    drop(joined);
-    let Survey { points, bounds, .. } = surveyed.survey;
+/// The survey of points and places, as that of a cloud whose points alone were surveyed before.
+fn with_places(cloud: &Cloud, before: &Surveyed, joined: Surveyed, upsampled: Upsampled) -> Surveyed {
+    let Survey { points, bounds, .. } = joined.survey;
     let survey = Survey { points, bounds, ..before.survey };
-    let workload = surveyed.workload.with_attributes(cloud.schema().stride());
+    let workload = joined.workload.with_attributes(cloud.schema().stride());
     let workload = workload.with_survey(before.workload.surveying()).with_upsampling(before.survey.points);
-    Ok(Surveyed { survey, workload, upsampled: Some(upsampled), ..surveyed })
+    Surveyed { survey, workload, upsampled: Some(upsampled), ..joined }
 }

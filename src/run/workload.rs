@@ -1,5 +1,6 @@
 //! The workload: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
 
+use crate::grid::coarse;
 use crate::grid::partition::plane_halo;
 use crate::grid::partition::{BUCKET_SLICES, Slabs, buckets_round, halo, slab_count};
 use crate::grid::rank_bitmap::RankBitmap;
@@ -61,8 +62,17 @@ pub struct Workload {
     transfers: bool,
     /// The survey's passes.
     surveying: SurveyWorkload,
-    /// Sparse points between which places are looked for; none where they are not.
-    upsampled: u64,
+    /// Looking for places between points that are sparse; none where that is not done.
+    upsampled: Option<Upsampling>,
+}
+
+/// What the plan must know of looking for places between sparse points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+struct Upsampling {
+    /// The points.
+    points: u64,
+    /// Bytes of closing the cells that were tried.
+    closing: u64,
 }
 
 /// What the plan must know of the survey.
@@ -176,7 +186,7 @@ impl Workload {
             sighted: false,
             outlasting: false,
             transfers: false,
-            upsampled: 0,
+            upsampled: None,
             surveying: SurveyWorkload {
                 blocks: 0,
                 points: 0,
@@ -344,12 +354,17 @@ impl Workload {
 
     /// The same with places looked for between so many points.
     pub fn with_upsampling(self, points: u64) -> Workload {
-        Workload { upsampled: points, ..self }
+        Workload { upsampled: Some(Upsampling { points, closing: 0 }), ..self }
     }
 
-    /// Bytes of looking for places between sparse points.
+    /// The same if closing cells of points and places, to try them, was found to take so many bytes.
+    pub(crate) fn with_tries(self, closing: u64) -> Workload {
+        Workload { upsampled: self.upsampled.map(|upsampled| Upsampling { closing, ..upsampled }), ..self }
+    }
+
+    /// Bytes of looking for places between sparse points: the surface that they are on, and then, beside a second coarse grid, the cells of points and places.
     pub(crate) fn upsampling(&self) -> u64 {
-        if self.upsampled > 0 { winding::bytes(self.upsampled) } else { 0 }
+        self.upsampled.map_or(0, |Upsampling { points, closing }| winding::bytes(points).max(coarse::BYTES + closing))
     }
 
     /// Faces to expect.

@@ -69,7 +69,7 @@ pub struct Settings {
     pub window: Option<u32>,
     /// Whether outliers stay.
     pub keep_outliers: bool,
-    /// Whether places of the surface are added where points are sparse for what they are of.
+    /// Whether places of the surface are added where points are sparse for the shape.
     pub upsample: bool,
     /// The least number of points that make a cell occupied.
     pub min_points: u32,

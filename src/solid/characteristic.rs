@@ -17,14 +17,11 @@ impl Solid {
             self.store.paint(i64::from(y), &mut slice, &mut runs)?;
             for z in 0..rows {
                 // Rows are joined with the one before in the slice, and with both in the slice below.
-                let with = |other: &Bits, z: u32| other.row(z).to_vec();
-                let here = with(&slice, z);
-                let under = both(&here, below.row(z));
-                sum += along(&here) - along(&under);
+                let (here, under) = (slice.row(z), below.row(z));
+                sum += runs_of([here]) - runs_of([here, under]);
                 if z > 0 {
-                    let beside = both(&here, slice.row(z - 1));
-                    let block = both(&both(&beside, below.row(z)), below.row(z - 1));
-                    sum -= along(&beside) - along(&block);
+                    let (beside, under_beside) = (slice.row(z - 1), below.row(z - 1));
+                    sum -= runs_of([here, beside]) - runs_of([here, beside, under, under_beside]);
                 }
             }
             std::mem::swap(&mut below, &mut slice);
@@ -33,18 +30,13 @@ impl Solid {
     }
 }
 
-/// What is set in both rows.
-fn both(a: &[u64], b: &[u64]) -> Vec<u64> {
-    a.iter().zip(b).map(|(a, b)| a & b).collect()
-}
-
-/// The set cells of a row, less the pairs of them side by side: the number of its runs.
-fn along(row: &[u64]) -> i64 {
-    let mut before = 0;
-    let mut runs = 0;
-    for word in row {
-        runs += i64::from((word & !(word << 1 | before)).count_ones());
-        before = word >> 63;
+/// The runs of what is set in all of some rows: its cells, less the pairs of them side by side.
+fn runs_of<const ROWS: usize>(rows: [&[u64]; ROWS]) -> i64 {
+    let (mut before, mut runs) = (0, 0);
+    for word in 0..rows[0].len() {
+        let all = rows.iter().fold(u64::MAX, |all, row| all & row[word]);
+        runs += i64::from((all & !(all << 1 | before)).count_ones());
+        before = all >> 63;
     }
     runs
 }

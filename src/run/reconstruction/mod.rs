@@ -195,8 +195,8 @@ impl<'a> Reconstruction<'a> {
         self
     }
 
-    /// Whether places of the surface are added between points that are too sparse for what they are of, as they are by default: up to 5,000 points, where
-    /// the cells are those by default and leave it unsealed.
+    /// Whether places of the surface are added between points that are too sparse for the shape, as they are by default: up to 5,000 points, if the
+    /// cells are those by default and leave the mesh unsealed.
     pub fn upsample(mut self, upsample: bool) -> Self {
         self.job.settings.upsample = upsample;
         self

@@ -25,12 +25,11 @@ impl Dipoles {
     pub fn find(bins: Bins, workers: &Workers) -> Result<Dipoles> {
         let count = bins.points.len();
         let mut values = vec![[0.0f32; 3]; count];
-        let scalar = |numbers: Vec<[f32; 3]>| numbers;
         for step in 0..STEPS {
             let left = (STEPS - 1 - step) as f32 / (STEPS - 1) as f32;
             let width = WIDTHS[1] + left * (WIDTHS[0] - WIDTHS[1]);
             let missing = at_points(&bins, &values, workers, |at, terms| one(winding(at, terms, width)))?;
-            let missing = scalar(missing.into_iter().map(|w| [0.5 - w[0], 0.0, 0.0]).collect());
+            let missing: Vec<Vector> = missing.into_iter().map(|w| [0.5 - w[0], 0.0, 0.0]).collect();
             let way = at_points(&bins, &missing, workers, |at, terms| pull(at, terms, width))?;
             let gained = at_points(&bins, &way, workers, |at, terms| one(winding(at, terms, width)))?;
             let squares = |vectors: &[Vector]| {

@@ -30,10 +30,10 @@ const INSIDES: [(usize, f32); 4] = [(0, 0.5), (1, 0.5), (1, 0.35), (1, 0.65)];
 /// How far from points blocks are looked at in any case.
 const ROUND: f32 = 1.0;
 
-/// The surface may come into so many times as many blocks.
-const FOLLOWED: usize = 4;
+/// So many blocks are looked at for each point at most: twice as many as a surface without folds has.
+const BLOCKS_OF_POINT: usize = 6;
 
-/// So many blocks of the box at most: 8 MiB of them.
+/// So many blocks the box has at most.
 const MOST_BLOCKS: usize = 200_000;
 
 /// Winding numbers so near to ½ may lie beside the surface.
@@ -55,6 +55,15 @@ pub struct Shown {
     pub characteristic: [i64; INSIDES.len()],
 }
 
+/// Bytes of looking round so many points, at most.
+pub fn bytes(points: u64) -> u64 {
+    // Vectors and sets that grow have room for twice as much.
+    let of_block = size_of::<Block>() + 2 * (size_of::<Box<Block>>() + 2 * size_of::<[i32; 3]>());
+    // A number, the bits, whether these are known, and those that are to be gone on from.
+    let of_box = size_of::<u32>() + size_of::<u64>() + size_of::<bool>() + 2 * size_of::<u32>();
+    points * (BLOCKS_OF_POINT * of_block) as u64 + (MOST_BLOCKS * of_box) as u64
+}
+
 /// Blocks in a box, looked at or not.
 struct Lattice<'a> {
     dipoles: &'a Dipoles,
@@ -62,7 +71,8 @@ struct Lattice<'a> {
     size: [usize; 3],
     /// The number of each block that was looked at, plus 1.
     numbers: Vec<u32>,
-    blocks: Vec<Block>,
+    #[expect(clippy::vec_box, reason = "the vector grows, and blocks are large")]
+    blocks: Vec<Box<Block>>,
 }
 
 /// Looks at the winding number round the points; nothing if the surface goes too far from them.
@@ -77,16 +87,15 @@ pub fn look(dipoles: &Dipoles, spaced: &[f32], workers: &Workers) -> Result<Opti
             }
         }
     }
-    let bound = |least: bool, axis: usize| {
-        let of_axis = asked.iter().map(|key: &[i32; 3]| key[axis]);
-        if least { of_axis.min() } else { of_axis.max() }.expect("there are points")
-    };
+    let (low, high) = asked.iter().fold(([i32::MAX; 3], [i32::MIN; 3]), |(low, high), key| {
+        (std::array::from_fn(|a| low[a].min(key[a])), std::array::from_fn(|a| high[a].max(key[a])))
+    });
     // The border of the box is outside.
-    let low: [i32; 3] = std::array::from_fn(|a| bound(true, a) - 2);
-    let size: [usize; 3] = std::array::from_fn(|a| (bound(false, a) + 3 - low[a]) as usize);
+    let low = low.map(|c| c - 2);
+    let size: [usize; 3] = std::array::from_fn(|a| (high[a] + 3 - low[a]) as usize);
     let all = size.iter().try_fold(1usize, |all, cells| all.checked_mul(*cells)).filter(|all| *all <= MOST_BLOCKS);
     let Some(all) = all else { return Ok(None) };
-    let most = FOLLOWED * asked.len();
+    let most = BLOCKS_OF_POINT * dipoles.bins.points.len();
     let mut lattice = Lattice { dipoles, low, size, numbers: vec![0; all], blocks: Vec::new() };
     let mut next: Vec<[i32; 3]> = asked.into_iter().collect();
     while !next.is_empty() {
@@ -100,8 +109,7 @@ pub fn look(dipoles: &Dipoles, spaced: &[f32], workers: &Workers) -> Result<Opti
         }
         next = followed.into_iter().collect();
     }
-    let insides: Vec<Vec<u64>> = (0..INSIDES.len()).map(|which| lattice.filled(which)).collect();
-    let characteristic = std::array::from_fn(|which| lattice.characteristic(&insides[which]));
+    let characteristic = std::array::from_fn(|which| lattice.characteristic(&lattice.filled(which)));
     let crossings = spaced.iter().map(|side| lattice.crossings(*side)).collect();
     Ok(Some(Shown { crossings, characteristic }))
 }
@@ -110,6 +118,11 @@ impl Lattice<'_> {
     fn index(&self, key: [i32; 3]) -> usize {
         let [x, y, z] = std::array::from_fn(|a| (key[a] - self.low[a]) as usize);
         (z * self.size[1] + y) * self.size[0] + x
+    }
+
+    fn key(&self, index: usize) -> [i32; 3] {
+        let at = [index % self.size[0], index / self.size[0] % self.size[1], index / (self.size[0] * self.size[1])];
+        std::array::from_fn(|a| self.low[a] + at[a] as i32)
     }
 
     fn keys(&self) -> impl Iterator<Item = [i32; 3]> {
@@ -124,7 +137,7 @@ impl Lattice<'_> {
 
     /// The block with a key, if it was looked at.
     fn block(&self, key: [i32; 3]) -> Option<&Block> {
-        self.numbers[self.index(key)].checked_sub(1).map(|number| &self.blocks[number as usize])
+        self.numbers[self.index(key)].checked_sub(1).map(|number| &*self.blocks[number as usize])
     }
 
     /// Forms the sums at the vertices of blocks.
@@ -137,7 +150,7 @@ impl Lattice<'_> {
             for key in keys.iter().skip(job * OF_JOB).take(OF_JOB) {
                 let middle = key.map(|k| (k as f32 + 0.5) * EDGE * ALONG as f32);
                 dipoles.bins.terms(bin_of(middle), &dipoles.values, &far, &mut terms);
-                let mut block = Block { values: [0.0; VERTICES], inside: [0; INSIDES.len()] };
+                let mut block = Box::new(Block { values: [0.0; VERTICES], inside: [0; INSIDES.len()] });
                 for first in (0..VERTICES).step_by(LANES) {
                     let places: [Vector; LANES] = std::array::from_fn(|lane| place_of(*key, first + lane));
                     let at = lanes(&places);
@@ -155,10 +168,15 @@ impl Lattice<'_> {
         };
         let mut at = self.blocks.len() as u32;
         let blocks = &mut self.blocks;
-        workers.in_order_range(2 * workers.threads(), keys.len().div_ceil(OF_JOB), of_job, |found: Vec<Block>| {
-            blocks.extend(found);
-            Ok(())
-        })?;
+        workers.in_order_range(
+            2 * workers.threads(),
+            keys.len().div_ceil(OF_JOB),
+            of_job,
+            |found: Vec<Box<Block>>| {
+                blocks.extend(found);
+                Ok(())
+            },
+        )?;
         for key in keys {
             at += 1;
             let index = self.index(*key);
@@ -171,19 +189,12 @@ impl Lattice<'_> {
     fn beyond(&self, key: [i32; 3]) -> Vec<[i32; 3]> {
         let block = self.block(key).expect("it was looked at");
         let mut found = Vec::new();
-        for axis in 0..3 {
-            for (step, layer) in [(-1, 0), (1, ALONG - 1)] {
-                let mut there = key;
-                there[axis] += step;
-                if self.block(there).is_some() {
-                    continue;
-                }
-                let values = || layer_of(axis, layer).map(|vertex| block.values[vertex]);
-                let inside = values().filter(|value| *value > 0.5).count();
-                let is_mixed = inside > 0 && inside < ALONG * ALONG;
-                if is_mixed || values().any(|value| (value - 0.5).abs() < UNSURE) {
-                    found.push(there);
-                }
+        for (there, axis, layer) in beside(key).filter(|(there, ..)| self.block(*there).is_none()) {
+            let values = || layer_of(axis, layer).map(|vertex| block.values[vertex]);
+            let inside = values().filter(|value| *value > 0.5).count();
+            let is_mixed = inside > 0 && inside < ALONG * ALONG;
+            if is_mixed || values().any(|value| (value - 0.5).abs() < UNSURE) {
+                found.push(there);
             }
         }
         found
@@ -193,35 +204,27 @@ impl Lattice<'_> {
     fn filled(&self, which: usize) -> Vec<u64> {
         let mut bits = vec![0; self.numbers.len()];
         let mut known: Vec<bool> = self.numbers.iter().map(|number| *number > 0).collect();
-        let mut reached = Vec::new();
+        let mut reached: Vec<u32> = Vec::new();
+        let mut reach = |there: [i32; 3], reached: &mut Vec<u32>| {
+            let index = self.index(there);
+            if !self.is_border(there) && !std::mem::replace(&mut known[index], true) {
+                reached.push(index as u32);
+            }
+        };
         for key in self.keys() {
             let Some(block) = self.block(key) else { continue };
             bits[self.index(key)] = block.inside[which];
-            for axis in 0..3 {
-                for (step, layer) in [(-1, 0), (1, ALONG - 1)] {
-                    let mut there = key;
-                    there[axis] += step;
-                    let first = layer_of(axis, layer).next().expect("a layer has vertices");
-                    if self.block(there).is_none() && block.inside[which] >> first & 1 == 1 && !self.is_border(there) {
-                        reached.push(there);
-                    }
+            for (there, axis, layer) in beside(key) {
+                let first = layer_of(axis, layer).next().expect("a layer has vertices");
+                if block.inside[which] >> first & 1 == 1 {
+                    reach(there, &mut reached);
                 }
             }
         }
-        while let Some(key) = reached.pop() {
-            let index = self.index(key);
-            if std::mem::replace(&mut known[index], true) {
-                continue;
-            }
-            bits[index] = u64::MAX;
-            for axis in 0..3 {
-                for step in [-1, 1] {
-                    let mut there = key;
-                    there[axis] += step;
-                    if !known[self.index(there)] && !self.is_border(there) {
-                        reached.push(there);
-                    }
-                }
+        while let Some(index) = reached.pop() {
+            bits[index as usize] = u64::MAX;
+            for (there, ..) in beside(self.key(index as usize)) {
+                reach(there, &mut reached);
             }
         }
         bits
@@ -295,6 +298,17 @@ fn at_of(vertex: usize) -> [usize; 3] {
 
 fn vertex_of([x, y, z]: [usize; 3]) -> usize {
     (z * ALONG + y) * ALONG + x
+}
+
+/// The blocks that share a side with one, each with the axis across that side and the layer at it.
+fn beside(key: [i32; 3]) -> impl Iterator<Item = ([i32; 3], usize, usize)> {
+    (0..3).flat_map(move |axis| {
+        [(-1, 0), (1, ALONG - 1)].map(|(step, layer)| {
+            let mut there = key;
+            there[axis] += step;
+            (there, axis, layer)
+        })
+    })
 }
 
 /// The vertices of a layer across an axis.

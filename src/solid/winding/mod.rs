@@ -6,7 +6,7 @@
 //! Where walls and slots are two sampling distances wide, cells that are wide enough to have points fill them. But all points together tell more: there is one way to turn their
 //! normals so that the winding number is ½ at each, 1 in the body and 0 around it. The surface where it is ½ is then sampled as densely as need be.
 //!
-//! Memory: 150 bytes a point, and 300 bytes for each block of the lattice, about two a point.
+//! Memory: 1 KiB a point, up to six blocks of the lattice, each of 400 bytes, and 4 MiB for the box of blocks.
 
 mod dipoles;
 mod lattice;
@@ -19,6 +19,7 @@ use std::collections::BTreeMap;
 use self::dipoles::Dipoles;
 use self::sums::{Bins, Vector};
 use crate::error::Result;
+use crate::points::bounds::Bounds;
 use crate::resources::workers::Workers;
 
 /// Clouds of more points are not looked at: their sums take seconds.
@@ -40,15 +41,15 @@ const FAR: f32 = 1.5;
 /// Places of the surface are so far apart, in sampling distances: the first that do are taken.
 const SPACED: [f32; 3] = [0.45, 0.36, 0.3];
 
-/// Bytes for each point: its dipole, what is summed up of it, and the blocks of the lattice round it, in vectors that grow by doubling.
-const BYTES_OF_POINT: u64 = 2_000;
+/// Vectors for each point, but for the lattice: its dipole, what is summed up of it, and places of the surface, in vectors that grow by doubling.
+const VECTORS_OF_POINT: u64 = 80;
 
 /// Neighbours that the sampling distance is told by.
 const NEIGHBOURS: usize = 6;
 
-/// Bytes of looking at so many points.
+/// Bytes of looking at so many points, at most.
 pub fn bytes(points: u64) -> u64 {
-    points * BYTES_OF_POINT
+    lattice::bytes(points) + points * VECTORS_OF_POINT * size_of::<Vector>() as u64
 }
 
 /// The surface of a body, as its points tell it.
@@ -58,7 +59,7 @@ pub struct Told {
     pub sampled: Vec<Sampled>,
     /// The Euler number of the body.
     pub characteristic: i64,
-    /// Whether the body has it also where the surface is thought a little farther in, or out.
+    /// Whether the body has the same one if its surface is moved a little inwards or outwards.
     pub is_steady: bool,
 }
 
@@ -79,13 +80,9 @@ pub fn surface_of(points: &[[f64; 3]], workers: &Workers) -> Result<Option<Told>
     if !(LEAST..=MOST).contains(&points.len()) {
         return Ok(None);
     }
-    let bound = |a: usize| {
-        let of_axis = || points.iter().map(|p| p[a]);
-        (of_axis().fold(f64::INFINITY, f64::min), of_axis().fold(f64::NEG_INFINITY, f64::max))
-    };
-    let bounds: [(f64, f64); 3] = std::array::from_fn(bound);
-    let middle = bounds.map(|(low, high)| low / 2.0 + high / 2.0);
-    let longest = bounds.iter().map(|(low, high)| high - low).fold(0.0, f64::max);
+    let bounds = points.iter().fold(Bounds::EMPTY, |bounds, p| bounds.union(Bounds { min: *p, max: *p }));
+    let middle: [f64; 3] = std::array::from_fn(|a| bounds.min[a] / 2.0 + bounds.max[a] / 2.0);
+    let longest = bounds.longest_side();
     let scaled = |unit: f64| -> Vec<Vector> {
         points.iter().map(|p| std::array::from_fn(|a| ((p[a] - middle[a]) / unit) as f32)).collect()
     };
