@@ -65,12 +65,9 @@
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
-#[cfg(feature = "compare")]
-mod compare;
 mod error;
 mod format;
 mod grid;
-mod ground;
 mod input;
 mod mesh;
 mod nearest;
@@ -124,7 +121,7 @@ pub mod internals {
         };
     }
     opened! {
-        #[cfg(feature = "compare")] compare, error, format, grid, ground, input, mesh, points,
+        error, format, grid, input, mesh, points,
         #[cfg(feature = "render")] render, resources, run, settings, simplify, solid, stitch, storage, surface,
     }
 }

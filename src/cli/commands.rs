@@ -13,7 +13,6 @@ use super::args::{
 use super::failures::failure;
 use super::results::{json_file, print_json, print_text, write_json};
 use super::{outputs, pages, signals, tasks, view};
-use crate::compare::{Comparison, Distances, HeatMap, compare};
 use crate::error::defect;
 use crate::error::words::{as_options, thousands};
 use crate::error::{Error, Kind, Result};
@@ -22,6 +21,7 @@ use crate::points::attribute::Wanted;
 use crate::render::page::{Chart, Document};
 use crate::render::{self, ColourBy, Legend, View};
 use crate::resources::workers::Workers;
+use crate::run::compare::{Comparison, Distances, HeatMap, compare};
 use crate::run::generate;
 use crate::run::generate::densify::densify;
 use crate::run::looks::{InfoReport, PlanReport};

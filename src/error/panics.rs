@@ -5,13 +5,14 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::resources::workers::Workers;
+use crate::run::compare;
 use crate::run::generate::densify;
 use crate::run::generate::{Options, Shape, generate};
 use crate::run::progress::{Progress, Show};
 use crate::run::{Job, Resources, run};
 use crate::storage::atomic_file::Overwrite;
 use crate::storage::spool::Workspace;
-use crate::{compare, format, mesh, render};
+use crate::{format, mesh, render};
 
 /// Runs the work with a panic in each part of each pass in turn.
 fn each(folder: &Path, what: &str, mut work: impl FnMut(&Workers) -> Result<()>) {

@@ -16,6 +16,7 @@ mod blocks;
 mod detect;
 mod fetch;
 mod files;
+pub mod ground;
 mod headers;
 mod memory;
 mod objects;

@@ -11,6 +11,8 @@ mod advice;
 pub mod bare_earth;
 pub mod bridging;
 pub mod closed_cells;
+#[cfg(feature = "compare")]
+pub mod compare;
 mod counted;
 mod estimate;
 mod expected;

@@ -6,12 +6,12 @@ use clap::Args;
 
 use super::shared::{InUnit, ResourceArguments, TalkArguments, coordinates_only, in_unit, overwrite};
 use crate::cli::sizes;
-use crate::compare;
 use crate::error::Result;
 use crate::input::Layout;
 use crate::points::crs::Crs;
 use crate::points::unit::Measure;
 use crate::render::{Background, ColourBy, Legend, Options, Shading, Size, Up, View};
+use crate::run::compare;
 use crate::run::generate::densify;
 use crate::run::pyramid::TilesetJob;
 use crate::run::simplification::SimplifyJob;

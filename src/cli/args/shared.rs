@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use crate::cli::sizes;
-use crate::compare::Reach;
 use crate::error::Kind;
 use crate::input::{InputOptions, Layout};
 use crate::points::attribute::Wanted;
 use crate::points::unit::Unit;
 use crate::run::Resources;
+use crate::run::compare::Reach;
 use crate::run::progress::Show;
 use crate::settings::open::Hole;
 use crate::settings::simplification::Tolerance;

@@ -242,7 +242,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::ground::tiles::TILE_BYTES;
+    use crate::input::ground::tiles::TILE_BYTES;
     use crate::input::{Arrays, InputOptions, PointSlice};
 
     /// The heights of cells with points.
