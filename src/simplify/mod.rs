@@ -35,6 +35,7 @@ macro_rules! typed {
 }
 
 pub mod apart;
+mod blend;
 mod boxes;
 mod collapse;
 mod count;

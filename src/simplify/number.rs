@@ -1,20 +1,16 @@
 //! The mesh that is left: its vertices in the order that they had, its triangles in that of their first vertices.
 
-use super::mark::{Blend, Colours, Mark, is_measure};
+use super::blend::{self, Mixed};
+use super::mark::{Blend, Colours, Mark};
 use super::passes::Passes;
 use super::soup::{Record, Soup};
 use crate::error::Result;
 use crate::mesh::MeshSource;
-use crate::mesh::corners::Corners;
 use crate::mesh::spool::{FaceRecord, MeshSpool};
 use crate::points::Coordinate;
-use crate::points::attribute::Attribute;
-use crate::points::scalar::Scalar;
 use crate::storage::partitions::Partitions;
 use crate::storage::spool::Spool;
 
-/// Vertices that are read along with a group of corners if its numbers span no more.
-const WINDOW: usize = 1 << 16;
 /// Vertices read at a time.
 const BLOCK: usize = 1 << 13;
 /// Triangles that are sorted at a time, about.
@@ -58,7 +54,8 @@ impl Left {
 
 /// Bytes that the numbering takes.
 pub(super) fn bytes<T: Coordinate, M: Mark>(vertices: u64) -> u64 {
-    let placing = if M::CARRIED { 2 * SORTED * size_of::<Corner<T>>() as u64 + (1 << 22) } else { 0 };
+    let sorting = 2 * SORTED * size_of::<Corner<T>>() as u64 + (1 << 22);
+    let placing = if M::CARRIED { sorting.max(blend::bytes()) } else { 0 };
     vertices.div_ceil(64) * 12 + (2 * SORTED) * 24 + (1 << 20) + placing
 }
 
@@ -194,8 +191,9 @@ fn place_vertices<T: Coordinate, M: Mark>(
             partitions.push((u64::from(number) / range) as usize, &Corner { number, vertex, place, blend })
         })
     })?;
-    let attributes = mesh.schema().attributes();
-    let (mut corners, mut records): (Vec<Corner<T>>, Vec<u8>) = (Vec::new(), Vec::new());
+    let has_attributes = !mesh.schema().attributes().is_empty();
+    let mut mixed = passes.workspace.spool(passes.room.quota);
+    let mut corners: Vec<Corner<T>> = Vec::new();
     for part in 0..partitions.count() {
         corners.clear();
         partitions.read(part, |corner| {
@@ -210,22 +208,16 @@ fn place_vertices<T: Coordinate, M: Mark>(
         for block in corners.chunks(BLOCK) {
             let places: Vec<[f64; 3]> = block.iter().map(|corner| { corner.place }.map(Into::into)).collect();
             whole.append_vertices(&places)?;
-            let mut columns = Vec::with_capacity(attributes.len());
-            for (number, attribute) in attributes.iter().enumerate() {
-                columns.push(match colours.and_then(|colours| colours.attributes.iter().position(|a| *a == number)) {
-                    Some(channel) => block.iter().map(|corner| f64::from({ corner.blend }.colour[channel])).collect(),
-                    None => blended(mesh, (number, attribute), block)?,
-                });
+            if has_attributes {
+                let of = |corner: &Corner<T>| Mixed { near: corner.vertex, blend: corner.blend };
+                mixed.append(bytemuck::cast_slice(&block.iter().map(of).collect::<Vec<Mixed>>()))?;
             }
-            records.clear();
-            for at in 0..block.len() {
-                attributes
-                    .iter()
-                    .zip(&columns)
-                    .for_each(|(attribute, column)| attribute.scalar.put(column[at], &mut records));
-            }
-            whole.append_attributes(&records)?;
         }
+    }
+    drop((partitions, corners));
+    if has_attributes {
+        let means = (passes.workers, passes.workspace);
+        blend::append_attributes(mesh, &mixed, colours, whole, passes.room.quota, means)?;
     }
     Ok(())
 }
@@ -234,29 +226,6 @@ fn place_vertices<T: Coordinate, M: Mark>(
 fn once_each<T: Coordinate>(corners: &mut Vec<Corner<T>>) {
     corners.sort_unstable_by_key(|corner| corner.number);
     corners.dedup_by_key(|corner| corner.number);
-}
-
-/// An attribute of vertices: between those of two, if it is a measure.
-fn blended<T: Coordinate>(
-    mesh: &dyn MeshSource,
-    (number, attribute): (usize, &Attribute),
-    block: &[Corner<T>],
-) -> Result<Vec<f64>> {
-    let mut named: Vec<[u32; 3]> =
-        block.iter().map(|corner| [corner.vertex, corner.vertex, { corner.blend }.other]).collect();
-    let mut values = Corners::<f64>::default();
-    values.fill_from(&|first, out| mesh.read_attribute(number, first, out), &mut named, WINDOW)?;
-    let of = |v: u32| values.table[v as usize];
-    let floats = matches!(attribute.scalar, Scalar::F32 | Scalar::F64);
-    let between = |(corner, named): (&Corner<T>, &[u32; 3])| {
-        let (near, far, share) = (of(named[0]), of(named[2]), f64::from({ corner.blend }.share));
-        match is_measure(attribute) && share > 0.0 {
-            false => near,
-            true if floats => near + (far - near) * share,
-            true => (near + (far - near) * share).round(),
-        }
-    };
-    Ok(block.iter().zip(&named).map(between).collect())
 }
 
 fn each<T: Coordinate, M: Mark>(soup: &Soup<T, M>, mut visit: impl FnMut(&Record<T, M>) -> Result<()>) -> Result<()> {
