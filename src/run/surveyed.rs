@@ -69,10 +69,9 @@ impl Surveyed {
         self.upsampled.as_ref().is_none_or(|upsampled| upsampled.reopened)
     }
 
-    /// The same with its workload changed, which is given the number of points.
-    pub(super) fn with_workload(self, change: impl FnOnce(Workload, u64) -> Workload) -> Surveyed {
-        let workload = change(self.workload, self.survey.points);
-        Surveyed { workload, ..self }
+    /// The same with a change of its workload.
+    pub(super) fn with_workload(self, change: impl FnOnce(Workload) -> Workload) -> Surveyed {
+        Surveyed { workload: change(self.workload), ..self }
     }
 
     /// The same with a change of how it is upsampled, if it is.

@@ -100,14 +100,15 @@ fn looked_for<T: Coordinate>(
     if is_sealed(&cells) {
         return Ok(surveyed);
     }
-    let surveyed = surveyed.with_workload(|workload, points| workload.with_upsampling(points));
+    let count = surveyed.survey.points;
+    let surveyed = surveyed.with_workload(|workload| workload.with_upsampling(count));
     let (points, records): (Vec<_>, Vec<_>) =
         points_that_count(&buckets, &cells, &surveyed.grid, &of_points)?.into_iter().unzip();
     let most = MOST_TRIANGLES * faces(&cells) as f64 * in_usual_cells(&surveyed, settings)?;
     drop((buckets, cells, of_points));
     let Some(told) = winding::surface_of(&points, workers)? else { return Ok(surveyed) };
     drop(points);
-    let all = all_points(cloud, surveyed.survey.points, workers)?;
+    let all = all_points(cloud, count, workers)?;
     let mut tries = 0;
     for sampled in &told.sampled {
         let added = with_records::<T>(sampled, &records, cloud.schema().stride());
@@ -119,7 +120,7 @@ fn looked_for<T: Coordinate>(
                 None => Fineness::Sampling,
                 Some((side, _)) => Fineness::Given(Resolution::Cell(wider * side)),
             };
-            let joined = Joined { points: &all, added: &upsampled.added.points, precision: cloud.precision() };
+            let joined = PointsAndPlaces { points: &all, added: &upsampled.added.points, precision: cloud.precision() };
             let joined = Cloud::of_source(&joined, &InputOptions::default())?;
             let with_fineness = Settings { fineness, ..*settings };
             let mut unseen = Progress::new(Show::Nothing);
@@ -141,15 +142,13 @@ fn looked_for<T: Coordinate>(
                     let most = too_many.then_some(most.max(4.0) as u64);
                     let made = made.with_upsampled(|upsampled| upsampled.max_triangles = most);
                     let simplify = made.settled(settings).simplify;
-                    return Ok(
-                        made.with_workload(|workload, _| workload.with_simplification(simplify).with_tries(tries))
-                    );
+                    return Ok(made.with_workload(|workload| workload.with_simplification(simplify).with_tries(tries)));
                 }
             }
             upsampled = made.upsampled.expect("it was given");
         }
     }
-    Ok(surveyed.with_workload(|workload, _| workload.with_tries(tries)))
+    Ok(surveyed.with_workload(|workload| workload.with_tries(tries)))
 }
 
 fn faces(cells: &ClosedCells) -> u64 {
@@ -232,13 +231,13 @@ fn in_usual_cells(surveyed: &Surveyed, settings: &Settings) -> Result<f64> {
 }
 
 /// The points of a cloud and the places that are added to them.
-struct Joined<'a> {
+struct PointsAndPlaces<'a> {
     points: &'a [[f64; 3]],
     added: &'a [[f64; 3]],
     precision: Precision,
 }
 
-impl PointSource for Joined<'_> {
+impl PointSource for PointsAndPlaces<'_> {
     fn len(&self) -> u64 {
         (self.points.len() + self.added.len()) as u64
     }

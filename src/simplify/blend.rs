@@ -1,7 +1,7 @@
 //! Attributes of vertices that moved: between those of two vertices of the mesh that was given, which may lie anywhere in it.
 //!
 //! ```text
-//!  vertices that are left, in order: near, far, share, colour      one record each (Mixed)
+//!  vertices that are left, in order: near, far, share, colour      one record each (Blended)
 //!            | corners of a triangle [near, near, far] to look up   (mesh::corners)
 //!            v
 //!  one column for each attribute --> records of all attributes, vertex by vertex
@@ -10,6 +10,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::mark::{Blend, Colours, is_measure};
+use super::reading::{BLOCK, WINDOW};
 use crate::error::Result;
 use crate::mesh::MeshSource;
 use crate::mesh::corners::{LOOKED_AT_BYTES, Lookup, Order, least_memory};
@@ -20,25 +21,19 @@ use crate::points::scalar::Scalar;
 use crate::resources::workers::Workers;
 use crate::storage::spool::{Spool, Workspace};
 
-/// Vertices that are looked at at a time.
-const BLOCK: usize = 1 << 13;
-
-/// Vertices of the mesh that was given which are read along with a block if its numbers span no more.
-const WINDOW: usize = 1 << 16;
-
 /// Bytes for blocks whose vertices lie far apart.
 const FAR: u64 = 2 << 20;
 
 /// Bytes that it takes, beside what spools keep: what is looked up of a block, and its records.
 pub(super) fn bytes() -> u64 {
-    let of_block = BLOCK * (2 * size_of::<Mixed>() + 4 * size_of::<f64>()) + WINDOW * size_of::<f64>();
+    let of_block = BLOCK * (2 * size_of::<Blended>() + 4 * size_of::<f64>()) + WINDOW * size_of::<f64>();
     least_memory::<f64>(BLOCK as u64, 1).max(FAR) + of_block as u64 + BLOCK as u64 * LOOKED_AT_BYTES
 }
 
 /// What a vertex that is left is made of.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Mixed {
+pub(super) struct Blended {
     /// The vertex at the nearer end of the last edge that it was placed on.
     pub(super) near: u32,
     /// The rest.
@@ -48,12 +43,12 @@ pub(super) struct Mixed {
 /// The vertices that are left, as triangles of the mesh that was given: twice the nearer vertex, and the farther one.
 struct Ends<'a> {
     mesh: &'a dyn MeshSource,
-    mixed: &'a Spool,
+    blended: &'a Spool,
 }
 
 impl Ends<'_> {
-    fn read(&self, first: u64, out: &mut [Mixed]) -> Result<()> {
-        self.mixed.read_at(first * size_of::<Mixed>() as u64, bytemuck::cast_slice_mut(out))
+    fn read(&self, first: u64, out: &mut [Blended]) -> Result<()> {
+        self.blended.read_at(first * size_of::<Blended>() as u64, bytemuck::cast_slice_mut(out))
     }
 }
 
@@ -63,7 +58,7 @@ impl MeshSource for Ends<'_> {
     }
 
     fn face_count(&self) -> u64 {
-        self.mixed.len() / size_of::<Mixed>() as u64
+        self.blended.len() / size_of::<Blended>() as u64
     }
 
     fn origin(&self) -> [f64; 3] {
@@ -79,9 +74,9 @@ impl MeshSource for Ends<'_> {
     }
 
     fn read_faces(&self, first: u64, out: &mut [[u32; 3]]) -> Result<()> {
-        let mut mixed = vec![Mixed::zeroed(); out.len()];
-        self.read(first, &mut mixed)?;
-        out.iter_mut().zip(mixed).for_each(|(face, Mixed { near, blend })| *face = [near, near, blend.other]);
+        let mut blended = vec![Blended::zeroed(); out.len()];
+        self.read(first, &mut blended)?;
+        out.iter_mut().zip(blended).for_each(|(face, Blended { near, blend })| *face = [near, near, blend.other]);
         Ok(())
     }
 
@@ -94,16 +89,16 @@ impl MeshSource for Ends<'_> {
     }
 }
 
-/// Appends the attributes of vertices that are `mixed` of two of `mesh` each, with these colours if vertices have any of their own. Spools keep `quota` bytes in memory.
+/// Appends the attributes of vertices that are `blended` of two of `mesh` each, with these colours if vertices have any of their own. Spools keep `quota` bytes in memory.
 pub(super) fn append_attributes(
     mesh: &dyn MeshSource,
-    mixed: &Spool,
+    blended: &Spool,
     colours: Option<Colours>,
     whole: &mut MeshSpool,
     quota: u64,
     means: (&Workers, &Workspace),
 ) -> Result<()> {
-    let ends = Ends { mesh, mixed };
+    let ends = Ends { mesh, blended };
     let attributes = mesh.schema().attributes();
     let quota = quota / attributes.len().max(1) as u64;
     let columns = attributes.iter().enumerate().map(|(number, attribute)| {
@@ -140,9 +135,9 @@ fn column(
     (workers, workspace): (&Workers, &Workspace),
 ) -> Result<Spool> {
     let mut column = workspace.spool(quota);
-    let mixed = |block: u64, len: usize| {
-        let mut mixed = vec![Mixed::zeroed(); len];
-        ends.read(block * BLOCK as u64, &mut mixed).map(|()| mixed)
+    let blended = |block: u64, len: usize| {
+        let mut blended = vec![Blended::zeroed(); len];
+        ends.read(block * BLOCK as u64, &mut blended).map(|()| blended)
     };
     let put = |values: &mut dyn Iterator<Item = f64>| {
         let mut bytes = Vec::new();
@@ -153,14 +148,14 @@ fn column(
     if let Some(channel) = channel {
         for block in 0..blocks {
             let len = (ends.face_count() - block * BLOCK as u64).min(BLOCK as u64) as usize;
-            let bytes = put(&mut mixed(block, len)?.iter().map(|mixed| mixed.blend.colour[channel].into()));
+            let bytes = put(&mut blended(block, len)?.iter().map(|vertex| vertex.blend.colour[channel].into()));
             column.append(&bytes)?;
         }
         return Ok(column);
     }
     let floats = matches!(attribute.scalar, Scalar::F32 | Scalar::F64);
-    let between = |([near, _, far], mixed): ([f64; 3], &Mixed)| {
-        let share = f64::from(mixed.blend.share);
+    let between = |([near, _, far], vertex): ([f64; 3], &Blended)| {
+        let share = f64::from(vertex.blend.share);
         match is_measure(attribute) && share > 0.0 {
             false => near,
             true if floats => near + (far - near) * share,
@@ -173,7 +168,7 @@ fn column(
         0..blocks,
         Order::Triangles,
         &read,
-        |block| Ok(put(&mut block.corners().zip(&mixed(block.number, block.vertices.len())?).map(between))),
+        |block| Ok(put(&mut block.corners().zip(&blended(block.number, block.vertices.len())?).map(between))),
         |bytes| column.append(&bytes).map(drop),
     )?;
     Ok(column)
@@ -209,16 +204,16 @@ mod tests {
         mesh.append_attributes(&(0..VERTICES).flat_map(|v| record(values(v))).collect::<Vec<u8>>()).unwrap();
         mesh.append_faces(&[FaceRecord::new([0, 1, 2])]).unwrap();
         for (count, far) in [(20_000, 100), (2_000, VERTICES), (30_000, VERTICES)] {
-            let made: Vec<Mixed> = (0..count)
+            let made: Vec<Blended> = (0..count)
                 .map(|i| {
                     let near = if far == VERTICES { numbers.random_range(0..VERTICES) } else { 3 * i };
                     let other = (near + numbers.random_range(0..far)) % VERTICES;
                     let share = if i % 3 == 0 { 0.0 } else { numbers.random_range(0.0..0.5f32) };
-                    Mixed { near, blend: Blend { other, share, colour: [(i % 200) as f32, 5.0, 9.0] } }
+                    Blended { near, blend: Blend { other, share, colour: [(i % 200) as f32, 5.0, 9.0] } }
                 })
                 .collect();
             for colours in [None, Colours::of(&mesh)] {
-                let expected = made.iter().flat_map(|Mixed { near, blend }| {
+                let expected = made.iter().flat_map(|Blended { near, blend }| {
                     let (a, b, share) = (values(*near), values(blend.other), f64::from(blend.share));
                     let mut mean: [f64; 6] = std::array::from_fn(|i| a[i] + (b[i] - a[i]) * share);
                     [0, 1, 2, 4].into_iter().for_each(|i| mean[i] = mean[i].round());
@@ -229,10 +224,10 @@ mod tests {
                     record(mean)
                 });
                 let expected: Vec<u8> = expected.collect();
-                let mut mixed = workspace.spool(0);
-                mixed.append(bytemuck::cast_slice(&made)).unwrap();
+                let mut blended = workspace.spool(0);
+                blended.append(bytemuck::cast_slice(&made)).unwrap();
                 let mut whole = MeshSpool::with_attributes(&workspace, Precision::Single, schema.clone(), 0);
-                append_attributes(&mesh, &mixed, colours, &mut whole, 1 << 16, (&workers, &workspace)).unwrap();
+                append_attributes(&mesh, &blended, colours, &mut whole, 1 << 16, (&workers, &workspace)).unwrap();
                 whole.append_vertices(&vec![[0.0; 3]; count as usize]).unwrap();
                 let mut found = vec![0; expected.len()];
                 whole.read_records(0, &mut found).unwrap();

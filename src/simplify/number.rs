@@ -1,6 +1,6 @@
 //! The mesh that is left: its vertices in the order that they had, its triangles in that of their first vertices.
 
-use super::blend::{self, Mixed};
+use super::blend::{self, Blended};
 use super::mark::{Blend, Colours, Mark};
 use super::passes::Passes;
 use super::soup::{Record, Soup};
@@ -192,7 +192,7 @@ fn place_vertices<T: Coordinate, M: Mark>(
         })
     })?;
     let has_attributes = !mesh.schema().attributes().is_empty();
-    let mut mixed = passes.workspace.spool(passes.room.quota);
+    let mut blended = passes.workspace.spool(passes.room.quota);
     let mut corners: Vec<Corner<T>> = Vec::new();
     for part in 0..partitions.count() {
         corners.clear();
@@ -209,15 +209,15 @@ fn place_vertices<T: Coordinate, M: Mark>(
             let places: Vec<[f64; 3]> = block.iter().map(|corner| { corner.place }.map(Into::into)).collect();
             whole.append_vertices(&places)?;
             if has_attributes {
-                let of = |corner: &Corner<T>| Mixed { near: corner.vertex, blend: corner.blend };
-                mixed.append(bytemuck::cast_slice(&block.iter().map(of).collect::<Vec<Mixed>>()))?;
+                let of = |corner: &Corner<T>| Blended { near: corner.vertex, blend: corner.blend };
+                blended.append(bytemuck::cast_slice(&block.iter().map(of).collect::<Vec<Blended>>()))?;
             }
         }
     }
     drop((partitions, corners));
     if has_attributes {
         let means = (passes.workers, passes.workspace);
-        blend::append_attributes(mesh, &mixed, colours, whole, passes.room.quota, means)?;
+        blend::append_attributes(mesh, &blended, colours, whole, passes.room.quota, means)?;
     }
     Ok(())
 }

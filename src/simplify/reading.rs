@@ -16,9 +16,9 @@ use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
 
 /// Triangles that are read at a time.
-const BLOCK: usize = 1 << 13;
+pub(super) const BLOCK: usize = 1 << 13;
 /// Vertices that are read along with a block of triangles if its numbers span no more.
-const WINDOW: usize = 1 << 16;
+pub(super) const WINDOW: usize = 1 << 16;
 /// Vertices whose places or attributes are asked for at a time.
 const PIECE: usize = 1 << 12;
 

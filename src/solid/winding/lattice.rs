@@ -126,9 +126,7 @@ impl Lattice<'_> {
     }
 
     fn keys(&self) -> impl Iterator<Item = [i32; 3]> {
-        let (low, size) = (self.low, self.size.map(|cells| cells as i32));
-        let rows = (0..size[2]).flat_map(move |z| (0..size[1]).map(move |y| (y, z)));
-        rows.flat_map(move |(y, z)| (0..size[0]).map(move |x| [low[0] + x, low[1] + y, low[2] + z]))
+        (0..self.numbers.len()).map(|index| self.key(index))
     }
 
     fn is_border(&self, key: [i32; 3]) -> bool {
