@@ -7,6 +7,8 @@ use crate::surface::vertex_state::VertexState;
 pub struct Counts {
     /// Vertices that are input points, bit for bit.
     pub fitted: u64,
+    /// Vertices moved onto sharp edges and corners near their points.
+    pub creased: u64,
     /// Vertices moved into the plane of the points round them.
     pub projected: u64,
     /// Vertices pulled towards a point that another vertex took.
@@ -41,6 +43,7 @@ impl Counts {
     fn with(self, other: Counts, of: impl Fn(u64, u64) -> u64, of_area: impl Fn(f64, f64) -> f64) -> Counts {
         Counts {
             fitted: of(self.fitted, other.fitted),
+            creased: of(self.creased, other.creased),
             projected: of(self.projected, other.projected),
             pulled: of(self.pulled, other.pulled),
             unfitted: of(self.unfitted, other.unfitted),
@@ -57,6 +60,7 @@ impl Counts {
         let count = match state {
             VertexState::Contracted => &mut self.contracted,
             VertexState::Fitted => &mut self.fitted,
+            VertexState::Creased(_) => &mut self.creased,
             VertexState::Projected => &mut self.projected,
             VertexState::Bridged => &mut self.bridged,
             VertexState::Attracted => &mut self.pulled,

@@ -258,7 +258,8 @@ impl<'a, T: Coordinate> Seam<'a, T> {
         // A vertex of the other slab can have the same point only if the point lies this near to the seam, and a vertex lies as near to its point.
         let near = seam.saturating_sub(halo)..seam + halo;
         let mut out: [Vec<InSlab>; 3] = Default::default();
-        for v in vertices.filter(|v| mesh.state[v.at()] == VertexState::Fitted) {
+        let took = |v: &InSlab| matches!(mesh.state[v.at()], VertexState::Fitted | VertexState::Creased(_));
+        for v in vertices.filter(took) {
             let slice = grid.slice_of(mesh.fitted.target[v.at()].map(Into::into));
             if near.contains(&slice) {
                 out[usize::from(slice + 1 >= seam) + usize::from(slice > seam)].push(v);

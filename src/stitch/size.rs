@@ -14,7 +14,7 @@ use crate::surface::fit::Fitted;
 use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase};
 use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint};
 use crate::surface::vertex_state::VertexState;
-use crate::surface::{facets, plane, smooth, untangle};
+use crate::surface::{creases, facets, plane, smooth, untangle};
 
 /// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::vertices::weights`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -27,8 +27,8 @@ pub struct Size {
     pub layer: u64,
     /// Those of the lowest and of the highest such layer.
     pub ends: [u64; 2],
-    /// Those of the slice below `round`.
-    pub below: u64,
+    /// Those of the slices below and above `round` that creases are seen in.
+    pub beside: u64,
 }
 
 /// What it depends on beside that.
@@ -97,7 +97,7 @@ impl Told {
     /// The size of slab `number` whose surface has so many vertices, its own among them, and so many triangles of its own.
     pub fn size(&self, number: u32, vertices: usize, own: usize, triangles: usize) -> Size {
         let planned = self.sizes[number as usize];
-        let beside = if self.of.may_be_centred() { planned.below } else { 0 };
+        let beside = if self.of.may_be_centred() { planned.beside } else { 0 };
         let faces = (own.max(triangles / 2) as u64).min(planned.faces);
         Size {
             faces,
@@ -134,6 +134,9 @@ impl Stages {
     }
 }
 
+/// Slices below and above those that are smoothed with a slab, in which creases are seen ([`creases::SIGHT`]): the plane of vertices above the slab is smoothed with it anyway.
+const BESIDE: u32 = 2 * creases::SIGHT - 1;
+
 /// Slices that a layer of triangles may lie in, which is two cells thick.
 const LAYER: usize = 3;
 
@@ -149,7 +152,7 @@ impl Size {
             round: faces + (faces * beside).div_ceil(slices),
             layer,
             ends: [layer; 2],
-            below: faces.div_ceil(slices),
+            beside: (faces * u64::from(BESIDE)).div_ceil(slices),
         }
     }
 
@@ -163,7 +166,9 @@ impl Size {
         let own = &faces[start..end];
         // A fitted vertex may have come from a slice beyond.
         let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
-        let below = round.start.checked_sub(1).map_or(0, |slice| u64::from(faces[slice]));
+        let sight = creases::SIGHT as usize;
+        let below = round.start.saturating_sub(sight)..round.start;
+        let above = round.end..(round.end + sight - 1).min(faces.len());
         let layers = faces[start.saturating_sub(1)..(end + 1).min(faces.len())].windows(LAYER.min(own.len()));
         let (lowest, highest) = (start..end.min(start + LAYER), start.max(end.saturating_sub(LAYER))..end);
         Size {
@@ -171,7 +176,7 @@ impl Size {
             round: sum(&faces[round]),
             layer: layers.map(sum).max().unwrap_or(0),
             ends: [lowest, highest].map(|slices| sum(&faces[slices])),
-            below,
+            beside: sum(&faces[below]) + sum(&faces[above]),
         }
     }
 
@@ -180,9 +185,9 @@ impl Size {
         faces + 8
     }
 
-    /// The faces of all planes that are looked at: for facets, of one more slice.
+    /// The faces of all planes that are looked at: for creases, of a few more slices.
     fn looked_at(self, of: &Made) -> u64 {
-        self.round + if of.may_be_centred() { self.below } else { 0 }
+        self.round + if of.may_be_centred() { self.beside } else { 0 }
     }
 
     /// Bytes of what a slab that is made in another's room holds only when its vertices are fitted; where facets are fitted, it is not held before (`stitch/slab.rs`).
@@ -234,17 +239,20 @@ impl Size {
         let made = self.bytes(of);
         let (own, round) = (Size::vertices(self.faces), Size::vertices(self.looked_at(of)));
         let places = own * size_of::<[f64; 3]>() as u64;
-        let planes = u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1 + u32::from(of.may_be_centred()));
+        let planes =
+            u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1 + if of.may_be_centred() { BESIDE } else { 0 });
         let [width, _, rows] = of.cells;
         let slices = 3 * Bits::bytes(width + 2, rows + 2) + (planes + 2) * of.columns;
         // TriangleSet of planes beside the slab, which are dropped with the surface.
         let beside = if of.smooth > 1 { smooth::bytes(round, 1) - places } else { 0 };
         // Where smoothed places and those at rest are both there, the slab's part of them is copied: as much as a step takes.
         let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
-        let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping;
+        // The triangles beside the slab's own.
+        let around = if of.may_be_centred() { 2 * self.beside * size_of::<[u32; 3]>() as u64 } else { 0 };
+        let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping + around;
         // While facets are fitted, what is held only after that is not there.
         let after = self.bytes_after_fitting();
-        let centring = points.max(means.of_facets + facets::bytes(round, 2 * round));
+        let centring = around + points.max(means.of_facets + facets::bytes(round, 2 * round));
         let centring = if in_used_room { centring.saturating_sub(after) } else { centring };
         let moved = match of.fit {
             Fit::Auto => points.max(means.of_planes).max(centring),

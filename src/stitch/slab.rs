@@ -16,6 +16,7 @@ use crate::stitch::numbers::{InSlab, Named};
 use crate::stitch::size::{Size, Stages, Told};
 use crate::surface::attributes::{Lookup, attributes};
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_closed, is_gone};
+use crate::surface::creases;
 use crate::surface::extract::{Surface, Triangles};
 use crate::surface::facets::{Centred, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
@@ -41,7 +42,8 @@ pub struct SlabMesh<T> {
     pub rest: Vec<[f64; 3]>,
     /// The point of each vertex.
     pub fitted: Fitted<T>,
-    /// Where each vertex goes instead of its point, so that facets pass amid the points, and where it would be without leaving its place along the surface; empty if vertices go to their points.
+    /// Where each vertex goes instead of its point, so that facets pass amid the points, and where it would be without leaving its place along the surface; of those at creases, the place
+    /// there, and where they would go without. Empty if vertices go to their points.
     pub centred: Vec<[[T; 3]; 2]>,
     /// The record of each vertex's attributes.
     pub attributes: Vec<u8>,
@@ -153,9 +155,9 @@ impl<T: Coordinate> SlabMesh<T> {
         let slices = slices_of(number, Slabs::of(&options), solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
-        // To be moved amid the points of all their facets, vertices must know those of the planes next to the slab.
+        // To be moved amid the points of all their facets, vertices must know those of the planes next to the slab; and what creases they lie at, a few more.
         let is_centred = options.fit == Fit::Facets;
-        let beside = i64::from(is_centred);
+        let beside = if is_centred { creases::SIGHT } else { 0 };
         // Where memory is for one slab at a time, the plan does not count what a stage has given back; where it is short, little of it.
         let end_stage = || {
             if jobs.gives_back {
@@ -172,14 +174,12 @@ impl<T: Coordinate> SlabMesh<T> {
             }
             claim.set(stages.extracting);
         }
-        let mut surface = Surface::find(solid, i64::from(slices.start) - more - beside..=i64::from(slices.end) + more)?;
+        let [below, above] = [beside, beside.saturating_sub(1)].map(|planes| more + i64::from(planes));
+        let mut surface = Surface::find(solid, i64::from(slices.start) - below..=i64::from(slices.end) + above)?;
         let mut q = smooth(&surface, options.smooth, room.smoothed);
         let planes = slices.start..slices.end + u32::from(last);
         let own = surface.on_plane(planes.start).start..surface.on_plane(planes.end - 1).end;
-        let near = match is_centred {
-            true => planes.start.saturating_sub(1)..planes.end + u32::from(!last),
-            false => planes.clone(),
-        };
+        let near = planes.start.saturating_sub(beside)..(planes.end + beside).min(solid.cells[1] + 1);
         let of_near = surface.on_plane(near.start).start..surface.on_plane(near.end - 1).end;
         // The slab's vertices among those.
         let own_of_near = own.start - of_near.start..own.end - of_near.start;
@@ -187,8 +187,8 @@ impl<T: Coordinate> SlabMesh<T> {
         // The top plane of the last slab lies above its last slice and holds only faces perpendicular to y.
         let Triangles { corners: mut triangles, kept } =
             surface.triangles(planes.clone(), &q, options.diagonals, room.triangles);
-        let Triangles { corners: mut below, .. } =
-            surface.triangles(near.start..planes.start, &q, options.diagonals, Vec::new());
+        let [mut below, mut above] = [near.start..planes.start, planes.end..near.end.max(planes.end + 1) - 1]
+            .map(|planes| surface.triangles(planes, &q, options.diagonals, Vec::new()).corners);
         let mut size = Size::default();
         if let Some(told) = told {
             size = told.size(number, surface.vertices.len(), own.len(), triangles.len());
@@ -201,7 +201,9 @@ impl<T: Coordinate> SlabMesh<T> {
         };
         begins(&|stages| stages.extracting);
         triangles.as_flattened_mut().iter_mut().for_each(|corner| *corner -= own.start);
-        below.as_flattened_mut().iter_mut().for_each(|corner| *corner -= of_near.start);
+        for beside in [&mut below, &mut above] {
+            beside.as_flattened_mut().iter_mut().for_each(|corner| *corner -= of_near.start);
+        }
         let named = triangles.as_flattened().iter().copied().max().map_or(0, |v| v + 1).max(own.len() as u32);
         let starts =
             planes.clone().map(|plane| surface.on_plane(plane).start - own.start).chain([own.len() as u32]).collect();
@@ -294,13 +296,20 @@ impl<T: Coordinate> SlabMesh<T> {
                 points: &fitted.point,
                 below: &below,
                 triangles: &triangles,
+                above: &above,
                 own: own_of_near.clone(),
+                own_planes: planes.clone(),
             };
+            let stars = facets.stars();
             let own = own_of_near.start as usize..own_of_near.end as usize;
             centred.extend(fitted.target[own].iter().map(|target| [*target; 2]));
-            facets.centre(sampled, solid, |v, Centred { onto, beside }| {
+            facets.centre(&stars, sampled, solid, |v, Centred { onto, beside }| {
                 centred[v] = [onto, beside].map(|place| grid.position(place).map(T::from_f64));
             })?;
+            facets.creases(&stars, |v, place| {
+                state[v] = VertexState::Creased(0);
+                centred[v] = [grid.position(place).map(T::from_f64), centred[v][0]];
+            });
             fitted.keep(own_of_near);
         }
         drop(surface);
@@ -378,12 +387,18 @@ impl<T: Coordinate> SlabMesh<T> {
         for same in on_points.chunk_by(|a, b| a >> 32 == b >> 32) {
             let mut nearest = InSlab(same[0] as u32);
             for v in same.iter().map(|key| InSlab(*key as u32)) {
-                self.state[v.at()] = VertexState::Attracted;
                 if self.distance(v) < self.distance(nearest) {
                     nearest = v;
                 }
             }
-            self.state[nearest.at()] = VertexState::Fitted;
+            for v in same.iter().map(|key| InSlab(*key as u32)) {
+                let state = &mut self.state[v.at()];
+                *state = match *state {
+                    _ if v != nearest => VertexState::Attracted,
+                    VertexState::Creased(_) => *state,
+                    _ => VertexState::Fitted,
+                };
+            }
         }
     }
 
@@ -416,7 +431,8 @@ impl<T: Coordinate> SlabMesh<T> {
         let between =
             |from: [f64; 3], to: [f64; 3], share: f64| std::array::from_fn(|a| from[a] + share * (to[a] - from[a]));
         match self.state[v.at()] {
-            VertexState::Fitted | VertexState::Projected | VertexState::Bridged => target,
+            VertexState::Fitted | VertexState::Creased(0) | VertexState::Projected | VertexState::Bridged => target,
+            VertexState::Creased(step) => between(beside, target, SIDEWAYS[usize::from(step) - 1]),
             VertexState::Attracted => between(smoothed, target, 0.9),
             VertexState::Unfitted | VertexState::Contracted => smoothed,
             VertexState::AtRest => self.rest_of(v),

@@ -57,7 +57,7 @@ const BENT: f64 = 0.5;
 const FEW: f64 = 2.0;
 const NEIGHBOURS: f64 = 2.0;
 
-/// The vertices of a slab and of the planes next to it, at their points, and the facets between them.
+/// The vertices of a slab and of a few planes beside it ([`crate::surface::creases::SIGHT`]), at their points, and the facets between them.
 #[derive(Debug)]
 pub struct Facets<'a> {
     /// The vertices, plane by plane.
@@ -76,8 +76,12 @@ pub struct Facets<'a> {
     pub below: &'a [[u32; 3]],
     /// The slab's own, with its vertices counted from `own.start` on.
     pub triangles: &'a [[u32; 3]],
+    /// Those above them.
+    pub above: &'a [[u32; 3]],
     /// The slab's own vertices.
     pub own: Range<u32>,
+    /// The planes that they are on.
+    pub own_planes: Range<u32>,
 }
 
 /// Where a vertex goes, in cells.
@@ -152,11 +156,11 @@ struct Layer {
 
 /// A triangle's corners and the normal's direction, of any length.
 #[derive(Debug, Clone, Copy)]
-struct Facet {
+pub(super) struct Facet {
     number: u32,
-    vertices: [u32; 3],
-    corners: [[f64; 3]; 3],
-    normal: [f64; 3],
+    pub(super) vertices: [u32; 3],
+    pub(super) corners: [[f64; 3]; 3],
+    pub(super) normal: [f64; 3],
 }
 
 /// How the facets round a point lie.
@@ -198,20 +202,21 @@ impl Facets<'_> {
     /// [`crate::Error::Io`].
     pub fn centre<T: Coordinate>(
         &self,
+        stars: &Stars,
         sampled: &Sampled<'_, T>,
         solid: &Solid,
         mut put: impl FnMut(usize, Centred),
     ) -> Result<()> {
-        let stars = self.stars();
         let mut sums = vec![Sums::default(); self.vertices.len()];
         let mut reader = MeansReader::new(sampled, Some(solid));
         let [mut low, mut high] = [(); 2].map(|()| Layer::new(sampled.grid.cells()));
-        high.read(i64::from(self.planes.start) - 1, &mut reader)?;
+        let next = self.next_planes();
+        high.read(i64::from(next.start) - 1, &mut reader)?;
         let mut star = Vec::new();
-        for (plane, starts) in self.planes.clone().zip(self.starts.windows(2)) {
+        for plane in next {
             std::mem::swap(&mut low, &mut high);
             high.read(i64::from(plane), &mut reader)?;
-            for v in starts[0]..starts[1] {
+            for v in self.on_planes(plane..plane + 1) {
                 let Vertex { corner, kind: Kind::Sheet(_), .. } = self.vertices[v as usize] else { continue };
                 star.clear();
                 star.extend(stars.at(v).iter().filter_map(|t| self.facet(*t)));
@@ -222,30 +227,50 @@ impl Facets<'_> {
             self.settle(&low, &mut sums);
         }
         self.settle(&high, &mut sums);
-        self.step(&stars, &sums, &mut put);
+        self.step(stars, &sums, &mut put);
         Ok(())
     }
 
-    /// Triangle `t`'s vertices; those below come first.
+    /// The slab's planes and those next to them: the triangles at their vertices are all known.
+    fn next_planes(&self) -> Range<u32> {
+        let Range { start, end } = self.own_planes;
+        self.planes.start.max(start.saturating_sub(1))..self.planes.end.min(end + 1)
+    }
+
+    /// The vertices on some of the planes.
+    fn on_planes(&self, planes: Range<u32>) -> Range<u32> {
+        let at = |plane: u32| self.starts[(plane - self.planes.start) as usize];
+        at(planes.start)..at(planes.end)
+    }
+
+    /// Triangle `t`'s vertices; those below come first, those above last.
     #[inline]
-    fn triangle(&self, t: u32) -> [u32; 3] {
-        match self.below.get(t as usize) {
+    pub(super) fn triangle(&self, t: u32) -> [u32; 3] {
+        let t = t as usize;
+        let own = t.wrapping_sub(self.below.len());
+        match self.below.get(t) {
             Some(below) => *below,
-            None => self.triangles[t as usize - self.below.len()].map(|v| v + self.own.start),
+            None if own < self.triangles.len() => self.triangles[own].map(|v| v + self.own.start),
+            None => self.above[own - self.triangles.len()],
         }
+    }
+
+    pub(super) fn triangle_count(&self) -> u32 {
+        (self.below.len() + self.triangles.len() + self.above.len()) as u32
     }
 
     /// Triangle `t` as a facet, if it has an area.
     #[inline]
-    fn facet(&self, t: u32) -> Option<Facet> {
+    pub(super) fn facet(&self, t: u32) -> Option<Facet> {
         let vertices = self.triangle(t);
         let corners = vertices.map(|v| self.places[v as usize]);
         let normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]));
         (dot(normal, normal) > 0.0).then_some(Facet { number: t, vertices, corners, normal })
     }
 
-    fn stars(&self) -> Stars {
-        let triangles = (self.below.len() + self.triangles.len()) as u32;
+    /// The triangles at each vertex.
+    pub fn stars(&self) -> Stars {
+        let triangles = self.triangle_count();
         let mut first = vec![0; self.vertices.len() + 1];
         for v in (0..triangles).flat_map(|t| self.triangle(t)) {
             first[v as usize] += 1;
@@ -330,7 +355,8 @@ impl Facets<'_> {
 
     /// Moves all vertices that are on one point alike, along the normal of their facets.
     fn step(&self, stars: &Stars, sums: &[Sums], put: &mut impl FnMut(usize, Centred)) {
-        let with_point = (0u32..).zip(self.points).filter(|(_, point)| **point != NONE);
+        let next = self.on_planes(self.next_planes());
+        let with_point = (0u32..).zip(self.points).filter(|(v, point)| **point != NONE && next.contains(v));
         let mut by_point: Vec<u64> = Vec::with_capacity(self.points.len());
         by_point.extend(with_point.map(|(v, point)| u64::from(*point) << 32 | u64::from(v)));
         by_point.sort_unstable();
@@ -403,14 +429,15 @@ fn vertices(same: &[u64]) -> impl Iterator<Item = u32> {
 }
 
 /// The triangles at each vertex, in order: nothing is contracted yet, so they are lists side by side.
-struct Stars {
+#[derive(Debug)]
+pub struct Stars {
     first: Vec<u32>,
     at: Vec<u32>,
 }
 
 impl Stars {
     #[inline]
-    fn at(&self, v: u32) -> &[u32] {
+    pub(super) fn at(&self, v: u32) -> &[u32] {
         &self.at[self.first[v as usize] as usize..self.first[v as usize + 1] as usize]
     }
 }

@@ -5,11 +5,13 @@
 pub mod attributes;
 pub mod contract;
 pub mod corner;
+pub mod creases;
 pub mod extract;
 pub mod facets;
 pub mod fit;
 mod means;
 pub mod outward;
+mod paraboloid;
 pub mod plane;
 pub mod smooth;
 pub mod thickness;

@@ -7,6 +7,8 @@ pub enum VertexState {
     Unfitted,
     /// It takes its point's place, or the one near it where its facets pass amid the points.
     Fitted,
+    /// It takes a place on a crease that is near its point; or it has gone back from there, so many steps ([`SIDEWAYS`]).
+    Creased(u8),
     /// It moves into the plane of the points round it.
     Projected,
     /// It lies where a hole is bridged, at the height that is interpolated there.
@@ -36,6 +38,9 @@ impl VertexState {
             VertexState::Fitted | VertexState::Projected | VertexState::Bridged | VertexState::Attracted => {
                 VertexState::Backtracked(0)
             }
+            // Whatever it would have been without the crease.
+            VertexState::Creased(step) if usize::from(step) + 1 < SIDEWAYS.len() => VertexState::Creased(step + 1),
+            VertexState::Creased(_) => VertexState::Backtracked(SIDEWAYS.len() as u8 - 1),
             VertexState::Backtracked(step) if usize::from(step) + 1 < SHARES.len() => {
                 VertexState::Backtracked(step + 1)
             }
@@ -46,6 +51,6 @@ impl VertexState {
 
     /// Whether the vertex may be contracted with others on its point.
     pub fn is_on_point(self) -> bool {
-        matches!(self, VertexState::Fitted | VertexState::Attracted)
+        matches!(self, VertexState::Fitted | VertexState::Creased(_) | VertexState::Attracted)
     }
 }

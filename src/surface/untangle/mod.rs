@@ -62,7 +62,10 @@ pub fn untangle<P: Submesh>(submesh: &mut P, broad_phase: &mut BroadPhase, mut d
         broad_phase.pairs(submesh, looked_at, is_ring, |submesh, a, b| {
             if !are_apart(submesh, &stars, a, b) {
                 pairs += 1;
-                let moves = |v: &u32| submesh.state(*v) != VertexState::AtRest;
+                // What vertices at creases have brought about, they take back alone.
+                let is_creased = |v: &u32| matches!(submesh.state(*v), VertexState::Creased(_));
+                let creased = a.iter().chain(&b).any(is_creased);
+                let moves = |v: &u32| if creased { is_creased(v) } else { submesh.state(*v) != VertexState::AtRest };
                 let before = tangled.len();
                 tangled.extend(a.iter().chain(&b).copied().filter(moves));
                 left += u64::from(tangled.len() == before);
