@@ -2,6 +2,7 @@
 
 // In one program with the twin, which takes long to compile.
 mod streamed {
+    mod creases;
     mod facets;
     mod noise;
     mod rest;

@@ -19,7 +19,7 @@ use crate::surface::facets::{Facets, Stars};
 use crate::surface::paraboloid::{Paraboloid, Plane};
 use crate::surface::vertices::Kind;
 
-/// How far a vertex sees, in cells along each axis, from its corner to those of others: a slab's vertices are decided by those of so many planes beside it. Seeing three cells far is no
+/// How far a vertex sees, in cells along each axis, from its corner to those of triangles, which must not all be as far away as that: a slab's vertices are decided by those of so many planes beside it. Seeing three cells far is no
 /// better: there is more to see that is neither side.
 pub const SIGHT: u32 = 2;
 
@@ -54,8 +54,10 @@ const NO_SIDE: u8 = u8::MAX;
 const STIFF: f64 = 0.2;
 const LITHE: f64 = 0.001;
 
-/// How far a vertex goes at most, in edges of the triangles round it.
+/// How far a vertex goes at most: in edges of the triangles round it, and in cells, as seams look for what has gone [`crate::grid::partition::TRAVEL`] far: its point is [`crate::grid::partition::REACH`] away at most from where
+/// smoothing put it.
 const FARTHEST: f64 = 2.5;
+const TRAVEL: f64 = 3.0;
 
 /// Three planes whose normals span less than this meet along a line rather than in a corner.
 const SPAN: f64 = 0.25;
@@ -141,10 +143,17 @@ impl Facets<'_> {
     /// What vertex `v` sees: the triangles that hang together with it through vertices in sight.
     fn look(&self, stars: &Stars, v: u32, view: &mut View) {
         let corner = self.vertices[v as usize].corner;
-        let is_in_sight = |u: u32| {
+        let away = |u: u32| {
             let vertex = &self.vertices[u as usize];
-            let near = |a: usize| vertex.corner[a].abs_diff(corner[a]) <= SIGHT;
-            matches!(vertex.kind, Kind::Sheet(_)) && near(0) && near(1) && near(2)
+            // A midpoint has no corner of its own.
+            let is_sheet = matches!(vertex.kind, Kind::Sheet(_));
+            std::array::from_fn(|a| if is_sheet { vertex.corner[a].abs_diff(corner[a]) } else { u32::MAX })
+        };
+        // What lies in the last plane itself, a slab does not know.
+        let is_in_sight = |corners: [u32; 3]| {
+            let away: [[u32; 3]; 3] = corners.map(away);
+            away.as_flattened().iter().all(|away| *away <= SIGHT)
+                && (0..3).all(|a| away.iter().any(|away| away[a] < SIGHT))
         };
         view.number += 1;
         view.faces.clear();
@@ -158,7 +167,7 @@ impl Facets<'_> {
                     continue;
                 }
                 let corners = self.triangle(*t);
-                if !corners.iter().all(|u| is_in_sight(*u)) {
+                if !is_in_sight(corners) {
                     continue;
                 }
                 for u in corners {
@@ -234,7 +243,8 @@ impl View {
         }
         let squared = |p: [f64; 3], q: [f64; 3]| dot(minus(p, q), minus(p, q));
         let way2 = squared(place, at);
-        if !sharp || thin || way2 > FARTHEST * FARTHEST * self.edge * self.edge || !self.are_sides_nearer(&sides) {
+        let farthest = (FARTHEST * self.edge).min(TRAVEL);
+        if !sharp || thin || way2 > farthest * farthest || !self.are_sides_nearer(&sides) {
             return None;
         }
         let nearest = |place: [f64; 3]| {

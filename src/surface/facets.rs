@@ -211,6 +211,7 @@ impl Facets<'_> {
         let mut reader = MeansReader::new(sampled, Some(solid));
         let [mut low, mut high] = [(); 2].map(|()| Layer::new(sampled.grid.cells()));
         let next = self.next_planes();
+        let first = self.on_planes(next.clone()).start;
         high.read(i64::from(next.start) - 1, &mut reader)?;
         let mut star = Vec::new();
         for plane in next {
@@ -221,7 +222,7 @@ impl Facets<'_> {
                 star.clear();
                 star.extend(stars.at(v).iter().filter_map(|t| self.facet(*t)));
                 for layer in [&mut low, &mut high] {
-                    self.offer(v, corner, &star, layer);
+                    self.offer(first..v, corner, &star, layer);
                 }
             }
             self.settle(&low, &mut sums);
@@ -290,8 +291,8 @@ impl Facets<'_> {
         Stars { first, at }
     }
 
-    /// Shows the facets at vertex `v` to the means of a slice whose cells touch its corner.
-    fn offer(&self, v: u32, corner: Cell, star: &[Facet], layer: &mut Layer) {
+    /// Shows the facets at a vertex to the means of a slice whose cells touch its corner; those at the vertices `before` it have been shown.
+    fn offer(&self, before: Range<u32>, corner: Cell, star: &[Facet], layer: &mut Layer) {
         let Layer { y, slice, nearest } = layer;
         let [i, _, k] = corner.map(i64::from);
         for z in [k - 1, k] {
@@ -305,7 +306,7 @@ impl Facets<'_> {
                 let cell = [i64::from(mean.x), *y, z];
                 let nearest = &mut nearest[number];
                 for facet in star {
-                    if dot(facet.normal, outward) <= 0.0 || self.is_shown_before(facet, v, cell) {
+                    if dot(facet.normal, outward) <= 0.0 || self.is_shown_before(facet, &before, cell) {
                         continue;
                     }
                     let [a, _, _] = facet.corners;
@@ -323,13 +324,13 @@ impl Facets<'_> {
         }
     }
 
-    /// Whether a vertex of the facet before `v` touches the cell, too.
+    /// Whether one of the vertices `before` is the facet's and touches the cell, too.
     #[inline]
-    fn is_shown_before(&self, facet: &Facet, v: u32, cell: [i64; 3]) -> bool {
+    fn is_shown_before(&self, facet: &Facet, before: &Range<u32>, cell: [i64; 3]) -> bool {
         let touches = |corner: Cell| corner.iter().zip(cell).all(|(c, at)| (0..2).contains(&(i64::from(*c) - at)));
         facet.vertices.iter().any(|u| {
             let Vertex { corner, kind, .. } = &self.vertices[*u as usize];
-            *u < v && matches!(kind, Kind::Sheet(_)) && touches(*corner)
+            before.contains(u) && matches!(kind, Kind::Sheet(_)) && touches(*corner)
         })
     }
 

@@ -43,7 +43,9 @@ impl Facets<'_> {
         for (t, triangle) in triangles.iter().enumerate() {
             for v in triangle {
                 star.entry(*v).or_default().push(t);
-                if let Some(corner) = self.surface.corners[*v as usize] {
+                if let Some(corner) = self.surface.corners[*v as usize]
+                    && near.contains(&self.surface.planes[*v as usize])
+                {
                     at_corner.entry(corner.map(i64::from)).or_default().insert(t);
                 }
             }

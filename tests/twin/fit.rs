@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 
 use super::contract::Contraction;
 use super::corner::Corner;
+use super::creases::Creases;
 use super::facets::{Centred, Facets};
 use super::grid::{cell_of, place_in_cell, to_file};
 use super::plane::{Means, outward};
@@ -49,6 +50,8 @@ pub enum State {
     Smoothed,
     /// On its point.
     Fitted,
+    /// At a crease, or so many thirds of the way there from where it would be without.
+    Creased(u8),
     /// In the plane of the points round it.
     Projected,
     /// Where a hole is bridged.
@@ -76,6 +79,8 @@ pub struct Fitting {
     projected: Vec<Option<[f64; 3]>>,
     /// Where vertices go instead of their points, and what they go back to first.
     centred: Vec<Option<Centred>>,
+    /// Whether that is a place at a crease, and where they would be without.
+    creased: Vec<bool>,
 }
 
 /// The finished mesh of a surface and the points it is fitted to.
@@ -102,7 +107,7 @@ pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMe
     for pair in slabs.windows(2) {
         let [lower, upper] = [pair[0], pair[1]];
         contraction.run(&fitting.seam_vertices(&contraction, &states, upper.0));
-        let fitted = |v: &u32| states[*v as usize] == State::Fitted;
+        let fitted = |v: &u32| matches!(states[*v as usize], State::Fitted | State::Creased(_));
         let fitted: Vec<u32> = contraction.living().into_iter().filter(fitted).collect();
         let near = |v: &u32| fitting.planes(lower).contains(&plane(*v)) || fitting.planes(upper).contains(&plane(*v));
         fitting.choose(&fitted.into_iter().filter(near).collect::<Vec<_>>(), &mut states);
@@ -156,9 +161,9 @@ impl Fitting {
         for v in (0..targets.len()).filter(|v| surface.bridged[*v]) {
             projected[v] = Some(as_input(targets[v], params));
         }
-        let centred = vec![None; targets.len()];
+        let (centred, creased) = (vec![None; targets.len()], vec![false; targets.len()]);
         let (surface, params) = (surface.clone(), params.clone());
-        let mut fitting = Fitting { projected, surface, params, sorted, targets, rest, nearest, centred };
+        let mut fitting = Fitting { projected, surface, params, sorted, targets, rest, nearest, centred, creased };
         if fitting.params.fit == Fit::Facets {
             fitting.centre(points);
         }
@@ -182,12 +187,25 @@ impl Fitting {
         let mut out = vec![None; places.len()];
         for (start, end) in slabs(&self.params) {
             let own = self.planes((start, end));
-            let near = start.saturating_sub(1)..=end;
-            for (v, centred) in facets.centred(&own, &near, &(*near.start()..=*own.end())) {
-                out[v as usize] = Some(centred.map(|place| as_input(to_file(place, &self.params), &self.params)));
+            let near = start.saturating_sub(1)..=*own.end() + 1;
+            let known = start.saturating_sub(2)..=*own.end() + 1;
+            for (v, centred) in facets.centred(&own, &near, &known) {
+                out[v as usize] = Some(centred.map(|place| self.as_input(place)));
             }
         }
+        let creases = Creases { surface: &self.surface, places: &places, points: &numbers };
+        for v in 0..places.len() {
+            let Some(place) = creases.place(v as u32) else { continue };
+            let without = out[v].map_or_else(|| self.sorted[numbers[v].expect("it has a point")], |[onto, _]| onto);
+            out[v] = Some([self.as_input(place), without]);
+            self.creased[v] = true;
+        }
         self.centred = out;
+    }
+
+    /// A place in cells in file coordinates and in the input's precision.
+    fn as_input(&self, place: [f64; 3]) -> [f64; 3] {
+        as_input(to_file(place, &self.params), &self.params)
     }
 
     /// Nothing contracted yet.
@@ -225,7 +243,7 @@ impl Fitting {
 
     /// Phase 2: what the fitted vertices of a plane reach along edges between vertices with the same point.
     pub fn seam_vertices(&self, contraction: &Contraction, states: &[State], seam: u32) -> BTreeSet<u32> {
-        let on_point = |v: u32| matches!(states[v as usize], State::Fitted | State::Pulled);
+        let on_point = |v: u32| matches!(states[v as usize], State::Fitted | State::Creased(_) | State::Pulled);
         let on_seam = |v: &u32| self.surface.planes[*v as usize] == seam && on_point(*v);
         let mut reached: BTreeSet<u32> = contraction.living().into_iter().filter(on_seam).collect();
         let mut frontier: Vec<u32> = reached.iter().copied().collect();
@@ -241,6 +259,7 @@ impl Fitting {
 
     /// Of the vertices that have the same point, the nearest is fitted, the others are pulled.
     fn choose(&self, vertices: &[u32], states: &mut [State]) {
+        let before = states.to_vec();
         let mut winners: BTreeMap<usize, (f64, u32)> = BTreeMap::new();
         for &v in vertices {
             if let Some((point, d2)) = self.nearest[v as usize] {
@@ -252,7 +271,11 @@ impl Fitting {
             }
         }
         for (_, v) in winners.into_values() {
-            states[v as usize] = State::Fitted;
+            states[v as usize] = match before[v as usize] {
+                State::Creased(thirds) => State::Creased(thirds),
+                State::Smoothed if self.creased[v as usize] => State::Creased(3),
+                _ => State::Fitted,
+            };
         }
     }
 
@@ -265,7 +288,11 @@ impl Fitting {
         };
         match state {
             State::Smoothed => t,
-            State::Fitted | State::Projected | State::Bridged => point(),
+            State::Fitted | State::Creased(3) | State::Projected | State::Bridged => point(),
+            State::Creased(thirds) => {
+                let [crease, without] = self.centred[v as usize].expect("it has");
+                [0, 1, 2].map(|a| without[a] + f64::from(thirds) / 3.0 * (crease[a] - without[a]))
+            }
             State::Pulled => [0, 1, 2].map(|a| t[a] + 0.9 * (point()[a] - t[a])),
             State::Back(tenths) if self.centred[v as usize].is_some_and(|[onto, beside]| onto != beside) => {
                 let [onto, beside] = self.centred[v as usize].expect("it has");

@@ -15,6 +15,7 @@ pub mod check;
 pub mod clouds;
 pub mod contract;
 pub mod corner;
+pub mod creases;
 pub mod facets;
 pub mod fit;
 pub mod grid;

@@ -22,8 +22,11 @@ pub fn retreat(
         let still = |t: [u32; 3]| t.iter().all(|&v| fitting.is_at_rest(v, states[v as usize]));
         let tangled: BTreeSet<u32> = pairs_but(&triangles, &|v| places[v as usize], &still)
             .into_iter()
-            .flat_map(|(a, b)| a.into_iter().chain(b))
-            .filter(|&v| states[v as usize] != State::Rest)
+            .flat_map(|(a, b)| {
+                let all: Vec<u32> = a.into_iter().chain(b).filter(|&v| states[v as usize] != State::Rest).collect();
+                let is_creased = |v: &u32| matches!(states[*v as usize], State::Creased(_));
+                if all.iter().any(is_creased) { all.into_iter().filter(is_creased).collect() } else { all }
+            })
             .collect();
         if tangled.is_empty() {
             return;
@@ -45,6 +48,8 @@ fn step_back(contraction: &mut Contraction, states: &mut [State], tangled: &BTre
         }
         match states[v as usize] {
             State::Fitted | State::Projected | State::Bridged | State::Pulled => states[v as usize] = State::Back(9),
+            State::Creased(1) => states[v as usize] = State::Back(7),
+            State::Creased(thirds) => states[v as usize] = State::Creased(thirds - 1),
             State::Back(tenths) if tenths > 1 => states[v as usize] = State::Back(tenths - 1),
             _ => {
                 apart.insert(v);
