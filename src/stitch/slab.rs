@@ -392,14 +392,22 @@ impl<T: Coordinate> SlabMesh<T> {
                 }
             }
             for v in same.iter().map(|key| InSlab(*key as u32)) {
-                let state = &mut self.state[v.at()];
-                *state = match *state {
-                    _ if v != nearest => VertexState::Attracted,
-                    VertexState::Creased(_) => *state,
-                    _ => VertexState::Fitted,
-                };
+                match self.state[v.at()] {
+                    _ if v != nearest => self.attract(v),
+                    VertexState::Creased(_) => (),
+                    _ => self.state[v.at()] = VertexState::Fitted,
+                }
             }
         }
+    }
+
+    /// Another vertex takes the place of `v`'s point. It goes to no crease then.
+    pub fn attract(&mut self, v: InSlab) {
+        if matches!(self.state[v.at()], VertexState::Creased(_)) {
+            let [_, without] = self.centred[v.at()];
+            self.centred[v.at()] = [without; 2];
+        }
+        self.state[v.at()] = VertexState::Attracted;
     }
 
     /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above.
