@@ -289,7 +289,7 @@ impl<'a, T: Coordinate> Seam<'a, T> {
             self.reach.change(v);
             let (frame, quantizer) = (self.frame, self.quantizer);
             let (slab, v) = self.slab_of_mut(v);
-            slab.attract(v);
+            slab.state[v.at()] = VertexState::Attracted;
             slab.quantized[v.at()] = quantizer.quantized_point(frame.place(slab.position(v)));
         }
         changed

@@ -223,7 +223,7 @@ impl Size {
                 if of.may_be_centred() { Size::vertices(self.looked_at(of)) } else { own },
                 of.coordinates,
             )
-            + if of.may_be_centred() { 2 * own * of.coordinates } else { 0 }
+            + if of.may_be_centred() { own * (3 * of.coordinates + size_of::<u32>() as u64) } else { 0 }
             + own * of_vertex
             + triangles * of_triangle
             + self.bytes_after_fitting()

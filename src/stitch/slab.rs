@@ -26,7 +26,7 @@ use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase, TriangleSet};
 use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint, Quantizer};
 use crate::surface::untangle::submesh::Submesh;
 use crate::surface::untangle::untangle;
-use crate::surface::vertex_state::{SHARES, SIDEWAYS, VertexState};
+use crate::surface::vertex_state::{CREASED, SHARES, SIDEWAYS, VertexState};
 use crate::surface::vertices::Kind;
 
 /// The mesh of one slab, of points of precision `T`.
@@ -42,9 +42,10 @@ pub struct SlabMesh<T> {
     pub rest: Vec<[f64; 3]>,
     /// The point of each vertex.
     pub fitted: Fitted<T>,
-    /// Where each vertex goes instead of its point, so that facets pass amid the points, and where it would be without leaving its place along the surface; of those at creases, the place
-    /// there, and where they would go without. Empty if vertices go to their points.
+    /// Where each vertex goes instead of its point, so that facets pass amid the points, and where it would be without leaving its place along the surface; empty if vertices go to their points.
     pub centred: Vec<[[T; 3]; 2]>,
+    /// The vertices at creases, in order, and their places there.
+    pub creased: Vec<(u32, [T; 3])>,
     /// The record of each vertex's attributes.
     pub attributes: Vec<u8>,
     /// The state of each vertex.
@@ -282,6 +283,8 @@ impl<T: Coordinate> SlabMesh<T> {
         }
         let mut centred = room.centred;
         centred.clear();
+        let mut creased = room.creased;
+        creased.clear();
         if is_centred {
             let place = |(v, point): (usize, &u32)| match *point {
                 NONE => q[of_near.start as usize + v],
@@ -308,7 +311,7 @@ impl<T: Coordinate> SlabMesh<T> {
             })?;
             facets.creases(&stars, |v, place| {
                 state[v] = VertexState::Creased(0);
-                centred[v] = [grid.position(place).map(T::from_f64), centred[v][0]];
+                creased.push((v as u32, grid.position(place).map(T::from_f64)));
             });
             fitted.keep(own_of_near);
         }
@@ -336,6 +339,7 @@ impl<T: Coordinate> SlabMesh<T> {
             rest,
             fitted,
             centred,
+            creased,
             attributes,
             state,
             kept,
@@ -392,22 +396,13 @@ impl<T: Coordinate> SlabMesh<T> {
                 }
             }
             for v in same.iter().map(|key| InSlab(*key as u32)) {
-                match self.state[v.at()] {
-                    _ if v != nearest => self.attract(v),
-                    VertexState::Creased(_) => (),
-                    _ => self.state[v.at()] = VertexState::Fitted,
-                }
+                self.state[v.at()] = match self.state[v.at()] {
+                    _ if v != nearest => VertexState::Attracted,
+                    VertexState::Creased(_) => VertexState::Creased(0),
+                    _ => VertexState::Fitted,
+                };
             }
         }
-    }
-
-    /// Another vertex takes the place of `v`'s point. It goes to no crease then.
-    pub fn attract(&mut self, v: InSlab) {
-        if matches!(self.state[v.at()], VertexState::Creased(_)) {
-            let [_, without] = self.centred[v.at()];
-            self.centred[v.at()] = [without; 2];
-        }
-        self.state[v.at()] = VertexState::Attracted;
     }
 
     /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above.
@@ -439,8 +434,11 @@ impl<T: Coordinate> SlabMesh<T> {
         let between =
             |from: [f64; 3], to: [f64; 3], share: f64| std::array::from_fn(|a| from[a] + share * (to[a] - from[a]));
         match self.state[v.at()] {
-            VertexState::Fitted | VertexState::Creased(0) | VertexState::Projected | VertexState::Bridged => target,
-            VertexState::Creased(step) => between(beside, target, SIDEWAYS[usize::from(step) - 1]),
+            VertexState::Fitted | VertexState::Projected | VertexState::Bridged => target,
+            VertexState::Creased(step) => match self.creased.binary_search_by_key(&v.0, |(v, _)| *v) {
+                Ok(at) => between(target, self.creased[at].1.map(Into::into), CREASED[usize::from(step)]),
+                Err(_) => target,
+            },
             VertexState::Attracted => between(smoothed, target, 0.9),
             VertexState::Unfitted | VertexState::Contracted => smoothed,
             VertexState::AtRest => self.rest_of(v),

@@ -17,9 +17,9 @@ use crate::points::vector::{cross, dot, minus};
 use crate::surface::contract::NONE;
 use crate::surface::facets::{Facets, Stars};
 use crate::surface::paraboloid::{Paraboloid, Plane};
-use crate::surface::vertices::Kind;
+use crate::surface::vertices::{Kind, Vertex};
 
-/// How far a vertex sees, in cells along each axis, from its corner to those of triangles, which must not all be as far away as that: a slab's vertices are decided by those of so many planes beside it. Seeing three cells far is no
+/// How far a vertex sees, in cells along each axis, from its corner to those of triangles: a slab's vertices are decided by those of so many planes beside it. Seeing three cells far is no
 /// better: there is more to see that is neither side.
 pub const SIGHT: u32 = 2;
 
@@ -143,17 +143,12 @@ impl Facets<'_> {
     /// What vertex `v` sees: the triangles that hang together with it through vertices in sight.
     fn look(&self, stars: &Stars, v: u32, view: &mut View) {
         let corner = self.vertices[v as usize].corner;
-        let away = |u: u32| {
-            let vertex = &self.vertices[u as usize];
-            // A midpoint has no corner of its own.
-            let is_sheet = matches!(vertex.kind, Kind::Sheet(_));
-            std::array::from_fn(|a| if is_sheet { vertex.corner[a].abs_diff(corner[a]) } else { u32::MAX })
-        };
-        // What lies in the last plane itself, a slab does not know.
         let is_in_sight = |corners: [u32; 3]| {
-            let away: [[u32; 3]; 3] = corners.map(away);
-            away.as_flattened().iter().all(|away| *away <= SIGHT)
-                && (0..3).all(|a| away.iter().any(|away| away[a] < SIGHT))
+            let vertices = corners.map(|u| &self.vertices[u as usize]);
+            let near = |vertex: &Vertex| (0..3).all(|a| vertex.corner[a].abs_diff(corner[a]) <= SIGHT);
+            // A midpoint has no corner of its own. What lies in the highest plane belongs to the slice above it, which a slab does not know.
+            vertices.iter().all(|vertex| matches!(vertex.kind, Kind::Sheet(_)) && near(vertex))
+                && vertices.iter().any(|vertex| vertex.corner[1] < corner[1] + SIGHT)
         };
         view.number += 1;
         view.faces.clear();

@@ -7,7 +7,7 @@ pub enum VertexState {
     Unfitted,
     /// It takes its point's place, or the one near it where its facets pass amid the points.
     Fitted,
-    /// It takes a place on a crease that is near its point; or it has gone back from there, so many steps ([`SIDEWAYS`]).
+    /// It takes a place on a crease that is near its point; or it has gone back from there, so many steps ([`CREASED`]).
     Creased(u8),
     /// It moves into the plane of the points round it.
     Projected,
@@ -31,6 +31,9 @@ pub const SHARES: [f64; 9] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1];
 /// towards rest.
 pub const SIDEWAYS: [f64; 3] = [2.0 / 3.0, 1.0 / 3.0, 0.0];
 
+/// Of a vertex at a crease, the share of the way there from where it would be without, after so many steps.
+pub const CREASED: [f64; 3] = [1.0, 2.0 / 3.0, 1.0 / 3.0];
+
 impl VertexState {
     /// The state after one step back towards rest.
     pub fn backtracked(self) -> VertexState {
@@ -38,9 +41,9 @@ impl VertexState {
             VertexState::Fitted | VertexState::Projected | VertexState::Bridged | VertexState::Attracted => {
                 VertexState::Backtracked(0)
             }
-            // Whatever it would have been without the crease.
-            VertexState::Creased(step) if usize::from(step) + 1 < SIDEWAYS.len() => VertexState::Creased(step + 1),
-            VertexState::Creased(_) => VertexState::Backtracked(SIDEWAYS.len() as u8 - 1),
+            VertexState::Creased(step) if usize::from(step) + 1 < CREASED.len() => VertexState::Creased(step + 1),
+            // As if there were no crease.
+            VertexState::Creased(_) => VertexState::Fitted,
             VertexState::Backtracked(step) if usize::from(step) + 1 < SHARES.len() => {
                 VertexState::Backtracked(step + 1)
             }

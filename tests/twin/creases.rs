@@ -182,13 +182,12 @@ impl Creases<'_> {
     /// The vertices and triangles in sight of a vertex that hang together with it.
     fn seen(&self, v: u32) -> (BTreeSet<u32>, Vec<[u32; 3]>) {
         let corner = self.surface.corners[v as usize].expect("a vertex with a point has a corner");
-        let away = |u: u32| {
-            self.surface.corners[u as usize].map(|other| [0, 1, 2].map(|a| i64::from(other[a] - corner[a]).abs()))
-        };
+        let away =
+            |u: u32| self.surface.corners[u as usize].map(|other| [0, 1, 2].map(|a| i64::from(other[a] - corner[a])));
         let is_near = |triangle: &[u32; 3]| {
             let [Some(p), Some(q), Some(r)] = triangle.map(away) else { return false };
-            // None beyond, and no axis along which all are as far away as can be seen.
-            (0..3).all(|a| p[a].max(q[a]).max(r[a]) <= SIGHT && p[a].min(q[a]).min(r[a]) < SIGHT)
+            // None beyond, and not all in the highest plane.
+            [p, q, r].iter().flatten().all(|away| away.abs() <= SIGHT) && [p, q, r].iter().any(|[_, y, _]| *y < SIGHT)
         };
         let near: Vec<[u32; 3]> = self.triangles().filter(is_near).collect();
         let mut vertices = BTreeSet::from([v]);

@@ -79,8 +79,8 @@ pub struct Fitting {
     projected: Vec<Option<[f64; 3]>>,
     /// Where vertices go instead of their points, and what they go back to first.
     centred: Vec<Option<Centred>>,
-    /// Whether that is a place at a crease, and where they would be without.
-    creased: Vec<bool>,
+    /// The places of vertices at creases.
+    creased: Vec<Option<[f64; 3]>>,
 }
 
 /// The finished mesh of a surface and the points it is fitted to.
@@ -161,7 +161,7 @@ impl Fitting {
         for v in (0..targets.len()).filter(|v| surface.bridged[*v]) {
             projected[v] = Some(as_input(targets[v], params));
         }
-        let (centred, creased) = (vec![None; targets.len()], vec![false; targets.len()]);
+        let (centred, creased) = (vec![None; targets.len()], vec![None; targets.len()]);
         let (surface, params) = (surface.clone(), params.clone());
         let mut fitting = Fitting { projected, surface, params, sorted, targets, rest, nearest, centred, creased };
         if fitting.params.fit == Fit::Facets {
@@ -195,10 +195,7 @@ impl Fitting {
         }
         let creases = Creases { surface: &self.surface, places: &places, points: &numbers };
         for v in 0..places.len() {
-            let Some(place) = creases.place(v as u32) else { continue };
-            let without = out[v].map_or_else(|| self.sorted[numbers[v].expect("it has a point")], |[onto, _]| onto);
-            out[v] = Some([self.as_input(place), without]);
-            self.creased[v] = true;
+            self.creased[v] = creases.place(v as u32).map(|place| self.as_input(place));
         }
         self.centred = out;
     }
@@ -273,7 +270,7 @@ impl Fitting {
         for (_, v) in winners.into_values() {
             states[v as usize] = match before[v as usize] {
                 State::Creased(thirds) => State::Creased(thirds),
-                State::Smoothed if self.creased[v as usize] => State::Creased(3),
+                State::Smoothed if self.creased[v as usize].is_some() => State::Creased(3),
                 _ => State::Fitted,
             };
         }
@@ -288,9 +285,9 @@ impl Fitting {
         };
         match state {
             State::Smoothed => t,
-            State::Fitted | State::Creased(3) | State::Projected | State::Bridged => point(),
+            State::Fitted | State::Projected | State::Bridged => point(),
             State::Creased(thirds) => {
-                let [crease, without] = self.centred[v as usize].expect("it has");
+                let (crease, without) = (self.creased[v as usize].expect("it has"), point());
                 [0, 1, 2].map(|a| without[a] + f64::from(thirds) / 3.0 * (crease[a] - without[a]))
             }
             State::Pulled => [0, 1, 2].map(|a| t[a] + 0.9 * (point()[a] - t[a])),

@@ -48,7 +48,7 @@ fn step_back(contraction: &mut Contraction, states: &mut [State], tangled: &BTre
         }
         match states[v as usize] {
             State::Fitted | State::Projected | State::Bridged | State::Pulled => states[v as usize] = State::Back(9),
-            State::Creased(1) => states[v as usize] = State::Back(7),
+            State::Creased(1) => states[v as usize] = State::Fitted,
             State::Creased(thirds) => states[v as usize] = State::Creased(thirds - 1),
             State::Back(tenths) if tenths > 1 => states[v as usize] = State::Back(tenths - 1),
             _ => {
