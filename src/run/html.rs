@@ -78,6 +78,7 @@ impl ShownPage {
         document.warnings = report.warnings.iter().map(told).collect();
         let vertices = [
             ("at a point", report.vertices.fitted),
+            ("at a sharp edge", report.vertices.creased),
             ("in the plane of points", report.vertices.projected),
             ("pulled towards a point", report.vertices.pulled),
             ("no point within reach", report.vertices.unfitted),

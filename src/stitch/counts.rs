@@ -5,7 +5,7 @@ use crate::surface::vertex_state::VertexState;
 /// What became of the vertices.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Counts {
-    /// Vertices that are input points, bit for bit.
+    /// Vertices that are input points, bit for bit; or near them, where facets pass amid the points.
     pub fitted: u64,
     /// Vertices moved onto sharp edges and corners near their points.
     pub creased: u64,
