@@ -17,6 +17,9 @@ pub struct Creases<'a> {
 
 type Place = [f64; 3];
 
+/// Places of some vertices, and how near they are.
+type Places<'a> = dyn Fn(&BTreeSet<u32>) -> Vec<(Place, f64)> + 'a;
+
 fn minus(p: Place, q: Place) -> Place {
     [0, 1, 2].map(|a| p[a] - q[a])
 }
@@ -73,9 +76,8 @@ impl Side {
         for i in 0..6 {
             for j in (0..6).filter(|j| *j != i) {
                 let factor = matrix[j][i] / matrix[i][i];
-                for k in 0..7 {
-                    matrix[j][k] -= factor * matrix[i][k];
-                }
+                let row = matrix[i];
+                matrix[j].iter_mut().zip(row).for_each(|(entry, other)| *entry -= factor * other);
             }
         }
         let solved: Vec<f64> = (0..6).map(|i| matrix[i][6] / matrix[i][i]).collect();
@@ -240,7 +242,7 @@ impl Creases<'_> {
         let normals: Vec<Place> = sides.iter().map(|side| side.touching(place).0).collect();
         let pairs = || (0..normals.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
         let cosines: Vec<f64> = pairs().map(|(i, j)| dot(normals[i], normals[j])).collect();
-        if cosines.iter().all(|c| *c >= 0.866) || cosines.iter().any(|c| *c < -0.766) {
+        if cosines.iter().all(|c| *c >= 0.866) || cosines.iter().any(|c| *c < -0.6428) {
             return None;
         }
         let far = |p: Place, q: Place| dot(minus(p, q), minus(p, q));
@@ -272,13 +274,7 @@ impl Creases<'_> {
     }
 
     /// The smooth surfaces through flat triangles whose normals are alike.
-    fn sides(
-        &self,
-        faces: &[Seen],
-        first: &dyn Fn(u32) -> u32,
-        places: &dyn Fn(&BTreeSet<u32>) -> Vec<(Place, f64)>,
-        edge: f64,
-    ) -> Vec<Side> {
+    fn sides(&self, faces: &[Seen], first: &dyn Fn(u32) -> u32, places: &Places<'_>, edge: f64) -> Vec<Side> {
         let corners: Vec<BTreeSet<u32>> =
             faces.iter().map(|face| face.vertices.iter().map(|v| first(*v)).collect()).collect();
         let is_flat = |i: &usize| {
@@ -336,7 +332,7 @@ impl Creases<'_> {
     }
 }
 
-/// Whether places lie three times nearer to the sides than to one surface.
+/// Whether places lie six times nearer to the sides than to one surface.
 fn is_nearer(sides: &[Side], faces: &[Seen], places: &[(Place, f64)], edge: f64) -> bool {
     let normal =
         faces.iter().fold([0.0; 3], |sum: Place, face| [0, 1, 2].map(|a| sum[a] + face.weight() * face.normal[a]));
@@ -347,5 +343,5 @@ fn is_nearer(sides: &[Side], faces: &[Seen], places: &[(Place, f64)], edge: f64)
     let from_sides = places.iter().fold(0.0, |sum, (place, weight)| {
         sum + weight * sides.iter().map(|side| side.distance(*place)).fold(f64::INFINITY, f64::min)
     });
-    dot(normal, normal) > 0.0 && 3.0 * from_sides <= from_one
+    dot(normal, normal) > 0.0 && 6.0 * from_sides <= from_one
 }
