@@ -27,6 +27,8 @@ pub struct Size {
     pub layer: u64,
     /// Those of the lowest and of the highest such layer.
     pub ends: [u64; 2],
+    /// Those of the slice below `round`.
+    pub below: u64,
     /// Those of the slices below and above `round` that creases are seen in.
     pub beside: u64,
 }
@@ -72,6 +74,11 @@ impl MeansBytes {
 }
 
 impl Made {
+    /// Whether creases may be looked for: on what is closed.
+    fn may_have_creases(&self) -> bool {
+        self.may_be_centred() && self.columns == 0
+    }
+
     /// Whether vertices may go to places other than their points, so that facets pass amid these.
     fn may_be_centred(&self) -> bool {
         matches!(self.fit, Fit::Auto | Fit::Facets)
@@ -97,7 +104,7 @@ impl Told {
     /// The size of slab `number` whose surface has so many vertices, its own among them, and so many triangles of its own.
     pub fn size(&self, number: u32, vertices: usize, own: usize, triangles: usize) -> Size {
         let planned = self.sizes[number as usize];
-        let beside = if self.of.may_be_centred() { planned.beside } else { 0 };
+        let beside = planned.looked_at(&self.of) - planned.round;
         let faces = (own.max(triangles / 2) as u64).min(planned.faces);
         Size {
             faces,
@@ -152,6 +159,7 @@ impl Size {
             round: faces + (faces * beside).div_ceil(slices),
             layer,
             ends: [layer; 2],
+            below: faces.div_ceil(slices),
             beside: (faces * u64::from(BESIDE)).div_ceil(slices),
         }
     }
@@ -166,8 +174,9 @@ impl Size {
         let own = &faces[start..end];
         // A fitted vertex may have come from a slice beyond.
         let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
+        let lower = round.start;
         let sight = creases::SIGHT as usize;
-        let below = round.start.saturating_sub(sight)..round.start;
+        let below = lower.saturating_sub(sight)..lower;
         let above = round.end..(round.end + sight - 1).min(faces.len());
         let layers = faces[start.saturating_sub(1)..(end + 1).min(faces.len())].windows(LAYER.min(own.len()));
         let (lowest, highest) = (start..end.min(start + LAYER), start.max(end.saturating_sub(LAYER))..end);
@@ -176,6 +185,7 @@ impl Size {
             round: sum(&faces[round]),
             layer: layers.map(sum).max().unwrap_or(0),
             ends: [lowest, highest].map(|slices| sum(&faces[slices])),
+            below: lower.checked_sub(1).map_or(0, |slice| u64::from(faces[slice])),
             beside: sum(&faces[below]) + sum(&faces[above]),
         }
     }
@@ -185,9 +195,14 @@ impl Size {
         faces + 8
     }
 
-    /// The faces of all planes that are looked at: for creases, of a few more slices.
+    /// The faces of all planes that are looked at: for facets, of one more slice; for creases, of a few.
     fn looked_at(self, of: &Made) -> u64 {
-        self.round + if of.may_be_centred() { self.beside } else { 0 }
+        self.round
+            + match (of.may_be_centred(), of.may_have_creases()) {
+                (_, true) => self.beside,
+                (true, _) => self.below,
+                _ => 0,
+            }
     }
 
     /// Bytes of what a slab that is made in another's room holds only when its vertices are fitted; where facets are fitted, it is not held before (`stitch/slab.rs`).
@@ -223,7 +238,8 @@ impl Size {
                 if of.may_be_centred() { Size::vertices(self.looked_at(of)) } else { own },
                 of.coordinates,
             )
-            + if of.may_be_centred() { own * (3 * of.coordinates + size_of::<u32>() as u64) } else { 0 }
+            + if of.may_be_centred() { 2 * own * of.coordinates } else { 0 }
+            + if of.may_have_creases() { own * (of.coordinates + size_of::<u32>() as u64) } else { 0 }
             + own * of_vertex
             + triangles * of_triangle
             + self.bytes_after_fitting()
@@ -239,8 +255,8 @@ impl Size {
         let made = self.bytes(of);
         let (own, round) = (Size::vertices(self.faces), Size::vertices(self.looked_at(of)));
         let places = own * size_of::<[f64; 3]>() as u64;
-        let planes =
-            u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1 + if of.may_be_centred() { BESIDE } else { 0 });
+        let more = if of.may_have_creases() { BESIDE } else { u32::from(of.may_be_centred()) };
+        let planes = u64::from(of.slab_slices + 2 * smooth_halo(of.smooth) + 1 + more);
         let [width, _, rows] = of.cells;
         let slices = 3 * Bits::bytes(width + 2, rows + 2) + (planes + 2) * of.columns;
         // TriangleSet of planes beside the slab, which are dropped with the surface.
@@ -248,7 +264,7 @@ impl Size {
         // Where smoothed places and those at rest are both there, the slab's part of them is copied: as much as a step takes.
         let stepping = if of.smooth > 1 { smooth::bytes(round, of.smooth) - places } else { 0 };
         // The triangles beside the slab's own.
-        let around = if of.may_be_centred() { 2 * self.beside * size_of::<[u32; 3]>() as u64 } else { 0 };
+        let around = 2 * (self.looked_at(of) - self.round) * size_of::<[u32; 3]>() as u64;
         let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping + around;
         // While facets are fitted, what is held only after that is not there.
         let after = self.bytes_after_fitting();

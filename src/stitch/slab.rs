@@ -158,7 +158,9 @@ impl<T: Coordinate> SlabMesh<T> {
         let more = i64::from(smooth_halo(options.smooth));
         // To be moved amid the points of all their facets, vertices must know those of the planes next to the slab; and what creases they lie at, a few more.
         let is_centred = options.fit == Fit::Facets;
-        let beside = if is_centred { creases::SIGHT } else { 0 };
+        // Open surfaces have none: each tree would be looked at, which takes longer than all else.
+        let has_creases = is_centred && solid.ground.is_none();
+        let beside = if has_creases { creases::SIGHT } else { u32::from(is_centred) };
         // Where memory is for one slab at a time, the plan does not count what a stage has given back; where it is short, little of it.
         let end_stage = || {
             if jobs.gives_back {
@@ -309,10 +311,12 @@ impl<T: Coordinate> SlabMesh<T> {
             facets.centre(&stars, sampled, solid, |v, Centred { onto, beside }| {
                 centred[v] = [onto, beside].map(|place| grid.position(place).map(T::from_f64));
             })?;
-            facets.creases(&stars, |v, place| {
-                state[v] = VertexState::Creased(0);
-                creased.push((v as u32, grid.position(place).map(T::from_f64)));
-            });
+            if has_creases {
+                facets.creases(&stars, |v, place| {
+                    state[v] = VertexState::Creased(0);
+                    creased.push((v as u32, grid.position(place).map(T::from_f64)));
+                });
+            }
             fitted.keep(own_of_near);
         }
         drop(surface);

@@ -188,13 +188,17 @@ impl Fitting {
         for (start, end) in slabs(&self.params) {
             let own = self.planes((start, end));
             let near = start.saturating_sub(1)..=*own.end() + 1;
-            let known = start.saturating_sub(2)..=*own.end() + 1;
+            // Open surfaces have no creases, so that slabs know less.
+            let known = match self.params.open {
+                None => start.saturating_sub(2)..=*own.end() + 1,
+                Some(_) => start.saturating_sub(1)..=*own.end(),
+            };
             for (v, centred) in facets.centred(&own, &near, &known) {
                 out[v as usize] = Some(centred.map(|place| self.as_input(place)));
             }
         }
         let creases = Creases { surface: &self.surface, places: &places, points: &numbers };
-        for v in 0..places.len() {
+        for v in (0..places.len()).filter(|_| self.params.open.is_none()) {
             self.creased[v] = creases.place(v as u32).map(|place| self.as_input(place));
         }
         self.centred = out;
