@@ -28,7 +28,7 @@ pub enum Fit {
     #[doc(hidden)]
     #[cfg_attr(feature = "cli", value(skip))]
     AutoPoints,
-    /// Places near their nearest input points, so that facets pass amid all points, and places on sharp edges beside them.
+    /// Places near their nearest input points, so that facets pass amid all points; on closed surfaces, beside sharp edges, places on these.
     Facets,
     /// Their nearest input points.
     Nearest,

@@ -54,15 +54,16 @@ const NO_SIDE: u8 = u8::MAX;
 const STIFF: f64 = 0.2;
 const LITHE: f64 = 0.001;
 
-/// How far a vertex goes at most: in edges of the triangles round it, and in cells, as seams look for what has gone [`crate::grid::partition::TRAVEL`] far: its point is [`crate::grid::partition::REACH`] away at most from where
-/// smoothing put it.
+/// How far a vertex goes at most, in edges of the triangles round it.
 const FARTHEST: f64 = 2.5;
-const TRAVEL: f64 = 3.0;
+
+/// And in cells. Its point is up to [`crate::grid::partition::REACH`] away from where smoothing put it, and seams look for vertices no farther off than [`crate::grid::partition::TRAVEL`].
+const FARTHEST_IN_CELLS: f64 = 3.0;
 
 /// Three planes whose normals span less than this meet along a line rather than in a corner.
 const SPAN: f64 = 0.25;
 
-/// Planes that touch sides are moved along with the place where they meet so many times.
+/// The place where sides meet is found from planes that touch them, so many times: each time from planes that touch them nearer to it.
 const ROUNDS: usize = 3;
 
 /// A triangle in sight that has an area.
@@ -238,7 +239,7 @@ impl View {
         }
         let squared = |p: [f64; 3], q: [f64; 3]| dot(minus(p, q), minus(p, q));
         let way2 = squared(place, at);
-        let farthest = (FARTHEST * self.edge).min(TRAVEL);
+        let farthest = (FARTHEST * self.edge).min(FARTHEST_IN_CELLS);
         if !sharp || thin || way2 > farthest * farthest || !self.are_sides_nearer(&sides) {
             return None;
         }

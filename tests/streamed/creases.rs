@@ -48,7 +48,7 @@ impl Prism {
     fn distance(self, p: [f64; 3]) -> f64 {
         let [x, y, z] = Prism { turn: -self.turn, ..self }.turned(p);
         let base = self.base();
-        let mut out = (z.abs() - self.height / 2.0).max(f64::NEG_INFINITY);
+        let mut out = z.abs() - self.height / 2.0;
         for i in 0..3 {
             let ([a, b], [c, d]) = (base[i], base[(i + 1) % 3]);
             let (u, v) = (c - a, d - b);
@@ -100,14 +100,14 @@ fn prism() -> impl Strategy<Value = Prism> {
         .prop_map(|(angle, height, axis, turn)| Prism { angle, height, axis, turn })
 }
 
-/// Cells of so many sampling distances.
+/// Cells of this side.
 fn settings(side: f64, fit: Fit) -> Settings {
     let usual = Settings::default();
     let surface = SurfaceOptions { fit, ..usual.surface };
     Settings { fineness: Fineness::Given(Resolution::Cell(side)), surface, ..usual }
 }
 
-/// The share of the area of triangles whose middles are farther off than that. What retreats at an acute corner lies far off, and is little; teeth are many.
+/// The share of the area whose triangles' middles are farther off `than` that. A mean would tell of few vertices that retreat far at an acute corner; teeth are many.
 fn off((vertices, triangles): &MeshBits, than: f64, distance: impl Fn([f64; 3]) -> f64) -> f64 {
     let (mut area, mut off) = (0.0, 0.0);
     for triangle in triangles {
