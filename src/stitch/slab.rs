@@ -10,13 +10,14 @@ use crate::points::Coordinate;
 use crate::resources::allocator;
 use crate::resources::memory::{Claim, SlabJobs};
 use crate::resources::workers::refill;
-use crate::settings::surface::{Fit, SurfaceOptions};
+use crate::settings::surface::{Diagonals, Fit, SurfaceOptions};
 use crate::solid::Solid;
 use crate::stitch::numbers::{InSlab, Named};
 use crate::stitch::size::{Size, Stages, Told};
 use crate::surface::attributes::{Lookup, attributes};
 use crate::surface::contract::{Groups, NONE, Stars, contract, is_closed, is_gone};
 use crate::surface::creases;
+use crate::surface::diagonals::{self, Places};
 use crate::surface::extract::{Surface, Triangles};
 use crate::surface::facets::{Centred, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
@@ -292,11 +293,19 @@ impl<T: Coordinate> SlabMesh<T> {
                 NONE => q[of_near.start as usize + v],
                 _ => grid.place_in_cells(fitted.target[v].map(Into::into)),
             };
+            let vertices = &surface.vertices[of_near.start as usize..of_near.end as usize];
+            let places: Vec<[f64; 3]> = fitted.point.iter().enumerate().map(place).collect();
+            if options.diagonals == Diagonals::Delaunay {
+                let at = |first| Places { vertices, places: &places, first };
+                diagonals::choose(&mut below, at(0));
+                diagonals::choose(&mut triangles, at(own_of_near.start));
+                diagonals::choose(&mut above, at(0));
+            }
             let facets = Facets {
-                vertices: &surface.vertices[of_near.start as usize..of_near.end as usize],
+                vertices,
                 planes: near,
                 starts: starts_near,
-                places: fitted.point.iter().enumerate().map(place).collect(),
+                places,
                 smoothed: &q[of_near.start as usize..of_near.end as usize],
                 points: &fitted.point,
                 below: &below,
@@ -316,6 +325,11 @@ impl<T: Coordinate> SlabMesh<T> {
                     state[v] = VertexState::Creased(0);
                     creased.push((v as u32, grid.position(place).map(T::from_f64)));
                 });
+            }
+            let Facets { places, .. } = facets;
+            if options.diagonals == Diagonals::Delaunay && !creased.is_empty() {
+                let at = Places { vertices, places: &places, first: own_of_near.start };
+                diagonals::follow(&mut triangles, at, |v| creased.binary_search_by_key(&v, |(v, _)| *v).is_ok());
             }
             fitted.keep(own_of_near);
         }

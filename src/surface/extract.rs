@@ -272,7 +272,7 @@ fn split([a, b, c]: [u32; 3], [ab, bc, ca]: [Option<u32>; 3], out: &mut Vec<[u32
     }
 }
 /// Whether the second diagonal (corners 1 and 3) makes the larger smallest angle, by more than rounding.
-fn second_is_delaunay([p0, p1, p2, p3]: [[f64; 3]; 4]) -> bool {
+pub fn second_is_delaunay([p0, p1, p2, p3]: [[f64; 3]; 4]) -> bool {
     let first = largest_cosine(p0, p1, p2).max(largest_cosine(p0, p2, p3));
     let second = largest_cosine(p0, p1, p3).max(largest_cosine(p1, p2, p3));
     second < first - 1e-9

@@ -6,6 +6,7 @@ pub mod attributes;
 pub mod contract;
 pub mod corner;
 pub mod creases;
+pub mod diagonals;
 pub mod extract;
 pub mod facets;
 pub mod fit;
