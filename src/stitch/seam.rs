@@ -404,6 +404,20 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
         if t < first { self.lower.is_kept(t) } else { self.upper.is_kept(t - first) }
     }
 
+    fn is_flipped(&self, t: u32) -> bool {
+        let first = self.upper_triangles();
+        if t < first { self.lower.flips.has(t) } else { self.upper.flips.has(t - first) }
+    }
+
+    fn turn(&mut self, t: u32) -> Option<[u32; 2]> {
+        let first = self.upper_triangles();
+        let (slab, first) = if t < first { (&mut *self.lower, 0) } else { (&mut *self.upper, first) };
+        let both = slab.turn(t - first)?.map(|t| t + first);
+        // All four corners are the slab's own.
+        both.into_iter().flat_map(|t| self.triangle(t)).for_each(|v| self.reach.change(v));
+        Some(both)
+    }
+
     fn state(&self, v: u32) -> VertexState {
         let (slab, v) = self.slab_of(v);
         slab.state[v.at()]

@@ -21,6 +21,7 @@ use crate::surface::diagonals::{self, Places};
 use crate::surface::extract::{Surface, Triangles};
 use crate::surface::facets::{Centred, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
+use crate::surface::flips::{Flippable, Flips, flip};
 use crate::surface::plane::project;
 use crate::surface::smooth::smooth;
 use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase, TriangleSet};
@@ -63,6 +64,8 @@ pub struct SlabMesh<T> {
     pub quantized: Vec<QuantizedPoint>,
     /// The boxes of [`BLOCK`] triangles each.
     pub blocks: Vec<PackedBox>,
+    /// The flips among its triangles.
+    pub flips: Flips,
     /// Pairs of its own triangles that still intersect.
     pub tangled: u64,
     /// Its size, if anybody is told of it.
@@ -159,6 +162,8 @@ impl<T: Coordinate> SlabMesh<T> {
         let more = i64::from(smooth_halo(options.smooth));
         // To be moved amid the points of all their facets, vertices must know those of the planes next to the slab; and what creases they lie at, a few more.
         let is_centred = options.fit == Fit::Facets;
+        // The other ways to cut faces are there to see what diagonals do.
+        let chooses_diagonals = is_centred && options.diagonals == Diagonals::Delaunay;
         // Open surfaces have none: each tree would be looked at, which takes longer than all else.
         let has_creases = is_centred && solid.ground.is_none();
         let beside = if has_creases { creases::SIGHT } else { u32::from(is_centred) };
@@ -231,8 +236,8 @@ impl<T: Coordinate> SlabMesh<T> {
         let rest = if is_rest { Vec::new() } else { to_world(smooth(&surface, 1, room.rest)) };
         // What is no longer needed, or not yet, goes before the next large thing comes: the slab's peak is what the plan counts.
         surface.drop_lookups();
-        let after_fitting = (room.stars, room.quantized, room.blocks);
-        let (room_of_stars, quantized, mut blocks) = if is_centred {
+        let after_fitting = (room.stars, room.quantized, room.blocks, room.flips);
+        let (room_of_stars, quantized, mut blocks, _) = if is_centred {
             drop(after_fitting);
             Default::default()
         } else {
@@ -295,7 +300,7 @@ impl<T: Coordinate> SlabMesh<T> {
             };
             let vertices = &surface.vertices[of_near.start as usize..of_near.end as usize];
             let places: Vec<[f64; 3]> = fitted.point.iter().enumerate().map(place).collect();
-            if options.diagonals == Diagonals::Delaunay {
+            if chooses_diagonals {
                 let at = |first| Places { vertices, places: &places, first };
                 diagonals::choose(&mut below, at(0));
                 diagonals::choose(&mut triangles, at(own_of_near.start));
@@ -325,11 +330,6 @@ impl<T: Coordinate> SlabMesh<T> {
                     state[v] = VertexState::Creased(0);
                     creased.push((v as u32, grid.position(place).map(T::from_f64)));
                 });
-            }
-            let Facets { places, .. } = facets;
-            if options.diagonals == Diagonals::Delaunay && !creased.is_empty() {
-                let at = Places { vertices, places: &places, first: own_of_near.start };
-                diagonals::follow(&mut triangles, at, |v| creased.binary_search_by_key(&v, |(v, _)| *v).is_ok());
             }
             fitted.keep(own_of_near);
         }
@@ -366,6 +366,7 @@ impl<T: Coordinate> SlabMesh<T> {
             planes: starts,
             quantized,
             blocks,
+            flips: Flips::default(),
             tangled,
             size,
             claim: Claim::default(),
@@ -376,7 +377,7 @@ impl<T: Coordinate> SlabMesh<T> {
         }
         end_stage();
         begins(&|stages| stages.retreating);
-        mesh.retreat_inside(frame, &mut BroadPhase::new(grid, frame.origin));
+        mesh.untangle_inside(frame, &mut BroadPhase::new(grid, frame.origin), chooses_diagonals);
         end_stage();
         begins(&|stages| stages.made);
         mesh.claim = claim;
@@ -423,18 +424,28 @@ impl<T: Coordinate> SlabMesh<T> {
         }
     }
 
-    /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above.
-    fn retreat_inside(&mut self, frame: Frame, near: &mut BroadPhase) {
+    /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above. Flips their edges before, if asked to.
+    fn untangle_inside(&mut self, frame: Frame, near: &mut BroadPhase, flips: bool) {
         let first = if self.slices.start > 0 { self.seam() } else { 0 };
         let quantizer = near.quantizer();
         let own = (0..self.own()).map(InSlab);
         let places: Vec<[T; 3]> = own.map(|v| frame.place(self.position(v)).map(T::from_f64)).collect();
+        if flips {
+            let (mut triangles, mut stars) = (std::mem::take(&mut self.triangles), std::mem::take(&mut self.stars));
+            self.flips = flip(&mut triangles, &mut stars, &BeforeUntangling { slab: self, first, places: &places });
+            (self.triangles, self.stars) = (triangles, stars);
+        }
         self.quantized.clear();
         self.quantized.reserve_exact(places.len());
         self.quantized.extend(places.iter().map(|place| quantizer.quantized_point(place.map(Into::into))));
         let mut inside = Inside { first, places, frame, quantizer, slab: self };
         let tangled = untangle(&mut inside, near, None).tangled;
         self.tangled = tangled;
+    }
+
+    /// Takes back the flip that triangle `t` takes part in, or makes it again. Gives its two triangles.
+    pub fn turn(&mut self, t: u32) -> Option<[u32; 2]> {
+        self.flips.turn(t, &mut self.triangles, &mut self.stars)
     }
 
     /// The squared distance of vertex `v`, where smoothing put it, to its point.
@@ -490,6 +501,36 @@ impl<T: Coordinate> SlabMesh<T> {
     /// The triangles that are left.
     pub fn triangles_left(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         self.triangles.iter().copied().filter(|t| !is_gone(*t))
+    }
+}
+
+/// A slab, but for its triangles: its vertices from `first` on, and their places, as they are going to be written.
+struct BeforeUntangling<'a, T> {
+    slab: &'a SlabMesh<T>,
+    first: u32,
+    places: &'a [[T; 3]],
+}
+
+impl<T: Coordinate> Flippable for BeforeUntangling<'_, T> {
+    fn is_inside(&self, v: u32) -> bool {
+        (self.first..self.slab.own()).contains(&v)
+    }
+
+    #[inline]
+    fn place(&self, v: u32) -> [f64; 3] {
+        self.places[v as usize].map(Into::into)
+    }
+
+    fn point(&self, v: u32) -> u32 {
+        self.slab.fitted.point[v as usize]
+    }
+
+    fn is_creased(&self, v: u32) -> bool {
+        matches!(self.slab.state[v as usize], VertexState::Creased(_))
+    }
+
+    fn is_kept(&self, t: u32) -> bool {
+        self.slab.is_kept(t)
     }
 }
 
@@ -565,6 +606,14 @@ impl<T: Coordinate> Submesh for Inside<'_, T> {
     #[inline]
     fn is_kept(&self, t: u32) -> bool {
         self.slab.is_kept(t)
+    }
+
+    fn is_flipped(&self, t: u32) -> bool {
+        self.slab.flips.has(t)
+    }
+
+    fn turn(&mut self, t: u32) -> Option<[u32; 2]> {
+        self.slab.turn(t)
     }
 
     fn state(&self, v: u32) -> VertexState {

@@ -20,7 +20,7 @@ pub fn is_gone([a, b, c]: [u32; 3]) -> bool {
 }
 
 /// For each vertex, the corners (3 × triangle + position) at which triangles touched it before any contraction, as linked lists; and
-/// the vertices that were contracted into it, likewise.
+/// the vertices that were contracted into it, likewise. Flips pass corners on.
 ///
 /// A contraction writes the survivor into the dead vertex's corners and joins the two lists of vertices, so that the survivor's star is those of all
 /// vertices of its list, and the contraction can be taken back.
@@ -61,6 +61,17 @@ impl Stars {
     pub fn corners(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
         let first = self.head.get(v as usize).copied();
         std::iter::successors(first.filter(|c| *c != NONE), |c| Some(self.next[*c as usize]).filter(|c| *c != NONE))
+    }
+
+    /// Passes a corner from one vertex to another.
+    pub fn pass(&mut self, corner: u32, [from, to]: [u32; 2]) {
+        let after = self.next[corner as usize];
+        let before = self.corners(from).find(|before| self.next[*before as usize] == corner);
+        match before {
+            Some(before) => self.next[before as usize] = after,
+            None => self.head[from as usize] = after,
+        }
+        self.next[corner as usize] = std::mem::replace(&mut self.head[to as usize], corner);
     }
 
     /// The vertices that have become `v`, with it as the first.

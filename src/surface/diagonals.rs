@@ -1,13 +1,12 @@
 //! Diagonals of rectangles, chosen anew where vertices are at their points.
 //!
 //! ```text
-//!   before fitting        at the points: a rectangle may have become       a crease from b to d
-//!                         reflex, and one of its triangles turned over
-//!     d-------c              d                                                d-------c
-//!     |     / |               \`.        the diagonal from b to d             | \     |
-//!     |  /    |                \  `.     leaves both as they should be        |    \  |
-//!     a-------b                 c-.  `.                                       a-------b
-//!                              a----`--b
+//!   before fitting        at the points
+//!     d-------c              d
+//!     |     / |               \`.         the face has become reflex, and one of its triangles
+//!     |  /    |                c  `.      is turned over; the diagonal from b to d leaves both
+//!     a-------b               /  `-_`.    as they should be
+//!                            a--------b
 //! ```
 
 use crate::points::vector::{cross, dot, minus};
@@ -41,18 +40,6 @@ pub fn choose(triangles: &mut [[u32; 3]], at: Places<'_>) {
         [true, true] => second_is_delaunay(rectangle.places),
         [false, false] => rectangle.is_second,
         [_, second] => second,
-    });
-}
-
-/// Lets diagonals lead along creases: where two opposite corners of a face lie at creases, and not both of the others do.
-pub fn follow(triangles: &mut [[u32; 3]], at: Places<'_>, is_creased: impl Fn(u32) -> bool) {
-    each(triangles, at, |rectangle| {
-        let [a, b, c, d] = rectangle.corners.map(&is_creased);
-        match [a && c, b && d] {
-            [true, false] if rectangle.are_sound[0] => false,
-            [false, true] if rectangle.are_sound[1] => true,
-            _ => rectangle.is_second,
-        }
     });
 }
 

@@ -10,6 +10,7 @@ pub mod diagonals;
 pub mod extract;
 pub mod facets;
 pub mod fit;
+pub mod flips;
 mod means;
 pub mod outward;
 mod paraboloid;

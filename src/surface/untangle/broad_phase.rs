@@ -120,7 +120,7 @@ impl BroadPhase {
         of: &mut P,
         dirty: Dirty<'_>,
         is_ring: impl Fn(u32) -> bool,
-        mut found: impl FnMut(&P, [u32; 3], [u32; 3]),
+        mut found: impl FnMut(&P, u32, u32),
     ) {
         let layers = match dirty {
             Dirty::All => self.layers_of_all(of),
@@ -149,13 +149,13 @@ impl BroadPhase {
                         None => [!number; 4],
                     };
                     // The two themselves are a pair, where they first appear.
-                    if let [Some(one), Some(other)] = both
+                    if let [Some(_), Some(_)] = both
                         && sure == [!number; 4]
                         && each[0].meets(&each[1])
                         && self.quantizer.layers(&whole)[0] == layer
                         && band.contains(&lowest)
                     {
-                        found(of, one, other);
+                        found(of, first, first + 1);
                     }
                     while to_come.first().is_some_and(|t| *t < first) {
                         to_come = &to_come[1..];
@@ -164,7 +164,7 @@ impl BroadPhase {
                     self.entries.push(Entry { whole, each, sure, first, dirty });
                 }
                 self.list(&band);
-                self.sweep(layer, &band, |a, b| found(of, of.triangle(a), of.triangle(b)));
+                self.sweep(layer, &band, |a, b| found(of, a, b));
             }
         }
     }
@@ -511,8 +511,8 @@ mod tests {
             }
             let mut look = |dirty: Dirty<'_>| {
                 let mut found = BTreeMap::new();
-                phase.pairs(&mut soup, dirty, |_| false, |_, a, b| {
-                    let mut key = [a, b];
+                phase.pairs(&mut soup, dirty, |_| false, |soup, a, b| {
+                    let mut key = [a, b].map(|t| soup.triangle(t));
                     key.sort_unstable();
                     *found.entry(key).or_insert(0usize) += 1;
                 });

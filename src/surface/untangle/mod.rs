@@ -10,6 +10,8 @@
 //!   c  d  e            c  d  e
 //! ```
 //!
+//! Flips come first: while one of two triangles that intersect is flipped, that is taken back, and no vertex moves for it. So are the flips at a vertex that comes to rest.
+//!
 //! Where clusters are taken apart, others may lose what made their contraction sound: a vertex that meets one cluster twice.
 //! These are taken apart, too, so that the mesh stays a closed 2-manifold.
 
@@ -55,13 +57,19 @@ pub fn untangle<P: Submesh>(submesh: &mut P, broad_phase: &mut BroadPhase, mut d
     };
     let is_ring = |v: u32| stars[v as usize].get() == Star::Ring;
     loop {
-        let mut tangled: Vec<u32> = Vec::new();
+        let (mut tangled, mut flipped): (Vec<u32>, Vec<u32>) = Default::default();
         let mut room = LIST;
         let mut pairs = 0;
         let looked_at = dirty.as_deref().map_or(Dirty::All, Dirty::Some);
-        broad_phase.pairs(submesh, looked_at, is_ring, |submesh, a, b| {
+        broad_phase.pairs(submesh, looked_at, is_ring, |submesh, t, u| {
+            let [a, b] = [t, u].map(|t| submesh.triangle(t));
             if !are_apart(submesh, &stars, a, b) {
                 pairs += 1;
+                let before = flipped.len();
+                flipped.extend([t, u].into_iter().filter(|t| submesh.is_flipped(*t)));
+                if flipped.len() > before {
+                    return;
+                }
                 // What vertices at creases have brought about, they take back alone.
                 let is_creased = |v: &u32| matches!(submesh.state(*v), VertexState::Creased(_));
                 let creased = a.iter().chain(&b).any(is_creased);
@@ -79,13 +87,16 @@ pub fn untangle<P: Submesh>(submesh: &mut P, broad_phase: &mut BroadPhase, mut d
         });
         tangled.sort_unstable();
         tangled.dedup();
-        if tangled.is_empty() {
+        if tangled.is_empty() && flipped.is_empty() {
             return Untangled { tangled: left, rounds };
         }
-        let Some(moved) = step_back(submesh, &tangled) else { return Untangled { tangled: left + pairs, rounds } };
+        let Some(moved) = step_back(submesh, &tangled, flipped) else {
+            return Untangled { tangled: left + pairs, rounds };
+        };
         rounds += 1;
-        let members = moved.iter().flat_map(|&v| cluster(submesh, v));
+        let members = moved.vertices.iter().flat_map(|&v| cluster(submesh, v));
         let mut changed: Vec<u32> = members.flat_map(|v| submesh.corners(v)).map(|corner| corner / 3).collect();
+        changed.extend(moved.flipped_back);
         changed.retain(|&t| !is_gone(submesh.triangle(t)) && submesh.is_known(submesh.triangle(t)));
         changed.sort_unstable();
         changed.dedup();
@@ -134,63 +145,92 @@ fn lies_beside(one: [[f64; 3]; 3], shared: [bool; 3], [a, b, c]: [[f64; 3]; 3]) 
     above | below
 }
 
-/// Moves the vertices one step back. Where that is to rest, takes their clusters apart, and whatever other clusters this makes unsound: all
-/// vertices of these are put to rest. Gives the vertices moved.
+/// What a step back changed.
+#[derive(Debug, Default)]
+pub(crate) struct Moved {
+    /// The vertices that moved.
+    pub vertices: Vec<u32>,
+    /// The triangles whose flips were taken back.
+    pub flipped_back: Vec<u32>,
+}
+
+/// Takes flips back, and moves the vertices one step back. Where that is to rest, takes their clusters apart, with all flips there, and whatever other clusters this makes unsound: all
+/// vertices of these are put to rest.
 ///
 /// If one of them is frozen, nothing is done, and there is no result.
-pub(crate) fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32]) -> Option<Vec<u32>> {
-    let mut moved = Vec::new();
+pub(crate) fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32], flipped: Vec<u32>) -> Option<Moved> {
+    let is_frozen = |submesh: &P, v: u32| cluster(submesh, v).any(|member| submesh.is_frozen(member));
+    if vertices.iter().any(|&v| is_frozen(submesh, v)) {
+        return None;
+    }
+    let mut moved = Moved::default();
     let mut apart = Vec::new();
     // What was: vertex, survivor, next of its cluster, state.
     let mut before = Vec::new();
+    flip_back(submesh, flipped, &mut moved.flipped_back);
     for &v in vertices {
-        if cluster(submesh, v).any(|member| submesh.is_frozen(member)) {
-            take_back(submesh, &before);
-            return None;
-        }
         match submesh.state(v).backtracked() {
             VertexState::AtRest => apart.push(v),
             state => {
                 before.push((v, v, submesh.also(v), submesh.state(v)));
                 submesh.put(v, v, submesh.also(v), state);
-                moved.push(v);
+                moved.vertices.push(v);
             }
         }
     }
-    while !apart.is_empty() {
-        let first = moved.len();
+    let mut turned = 0;
+    loop {
+        let first = moved.vertices.len();
         for &survivor in &apart {
             let members: Vec<u32> = cluster(submesh, survivor).collect();
             if members.iter().any(|&member| submesh.is_frozen(member)) {
-                take_back(submesh, &before);
+                take_back(submesh, &before, &moved.flipped_back);
                 return None;
             }
+            let at: Vec<u32> = members.iter().flat_map(|member| submesh.corners(*member)).map(|c| c / 3).collect();
+            flip_back(submesh, at, &mut moved.flipped_back);
             for member in members {
                 before.push((member, survivor, submesh.also(member), submesh.state(member)));
                 submesh.put(member, member, NONE, VertexState::AtRest);
-                moved.push(member);
+                moved.vertices.push(member);
             }
         }
-        let mut near: Vec<u32> = moved[first..]
-            .iter()
-            .flat_map(|&v| submesh.corners(v))
-            .flat_map(|corner| submesh.triangle(corner / 3))
-            .collect();
+        let at_vertices = moved.vertices[first..].iter().flat_map(|&v| submesh.corners(v)).map(|corner| corner / 3);
+        let flipped_back = moved.flipped_back[turned..].iter().copied();
+        let mut near: Vec<u32> = at_vertices.chain(flipped_back).flat_map(|t| submesh.triangle(t)).collect();
+        turned = moved.flipped_back.len();
         near.sort_unstable();
         near.dedup();
         apart.clear();
         for v in near {
             find_unsound(submesh, v, &mut apart);
         }
+        if apart.is_empty() {
+            return Some(moved);
+        }
         apart.sort_unstable();
         apart.dedup();
     }
-    Some(moved)
 }
 
-fn take_back<P: Submesh>(submesh: &mut P, before: &[(u32, u32, u32, VertexState)]) {
+/// Takes back the flips that triangles take part in; tells which triangles these are.
+fn flip_back<P: Submesh>(submesh: &mut P, triangles: Vec<u32>, back: &mut Vec<u32>) {
+    for t in triangles {
+        if submesh.is_flipped(t) {
+            back.extend(submesh.turn(t).into_iter().flatten());
+        }
+    }
+}
+
+fn take_back<P: Submesh>(submesh: &mut P, before: &[(u32, u32, u32, VertexState)], flipped_back: &[u32]) {
     for &(v, survivor, also, state) in before.iter().rev() {
         submesh.put(v, survivor, also, state);
+    }
+    for &t in flipped_back {
+        // Each flip is there by both of its triangles.
+        if !submesh.is_flipped(t) {
+            submesh.turn(t);
+        }
     }
 }
 

@@ -1,0 +1,192 @@
+//! Flips: where two triangles would be better with the other diagonal of their quadrilateral, they get it.
+//!
+//! ```text
+//!        d                 d          The triangle t keeps its corners c and d, and its corner at a goes to b; u keeps a and b, and its corner
+//!       /|\               / \         at c goes to d. So a flip is two corners, and what is known of these is enough to take it back:
+//!      / | \             / t \        untangling does, before any vertex of the triangles moves.
+//!     a t|u b    ->     c-----d...
+//! ```
+//!
+//! Diagonals of faces are chosen before ([`crate::surface::diagonals`]): of vertices that have been contracted, or lie in several faces, these say nothing.
+
+use crate::points::vector::{cross, dot, minus};
+use crate::surface::contract::{NONE, Stars, is_gone};
+use crate::surface::extract::second_is_delaunay;
+
+/// A triangle with less than this part of its quadrilateral's area, seen along that one's normal, is no better than one that is turned over.
+const LEAST: f64 = 0.02;
+
+/// Triangles whose normals have a smaller cosine than this make a ridge, which another diagonal would cut off: 18°.
+const LEVEL: f64 = 0.95;
+
+/// At most one of so many triangles is flipped: what is to be known of flips is kept until the slab is written.
+const SPARSE: usize = 4;
+
+/// One of the two corners of a flip.
+#[derive(Debug, Clone, Copy)]
+struct Flip {
+    /// 3 × triangle + position.
+    corner: u32,
+    /// The other one.
+    other: u32,
+    /// The vertex whose corner it is, after the flip and before.
+    vertices: [u32; 2],
+    is_done: bool,
+}
+
+/// The flips of a mesh, by triangle: each triangle takes part in one at most.
+#[derive(Debug, Clone, Default)]
+pub struct Flips(Vec<Flip>);
+
+/// What decides whether an edge is flipped.
+pub trait Flippable {
+    /// Whether all is known of a vertex, and its star is whole.
+    fn is_inside(&self, v: u32) -> bool;
+    /// Where a vertex is.
+    fn place(&self, v: u32) -> [f64; 3];
+    /// The number of its point, or [`NONE`].
+    fn point(&self, v: u32) -> u32;
+    /// Whether it lies at a crease.
+    fn is_creased(&self, v: u32) -> bool;
+    /// Whether a triangle is written in the end.
+    fn is_kept(&self, t: u32) -> bool;
+}
+
+/// Two triangles side by side.
+struct Quadrilateral {
+    /// The corners in turn; the triangles' common edge joins the first and the third.
+    corners: [u32; 4],
+    /// The corners at the first and at the third that a flip gives to the second and to the fourth.
+    passed: [u32; 2],
+}
+
+/// Bytes of the flips among so many triangles, and of what finding them needs beside.
+pub fn bytes(triangles: u64) -> [u64; 2] {
+    [triangles / SPARSE as u64 * size_of::<Flip>() as u64, triangles * size_of::<u32>() as u64]
+}
+
+/// Flips edges where that is better, triangle by triangle: of each, the edge whose quadrilateral's lesser triangle gains most. Triangles and stars are as if the flips had always been.
+///
+/// Memory: [`bytes`].
+pub fn flip(triangles: &mut [[u32; 3]], stars: &mut Stars, of: &impl Flippable) -> Flips {
+    let most = triangles.len() / SPARSE;
+    let mut flips: Vec<Flip> = Vec::with_capacity(most);
+    // The flip's corner that each triangle has.
+    let mut taking_part = vec![NONE; triangles.len()];
+    for t in 0..triangles.len() {
+        let is_inside = |t: usize| !is_gone(triangles[t]) && triangles[t].iter().all(|v| of.is_inside(*v));
+        if taking_part[t] != NONE || !is_inside(t) {
+            continue;
+        }
+        if flips.len() + 2 > most {
+            break;
+        }
+        let mut best: Option<(f64, Quadrilateral)> = None;
+        for position in 0..3 {
+            let Some(quadrilateral) = Quadrilateral::of(triangles, stars, t, position) else { continue };
+            let [one, other] = quadrilateral.passed.map(|corner| corner as usize / 3);
+            let is_free = taking_part[other] == NONE && is_inside(other);
+            if !is_free || of.is_kept(one as u32) != of.is_kept(other as u32) {
+                continue;
+            }
+            let Some(gain) = quadrilateral.gain(of).filter(|gain| best.as_ref().is_none_or(|best| *gain > best.0))
+            else {
+                continue;
+            };
+            let [_, b, _, d] = quadrilateral.corners;
+            // Nor where a flip took that edge away: it could not be taken back.
+            let is_there = |t: usize| {
+                let partner = flips.get(taking_part[t] as usize).map(|flip| triangles[flip.other as usize / 3]);
+                triangles[t].contains(&d) || partner.is_some_and(|partner| partner.contains(&d) && !partner.contains(&b))
+            };
+            if !stars.at(b, triangles).any(|(t, _)| is_there(t)) {
+                best = Some((gain, quadrilateral));
+            }
+        }
+        let Some((_, Quadrilateral { corners: [a, b, c, d], passed })) = best else { continue };
+        for (corner, other, [before, after]) in [(passed[0], passed[1], [a, b]), (passed[1], passed[0], [c, d])] {
+            let holder = stars.cluster(before).find(|member| stars.corners(*member).any(|held| held == corner));
+            let vertices = [holder.unwrap_or(before), after];
+            taking_part[corner as usize / 3] = flips.len() as u32;
+            flips.push(Flip { corner, other, vertices, is_done: true });
+            stars.pass(corner, vertices);
+            triangles.as_flattened_mut()[corner as usize] = after;
+        }
+    }
+    flips.sort_unstable_by_key(|flip| flip.corner);
+    flips.shrink_to_fit();
+    Flips(flips)
+}
+
+impl Quadrilateral {
+    /// The two triangles at the edge of triangle `t` that begins at a position.
+    fn of(triangles: &[[u32; 3]], stars: &Stars, t: usize, position: usize) -> Option<Quadrilateral> {
+        let [a, c, d] = [0, 1, 2].map(|more| triangles[t][(position + more) % 3]);
+        let (u, there) = stars.at(c, triangles).find(|(u, there)| triangles[*u][(there + 1) % 3] == a)?;
+        let b = triangles[u][(there + 2) % 3];
+        let passed = [3 * t + position, 3 * u + there].map(|corner| corner as u32);
+        (b != d).then_some(Quadrilateral { corners: [a, b, c, d], passed })
+    }
+
+    /// What the lesser triangle's part of the area gains by a flip, if it is for the better.
+    fn gain(&self, of: &impl Flippable) -> Option<f64> {
+        let [a, b, c, d] = self.corners;
+        if of.point(b) != NONE && of.point(b) == of.point(d) {
+            return None;
+        }
+        let places @ [pa, pb, pc, pd] = self.corners.map(|v| of.place(v));
+        let whole = cross(minus(pc, pa), minus(pd, pb));
+        let square = dot(whole, whole);
+        let normal = |a, b, c| cross(minus(b, a), minus(c, a));
+        let part = |normal| dot(normal, whole) / square;
+        let (one, other) = (normal(pa, pc, pd), normal(pa, pb, pc));
+        let now = part(one).min(part(other));
+        let then = part(normal(pb, pc, pd)).min(part(normal(pa, pb, pd)));
+        // Also if the whole has no area, and nothing is known.
+        if then.is_nan() || then <= LEAST {
+            return None;
+        }
+        let is_better = now <= LEAST || {
+            let [from_a, from_b, from_c, from_d] = [a, b, c, d].map(|v| of.is_creased(v));
+            match [from_a && from_c, from_b && from_d] {
+                [true, false] => false,
+                [false, true] => true,
+                _ => {
+                    let along = dot(one, other);
+                    let is_level = along > 0.0 && along * along >= LEVEL * LEVEL * (dot(one, one) * dot(other, other));
+                    is_level && second_is_delaunay(places)
+                }
+            }
+        };
+        is_better.then_some(then - now)
+    }
+}
+
+impl Flips {
+    fn of(&self, t: u32) -> Option<usize> {
+        self.0.binary_search_by_key(&t, |flip| flip.corner / 3).ok()
+    }
+
+    /// Whether a triangle is flipped.
+    pub fn has(&self, t: u32) -> bool {
+        self.of(t).is_some_and(|at| self.0[at].is_done)
+    }
+
+    /// Takes back the flip that a triangle takes part in; makes it again, if it was taken back. Gives its two triangles.
+    pub fn turn(&mut self, t: u32, triangles: &mut [[u32; 3]], stars: &mut Stars) -> Option<[u32; 2]> {
+        let one = self.of(t)?;
+        let other = self.of(self.0[one].other / 3)?;
+        let corners = [one, other].map(|at| self.0[at].corner as usize);
+        // Of (b, c, d) and (d, a, b), the corners after b and d are wanted; of (a, c, d) and (c, a, b), those before a and c.
+        let more = if self.0[one].is_done { 1 } else { 2 };
+        let wanted = corners.map(|corner| triangles[corner / 3][(corner % 3 + more) % 3]);
+        for ((at, corner), wanted) in [one, other].into_iter().zip(corners).zip([wanted[1], wanted[0]]) {
+            let flip = &mut self.0[at];
+            let [before, after] = flip.vertices;
+            stars.pass(flip.corner, if flip.is_done { [after, before] } else { [before, after] });
+            flip.is_done = !flip.is_done;
+            triangles[corner / 3][corner % 3] = wanted;
+        }
+        Some(corners.map(|corner| corner as u32 / 3))
+    }
+}
