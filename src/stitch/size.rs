@@ -14,7 +14,7 @@ use crate::surface::fit::Fitted;
 use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase};
 use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint};
 use crate::surface::vertex_state::VertexState;
-use crate::surface::{creases, facets, plane, smooth, untangle};
+use crate::surface::{creases, facets, flips, plane, smooth, untangle};
 
 /// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::vertices::weights`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -206,11 +206,12 @@ impl Size {
     }
 
     /// Bytes of what a slab that is made in another's room holds only when its vertices are fitted; where facets are fitted, it is not held before (`stitch/slab.rs`).
-    fn bytes_after_fitting(self) -> u64 {
+    fn bytes_after_fitting(self, of: &Made) -> u64 {
         let (own, triangles) = (Size::vertices(self.faces), self.triangles());
         Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
             + own * size_of::<QuantizedPoint>() as u64
             + triangles / BLOCK as u64 * size_of::<PackedBox>() as u64
+            + if of.may_be_centred() { flips::bytes(triangles) } else { 0 }
     }
 
     /// Triangles likewise, with those that midpoints add.
@@ -242,7 +243,7 @@ impl Size {
             + if of.may_have_creases() { own * (of.coordinates + size_of::<u32>() as u64) } else { 0 }
             + own * of_vertex
             + triangles * of_triangle
-            + self.bytes_after_fitting()
+            + self.bytes_after_fitting(of)
     }
 
     /// The most bytes while it is made, with the `points` that are held for fitting, and with means.
@@ -267,7 +268,7 @@ impl Size {
         let around = 2 * (self.looked_at(of) - self.round) * size_of::<[u32; 3]>() as u64;
         let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping + around;
         // While facets are fitted, what is held only after that is not there.
-        let after = self.bytes_after_fitting();
+        let after = self.bytes_after_fitting(of);
         let centring = around + points.max(means.of_facets + facets::bytes(round, 2 * round));
         let centring = if in_used_room { centring.saturating_sub(after) } else { centring };
         let moved = match of.fit {
@@ -287,9 +288,10 @@ impl Size {
         let looking_up = if of.attributes > 0 { Lookup::most(own).bytes(own, of.attributes) } else { 0 };
         let contracting = contract::bytes(own);
         let near = BroadPhase::bytes(self.faces, self.layer);
-        let retreating = own * of.coordinates + untangle::bytes(own, near);
-        let touched = |bytes: u64| if in_used_room { made } else { bytes };
         let triangles = self.triangles();
+        let flipping = if of.may_be_centred() { flips::bytes_of_flipping(triangles) } else { 0 };
+        let retreating = own * of.coordinates + untangle::bytes(own, near).max(flipping);
+        let touched = |bytes: u64| if in_used_room { made } else { bytes };
         let quantized = own * size_of::<QuantizedPoint>() as u64;
         let fitted = made - after;
         let extracted = self.bytes_of_places(of) + triangles * size_of::<[u32; 3]>() as u64;

@@ -521,10 +521,6 @@ impl<T: Coordinate> Flippable for BeforeUntangling<'_, T> {
         self.places[v as usize].map(Into::into)
     }
 
-    fn point(&self, v: u32) -> u32 {
-        self.slab.fitted.point[v as usize]
-    }
-
     fn is_creased(&self, v: u32) -> bool {
         matches!(self.slab.state[v as usize], VertexState::Creased(_))
     }

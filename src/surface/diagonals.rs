@@ -85,7 +85,8 @@ impl Rectangle {
         let [p0, p1, p2, p3] = places;
         let face = cross(minus(p2, p0), minus(p3, p1));
         let is_sound = |[a, b, c]: [[f64; 3]; 3]| dot(cross(minus(b, a), minus(c, a)), face) > 0.0;
-        let are_sound = [is_sound([p0, p1, p2]) && is_sound([p0, p2, p3]), is_sound([p0, p1, p3]) && is_sound([p1, p2, p3])];
+        let are_sound =
+            [is_sound([p0, p1, p2]) && is_sound([p0, p2, p3]), is_sound([p0, p1, p3]) && is_sound([p1, p2, p3])];
         Some(Some(Rectangle { corners, places, is_second: both[0][1] == both[1][0], are_sound }))
     }
 }

@@ -44,8 +44,6 @@ pub trait Flippable {
     fn is_inside(&self, v: u32) -> bool;
     /// Where a vertex is.
     fn place(&self, v: u32) -> [f64; 3];
-    /// The number of its point, or [`NONE`].
-    fn point(&self, v: u32) -> u32;
     /// Whether it lies at a crease.
     fn is_creased(&self, v: u32) -> bool;
     /// Whether a triangle is written in the end.
@@ -60,14 +58,19 @@ struct Quadrilateral {
     passed: [u32; 2],
 }
 
-/// Bytes of the flips among so many triangles, and of what finding them needs beside.
-pub fn bytes(triangles: u64) -> [u64; 2] {
-    [triangles / SPARSE as u64 * size_of::<Flip>() as u64, triangles * size_of::<u32>() as u64]
+/// Bytes of the flips among so many triangles.
+pub fn bytes(triangles: u64) -> u64 {
+    triangles / SPARSE as u64 * size_of::<Flip>() as u64
+}
+
+/// Bytes that [`flip`] needs beside these.
+pub fn bytes_of_flipping(triangles: u64) -> u64 {
+    triangles * size_of::<u32>() as u64
 }
 
 /// Flips edges where that is better, triangle by triangle: of each, the edge whose quadrilateral's lesser triangle gains most. Triangles and stars are as if the flips had always been.
 ///
-/// Memory: [`bytes`].
+/// Memory: [`bytes`], [`bytes_of_flipping`].
 pub fn flip(triangles: &mut [[u32; 3]], stars: &mut Stars, of: &impl Flippable) -> Flips {
     let most = triangles.len() / SPARSE;
     let mut flips: Vec<Flip> = Vec::with_capacity(most);
@@ -97,7 +100,8 @@ pub fn flip(triangles: &mut [[u32; 3]], stars: &mut Stars, of: &impl Flippable) 
             // Nor where a flip took that edge away: it could not be taken back.
             let is_there = |t: usize| {
                 let partner = flips.get(taking_part[t] as usize).map(|flip| triangles[flip.other as usize / 3]);
-                triangles[t].contains(&d) || partner.is_some_and(|partner| partner.contains(&d) && !partner.contains(&b))
+                triangles[t].contains(&d)
+                    || partner.is_some_and(|partner| partner.contains(&d) && !partner.contains(&b))
             };
             if !stars.at(b, triangles).any(|(t, _)| is_there(t)) {
                 best = Some((gain, quadrilateral));
@@ -130,10 +134,6 @@ impl Quadrilateral {
 
     /// What the lesser triangle's part of the area gains by a flip, if it is for the better.
     fn gain(&self, of: &impl Flippable) -> Option<f64> {
-        let [a, b, c, d] = self.corners;
-        if of.point(b) != NONE && of.point(b) == of.point(d) {
-            return None;
-        }
         let places @ [pa, pb, pc, pd] = self.corners.map(|v| of.place(v));
         let whole = cross(minus(pc, pa), minus(pd, pb));
         let square = dot(whole, whole);
@@ -147,8 +147,8 @@ impl Quadrilateral {
             return None;
         }
         let is_better = now <= LEAST || {
-            let [from_a, from_b, from_c, from_d] = [a, b, c, d].map(|v| of.is_creased(v));
-            match [from_a && from_c, from_b && from_d] {
+            let [a, b, c, d] = self.corners.map(|v| of.is_creased(v));
+            match [a && c, b && d] {
                 [true, false] => false,
                 [false, true] => true,
                 _ => {

@@ -2,20 +2,25 @@
 
 use std::collections::BTreeSet;
 
+use super::flips::Flip;
+
 /// Triangles that are being contracted; a vertex number is its place in the order.
 #[derive(Debug, Clone)]
 pub struct Contraction {
-    original: Vec<[u32; 3]>,
+    /// The triangles before any contraction, but with flips.
+    pub(super) original: Vec<[u32; 3]>,
     /// Of each triangle, whether it is written in the end.
-    kept: Vec<bool>,
+    pub(super) kept: Vec<bool>,
     /// What each vertex has become.
     into: Vec<u32>,
     /// The vertices that have become each vertex, in order.
     clusters: Vec<Vec<u32>>,
     /// `None` where a triangle is gone.
-    triangles: Vec<Option<[u32; 3]>>,
+    pub(super) triangles: Vec<Option<[u32; 3]>>,
     /// The living triangles at each vertex; empty if the vertex is gone.
-    around: Vec<BTreeSet<usize>>,
+    pub(super) around: Vec<BTreeSet<usize>>,
+    /// The flips, also those that were taken back.
+    pub(super) flips: Vec<Flip>,
     /// Point and squared distance of each vertex.
     nearest: Vec<Option<(usize, f64)>>,
 }
@@ -33,7 +38,8 @@ impl Contraction {
         let into = (0..nearest.len() as u32).collect();
         let clusters = (0..nearest.len() as u32).map(|v| vec![v]).collect();
         let triangles = triangles.iter().copied().map(Some).collect();
-        Contraction { original, kept: kept.to_vec(), into, clusters, triangles, around, nearest: nearest.to_vec() }
+        let (kept, nearest, flips) = (kept.to_vec(), nearest.to_vec(), Vec::new());
+        Contraction { original, kept, into, clusters, triangles, around, flips, nearest }
     }
 
     /// The vertices that have become `v`.
@@ -47,6 +53,11 @@ impl Contraction {
             self.into[u as usize] = u;
             self.clusters[u as usize] = vec![u];
         }
+        self.rename();
+    }
+
+    /// The triangles from what was, and what vertices have become.
+    pub(super) fn rename(&mut self) {
         self.around.iter_mut().for_each(BTreeSet::clear);
         for (index, triangle) in self.original.iter().enumerate() {
             let [a, b, c] = triangle.map(|u| self.into[u as usize]);
@@ -138,6 +149,16 @@ impl Contraction {
     /// The living vertices, in order.
     pub fn living(&self) -> Vec<u32> {
         (0..self.around.len() as u32).filter(|&v| self.lives(v)).collect()
+    }
+
+    /// The numbers of the living triangles at a vertex.
+    pub fn at(&self, v: u32) -> Vec<usize> {
+        self.around[v as usize].iter().copied().collect()
+    }
+
+    /// The living triangles and their numbers, in order.
+    pub fn numbered(&self) -> Vec<(usize, [u32; 3])> {
+        self.triangles.iter().enumerate().filter_map(|(t, triangle)| Some((t, (*triangle)?))).collect()
     }
 
     /// The living triangles, in order.

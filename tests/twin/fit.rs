@@ -1,17 +1,19 @@
 //! Vertices onto their nearest points: contraction slab by slab, then seam by seam, and the final positions.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 use super::contract::Contraction;
 use super::corner::Corner;
 use super::creases::Creases;
+use super::diagonals;
 use super::facets::{Centred, Facets};
+use super::flips::Asked;
 use super::grid::{cell_of, place_in_cell, to_file};
 use super::plane::{Means, outward};
 use super::retreat::retreat;
 use super::surface::Surface;
-use super::{Fit, Params, TwinMesh};
+use super::{Diagonals, Fit, Params, TwinMesh};
 
 /// How far, in cells, a vertex may be from its point.
 const REACH: f64 = 3.0;
@@ -102,6 +104,14 @@ pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMe
     for &slab in &slabs {
         let inner = fitting.inner_planes(slab);
         let among = |t: [u32; 3]| t.iter().all(|&v| inner.contains(&plane(v)));
+        if fitting.chooses_diagonals() {
+            let asked = Asked {
+                inside: &|v| inner.contains(&plane(v)),
+                place: &|v| fitting.written(v, states[v as usize]),
+                creased: &|v| matches!(states[v as usize], State::Creased(_)),
+            };
+            contraction.flip(fitting.triangles_of(slab), &asked);
+        }
         retreat(&fitting, &mut contraction, &mut states, &among, 0);
     }
     for pair in slabs.windows(2) {
@@ -182,6 +192,9 @@ impl Fitting {
         };
         let places: Vec<[f64; 3]> = self.nearest.iter().enumerate().map(place).collect();
         let numbers: Vec<Option<usize>> = self.nearest.iter().map(|point| point.map(|(number, _)| number)).collect();
+        if self.chooses_diagonals() {
+            diagonals::choose(&mut self.surface, &places);
+        }
         let means = Means::of(points, &self.surface.solid, &self.params);
         let facets = Facets { surface: &self.surface, places: &places, points: &numbers, means: &means };
         let mut out = vec![None; places.len()];
@@ -202,6 +215,18 @@ impl Fitting {
             self.creased[v] = creases.place(v as u32).map(|place| self.as_input(place));
         }
         self.centred = out;
+    }
+
+    /// Whether diagonals are chosen where vertices go.
+    fn chooses_diagonals(&self) -> bool {
+        self.params.fit == Fit::Facets && self.params.diagonals == Diagonals::Delaunay
+    }
+
+    /// The numbers of a slab's triangles.
+    fn triangles_of(&self, (start, end): (u32, u32)) -> Range<usize> {
+        let last = if end == self.params.cells[1] { end } else { end - 1 };
+        let before = |slice: u32| self.surface.slices.iter().filter(|of| **of < slice).count();
+        before(start)..before(last + 1)
     }
 
     /// A place in cells in file coordinates and in the input's precision.

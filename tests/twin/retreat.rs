@@ -20,28 +20,42 @@ pub fn retreat(
         let places: Vec<[f64; 3]> = (0..states.len() as u32).map(|v| fitting.written(v, states[v as usize])).collect();
         // At rest no two triangles intersect.
         let still = |t: [u32; 3]| t.iter().all(|&v| fitting.is_at_rest(v, states[v as usize]));
-        let tangled: BTreeSet<u32> = pairs_but(&triangles, &|v| places[v as usize], &still)
+        let pairs = pairs_but(&triangles, &|v| places[v as usize], &still);
+        // Two triangles with the same corners are no pair of their own: either number does.
+        let number =
+            |triangle: [u32; 3]| contraction.numbered().into_iter().find(|(_, t)| *t == triangle).map(|(t, _)| t);
+        let flipped = |t: [u32; 3]| number(t).filter(|t| contraction.is_flipped(*t));
+        let back: Vec<usize> = pairs.iter().flat_map(|(a, b)| [*a, *b]).filter_map(flipped).collect();
+        let tangled: BTreeSet<u32> = pairs
             .into_iter()
+            .filter(|(a, b)| flipped(*a).is_none() && flipped(*b).is_none())
             .flat_map(|(a, b)| {
                 let all: Vec<u32> = a.into_iter().chain(b).filter(|&v| states[v as usize] != State::Rest).collect();
                 let is_creased = |v: &u32| matches!(states[*v as usize], State::Creased(_));
                 if all.iter().any(is_creased) { all.into_iter().filter(is_creased).collect() } else { all }
             })
             .collect();
-        if tangled.is_empty() {
+        if tangled.is_empty() && back.is_empty() {
             return;
         }
         let (mut next, mut next_states) = (contraction.clone(), states.clone());
-        if !step_back(&mut next, &mut next_states, &tangled, settled) {
+        if !step_back(&mut next, &mut next_states, &tangled, &back, settled) {
             return;
         }
         (*contraction, *states) = (next, next_states);
     }
 }
 
-/// One step back for all these vertices; false if it concerns a settled one.
-fn step_back(contraction: &mut Contraction, states: &mut [State], tangled: &BTreeSet<u32>, settled: u32) -> bool {
+/// One step back for all these vertices, after the flips of some triangles are taken back; false if it concerns a settled one.
+fn step_back(
+    contraction: &mut Contraction,
+    states: &mut [State],
+    tangled: &BTreeSet<u32>,
+    flipped: &[usize],
+    settled: u32,
+) -> bool {
     let mut apart = BTreeSet::new();
+    contraction.flip_back(flipped);
     for &v in tangled {
         if contraction.cluster(v).iter().any(|&u| u < settled) {
             return false;
@@ -56,8 +70,11 @@ fn step_back(contraction: &mut Contraction, states: &mut [State], tangled: &BTre
             }
         }
     }
-    while !apart.is_empty() {
+    let mut first = !flipped.is_empty();
+    while first || !apart.is_empty() {
+        first = false;
         for &v in &apart {
+            contraction.flip_back(&contraction.at(v));
             for u in contraction.cluster(v) {
                 if u < settled {
                     return false;

@@ -249,10 +249,7 @@ fn triangles(face: Face, solid: &Cells, vertices: &Vertices, at: &[[f64; 3]], di
             let [x, y, z] = face.cell.map(|n| n as u64);
             (splitmix64(x + (y << 20) + (z << 40) + ((face.axis as u64) << 60)) >> 63) as usize
         }
-        Diagonals::Delaunay => {
-            let largest = cuts.map(|cut| cut.into_iter().map(|t| largest_cosine(t, at)).fold(f64::MIN, f64::max));
-            usize::from(largest[0] - largest[1] > 1e-9)
-        }
+        Diagonals::Delaunay => larger_angle(v.map(|v| at[v as usize])),
     };
     cuts[cut].into_iter().flat_map(|triangle| split(triangle, &middles)).collect()
 }
@@ -265,6 +262,13 @@ fn split(t: [u32; 3], middles: &BTreeMap<(u32, u32), u32>) -> Vec<[u32; 3]> {
         }
     }
     vec![t]
+}
+
+/// Which diagonal of four places makes the larger smallest angle.
+pub fn larger_angle(at: [[f64; 3]; 4]) -> usize {
+    let cuts = [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]];
+    let largest = cuts.map(|cut| cut.into_iter().map(|t| largest_cosine(t, &at)).fold(f64::MIN, f64::max));
+    usize::from(largest[0] - largest[1] > 1e-9)
 }
 
 fn largest_cosine(t: [u32; 3], at: &[[f64; 3]]) -> f64 {
