@@ -190,3 +190,131 @@ impl Flips {
         Some(corners.map(|corner| corner as u32 / 3))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Vertices at places, some of them at creases; of triangles, every so many are not kept.
+    struct Places {
+        places: Vec<[f64; 3]>,
+        creased: Vec<bool>,
+        kept: usize,
+    }
+
+    impl Flippable for Places {
+        fn is_inside(&self, v: u32) -> bool {
+            (v as usize) < self.places.len() - 2
+        }
+        fn place(&self, v: u32) -> [f64; 3] {
+            self.places[v as usize]
+        }
+        fn is_creased(&self, v: u32) -> bool {
+            self.creased[v as usize]
+        }
+        fn is_kept(&self, t: u32) -> bool {
+            t as usize >= self.kept
+        }
+    }
+
+    /// A torus of so many squares either way, cut in two.
+    fn torus(side: u32) -> Vec<[u32; 3]> {
+        let at = |u: u32, v: u32| u % side * side + v % side;
+        let squares = (0..side).flat_map(|u| (0..side).map(move |v| (u, v)));
+        let halves = |(u, v)| {
+            let [a, b, c, d] = [at(u, v), at(u + 1, v), at(u + 1, v + 1), at(u, v + 1)];
+            [[a, b, c], [a, c, d]]
+        };
+        squares.flat_map(halves).collect()
+    }
+
+    /// Each edge from corner to corner, once; and what is held of each vertex.
+    fn edges(triangles: &[[u32; 3]]) -> BTreeSet<[u32; 2]> {
+        triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect()
+    }
+
+    fn held(stars: &Stars, vertices: u32) -> Vec<BTreeSet<u32>> {
+        (0..vertices).map(|v| stars.corners(v).collect()).collect()
+    }
+
+    proptest! {
+        /// Flips leave a closed manifold, with stars that are its own; none makes an edge that another took away; taken back in any order, they leave what was, and can be made again.
+        #[test]
+        fn flips_keep_a_manifold_and_can_be_taken_back(
+            side in 4u32..9,
+            heights in prop::collection::vec(prop::array::uniform3(-0.9f64..0.9), 64),
+            creased in prop::collection::vec(prop::bool::weighted(0.2), 64),
+            kept in 0usize..20,
+            order in prop::collection::vec(any::<u32>(), 128),
+        ) {
+            let count = side * side;
+            let place = |v: u32| {
+                let [x, y, z] = heights[v as usize];
+                [f64::from(v / side) + x, f64::from(v % side) + y, z / 3.0]
+            };
+            let of = Places { places: (0..count).map(place).collect(), creased, kept };
+            let before = torus(side);
+            let mut triangles = before.clone();
+            let stars_of = |triangles: &[[u32; 3]]| Stars::new(triangles, count as usize, count as usize, Stars::default());
+            let mut stars = stars_of(&before);
+            let mut flips = flip(&mut triangles, &mut stars, &of);
+            prop_assert!(flips.0.len() <= before.len() / SPARSE);
+            prop_assert_eq!(edges(&triangles).len(), 3 * triangles.len());
+            prop_assert!(edges(&triangles).iter().all(|[a, b]| edges(&triangles).contains(&[*b, *a])));
+            prop_assert_eq!(held(&stars, count), held(&stars_of(&triangles), count));
+            let [was, is] = [edges(&before), edges(&triangles)];
+            // Whatever is taken back, its edges are not there twice.
+            prop_assert_eq!(was.difference(&is).count(), flips.0.len());
+            for (t, triangle) in triangles.iter().enumerate().filter(|(t, _)| flips.has(*t as u32)) {
+                prop_assert!(triangle.iter().chain(&before[t]).all(|v| of.is_inside(*v)));
+            }
+
+            let after = triangles.clone();
+            let mut some: Vec<u32> = (0..triangles.len() as u32).collect();
+            some.sort_by_key(|t| order[*t as usize % order.len()]);
+            for t in &some {
+                if flips.has(*t) {
+                    let both = flips.turn(*t, &mut triangles, &mut stars).unwrap();
+                    prop_assert!(both.contains(t) && !flips.has(both[0]) && !flips.has(both[1]));
+                }
+            }
+            prop_assert_eq!(&triangles, &before);
+            prop_assert_eq!(held(&stars, count), held(&stars_of(&before), count));
+            for t in some.iter().filter(|t| after[**t as usize] != before[**t as usize]) {
+                if !flips.has(*t) {
+                    flips.turn(*t, &mut triangles, &mut stars).unwrap();
+                }
+            }
+            prop_assert_eq!(&triangles, &after);
+            prop_assert_eq!(held(&stars, count), held(&stars_of(&after), count));
+        }
+    }
+
+    /// A triangle that is turned over gets the other diagonal; a crease stays an edge, and becomes one.
+    #[test]
+    fn what_is_turned_over_is_flipped_and_creases_are_followed() {
+        let flipped = |places: [[f64; 3]; 4], creased: [bool; 4]| {
+            let of = Places { places: places.to_vec(), creased: creased.to_vec(), kept: 0 };
+            let quadrilateral = Quadrilateral { corners: [0, 1, 2, 3], passed: [0, 0] };
+            quadrilateral.gain(&of).is_some()
+        };
+        let none = [false; 4];
+        // The third corner lies within the triangle of the others: seen from the first, the diagonal to it is the only sound one.
+        let reflex = [[0.0, 0.0, 0.0], [4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 4.0, 0.0]];
+        let turned = [reflex[1], reflex[2], reflex[3], reflex[0]];
+        assert!(!flipped(reflex, none) && flipped(turned, none));
+        let long = [[0.0, 0.0, 0.0], [2.0, -1.0, 0.0], [4.0, 0.0, 0.0], [2.0, 1.0, 0.0]];
+        assert!(
+            flipped(long, none)
+                && !flipped(long, [true, false, true, false])
+                && flipped(long, [false, true, false, true])
+        );
+        // A ridge is no worse for being long.
+        let ridge = [[0.0, 0.0, 0.5], [2.0, -1.0, 0.0], [4.0, 0.0, 0.5], [2.0, 1.0, 0.0]];
+        assert!(!flipped(ridge, none));
+    }
+}
