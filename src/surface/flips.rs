@@ -1,10 +1,13 @@
 //! Flips: where two triangles would be better with the other diagonal of their quadrilateral, they get it.
 //!
 //! ```text
-//!        d                 d          The triangle t keeps its corners c and d, and its corner at a goes to b; u keeps a and b, and its corner
-//!       /|\               / \         at c goes to d. So a flip is two corners, and what is known of these is enough to take it back:
-//!      / | \             / t \        untangling does, before any vertex of the triangles moves.
-//!     a t|u b    ->     c-----d...
+//!      c               c
+//!     /|\             / \          the triangle t keeps its corners at c and d, and passes the one at a on to b;
+//!    / | \           / t \         u keeps a and b, and passes the one at c on to d
+//!   d t|u b   ->    d-----b
+//!    \ | /           \ u /         so a flip is two corners, and whose they were: enough to take it back,
+//!     \|/             \ /          as untangling does before any vertex of the two moves
+//!      a               a
 //! ```
 //!
 //! Diagonals of faces are chosen before ([`crate::surface::diagonals`]): of vertices that have been contracted, or lie in several faces, these say nothing.

@@ -95,7 +95,7 @@ impl Contraction {
         };
         let [before, after] = cuts(places);
         let (now, then) = (least(before), least(after));
-        if !(then > 0.02) {
+        if then.is_nan() || then <= 0.02 {
             return None;
         }
         let [a_creased, b_creased, c_creased, d_creased] = corners.map(asked.creased);
