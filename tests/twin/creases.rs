@@ -332,16 +332,20 @@ impl Creases<'_> {
     }
 }
 
-/// Whether places lie six times nearer to the sides than to one surface.
+/// Whether places lie eight times nearer to the sides than to one surface, but for the tenth that lies farthest from sides.
 fn is_nearer(sides: &[Side], faces: &[Seen], places: &[(Place, f64)], edge: f64) -> bool {
     let normal =
         faces.iter().fold([0.0; 3], |sum: Place, face| [0, 1, 2].map(|a| sum[a] + face.weight() * face.normal[a]));
     let sum = places.iter().fold([0.0; 3], |sum: Place, (place, w)| [0, 1, 2].map(|a| sum[a] + w * place[a]));
     let all = places.iter().fold(0.0, |sum, (_, weight)| sum + weight);
     let one = Side::through(normal, sum.map(|c| c / all), places, edge, 0.001);
-    let from_one = places.iter().fold(0.0, |sum, (place, weight)| sum + weight * one.distance(*place));
-    let from_sides = places.iter().fold(0.0, |sum, (place, weight)| {
-        sum + weight * sides.iter().map(|side| side.distance(*place)).fold(f64::INFINITY, f64::min)
-    });
-    dot(normal, normal) > 0.0 && 6.0 * from_sides <= from_one
+    let from_side = |place: Place| sides.iter().map(|side| side.distance(place)).fold(f64::INFINITY, f64::min);
+    let mut places = places.to_vec();
+    places.sort_by(|(p, _), (q, _)| from_side(*p).total_cmp(&from_side(*q)));
+    let near =
+        (1..=places.len()).rev().find(|n| places[..*n].iter().fold(0.0, |sum, (_, weight)| sum + weight) <= 0.9 * all);
+    let counted = &places[..near.unwrap_or(0)];
+    let from_one = counted.iter().fold(0.0, |sum, (place, weight)| sum + weight * one.distance(*place));
+    let from_sides = counted.iter().fold(0.0, |sum, (place, weight)| sum + weight * from_side(*place));
+    dot(normal, normal) > 0.0 && 8.0 * from_sides <= from_one
 }
