@@ -153,8 +153,9 @@ proptest! {
         }
         let walls = numbers_of(&occupied);
         let [this, other] = [occupied, other].map(|occupied| signed(block.clone(), occupied));
-        prop_assert_eq!(this.walls, other.walls);
-        // Normals of walls at corners have ties, which the axes decide; they move what lies next to the walls, and by a little the membrane in a hole.
+        // Normals of walls at corners have ties, which the axes decide: a few cells have free ones on both sides of one normal alone. They move what lies next to the walls, and by a little the
+        // membrane in a hole.
+        prop_assert!(this.walls.abs_diff(other.walls) <= this.walls / 200, "{} and {} walls", this.walls, other.walls);
         let places: Vec<[i64; 3]> = walls.iter().map(|wall| block.cell(*wall as usize).map(|c| c as i64)).collect();
         let near_wall = |cell: [i64; 3]| places.iter().any(|wall| square_between(*wall, cell) <= 6);
         for cell in level(block.cells).filter(|cell| body.distance_from_hole(*cell) > CLEAR) {
