@@ -95,8 +95,9 @@ impl Prism {
     }
 }
 
+/// The sides of all its edges meet at 50° and more: more acute ones stay as they are.
 fn prism() -> impl Strategy<Value = Prism> {
-    (60.0f64..90.0, 0.4f64..1.0, prop::array::uniform3(0.1f64..1.0), 0.0f64..3.0)
+    (60.0f64..79.0, 0.4f64..1.0, prop::array::uniform3(0.1f64..1.0), 0.0f64..3.0)
         .prop_map(|(angle, height, axis, turn)| Prism { angle, height, axis, turn })
 }
 

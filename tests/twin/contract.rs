@@ -151,9 +151,10 @@ impl Contraction {
         (0..self.around.len() as u32).filter(|&v| self.lives(v)).collect()
     }
 
-    /// The numbers of the living triangles at a vertex.
+    /// The numbers of the triangles at a vertex, those included that are gone.
     pub fn at(&self, v: u32) -> Vec<usize> {
-        self.around[v as usize].iter().copied().collect()
+        let is_at = |triangle: &[u32; 3]| triangle.iter().any(|u| self.into[*u as usize] == v);
+        (0..self.original.len()).filter(|t| is_at(&self.original[*t])).collect()
     }
 
     /// The living triangles and their numbers, in order.

@@ -1,6 +1,6 @@
 //! Retreat: vertices of intersecting triangles go back, until no two triangles intersect.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::contract::Contraction;
 use super::fit::{Fitting, State};
@@ -18,17 +18,17 @@ pub fn retreat(
     loop {
         let triangles: Vec<[u32; 3]> = contraction.triangles().into_iter().filter(|t| among(*t)).collect();
         let places: Vec<[f64; 3]> = (0..states.len() as u32).map(|v| fitting.written(v, states[v as usize])).collect();
-        // At rest no two triangles intersect.
-        let still = |t: [u32; 3]| t.iter().all(|&v| fitting.is_at_rest(v, states[v as usize]));
+        let numbered = contraction.numbered();
+        let flipped: BTreeMap<[u32; 3], usize> =
+            numbered.into_iter().filter(|(t, _)| contraction.is_flipped(*t)).map(|(t, corners)| (corners, t)).collect();
+        // At rest no two triangles intersect, unless they are flipped.
+        let still =
+            |t: [u32; 3]| !flipped.contains_key(&t) && t.iter().all(|&v| fitting.is_at_rest(v, states[v as usize]));
         let pairs = pairs_but(&triangles, &|v| places[v as usize], &still);
-        // Two triangles with the same corners are no pair of their own: either number does.
-        let number =
-            |triangle: [u32; 3]| contraction.numbered().into_iter().find(|(_, t)| *t == triangle).map(|(t, _)| t);
-        let flipped = |t: [u32; 3]| number(t).filter(|t| contraction.is_flipped(*t));
-        let back: Vec<usize> = pairs.iter().flat_map(|(a, b)| [*a, *b]).filter_map(flipped).collect();
+        let back: Vec<usize> = pairs.iter().flat_map(|(a, b)| [a, b]).filter_map(|t| flipped.get(t).copied()).collect();
         let tangled: BTreeSet<u32> = pairs
             .into_iter()
-            .filter(|(a, b)| flipped(*a).is_none() && flipped(*b).is_none())
+            .filter(|(a, b)| !flipped.contains_key(a) && !flipped.contains_key(b))
             .flat_map(|(a, b)| {
                 let all: Vec<u32> = a.into_iter().chain(b).filter(|&v| states[v as usize] != State::Rest).collect();
                 let is_creased = |v: &u32| matches!(states[*v as usize], State::Creased(_));
