@@ -19,6 +19,7 @@
 pub mod apart;
 pub mod checkpoint;
 pub mod counts;
+mod inside;
 pub mod numbers;
 pub mod pieces;
 pub mod reach;

@@ -409,12 +409,13 @@ impl<T: Coordinate> Submesh for Seam<'_, T> {
         if t < first { self.lower.flips.has(t) } else { self.upper.flips.has(t - first) }
     }
 
-    fn turn(&mut self, t: u32) -> Option<[u32; 2]> {
+    fn toggle_flip(&mut self, t: u32) -> Option<[u32; 2]> {
         let first = self.upper_triangles();
         let (slab, first) = if t < first { (&mut *self.lower, 0) } else { (&mut *self.upper, first) };
-        let both = slab.turn(t - first)?.map(|t| t + first);
-        // All four corners are the slab's own.
-        both.into_iter().flat_map(|t| self.triangle(t)).for_each(|v| self.reach.change(v));
+        let both = slab.toggle_flip(t - first)?.map(|t| t + first);
+        let corners = both.into_iter().flat_map(|t| self.triangle(t));
+        // A corner may have become a vertex of the slab before.
+        corners.filter(|v| *v < BEFORE).for_each(|v| self.reach.change(v));
         Some(both)
     }
 

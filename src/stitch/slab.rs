@@ -12,6 +12,7 @@ use crate::resources::memory::{Claim, SlabJobs};
 use crate::resources::workers::refill;
 use crate::settings::surface::{Diagonals, Fit, SurfaceOptions};
 use crate::solid::Solid;
+use crate::stitch::inside::Inside;
 use crate::stitch::numbers::{InSlab, Named};
 use crate::stitch::size::{Size, Stages, Told};
 use crate::surface::attributes::{Lookup, attributes};
@@ -21,12 +22,11 @@ use crate::surface::diagonals::{self, Places};
 use crate::surface::extract::{Surface, Triangles};
 use crate::surface::facets::{Centred, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
-use crate::surface::flips::{Flippable, Flips, flip};
+use crate::surface::flips::Flips;
 use crate::surface::plane::project;
 use crate::surface::smooth::smooth;
-use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase, TriangleSet};
-use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint, Quantizer};
-use crate::surface::untangle::submesh::Submesh;
+use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase};
+use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint};
 use crate::surface::untangle::untangle;
 use crate::surface::vertex_state::{CREASED, SHARES, SIDEWAYS, VertexState};
 use crate::surface::vertices::Kind;
@@ -426,26 +426,17 @@ impl<T: Coordinate> SlabMesh<T> {
 
     /// Lets vertices retreat until no two triangles inside the slab intersect: those that touch neither the seam below nor the one above. Flips their edges before, if asked to.
     fn untangle_inside(&mut self, frame: Frame, near: &mut BroadPhase, flips: bool) {
-        let first = if self.slices.start > 0 { self.seam() } else { 0 };
-        let quantizer = near.quantizer();
-        let own = (0..self.own()).map(InSlab);
-        let places: Vec<[T; 3]> = own.map(|v| frame.place(self.position(v)).map(T::from_f64)).collect();
+        let mut inside = Inside::of(self, frame, near.quantizer());
         if flips {
-            let (mut triangles, mut stars) = (std::mem::take(&mut self.triangles), std::mem::take(&mut self.stars));
-            self.flips = flip(&mut triangles, &mut stars, &BeforeUntangling { slab: self, first, places: &places });
-            (self.triangles, self.stars) = (triangles, stars);
+            inside.flip_edges();
         }
-        self.quantized.clear();
-        self.quantized.reserve_exact(places.len());
-        self.quantized.extend(places.iter().map(|place| quantizer.quantized_point(place.map(Into::into))));
-        let mut inside = Inside { first, places, frame, quantizer, slab: self };
         let tangled = untangle(&mut inside, near, None).tangled;
         self.tangled = tangled;
     }
 
     /// Takes back the flip that triangle `t` takes part in, or makes it again. Gives its two triangles.
-    pub fn turn(&mut self, t: u32) -> Option<[u32; 2]> {
-        self.flips.turn(t, &mut self.triangles, &mut self.stars)
+    pub fn toggle_flip(&mut self, t: u32) -> Option<[u32; 2]> {
+        self.flips.toggle(t, &mut self.triangles, &mut self.stars)
     }
 
     /// The squared distance of vertex `v`, where smoothing put it, to its point.
@@ -501,130 +492,5 @@ impl<T: Coordinate> SlabMesh<T> {
     /// The triangles that are left.
     pub fn triangles_left(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         self.triangles.iter().copied().filter(|t| !is_gone(*t))
-    }
-}
-
-/// A slab, but for its triangles: its vertices from `first` on, and their places, as they are going to be written.
-struct BeforeUntangling<'a, T> {
-    slab: &'a SlabMesh<T>,
-    first: u32,
-    places: &'a [[T; 3]],
-}
-
-impl<T: Coordinate> Flippable for BeforeUntangling<'_, T> {
-    fn is_inside(&self, v: u32) -> bool {
-        (self.first..self.slab.own()).contains(&v)
-    }
-
-    #[inline]
-    fn place(&self, v: u32) -> [f64; 3] {
-        self.places[v as usize].map(Into::into)
-    }
-
-    fn is_creased(&self, v: u32) -> bool {
-        matches!(self.slab.state[v as usize], VertexState::Creased(_))
-    }
-
-    fn is_kept(&self, t: u32) -> bool {
-        self.slab.is_kept(t)
-    }
-}
-
-/// A slab by itself: its vertices from `first` on are free to retreat.
-struct Inside<'a, T> {
-    slab: &'a mut SlabMesh<T>,
-    first: u32,
-    frame: Frame,
-    quantizer: Quantizer,
-    /// The position of each vertex where it is now, as it is going to be written.
-    places: Vec<[T; 3]>,
-}
-
-impl<T: Coordinate> TriangleSet for Inside<'_, T> {
-    fn stretches(&self) -> [Range<u32>; 2] {
-        let end = self.slab.triangles.len().next_multiple_of(BLOCK) as u32;
-        [0..self.slab.triangles.len() as u32, end..end]
-    }
-
-    #[inline]
-    fn triangle(&self, t: u32) -> [u32; 3] {
-        self.slab.triangles[t as usize]
-    }
-
-    #[inline]
-    fn is_known(&self, triangle: [u32; 3]) -> bool {
-        triangle.iter().all(|v| (self.first..self.slab.own()).contains(v))
-    }
-
-    #[inline]
-    fn known(&self, t: u32) -> Option<[u32; 3]> {
-        let triangle = *self.slab.triangles.get(t as usize)?;
-        (!is_gone(triangle) && self.is_known(triangle)).then_some(triangle)
-    }
-
-    #[inline]
-    fn quantized_point(&self, v: u32) -> QuantizedPoint {
-        self.slab.quantized[v as usize]
-    }
-
-    fn blocks(&mut self) -> &mut [PackedBox] {
-        &mut self.slab.blocks
-    }
-}
-
-impl<T: Coordinate> Submesh for Inside<'_, T> {
-    fn vertices(&self) -> u32 {
-        self.slab.own()
-    }
-
-    #[inline]
-    fn place(&self, v: u32) -> [f64; 3] {
-        self.places[v as usize].map(Into::into)
-    }
-
-    fn corners(&self, v: u32) -> impl Iterator<Item = u32> {
-        self.slab.stars.corners(v)
-    }
-
-    #[inline]
-    fn also(&self, v: u32) -> u32 {
-        self.slab.stars.also.get(v as usize).copied().unwrap_or(NONE)
-    }
-
-    fn is_whole(&self, v: u32) -> bool {
-        (self.first..self.slab.own()).contains(&v)
-    }
-
-    fn is_frozen(&self, _: u32) -> bool {
-        false
-    }
-
-    #[inline]
-    fn is_kept(&self, t: u32) -> bool {
-        self.slab.is_kept(t)
-    }
-
-    fn is_flipped(&self, t: u32) -> bool {
-        self.slab.flips.has(t)
-    }
-
-    fn turn(&mut self, t: u32) -> Option<[u32; 2]> {
-        self.slab.turn(t)
-    }
-
-    fn state(&self, v: u32) -> VertexState {
-        self.slab.state[v as usize]
-    }
-
-    fn put(&mut self, v: u32, survivor: u32, also: u32, state: VertexState) {
-        let SlabMesh { stars, triangles, .. } = &mut *self.slab;
-        for corner in stars.corners(v) {
-            triangles.as_flattened_mut()[corner as usize] = survivor;
-        }
-        stars.also[v as usize] = also;
-        self.slab.state[v as usize] = state;
-        let place = self.frame.place(self.slab.position(InSlab(v)));
-        self.places[v as usize] = place.map(T::from_f64);
-        self.slab.quantized[v as usize] = self.quantizer.quantized_point(place);
     }
 }

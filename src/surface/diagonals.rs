@@ -1,4 +1,4 @@
-//! Diagonals of rectangles, chosen anew where vertices are at their points.
+//! Diagonals of faces, chosen anew where vertices are at their points.
 //!
 //! ```text
 //!   before fitting        at the points
@@ -14,7 +14,7 @@ use crate::surface::extract::second_is_delaunay;
 use crate::surface::untangle::broad_phase::corners;
 use crate::surface::vertices::{Kind, Vertex};
 
-/// The vertices that triangles name, counted from `first` on, and their places.
+/// Vertices and their places.
 #[derive(Debug, Clone, Copy)]
 pub struct Places<'a> {
     /// The vertices.
@@ -25,68 +25,50 @@ pub struct Places<'a> {
     pub first: u32,
 }
 
-/// A face that is cut in two: its corners in turn, and which diagonals leave both triangles on the side of the face where they belong.
-struct Rectangle {
-    corners: [u32; 4],
-    places: [[f64; 3]; 4],
-    is_second: bool,
-    /// Of the diagonal from the first to the third corner, and of that from the second to the fourth.
-    are_sound: [bool; 2],
-}
-
-/// Chooses the diagonals of all faces whose corners are at four places.
+/// Chooses the diagonals of all faces whose corners are at four places: of two triangles each, one after the other.
 pub fn choose(triangles: &mut [[u32; 3]], at: Places<'_>) {
-    each(triangles, at, |rectangle| match rectangle.are_sound {
-        [true, true] => second_is_delaunay(rectangle.places),
-        [false, false] => rectangle.is_second,
-        [_, second] => second,
-    });
-}
-
-/// Asks of every face with corners at four places whether the second diagonal is to cut it.
-fn each(triangles: &mut [[u32; 3]], at: Places<'_>, wants_second: impl Fn(&Rectangle) -> bool) {
     let mut rest = triangles;
     while let [one, other, ..] = rest {
-        let Some(rectangle) = Rectangle::of([*one, *other], at) else {
+        let Some(v @ [a, b, c, d]) = face([*one, *other], at.vertices, at.first) else {
             // The third triangle of a face with a midpoint stands alone.
             rest = &mut rest[1..];
             continue;
         };
-        if let Some(rectangle) = rectangle {
-            let second = wants_second(&rectangle);
-            if second != rectangle.is_second {
-                let [a, b, c, d] = rectangle.corners;
-                [*one, *other] = if second { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] };
-            }
+        let is_second = one[1] == other[0];
+        let takes_second = takes_second(v.map(|v| at.places[(v + at.first) as usize]), is_second);
+        if takes_second != is_second {
+            [*one, *other] = if takes_second { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] };
         }
         rest = &mut rest[2..];
     }
 }
 
-impl Rectangle {
-    /// The face of two triangles, if they are all of one; nothing of it, if not all of its corners are at places of their own.
-    fn of(both: [[u32; 3]; 2], at: Places<'_>) -> Option<Option<Rectangle>> {
-        let corners = corners(both.map(Some))?;
-        let numbers = corners.map(|v| (v + at.first) as usize);
-        // Two triangles of faces side by side may look like one, and so may those that a midpoint makes.
-        let vertices = numbers.map(|v| &at.vertices[v]);
-        let is_wide = |a: usize| {
-            let along = vertices.map(|vertex| vertex.corner[a]);
-            along.iter().max().zip(along.iter().min()).map_or(0, |(most, least)| most - least)
-        };
-        let is_whole = vertices.iter().all(|vertex| matches!(vertex.kind, Kind::Sheet(_)));
-        if !is_whole || is_wide(0) + is_wide(1) + is_wide(2) != 2 {
-            return None;
-        }
-        let places = numbers.map(|v| at.places[v]);
-        if (0..4).any(|i| places[..i].contains(&places[i])) {
-            return Some(None);
-        }
-        let [p0, p1, p2, p3] = places;
-        let face = cross(minus(p2, p0), minus(p3, p1));
-        let is_sound = |[a, b, c]: [[f64; 3]; 3]| dot(cross(minus(b, a), minus(c, a)), face) > 0.0;
-        let are_sound =
-            [is_sound([p0, p1, p2]) && is_sound([p0, p2, p3]), is_sound([p0, p1, p3]) && is_sound([p1, p2, p3])];
-        Some(Some(Rectangle { corners, places, is_second: both[0][1] == both[1][0], are_sound }))
+/// The corners in turn of the face that two triangles make, if they do.
+fn face(both: [[u32; 3]; 2], vertices: &[Vertex], first: u32) -> Option<[u32; 4]> {
+    let corners = corners(both.map(Some))?;
+    // Two triangles of faces side by side may look like one, and so may those that a midpoint makes.
+    let vertices = corners.map(|v| &vertices[(v + first) as usize]);
+    let width = |a: usize| {
+        let along = vertices.map(|vertex| vertex.corner[a]);
+        along.iter().max().zip(along.iter().min()).map_or(0, |(most, least)| most - least)
+    };
+    let is_whole = vertices.iter().all(|vertex| matches!(vertex.kind, Kind::Sheet(_)));
+    (is_whole && width(0) + width(1) + width(2) == 2).then_some(corners)
+}
+
+/// Whether the second diagonal is to cut a face with these corners, which `is_second` cuts now. A diagonal is *sound* if both triangles lie on the side of the face where they belong.
+fn takes_second(places: [[f64; 3]; 4], is_second: bool) -> bool {
+    if (0..4).any(|i| places[..i].contains(&places[i])) {
+        return is_second;
+    }
+    let [p0, p1, p2, p3] = places;
+    let face = cross(minus(p2, p0), minus(p3, p1));
+    let is_sound = |[a, b, c]: [[f64; 3]; 3]| dot(cross(minus(b, a), minus(c, a)), face) > 0.0;
+    let first_is_sound = is_sound([p0, p1, p2]) && is_sound([p0, p2, p3]);
+    let second_is_sound = is_sound([p0, p1, p3]) && is_sound([p1, p2, p3]);
+    match [first_is_sound, second_is_sound] {
+        [true, true] => second_is_delaunay(places),
+        [false, false] => is_second,
+        [_, second] => second,
     }
 }

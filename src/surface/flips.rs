@@ -1,4 +1,4 @@
-//! Flips: where two triangles would be better with the other diagonal of their quadrilateral, they get it.
+//! Edge flips: two triangles get the other diagonal of their quadrilateral, where that is better.
 //!
 //! ```text
 //!      c               c
@@ -10,19 +10,19 @@
 //!      a               a
 //! ```
 //!
-//! Diagonals of faces are chosen before ([`crate::surface::diagonals`]): of vertices that have been contracted, or lie in several faces, these say nothing.
+//! The diagonals of faces are chosen before ([`crate::surface::diagonals`]); flips are for the edges between faces, and for triangles whose vertices were contracted.
 
 use crate::points::vector::{cross, dot, minus};
 use crate::surface::contract::{NONE, Stars, is_gone};
 use crate::surface::extract::second_is_delaunay;
 
-/// A triangle with less than this part of its quadrilateral's area, seen along that one's normal, is no better than one that is turned over.
+/// A triangle with less than this part of its quadrilateral's area counts as turned over. Areas are seen along the quadrilateral's normal.
 const LEAST: f64 = 0.02;
 
-/// Triangles whose normals have a smaller cosine than this make a ridge, which another diagonal would cut off: 18°.
+/// Two triangles whose normals have a smaller cosine than this make a ridge, which the other diagonal would cut off: 18°.
 const LEVEL: f64 = 0.95;
 
-/// At most one of so many triangles is flipped: what is to be known of flips is kept until the slab is written.
+/// At most one of so many triangles is flipped: flips take memory until the slab is written.
 const SPARSE: usize = 4;
 
 /// One of the two corners of a flip.
@@ -41,7 +41,7 @@ struct Flip {
 #[derive(Debug, Clone, Default)]
 pub struct Flips(Vec<Flip>);
 
-/// What decides whether an edge is flipped.
+/// What is asked of vertices and triangles to decide whether an edge is flipped.
 pub trait Flippable {
     /// Whether all is known of a vertex, and its star is whole.
     fn is_inside(&self, v: u32) -> bool;
@@ -175,8 +175,8 @@ impl Flips {
         self.of(t).is_some_and(|at| self.0[at].is_done)
     }
 
-    /// Takes back the flip that a triangle takes part in; makes it again, if it was taken back. Gives its two triangles.
-    pub fn turn(&mut self, t: u32, triangles: &mut [[u32; 3]], stars: &mut Stars) -> Option<[u32; 2]> {
+    /// Takes back the flip of a triangle, or makes it again if it was taken back. Gives its two triangles.
+    pub fn toggle(&mut self, t: u32, triangles: &mut [[u32; 3]], stars: &mut Stars) -> Option<[u32; 2]> {
         let one = self.of(t)?;
         let other = self.of(self.0[one].other / 3)?;
         let corners = [one, other].map(|at| self.0[at].corner as usize);
@@ -281,7 +281,7 @@ mod tests {
             some.sort_by_key(|t| order[*t as usize % order.len()]);
             for t in &some {
                 if flips.has(*t) {
-                    let both = flips.turn(*t, &mut triangles, &mut stars).unwrap();
+                    let both = flips.toggle(*t, &mut triangles, &mut stars).unwrap();
                     prop_assert!(both.contains(t) && !flips.has(both[0]) && !flips.has(both[1]));
                 }
             }
@@ -289,7 +289,7 @@ mod tests {
             prop_assert_eq!(held(&stars, count), held(&stars_of(&before), count));
             for t in some.iter().filter(|t| after[**t as usize] != before[**t as usize]) {
                 if !flips.has(*t) {
-                    flips.turn(*t, &mut triangles, &mut stars).unwrap();
+                    flips.toggle(*t, &mut triangles, &mut stars).unwrap();
                 }
             }
             prop_assert_eq!(&triangles, &after);

@@ -113,7 +113,7 @@ impl BroadPhase {
         self.quantizer
     }
 
-    /// Tells `found` of every pair of known triangles whose boxes meet, each once, in no particular order. Left out are pairs in rectangles with a
+    /// Tells `found` the numbers of every pair of known triangles whose boxes meet, each pair once, in no particular order. Left out are pairs in rectangles with a
     /// common corner of which `is_ring` is true ([`crate::surface::untangle::star`]).
     pub fn pairs<P: TriangleSet>(
         &mut self,

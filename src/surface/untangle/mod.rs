@@ -10,7 +10,7 @@
 //!   c  d  e            c  d  e
 //! ```
 //!
-//! Flips come first: while one of two triangles that intersect is flipped, that is taken back, and no vertex moves for it. So are the flips at a vertex that comes to rest.
+//! If one of two triangles that intersect is flipped, the flip is taken back, and no vertex moves for these two. All flips at a vertex are taken back when it comes to rest.
 //!
 //! Where clusters are taken apart, others may lose what made their contraction sound: a vertex that meets one cluster twice.
 //! These are taken apart, too, so that the mesh stays a closed 2-manifold.
@@ -154,8 +154,8 @@ pub(crate) struct Moved {
     pub flipped_back: Vec<u32>,
 }
 
-/// Takes flips back, and moves the vertices one step back. Where that is to rest, takes their clusters apart, with all flips there, and whatever other clusters this makes unsound: all
-/// vertices of these are put to rest.
+/// Takes back the flips of the triangles `flipped`, and moves the vertices one step back. Where that is to rest, takes back all flips there, and takes apart their clusters and whatever other clusters
+/// this makes unsound: all vertices of these are put to rest.
 ///
 /// If one of them is frozen, nothing is done, and there is no result.
 pub(crate) fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32], flipped: Vec<u32>) -> Option<Moved> {
@@ -178,7 +178,8 @@ pub(crate) fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32], flipped: 
             }
         }
     }
-    let mut turned = 0;
+    // What was flipped back up to here has been looked at.
+    let mut looked_at = 0;
     loop {
         let first = moved.vertices.len();
         for &survivor in &apart {
@@ -196,9 +197,9 @@ pub(crate) fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32], flipped: 
             }
         }
         let at_vertices = moved.vertices[first..].iter().flat_map(|&v| submesh.corners(v)).map(|corner| corner / 3);
-        let flipped_back = moved.flipped_back[turned..].iter().copied();
+        let flipped_back = moved.flipped_back[looked_at..].iter().copied();
         let mut near: Vec<u32> = at_vertices.chain(flipped_back).flat_map(|t| submesh.triangle(t)).collect();
-        turned = moved.flipped_back.len();
+        looked_at = moved.flipped_back.len();
         near.sort_unstable();
         near.dedup();
         apart.clear();
@@ -213,11 +214,11 @@ pub(crate) fn step_back<P: Submesh>(submesh: &mut P, vertices: &[u32], flipped: 
     }
 }
 
-/// Takes back the flips that triangles take part in; tells which triangles these are.
+/// Takes back the flips of some triangles; appends both triangles of each to `back`.
 fn flip_back<P: Submesh>(submesh: &mut P, triangles: Vec<u32>, back: &mut Vec<u32>) {
     for t in triangles {
         if submesh.is_flipped(t) {
-            back.extend(submesh.turn(t).into_iter().flatten());
+            back.extend(submesh.toggle_flip(t).into_iter().flatten());
         }
     }
 }
@@ -227,9 +228,9 @@ fn take_back<P: Submesh>(submesh: &mut P, before: &[(u32, u32, u32, VertexState)
         submesh.put(v, survivor, also, state);
     }
     for &t in flipped_back {
-        // Each flip is there by both of its triangles.
+        // The list has both triangles of each flip.
         if !submesh.is_flipped(t) {
-            submesh.turn(t);
+            submesh.toggle_flip(t);
         }
     }
 }

@@ -21,8 +21,8 @@ pub trait Submesh: TriangleSet {
     fn is_kept(&self, t: u32) -> bool;
     /// Whether triangle `t` is flipped ([`crate::surface::flips`]).
     fn is_flipped(&self, t: u32) -> bool;
-    /// Takes back the flip of triangle `t`, or makes it again. Gives its two triangles.
-    fn turn(&mut self, t: u32) -> Option<[u32; 2]>;
+    /// Takes back the flip of triangle `t`, or makes it again if it was taken back. Gives its two triangles.
+    fn toggle_flip(&mut self, t: u32) -> Option<[u32; 2]>;
     /// The state of `v`.
     fn state(&self, v: u32) -> VertexState;
     /// Gives the corners that were `v`'s to `survivor`, and sets the rest of its state.
