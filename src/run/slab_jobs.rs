@@ -12,7 +12,7 @@ use crate::stitch::size::{Size, Told};
 pub(super) const HELD: (u64, u64) = (4 << 20, 16 << 10);
 
 /// What a slab in the making has given back, and the allocator not yet: for each face, and the most. It waits some milliseconds, so that two slabs seldom have
-/// given back at the same time; slabs for which memory is short ask it not to wait (`stitch/slab.rs`).
+/// given back at the same time; slabs for which memory is short ask it not to wait (`stitch/make.rs`).
 const GIVEN_BACK: (u64, u64) = (140, 15 << 20);
 
 /// The share of it that the allocator loses between blocks of many sizes, as slab after slab is made: where there is one at a time, and where there are several.

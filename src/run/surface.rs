@@ -31,9 +31,10 @@ use crate::solid::heightfield;
 use crate::solid::unresolved::NarrowHandles;
 use crate::stitch::checkpoint::Checkpoint;
 use crate::stitch::counts::Counts;
+use crate::stitch::make::Making;
 use crate::stitch::pieces::{self, Means};
 use crate::stitch::reach::SeamReport;
-use crate::stitch::slab::{Making, SlabMesh};
+use crate::stitch::slab::SlabMesh;
 use crate::stitch::{Stitched, Stitcher};
 use crate::surface::thickness::Shell;
 

@@ -20,6 +20,7 @@ pub mod apart;
 pub mod checkpoint;
 pub mod counts;
 mod inside;
+pub mod make;
 pub mod numbers;
 pub mod pieces;
 pub mod reach;

@@ -205,7 +205,7 @@ impl Size {
             }
     }
 
-    /// Bytes of what a slab that is made in another's room holds only when its vertices are fitted; where facets are fitted, it is not held before (`stitch/slab.rs`).
+    /// Bytes of what a slab that is made in another's room holds only when its vertices are fitted; where facets are fitted, it is not held before (`stitch/make.rs`).
     fn bytes_after_fitting(self, of: &Made) -> u64 {
         let (own, triangles) = (Size::vertices(self.faces), self.triangles());
         Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
