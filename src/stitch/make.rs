@@ -60,7 +60,7 @@ impl<T: Coordinate> SlabMesh<T> {
         // To be moved amid the points of all their facets, vertices must know those of the planes next to the slab; and what creases they lie at, a few more.
         let is_centred = options.fit == Fit::Facets;
         // The other ways to cut faces are there to see what diagonals do.
-        let chooses_diagonals = is_centred && options.diagonals == Diagonals::Delaunay;
+        let chooses_diagonals = options.fit.has_points() && options.diagonals == Diagonals::Delaunay;
         // Open surfaces have none: each tree would be looked at, which takes longer than all else.
         let has_creases = is_centred && solid.ground.is_none();
         let beside = if has_creases { creases::SIGHT } else { u32::from(is_centred) };
@@ -190,7 +190,7 @@ impl<T: Coordinate> SlabMesh<T> {
         centred.clear();
         let mut creased = room.creased;
         creased.clear();
-        if is_centred {
+        if is_centred || chooses_diagonals {
             let place = |(v, point): (usize, &u32)| match *point {
                 NONE => q[of_near.start as usize + v],
                 _ => grid.place_in_cells(fitted.target[v].map(Into::into)),
@@ -203,30 +203,32 @@ impl<T: Coordinate> SlabMesh<T> {
                 diagonals::choose(&mut triangles, at(own_of_near.start));
                 diagonals::choose(&mut above, at(0));
             }
-            let facets = Facets {
-                vertices,
-                planes: near,
-                starts: starts_near,
-                places,
-                smoothed: &q[of_near.start as usize..of_near.end as usize],
-                points: &fitted.point,
-                below: &below,
-                triangles: &triangles,
-                above: &above,
-                own: own_of_near.clone(),
-                own_planes: planes.clone(),
-            };
-            let stars = facets.stars();
-            let own = own_of_near.start as usize..own_of_near.end as usize;
-            centred.extend(fitted.target[own].iter().map(|target| [*target; 2]));
-            facets.centre(&stars, sampled, solid, |v, Centred { onto, beside }| {
-                centred[v] = [onto, beside].map(|place| grid.position(place).map(T::from_f64));
-            })?;
-            if has_creases {
-                facets.creases(&stars, |v, place| {
-                    state[v] = VertexState::Creased(0);
-                    creased.push((v as u32, grid.position(place).map(T::from_f64)));
-                });
+            if is_centred {
+                let facets = Facets {
+                    vertices,
+                    planes: near,
+                    starts: starts_near,
+                    places,
+                    smoothed: &q[of_near.start as usize..of_near.end as usize],
+                    points: &fitted.point,
+                    below: &below,
+                    triangles: &triangles,
+                    above: &above,
+                    own: own_of_near.clone(),
+                    own_planes: planes.clone(),
+                };
+                let stars = facets.stars();
+                let own = own_of_near.start as usize..own_of_near.end as usize;
+                centred.extend(fitted.target[own].iter().map(|target| [*target; 2]));
+                facets.centre(&stars, sampled, solid, |v, Centred { onto, beside }| {
+                    centred[v] = [onto, beside].map(|place| grid.position(place).map(T::from_f64));
+                })?;
+                if has_creases {
+                    facets.creases(&stars, |v, place| {
+                        state[v] = VertexState::Creased(0);
+                        creased.push((v as u32, grid.position(place).map(T::from_f64)));
+                    });
+                }
             }
             fitted.keep(own_of_near);
         }
@@ -274,7 +276,9 @@ impl<T: Coordinate> SlabMesh<T> {
         }
         end_stage();
         begins(&|stages| stages.retreating);
-        mesh.untangle_inside(frame, &mut BroadPhase::new(grid, frame.origin), chooses_diagonals);
+        // Flips are held until a slab is written; with vertices on points it holds as little as can be.
+        let flips = is_centred && chooses_diagonals;
+        mesh.untangle_inside(frame, &mut BroadPhase::new(grid, frame.origin), flips);
         end_stage();
         begins(&|stages| stages.made);
         mesh.claim = claim;

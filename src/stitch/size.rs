@@ -273,10 +273,11 @@ impl Size {
         let centring = if in_used_room { centring.saturating_sub(after) } else { centring };
         let moved = match of.fit {
             Fit::Auto => points.max(means.of_planes).max(centring),
-            Fit::AutoPoints => points.max(means.of_planes),
+            // Places in cells are for the diagonals.
+            Fit::AutoPoints => points.max(means.of_planes).max(places),
             Fit::Facets => centring,
             Fit::Plane => means.of_planes.max(if of.attributes > 0 { points } else { 0 }),
-            Fit::Nearest => points,
+            Fit::Nearest => points.max(places),
             Fit::None if of.attributes > 0 => points,
             Fit::None => 0,
         };

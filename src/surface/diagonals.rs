@@ -14,7 +14,7 @@ use crate::surface::extract::second_is_delaunay;
 use crate::surface::untangle::broad_phase::corners;
 use crate::surface::vertices::{Kind, Vertex};
 
-/// Vertices and their places.
+/// Vertices and their places. Faces with other corners are left as they are.
 #[derive(Debug, Clone, Copy)]
 pub struct Places<'a> {
     /// The vertices.
@@ -47,7 +47,11 @@ pub fn choose(triangles: &mut [[u32; 3]], at: Places<'_>) {
 fn face(both: [[u32; 3]; 2], vertices: &[Vertex], first: u32) -> Option<[u32; 4]> {
     let corners = corners(both.map(Some))?;
     // Two triangles of faces side by side may look like one, and so may those that a midpoint makes.
-    let vertices = corners.map(|v| &vertices[(v + first) as usize]);
+    let numbers = corners.map(|v| (v + first) as usize);
+    if numbers.iter().any(|v| *v >= vertices.len()) {
+        return None;
+    }
+    let vertices = numbers.map(|v| &vertices[v]);
     let width = |a: usize| {
         let along = vertices.map(|vertex| vertex.corner[a]);
         along.iter().max().zip(along.iter().min()).map_or(0, |(most, least)| most - least)

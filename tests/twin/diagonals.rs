@@ -23,8 +23,8 @@ pub fn cuts<T: Copy>(v: [T; 4]) -> [[[T; 3]; 2]; 2] {
     [[[v[0], v[1], v[2]], [v[0], v[2], v[3]]], [[v[0], v[1], v[3]], [v[1], v[2], v[3]]]]
 }
 
-/// Chooses the diagonals of all faces of two triangles.
-pub fn choose(surface: &mut Surface, places: &[Place]) {
+/// Chooses the diagonals of all faces of two triangles whose places are known: of a slice, with such corners.
+pub fn choose(surface: &mut Surface, places: &[Place], known: &dyn Fn(u32, [u32; 4]) -> bool) {
     let mut end = 0;
     for of_face in surface.faces.clone().chunk_by(|a, b| a == b) {
         end += of_face.len();
@@ -40,7 +40,7 @@ pub fn choose(surface: &mut Surface, places: &[Place]) {
             ([one[0], one[1], other[1], one[2]], 1)
         };
         let at = corners.map(|v| places[v as usize]);
-        if (0..4).any(|i| (0..i).any(|j| at[i] == at[j])) {
+        if !known(surface.slices[first], corners) || (0..4).any(|i| (0..i).any(|j| at[i] == at[j])) {
             continue;
         }
         let whole = cross(minus(at[2], at[0]), minus(at[3], at[1]));

@@ -104,7 +104,7 @@ pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMe
     for &slab in &slabs {
         let inner = fitting.inner_planes(slab);
         let among = |t: [u32; 3]| t.iter().all(|&v| inner.contains(&plane(v)));
-        if fitting.chooses_diagonals() {
+        if fitting.params.fit == Fit::Facets && fitting.chooses_diagonals() {
             let asked = Asked {
                 inside: &|v| inner.contains(&plane(v)),
                 place: &|v| fitting.written(v, states[v as usize]),
@@ -174,14 +174,18 @@ impl Fitting {
         let (centred, creased) = (vec![None; targets.len()], vec![None; targets.len()]);
         let (surface, params) = (surface.clone(), params.clone());
         let mut fitting = Fitting { projected, surface, params, sorted, targets, rest, nearest, centred, creased };
+        let places = fitting.places();
+        if fitting.chooses_diagonals() {
+            fitting.choose_diagonals(&places);
+        }
         if fitting.params.fit == Fit::Facets {
-            fitting.centre(points);
+            fitting.centre(points, &places);
         }
         fitting
     }
 
-    /// Moves the vertices of each slab so that facets pass amid the points.
-    fn centre(&mut self, points: &[[f64; 3]]) {
+    /// Where vertices are, in cells: at their points.
+    fn places(&self) -> Vec<[f64; 3]> {
         let place = |(v, point): (usize, &Nearest)| match point {
             None => self.surface.positions[v],
             Some((point, _)) => {
@@ -190,13 +194,26 @@ impl Fitting {
                 [0, 1, 2].map(|a| f64::from(cell[a]) + within[a])
             }
         };
-        let places: Vec<[f64; 3]> = self.nearest.iter().enumerate().map(place).collect();
+        self.nearest.iter().enumerate().map(place).collect()
+    }
+
+    /// Diagonals once more; where facets are not fitted, a slab knows the places of its own vertices only.
+    fn choose_diagonals(&mut self, places: &[[f64; 3]]) {
+        let slabs = slabs(&self.params);
+        let planes: Vec<RangeInclusive<u32>> = slabs.iter().map(|slab| self.planes(*slab)).collect();
+        let (of_vertex, knows_all) = (self.surface.planes.clone(), self.params.fit == Fit::Facets);
+        let known = |slice: u32, corners: [u32; 4]| {
+            let slab = slabs.iter().rposition(|(start, _)| *start <= slice).expect("a slice has a slab");
+            knows_all || corners.iter().all(|v| planes[slab].contains(&of_vertex[*v as usize]))
+        };
+        diagonals::choose(&mut self.surface, places, &known);
+    }
+
+    /// Moves the vertices of each slab so that facets pass amid the points.
+    fn centre(&mut self, points: &[[f64; 3]], places: &[[f64; 3]]) {
         let numbers: Vec<Option<usize>> = self.nearest.iter().map(|point| point.map(|(number, _)| number)).collect();
-        if self.chooses_diagonals() {
-            diagonals::choose(&mut self.surface, &places);
-        }
         let means = Means::of(points, &self.surface.solid, &self.params);
-        let facets = Facets { surface: &self.surface, places: &places, points: &numbers, means: &means };
+        let facets = Facets { surface: &self.surface, places, points: &numbers, means: &means };
         let mut out = vec![None; places.len()];
         for (start, end) in slabs(&self.params) {
             let own = self.planes((start, end));
@@ -210,7 +227,7 @@ impl Fitting {
                 out[v as usize] = Some(centred.map(|place| self.as_input(place)));
             }
         }
-        let creases = Creases { surface: &self.surface, places: &places, points: &numbers };
+        let creases = Creases { surface: &self.surface, places, points: &numbers };
         for v in (0..places.len()).filter(|_| self.params.open.is_none()) {
             self.creased[v] = creases.place(v as u32).map(|place| self.as_input(place));
         }
@@ -219,7 +236,7 @@ impl Fitting {
 
     /// Whether diagonals are chosen where vertices go.
     fn chooses_diagonals(&self) -> bool {
-        self.params.fit == Fit::Facets && self.params.diagonals == Diagonals::Delaunay
+        matches!(self.params.fit, Fit::Facets | Fit::Nearest) && self.params.diagonals == Diagonals::Delaunay
     }
 
     /// The numbers of a slab's triangles.
