@@ -19,7 +19,7 @@ use crate::surface::contract::{Groups, NONE, Stars, contract, is_closed};
 use crate::surface::creases;
 use crate::surface::diagonals::{self, Places};
 use crate::surface::extract::{Surface, Triangles};
-use crate::surface::facets::{Centred, Facets};
+use crate::surface::facets::{Centred, Creased, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
 use crate::surface::flips::Flips;
 use crate::surface::plane::project;
@@ -63,7 +63,7 @@ impl<T: Coordinate> SlabMesh<T> {
         let chooses_diagonals = options.fit.has_points() && options.diagonals == Diagonals::Delaunay;
         // Open surfaces have none: each tree would be looked at, which takes longer than all else.
         let has_creases = is_centred && solid.ground.is_none();
-        let beside = if has_creases { creases::SIGHT } else { u32::from(is_centred) };
+        let beside = if has_creases { creases::PLANES_BESIDE } else { u32::from(is_centred) };
         // Where memory is for one slab at a time, the plan does not count what a stage has given back; where it is short, little of it.
         let end_stage = || {
             if jobs.gives_back {
@@ -204,7 +204,7 @@ impl<T: Coordinate> SlabMesh<T> {
                 diagonals::choose(&mut above, at(0));
             }
             if is_centred {
-                let facets = Facets {
+                let mut facets = Facets {
                     vertices,
                     planes: near,
                     starts: starts_near,
@@ -220,15 +220,21 @@ impl<T: Coordinate> SlabMesh<T> {
                 let stars = facets.stars();
                 let own = own_of_near.start as usize..own_of_near.end as usize;
                 centred.extend(fitted.target[own].iter().map(|target| [*target; 2]));
-                facets.centre(&stars, sampled, solid, |v, Centred { onto, beside }| {
-                    centred[v] = [onto, beside].map(|place| grid.position(place).map(T::from_f64));
-                })?;
+                let mut creases = Vec::new();
                 if has_creases {
-                    facets.creases(&stars, |v, place| {
-                        state[v] = VertexState::Creased(0);
-                        creased.push((v as u32, grid.position(place).map(T::from_f64)));
+                    facets.creases(&stars, |vertex, place| {
+                        let from = facets.places[vertex as usize];
+                        creases.push(Creased { vertex, way: std::array::from_fn(|a| (place[a] - from[a]) as f32) });
+                        if own_of_near.contains(&vertex) {
+                            let v = vertex - own_of_near.start;
+                            state[v as usize] = VertexState::Creased(0);
+                            creased.push((v, grid.position(place).map(T::from_f64)));
+                        }
                     });
                 }
+                facets.centre(&stars, &creases, sampled, solid, |v, Centred { onto, beside }| {
+                    centred[v] = [onto, beside].map(|place| grid.position(place).map(T::from_f64));
+                })?;
             }
             fitted.keep(own_of_near);
         }

@@ -141,8 +141,8 @@ impl Stages {
     }
 }
 
-/// Slices below and above those that are smoothed with a slab, in which creases are seen ([`creases::SIGHT`]): the plane of vertices above the slab is smoothed with it anyway.
-const BESIDE: u32 = 2 * creases::SIGHT - 1;
+/// Slices below and above those that are smoothed with a slab, in which creases are seen ([`creases::PLANES_BESIDE`]): the plane of vertices above the slab is smoothed with it anyway.
+const BESIDE: u32 = 2 * creases::PLANES_BESIDE - 1;
 
 /// Slices that a layer of triangles may lie in, which is two cells thick.
 const LAYER: usize = 3;
@@ -175,7 +175,7 @@ impl Size {
         // A fitted vertex may have come from a slice beyond.
         let round = start.saturating_sub(beside)..(end + beside + 1).min(faces.len());
         let lower = round.start;
-        let sight = creases::SIGHT as usize;
+        let sight = creases::PLANES_BESIDE as usize;
         let below = lower.saturating_sub(sight)..lower;
         let above = round.end..(round.end + sight - 1).min(faces.len());
         let layers = faces[start.saturating_sub(1)..(end + 1).min(faces.len())].windows(LAYER.min(own.len()));
@@ -269,7 +269,7 @@ impl Size {
         let extracting = Surface::bytes(round, planes, of.cells) + slices + stepping + around;
         // While facets are fitted, what is held only after that is not there.
         let after = self.bytes_after_fitting(of);
-        let centring = around + points.max(means.of_facets + facets::bytes(round, 2 * round));
+        let centring = around + points.max(means.of_facets + facets::bytes(round, 2 * round, of.may_have_creases()));
         let centring = if in_used_room { centring.saturating_sub(after) } else { centring };
         let moved = match of.fit {
             Fit::Auto => points.max(means.of_planes).max(centring),

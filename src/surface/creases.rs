@@ -19,9 +19,11 @@ use crate::surface::facets::{Facets, Stars};
 use crate::surface::paraboloid::{Paraboloid, Plane};
 use crate::surface::vertices::{Kind, Vertex};
 
-/// How far a vertex sees, in cells along each axis, from its corner to those of triangles: a slab's vertices are decided by those of so many planes beside it. Seeing three cells far is no
-/// better: there is more to see that is neither side.
-pub const SIGHT: u32 = 2;
+/// How far a vertex sees, in cells along each axis, from its corner to those of triangles. Seeing three cells far is no better: there is more to see that is neither side.
+const SIGHT: u32 = 2;
+
+/// Creases of a slab and of the planes next to it are decided by the vertices of so many planes beside it.
+pub const PLANES_BESIDE: u32 = SIGHT + 1;
 
 /// Triangles whose normals have this cosine or more bend no more than a side may from one triangle to the next: 6°.
 const FLAT: f64 = 0.9945;
@@ -110,10 +112,10 @@ struct View {
 }
 
 impl Facets<'_> {
-    /// The places at creases that the slab's vertices go to: `put` is told a vertex, counted from the slab's first, and its place in cells; of all others it hears nothing.
+    /// The places at creases that vertices of the slab and of the planes next to it go to: `put` is told a vertex and its place in cells, in the vertices' order; of all others it hears nothing.
     ///
     /// Memory: less than [`Facets::centre`] needs; and what one vertex sees.
-    pub fn creases(&self, stars: &Stars, mut put: impl FnMut(usize, [f64; 3])) {
+    pub fn creases(&self, stars: &Stars, mut put: impl FnMut(u32, [f64; 3])) {
         let bent: Vec<bool> = (0..self.vertices.len() as u32).map(|v| self.is_bent(stars, v)).collect();
         let mut view = View {
             of_vertex: vec![0; self.vertices.len()],
@@ -121,13 +123,13 @@ impl Facets<'_> {
             of_triangle: vec![0; self.triangle_count() as usize],
             ..View::default()
         };
-        for v in self.own.clone().filter(|v| self.points[*v as usize] != NONE) {
+        for v in self.on_planes(self.next_planes()).filter(|v| self.points[*v as usize] != NONE) {
             // The triangles at its point are those at all vertices that have it.
             let is_bent = |u: u32| bent[u as usize] && self.points[u as usize] == self.points[v as usize];
             if stars.at(v).iter().flat_map(|t| self.triangle(*t)).any(is_bent) {
                 self.look(stars, v, &mut view);
                 if let Some(place) = view.crease(v) {
-                    put((v - self.own.start) as usize, place);
+                    put(v, place);
                 }
             }
         }

@@ -57,7 +57,7 @@ const BENT: f64 = 0.5;
 const FEW: f64 = 2.0;
 const NEIGHBOURS: f64 = 2.0;
 
-/// The vertices of a slab and of a few planes beside it ([`crate::surface::creases::SIGHT`]), at their points, and the facets between them.
+/// The vertices of a slab and of a few planes beside it ([`crate::surface::creases::PLANES_BESIDE`]), at their points, and the facets between them.
 #[derive(Debug)]
 pub struct Facets<'a> {
     /// The vertices, plane by plane.
@@ -84,6 +84,25 @@ pub struct Facets<'a> {
     pub own_planes: Range<u32>,
 }
 
+/// A vertex at a crease, and how far it goes there, in cells.
+#[derive(Debug, Clone, Copy)]
+pub struct Creased {
+    /// The vertex.
+    pub vertex: u32,
+    /// From its point.
+    pub way: [f32; 3],
+}
+
+/// What a vertex has to do with creases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Crease {
+    #[default]
+    Away,
+    /// A triangle leads from it to a vertex at a crease.
+    Beside,
+    At,
+}
+
 /// Where a vertex goes, in cells.
 #[derive(Debug, Clone, Copy)]
 pub struct Centred {
@@ -94,9 +113,13 @@ pub struct Centred {
 }
 
 /// Bytes that [`Facets::centre`] needs beside the surface's vertices: of so many vertices and triangles.
-pub fn bytes(vertices: u64, triangles: u64) -> u64 {
-    let of_vertex =
-        size_of::<[f64; 3]>() + size_of::<Sums>() + 2 * size_of::<u32>() + size_of::<u64>() + size_of::<f64>();
+pub fn bytes(vertices: u64, triangles: u64, has_creases: bool) -> u64 {
+    let of_vertex = size_of::<[f64; 3]>()
+        + size_of::<Sums>()
+        + 2 * size_of::<u32>()
+        + size_of::<u64>()
+        + size_of::<f64>()
+        + if has_creases { size_of::<Crease>() + size_of::<Creased>() } else { 0 };
     vertices * of_vertex as u64 + 3 * triangles * size_of::<u32>() as u64
 }
 
@@ -194,19 +217,22 @@ impl Layer {
 }
 
 impl Facets<'_> {
-    /// Where the slab's vertices that have points go: `put` is told each, counted from the slab's first, and its places; of those without facets it hears nothing.
+    /// Where the slab's vertices that have points go: `put` is told each, counted from the slab's first, and its places; of those without facets it hears nothing. Of vertices at `creases`
+    /// these are the places without one. The vertices at creases are there afterwards.
     ///
     /// Memory: [`bytes`], [`bytes_of_means`].
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn centre<T: Coordinate>(
-        &self,
+        &mut self,
         stars: &Stars,
+        creases: &[Creased],
         sampled: &Sampled<'_, T>,
         solid: &Solid,
         mut put: impl FnMut(usize, Centred),
     ) -> Result<()> {
+        let crease = self.beside_creases(stars, creases);
         let mut sums = vec![Sums::default(); self.vertices.len()];
         let mut reader = MeansReader::new(sampled, Some(solid));
         let [mut low, mut high] = [(); 2].map(|()| Layer::new(sampled.grid.cells()));
@@ -225,21 +251,21 @@ impl Facets<'_> {
                     self.offer(first..v, corner, &star, layer);
                 }
             }
-            self.settle(&low, &mut sums);
+            self.settle(&low, &crease, &mut sums);
         }
-        self.settle(&high, &mut sums);
-        self.step(stars, &sums, &mut put);
+        self.settle(&high, &crease, &mut sums);
+        self.step(stars, &sums, creases, &crease, &mut put);
         Ok(())
     }
 
     /// The slab's planes and those next to them: the triangles at their vertices are all known.
-    fn next_planes(&self) -> Range<u32> {
+    pub(super) fn next_planes(&self) -> Range<u32> {
         let Range { start, end } = self.own_planes;
         self.planes.start.max(start.saturating_sub(1))..self.planes.end.min(end + 1)
     }
 
     /// The vertices on some of the planes.
-    fn on_planes(&self, planes: Range<u32>) -> Range<u32> {
+    pub(super) fn on_planes(&self, planes: Range<u32>) -> Range<u32> {
         let at = |plane: u32| self.starts[(plane - self.planes.start) as usize];
         at(planes.start)..at(planes.end)
     }
@@ -334,8 +360,20 @@ impl Facets<'_> {
         })
     }
 
-    /// Gives the means of a slice to the corners of their facets.
-    fn settle(&self, layer: &Layer, sums: &mut [Sums]) {
+    /// What each vertex has to do with `creases`, if there are any.
+    fn beside_creases(&self, stars: &Stars, creases: &[Creased]) -> Vec<Crease> {
+        let mut crease = vec![Crease::Away; if creases.is_empty() { 0 } else { self.vertices.len() }];
+        for Creased { vertex, .. } in creases {
+            for u in stars.at(*vertex).iter().flat_map(|t| self.triangle(*t)) {
+                crease[u as usize] = Crease::Beside;
+            }
+        }
+        creases.iter().for_each(|creased| crease[creased.vertex as usize] = Crease::At);
+        crease
+    }
+
+    /// Gives the means of a slice to the corners of their facets: where there are some at creases, to these alone. A cell that an edge runs through has a mean inside of it, which lies near to no side.
+    fn settle(&self, layer: &Layer, crease: &[Crease], sums: &mut [Sums]) {
         let Layer { y, slice: SliceMeans { cells, means }, nearest } = layer;
         for z in 0..i64::from(cells.rows()) {
             for number in cells.cells(z, 0..i64::MAX) {
@@ -347,53 +385,81 @@ impl Facets<'_> {
                 let place = mean.place(*y as f64, z as f64);
                 let (shares, _) = on_triangle(place, facet.corners);
                 let off = dot(minus(place, facet.corners[0]), facet.normal) / dot(facet.normal, facet.normal).sqrt();
-                for (v, share) in facet.vertices.into_iter().zip(shares) {
+                let is_at_crease = |v: &u32| crease.get(*v as usize) == Some(&Crease::At);
+                let cuts_edge = facet.vertices.iter().any(is_at_crease);
+                for (v, share) in facet.vertices.into_iter().zip(shares).filter(|(v, _)| !cuts_edge || is_at_crease(v))
+                {
                     sums[v as usize].add(off, share * f64::from(mean.points));
                 }
             }
         }
     }
 
-    /// Moves all vertices that are on one point alike, along the normal of their facets.
-    fn step(&self, stars: &Stars, sums: &[Sums], put: &mut impl FnMut(usize, Centred)) {
+    /// Moves all vertices that are on one point alike, along the normal of their facets: those beside creases along that of facets that lead there.
+    fn step(
+        &mut self,
+        stars: &Stars,
+        sums: &[Sums],
+        creases: &[Creased],
+        crease: &[Crease],
+        put: &mut impl FnMut(usize, Centred),
+    ) {
         let next = self.on_planes(self.next_planes());
         let with_point = (0u32..).zip(self.points).filter(|(v, point)| **point != NONE && next.contains(v));
         let mut by_point: Vec<u64> = Vec::with_capacity(self.points.len());
         by_point.extend(with_point.map(|(v, point)| u64::from(*point) << 32 | u64::from(v)));
         by_point.sort_unstable();
         let groups = || by_point.chunk_by(|a, b| a >> 32 == b >> 32);
+        let is = |same: &[u64], what: Crease| vertices(same).any(|v| crease.get(v as usize) == Some(&what));
+        let is_beside = |same: &&[u64]| !is(same, Crease::At) && is(same, Crease::Beside);
         // Of the slab's own vertices: only their facets are all known.
         let mut above = vec![f64::NAN; self.vertices.len()];
-        for same in groups() {
-            if let Some(bearing) = self.bearing(stars, same) {
-                self.own_of(same).for_each(|v| above[v as usize] = bearing.above);
-            }
+        let find_above = |facets: &Facets<'_>, same: &[u64], above: &mut [f64]| {
+            let bearing = facets.bearing(stars, same);
+            facets.own_of(same).for_each(|v| above[v as usize] = bearing.as_ref().map_or(f64::NAN, |of| of.above));
+        };
+        groups().for_each(|same| find_above(self, same, &mut above));
+        groups().filter(|same| !is_beside(same)).for_each(|same| self.move_group(stars, sums, &above, same, put));
+        for Creased { vertex, way } in creases {
+            self.places[*vertex as usize].iter_mut().zip(way).for_each(|(c, way)| *c += f64::from(*way));
         }
-        for same in groups() {
-            let Some(Bearing { normal, above: own }) = self.bearing(stars, same) else { continue };
-            let (mut all, mut bent, mut count) = (Sums::default(), 0.0, 0.0);
-            for v in vertices(same) {
-                let Sums { off, points, behind } = sums[v as usize];
-                all.off += off;
-                all.points += points;
-                (0..2).for_each(|i| all.behind[i] += behind[i]);
-                for facet in stars.at(v).iter().filter_map(|t| self.facet(*t)) {
-                    let above = above[facet.vertices[facet.after(v)] as usize];
-                    if !above.is_nan() {
-                        bent += above;
-                        count += 1.0;
-                    }
+        let at_or_beside = groups().filter(|same| is(same, Crease::At) || is(same, Crease::Beside));
+        at_or_beside.for_each(|same| find_above(self, same, &mut above));
+        groups().filter(is_beside).for_each(|same| self.move_group(stars, sums, &above, same, put));
+    }
+
+    /// Moves the slab's own of the vertices on a point.
+    fn move_group(
+        &self,
+        stars: &Stars,
+        sums: &[Sums],
+        above: &[f64],
+        same: &[u64],
+        put: &mut impl FnMut(usize, Centred),
+    ) {
+        let Some(Bearing { normal, above: own }) = self.bearing(stars, same) else { return };
+        let (mut all, mut bent, mut count) = (Sums::default(), 0.0, 0.0);
+        for v in vertices(same) {
+            let Sums { off, points, behind } = sums[v as usize];
+            all.off += off;
+            all.points += points;
+            (0..2).for_each(|i| all.behind[i] += behind[i]);
+            for facet in stars.at(v).iter().filter_map(|t| self.facet(*t)) {
+                let above = above[facet.vertices[facet.after(v)] as usize];
+                if !above.is_nan() {
+                    bent += above;
+                    count += 1.0;
                 }
             }
-            let most = if count > 0.0 { NEIGHBOURS * bent / count } else { 0.0 };
-            let way = all.way(own.clamp(most.min(0.0), most.max(0.0)));
-            for v in self.own_of(same) {
-                let (place, from) = (self.places[v as usize], self.smoothed[v as usize]);
-                let onto: [f64; 3] = std::array::from_fn(|a| place[a] + way * normal[a]);
-                let above = dot(minus(from, onto), normal);
-                let beside = std::array::from_fn(|a| from[a] - above * normal[a]);
-                put((v - self.own.start) as usize, Centred { onto, beside });
-            }
+        }
+        let most = if count > 0.0 { NEIGHBOURS * bent / count } else { 0.0 };
+        let way = all.way(own.clamp(most.min(0.0), most.max(0.0)));
+        for v in self.own_of(same) {
+            let (place, from) = (self.places[v as usize], self.smoothed[v as usize]);
+            let onto: [f64; 3] = std::array::from_fn(|a| place[a] + way * normal[a]);
+            let above = dot(minus(from, onto), normal);
+            let beside = std::array::from_fn(|a| from[a] - above * normal[a]);
+            put((v - self.own.start) as usize, Centred { onto, beside });
         }
     }
 

@@ -213,7 +213,10 @@ impl Fitting {
     fn centre(&mut self, points: &[[f64; 3]], places: &[[f64; 3]]) {
         let numbers: Vec<Option<usize>> = self.nearest.iter().map(|point| point.map(|(number, _)| number)).collect();
         let means = Means::of(points, &self.surface.solid, &self.params);
-        let facets = Facets { surface: &self.surface, places, points: &numbers, means: &means };
+        let creases = Creases { surface: &self.surface, places, points: &numbers };
+        let place = |v: u32| if self.params.open.is_none() { creases.place(v) } else { None };
+        let creased: Vec<Option<[f64; 3]>> = (0..places.len() as u32).map(place).collect();
+        let facets = Facets { surface: &self.surface, places, points: &numbers, means: &means, creases: &creased };
         let mut out = vec![None; places.len()];
         for (start, end) in slabs(&self.params) {
             let own = self.planes((start, end));
@@ -227,10 +230,7 @@ impl Fitting {
                 out[v as usize] = Some(centred.map(|place| self.as_input(place)));
             }
         }
-        let creases = Creases { surface: &self.surface, places, points: &numbers };
-        for v in (0..places.len()).filter(|_| self.params.open.is_none()) {
-            self.creased[v] = creases.place(v as u32).map(|place| self.as_input(place));
-        }
+        self.creased = creased.into_iter().map(|place| place.map(|place| self.as_input(place))).collect();
         self.centred = out;
     }
 
