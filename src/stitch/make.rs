@@ -93,7 +93,9 @@ impl<T: Coordinate> SlabMesh<T> {
         // The top plane of the last slab lies above its last slice and holds only faces perpendicular to y.
         let Triangles { corners: mut triangles, kept } =
             surface.triangles(planes.clone(), &q, options.diagonals, room.triangles);
-        let [mut below, mut above] = [near.start..planes.start, planes.end..near.end.max(planes.end + 1) - 1]
+        // Slices whose vertices are all near; where the grid ends there, those in its top plane, too.
+        let highest = if near.end > solid.cells[1] { near.end } else { near.end - 1 };
+        let [mut below, mut above] = [near.start..planes.start, planes.end..highest.max(planes.end)]
             .map(|planes| surface.triangles(planes, &q, options.diagonals, Vec::new()).corners);
         let mut size = Size::default();
         if let Some(told) = told {

@@ -37,8 +37,11 @@ const ALIKE: f64 = 0.9659;
 /// A crease turns by more than this: 30°.
 const SHARP: f64 = 0.8660;
 
-/// And by less than this: 130°. Sides that meet at less than 50° are as likely those of a thin wall, which end in a rim; and where they meet is far off.
-const THIN: f64 = -0.6428;
+/// And by less than this: 150°. Sides that meet at less than 30° are as likely those of a thin wall, which end in a rim; and where they meet is far off.
+const THIN: f64 = -0.8660;
+
+/// A crease that turns by more than this, 130°, is acute.
+const ACUTE: f64 = -0.6428;
 
 /// Sides of less than this part of the first's weight are none.
 const LIGHT: f64 = 0.1;
@@ -48,6 +51,9 @@ const SIDES: usize = 3;
 
 /// How many times nearer to the vertices the sides must lie than one smooth surface. With 3 times, folds of a horse's mane get edges that they have not; with 8 times, machine parts keep nearly all of theirs.
 const NEARER: f64 = 8.0;
+
+/// And at an acute crease, where what bends a little meets far off: with 8 times, a horse's ears grow beyond their tips.
+const NEARER_IF_ACUTE: f64 = 30.0;
 
 /// The part of the vertices, by weight, that may lie anywhere: where edges end, a third or fourth surface is in sight, too.
 const ELSEWHERE: f64 = 0.1;
@@ -234,18 +240,21 @@ impl View {
         let own = self.place_of[v as usize];
         let (at, _) = self.places[own as usize];
         let place = meeting(&sides, at)?;
-        let (mut sharp, mut thin) = (false, false);
+        let (mut sharp, mut acute, mut thin) = (false, false, false);
         let normals: Vec<[f64; 3]> = sides.iter().map(|side| side.touching(place).normal).collect();
         for (i, normal) in normals.iter().enumerate() {
             for other in &normals[..i] {
-                sharp |= dot(*normal, *other) < SHARP;
-                thin |= dot(*normal, *other) < THIN;
+                let cosine = dot(*normal, *other);
+                sharp |= cosine < SHARP;
+                acute |= cosine < ACUTE;
+                thin |= cosine < THIN;
             }
         }
         let squared = |p: [f64; 3], q: [f64; 3]| dot(minus(p, q), minus(p, q));
         let way2 = squared(place, at);
         let farthest = (FARTHEST * self.edge).min(FARTHEST_IN_CELLS);
-        if !sharp || thin || way2 > farthest * farthest || !self.are_sides_nearer(&sides) {
+        let nearer = if acute { NEARER_IF_ACUTE } else { NEARER };
+        if !sharp || thin || way2 > farthest * farthest || !self.are_sides_nearer(&sides, nearer) {
             return None;
         }
         let nearest = |place: [f64; 3]| {
@@ -339,7 +348,7 @@ impl View {
     }
 
     /// Whether the vertices in sight lie so many times nearer to the sides than to one smooth surface.
-    fn are_sides_nearer(&self, sides: &[Paraboloid]) -> bool {
+    fn are_sides_nearer(&self, sides: &[Paraboloid], times: f64) -> bool {
         let mut normal = [0.0; 3];
         self.faces.iter().for_each(|face| add(&mut normal, face.weight, face.normal));
         if dot(normal, normal) <= 0.0 {
@@ -365,7 +374,7 @@ impl View {
             from_one += weight * from;
             from_sides += weight * from_side;
         }
-        NEARER * from_sides <= from_one
+        times * from_sides <= from_one
     }
 }
 

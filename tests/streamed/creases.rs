@@ -95,9 +95,9 @@ impl Prism {
     }
 }
 
-/// The sides of all its edges meet at 50° and more: more acute ones stay as they are.
+/// The sides of all its edges meet at 35° and more: those at less than 30° stay as they are.
 fn prism() -> impl Strategy<Value = Prism> {
-    (60.0f64..79.0, 0.4f64..1.0, prop::array::uniform3(0.1f64..1.0), 0.0f64..3.0)
+    (35.0f64..110.0, 0.4f64..1.0, prop::array::uniform3(0.1f64..1.0), 0.0f64..3.0)
         .prop_map(|(angle, height, axis, turn)| Prism { angle, height, axis, turn })
 }
 
@@ -125,10 +125,10 @@ fn off((vertices, triangles): &MeshBits, than: f64, distance: impl Fn([f64; 3]) 
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 8, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 16, ..ProptestConfig::default() })]
 
     #[test]
-    fn edges_are_the_twins(prism in prism(), seed: u64, side in 1.4f64..2.0, slab in prop::option::of(Just(12u32))) {
+    fn edges_are_the_twins(prism in prism(), seed: u64, side in 1.4f64..2.0, slab in prop::option::of(12u32..18)) {
         let points = prism.samples(500, &mut Numbers(seed));
         let side = side * (prism.area() / points.len() as f64).sqrt();
         let seal = asra_stream::internals::settings::closing::Sealing::Cells(2);

@@ -242,13 +242,14 @@ impl Creases<'_> {
         let normals: Vec<Place> = sides.iter().map(|side| side.touching(place).0).collect();
         let pairs = || (0..normals.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
         let cosines: Vec<f64> = pairs().map(|(i, j)| dot(normals[i], normals[j])).collect();
-        if cosines.iter().all(|c| *c >= 0.866) || cosines.iter().any(|c| *c < -0.6428) {
+        if cosines.iter().all(|c| *c >= 0.866) || cosines.iter().any(|c| *c < -0.866) {
             return None;
         }
+        let times = if cosines.iter().any(|c| *c < -0.6428) { 30.0 } else { 8.0 };
         let far = |p: Place, q: Place| dot(minus(p, q), minus(p, q));
         let farthest = (2.5 * edge).min(3.0);
         let all: BTreeSet<u32> = vertices.iter().map(|v| first(*v)).collect();
-        if far(place, at) > farthest * farthest || !is_nearer(&sides, &faces, &places(&all), edge) {
+        if far(place, at) > farthest * farthest || !is_nearer(times, &sides, &faces, &places(&all), edge) {
             return None;
         }
         let nearest = |place: Place| {
@@ -332,8 +333,8 @@ impl Creases<'_> {
     }
 }
 
-/// Whether places lie eight times nearer to the sides than to one surface, but for the tenth that lies farthest from sides.
-fn is_nearer(sides: &[Side], faces: &[Seen], places: &[(Place, f64)], edge: f64) -> bool {
+/// Whether places lie so many times nearer to the sides than to one surface, but for the tenth that lies farthest from sides.
+fn is_nearer(times: f64, sides: &[Side], faces: &[Seen], places: &[(Place, f64)], edge: f64) -> bool {
     let normal =
         faces.iter().fold([0.0; 3], |sum: Place, face| [0, 1, 2].map(|a| sum[a] + face.weight() * face.normal[a]));
     let sum = places.iter().fold([0.0; 3], |sum: Place, (place, w)| [0, 1, 2].map(|a| sum[a] + w * place[a]));
@@ -347,5 +348,5 @@ fn is_nearer(sides: &[Side], faces: &[Seen], places: &[(Place, f64)], edge: f64)
     let counted = &places[..near.unwrap_or(0)];
     let from_one = counted.iter().fold(0.0, |sum, (place, weight)| sum + weight * one.distance(*place));
     let from_sides = counted.iter().fold(0.0, |sum, (place, weight)| sum + weight * from_side(*place));
-    dot(normal, normal) > 0.0 && 8.0 * from_sides <= from_one
+    dot(normal, normal) > 0.0 && times * from_sides <= from_one
 }
