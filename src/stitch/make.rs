@@ -19,7 +19,7 @@ use crate::surface::contract::{Groups, NONE, Stars, contract, is_closed};
 use crate::surface::creases;
 use crate::surface::diagonals::{self, Places};
 use crate::surface::extract::{Surface, Triangles};
-use crate::surface::facets::{Centred, Creased, Facets};
+use crate::surface::facets::{Centred, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
 use crate::surface::flips::Flips;
 use crate::surface::plane::project;
@@ -222,18 +222,13 @@ impl<T: Coordinate> SlabMesh<T> {
                 let stars = facets.stars();
                 let own = own_of_near.start as usize..own_of_near.end as usize;
                 centred.extend(fitted.target[own].iter().map(|target| [*target; 2]));
-                let mut creases = Vec::new();
-                if has_creases {
-                    facets.creases(&stars, |vertex, place| {
-                        let from = facets.places[vertex as usize];
-                        creases.push(Creased { vertex, way: std::array::from_fn(|a| (place[a] - from[a]) as f32) });
-                        if own_of_near.contains(&vertex) {
-                            let v = vertex - own_of_near.start;
-                            state[v as usize] = VertexState::Creased(0);
-                            creased.push((v, grid.position(place).map(T::from_f64)));
-                        }
-                    });
-                }
+                let creases = match has_creases {
+                    true => facets.creases(&stars, |v, place| {
+                        state[v] = VertexState::Creased(0);
+                        creased.push((v as u32, grid.position(place).map(T::from_f64)));
+                    }),
+                    false => Vec::new(),
+                };
                 facets.centre(&stars, &creases, sampled, solid, |v, Centred { onto, beside }| {
                     centred[v] = [onto, beside].map(|place| grid.position(place).map(T::from_f64));
                 })?;

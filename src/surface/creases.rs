@@ -15,7 +15,7 @@
 
 use crate::points::vector::{cross, dot, minus};
 use crate::surface::contract::NONE;
-use crate::surface::facets::{Facets, Stars};
+use crate::surface::facets::{Creased, Facets, Stars};
 use crate::surface::paraboloid::{Paraboloid, Plane};
 use crate::surface::vertices::{Kind, Vertex};
 
@@ -118,10 +118,10 @@ struct View {
 }
 
 impl Facets<'_> {
-    /// The places at creases that vertices of the slab and of the planes next to it go to: `put` is told a vertex and its place in cells, in the vertices' order; of all others it hears nothing.
+    /// The vertices at creases: of the slab and of the planes next to it. `put` is told those of the slab, counted from its first, and where they go, in cells.
     ///
     /// Memory: less than [`Facets::centre`] needs; and what one vertex sees.
-    pub fn creases(&self, stars: &Stars, mut put: impl FnMut(u32, [f64; 3])) {
+    pub fn creases(&self, stars: &Stars, mut put: impl FnMut(usize, [f64; 3])) -> Vec<Creased> {
         let bent: Vec<bool> = (0..self.vertices.len() as u32).map(|v| self.is_bent(stars, v)).collect();
         let mut view = View {
             of_vertex: vec![0; self.vertices.len()],
@@ -129,16 +129,22 @@ impl Facets<'_> {
             of_triangle: vec![0; self.triangle_count() as usize],
             ..View::default()
         };
+        let mut creases = Vec::new();
         for v in self.on_planes(self.next_planes()).filter(|v| self.points[*v as usize] != NONE) {
             // The triangles at its point are those at all vertices that have it.
             let is_bent = |u: u32| bent[u as usize] && self.points[u as usize] == self.points[v as usize];
             if stars.at(v).iter().flat_map(|t| self.triangle(*t)).any(is_bent) {
                 self.look(stars, v, &mut view);
                 if let Some(place) = view.crease(v) {
-                    put(v, place);
+                    let way = minus(place, self.places[v as usize]).map(|c| c as f32);
+                    creases.push(Creased { vertex: v, way });
+                    if self.own.contains(&v) {
+                        put((v - self.own.start) as usize, place);
+                    }
                 }
             }
         }
+        creases
     }
 
     fn is_bent(&self, stars: &Stars, v: u32) -> bool {
