@@ -25,6 +25,9 @@ const FEW: usize = 9;
 /// How far from a membrane cells are asked anew, at the most.
 const FAR: f64 = 32.0;
 
+/// Membranes are stretched so many times at the most: what is held farther off lies as the membrane before it did, so each is flatter than the one before.
+const TIMES: usize = 4;
+
 /// The cells of membranes: inside, beside no wall, beside the outside.
 fn cells(block: &Block, lined: &[bool], sides: &[Side]) -> impl Iterator<Item = usize> {
     let is_border = |cell: usize| block.beside(cell).iter().any(|&next| sides[next] == Side::Outside);
@@ -36,8 +39,24 @@ pub fn count(block: &Block, lined: &[bool], sides: &[Side]) -> u64 {
     cells(block, lined, sides).count() as u64
 }
 
-/// Stretches the membranes anew; what is `emptied`, if anything is, stays outside.
+/// Stretches the membranes anew, until they stay where they are; what is `emptied`, if anything is, stays outside.
 pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], emptied: &[bool], sides: &mut [Side], workers: &Workers) {
+    for _ in 0..TIMES {
+        if !stretch_once(block, walls, lined, emptied, sides, workers) {
+            break;
+        }
+    }
+}
+
+/// Whether any cell got another side.
+fn stretch_once(
+    block: &Block,
+    walls: &[Wall],
+    lined: &[bool],
+    emptied: &[bool],
+    sides: &mut [Side],
+    workers: &Workers,
+) -> bool {
     let size = [block.width, block.rows, block.slices];
     let mut membrane = vec![false; sides.len()];
     let mut count = 0;
@@ -46,7 +65,7 @@ pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], emptied: &[bool], 
         count += 1;
     }
     if count < FEW {
-        return;
+        return false;
     }
     // The radius of a disc of as many cells.
     let reach = ((f64::from(count as u32) / std::f64::consts::PI).sqrt() + 4.0).min(FAR);
@@ -74,7 +93,11 @@ pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], emptied: &[bool], 
     let mut system = System::new(block, &open, workers, known);
     walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |other| sign(other as usize)));
     system.solve(&mut u, workers);
+    let mut changed = false;
     for (cell, _) in open.iter().enumerate().filter(|(_, open)| **open > 0.0) {
-        sides[cell] = if u[cell] > 0.0 { Side::Inside } else { Side::Outside };
+        let side = if u[cell] > 0.0 { Side::Inside } else { Side::Outside };
+        changed |= sides[cell] != side;
+        sides[cell] = side;
     }
+    changed
 }

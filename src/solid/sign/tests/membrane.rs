@@ -28,7 +28,7 @@ proptest! {
     fn it_lies_within_two_cells_of_the_rims_plane(
         radius in 2.5f64..7.0,
         height in 14usize..26,
-        bulge in -5i64..6,
+        bulge in -7i64..8,
         axis in 0usize..3,
         bottom in any::<bool>(),
     ) {
