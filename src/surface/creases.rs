@@ -68,6 +68,9 @@ const LITHE: f64 = 0.001;
 /// How far a vertex goes at most, in edges of the triangles round it.
 const FARTHEST: f64 = 2.5;
 
+/// The same for an acute crease: farther off, a third side may end the body before its two meet.
+const FARTHEST_IF_ACUTE: f64 = 1.0;
+
 /// And in cells. Its point is up to [`crate::grid::partition::REACH`] away from where smoothing put it, and seams look for vertices no farther off than [`crate::grid::partition::TRAVEL`].
 const FARTHEST_IN_CELLS: f64 = 3.0;
 
@@ -258,8 +261,8 @@ impl View {
         }
         let squared = |p: [f64; 3], q: [f64; 3]| dot(minus(p, q), minus(p, q));
         let way2 = squared(place, at);
-        let farthest = (FARTHEST * self.edge).min(FARTHEST_IN_CELLS);
-        let nearer = if acute { NEARER_IF_ACUTE } else { NEARER };
+        let (farthest, nearer) = if acute { (FARTHEST_IF_ACUTE, NEARER_IF_ACUTE) } else { (FARTHEST, NEARER) };
+        let farthest = (farthest * self.edge).min(FARTHEST_IN_CELLS);
         if !sharp || thin || way2 > farthest * farthest || !self.are_sides_nearer(&sides, nearer) {
             return None;
         }

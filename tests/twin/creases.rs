@@ -245,9 +245,9 @@ impl Creases<'_> {
         if cosines.iter().all(|c| *c >= 0.866) || cosines.iter().any(|c| *c < -0.866) {
             return None;
         }
-        let times = if cosines.iter().any(|c| *c < -0.6428) { 30.0 } else { 8.0 };
+        let (times, edges) = if cosines.iter().any(|c| *c < -0.6428) { (30.0, 1.0) } else { (8.0, 2.5) };
         let far = |p: Place, q: Place| dot(minus(p, q), minus(p, q));
-        let farthest = (2.5 * edge).min(3.0);
+        let farthest = (edges * edge).min(3.0);
         let all: BTreeSet<u32> = vertices.iter().map(|v| first(*v)).collect();
         if far(place, at) > farthest * farthest || !is_nearer(times, &sides, &faces, &places(&all), edge) {
             return None;
