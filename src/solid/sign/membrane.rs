@@ -10,6 +10,15 @@
 //!
 //! So the cells round a membrane are asked anew, with those beside walls that part inside and outside held at ±1, and those farther off too. The
 //! field that is harmonic in between is as far from the walls on either side, and its membrane is as flat as the rim lets it be.
+//!
+//! The block ends a few cells beyond the cloud, and were u held at −1 there, it would press a membrane that faces the border into the body. So the border is no wall, but lets
+//! through as much as the space beyond it would:
+//!
+//! ```text
+//!   - - - - - - - - -  border       k - - - - - - - k           k: u + 1 = -∂u/∂n / k, k = 4 / (π radius)
+//!   # # # _     _ # # #             # # # _ _ _ _ # # #
+//!   #       \_/       #             #                 #          Left: held at −1. Right: as the space beyond would.
+//! ```
 
 use std::ops::Range;
 
@@ -19,7 +28,7 @@ use super::normal::Wall;
 use super::system::System;
 use crate::resources::workers::Workers;
 
-/// Fewer cells of a membrane are left as they are.
+/// If no membrane has so many cells, all are left as they are.
 const FEW: usize = 9;
 
 /// How far from a membrane cells are asked anew, at the most.
@@ -32,6 +41,30 @@ const TIMES: usize = 4;
 fn cells(block: &Block, lined: &[bool], sides: &[Side]) -> impl Iterator<Item = usize> {
     let is_border = |cell: usize| block.beside(cell).iter().any(|&next| sides[next] == Side::Outside);
     (0..sides.len()).filter(move |&cell| sides[cell] == Side::Inside && !lined[cell] && is_border(cell))
+}
+
+/// The most cells that one membrane has; its cells are joined by faces, edges and corners.
+fn largest(block: &Block, membrane: &[bool]) -> usize {
+    let around = block.around();
+    let mut waits = membrane.to_vec();
+    let (mut most, mut stack) = (0, Vec::new());
+    for cell in 0..waits.len() {
+        let mut count = 0;
+        stack.extend(std::mem::take(&mut waits[cell]).then_some(cell));
+        while let Some(cell) = stack.pop() {
+            count += 1;
+            let beside = around.iter().map(|step| cell.wrapping_add_signed(*step));
+            stack.extend(beside.filter(|&next| std::mem::take(&mut waits[next])));
+        }
+        most = most.max(count);
+    }
+    most
+}
+
+/// What a face to the block's border weighs, where a membrane is a disc of that radius: as much as the free space beyond would let through. A disc that is held at 1 has
+/// ∂u/∂n = 4 / (π radius) in the mean on either side, if u is 0 far off.
+fn weight_of_border(radius: f64) -> f32 {
+    (4.0 / (std::f64::consts::PI * radius)).min(1.0) as f32
 }
 
 /// How many cells membranes have: about as many as a hole has room for, but for its rim.
@@ -59,16 +92,15 @@ fn stretch_once(
 ) -> bool {
     let size = [block.width, block.rows, block.slices];
     let mut membrane = vec![false; sides.len()];
-    let mut count = 0;
-    for cell in cells(block, lined, sides) {
-        membrane[cell] = true;
-        count += 1;
-    }
+    cells(block, lined, sides).for_each(|cell| membrane[cell] = true);
+    let count = largest(block, &membrane);
     if count < FEW {
         return false;
     }
-    // The radius of a disc of as many cells.
-    let reach = ((f64::from(count as u32) / std::f64::consts::PI).sqrt() + 4.0).min(FAR);
+    // Of a disc of as many cells.
+    let radius = (f64::from(count as u32) / std::f64::consts::PI).sqrt();
+    let reach = (radius + 4.0).min(FAR);
+    let border = weight_of_border(radius);
     let far = squared(&membrane, size);
     let mut held: Vec<bool> = far.iter().map(|far| f64::from(*far) > reach * reach).collect();
     drop((far, membrane));
@@ -83,8 +115,12 @@ fn stretch_once(
     }
     drop(held);
     let known = |cells: Range<usize>, weights: &mut [f32], held: &mut [f32]| {
-        for (weight, side) in weights.iter_mut().zip(&sides[cells.clone()]) {
-            *weight = if *side == Side::Wall { 0.0 } else { 1.0 };
+        for (weight, cell) in weights.iter_mut().zip(cells.clone()) {
+            *weight = match sides[cell] {
+                Side::Wall => 0.0,
+                _ if block.at_border(cell) => border,
+                _ => 1.0,
+            };
         }
         for (to, cell) in held.iter_mut().zip(cells) {
             *to = if open[cell] > 0.0 { 0.0 } else { sign(cell) };

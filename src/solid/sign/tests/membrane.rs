@@ -101,3 +101,34 @@ fn what_walls_close_stays_as_it_is() {
     stretch(&block, &walls, &lined(&block, &occupied), &[], &mut sides, &workers());
     assert_eq!(sides, before);
 }
+
+/// A wide hole that faces the block's border, as near to it as a cloud may be.
+#[test]
+fn a_membrane_near_the_border_is_flat() {
+    const WIDE: usize = 48;
+    let (depth_of_dent, radius, top) = (20.0f64, 20.0f64, 47usize);
+    let block = Block::new([WIDE as u32; 3]);
+    let off = |c: usize| c as f64 - (WIDE as f64 - 1.0) / 2.0;
+    let from_axis = |cell: [usize; 3]| off(cell[0]).hypot(off(cell[2]));
+    let is_within = |cell: [usize; 3]| cell.iter().all(|c| (1..WIDE - 1).contains(c)) || cell[1] == top;
+    let occupied = marked(&block, |&cell| {
+        let is_side = [0, 2].iter().any(|&a| cell[a] == 1 || cell[a] == WIDE - 2);
+        is_within(cell) && (is_side || cell[1] == 1 || cell[1] == top && from_axis(cell) > radius)
+    });
+    let dent = |cell: [usize; 3]| top as f64 - depth_of_dent * (1.0 - (from_axis(cell) / radius).powi(2)).max(0.0);
+    let side = |cell: [usize; 3]| match occupied[block.index(cell)] {
+        true => Side::Wall,
+        false if is_within(cell) && (cell[1] as f64) < dent(cell) => Side::Inside,
+        false => Side::Outside,
+    };
+    let mut sides = vec![Side::Outside; occupied.len()];
+    level(block.cells).for_each(|cell| sides[block.index(cell)] = side(cell));
+    let walls = two_sided(&block, &occupied, &numbers_of(&occupied));
+    stretch(&block, &walls, &lined(&block, &occupied), &[], &mut sides, &workers());
+    for cell in level(block.cells).filter(|&cell| from_axis(cell) < radius && cell[1] + 2 < top && cell[1] > 3) {
+        assert_eq!(sides[block.index(cell)], Side::Inside, "{cell:?}");
+    }
+    // Nor does it bulge to the border.
+    let highest = |x: usize, z: usize| (top..top + 4).find(|y| sides[block.index([x, *y, z])] == Side::Outside);
+    assert!(highest(WIDE / 2, WIDE / 2).is_some_and(|y| y <= top + 3), "{:?}", highest(WIDE / 2, WIDE / 2));
+}
