@@ -18,6 +18,7 @@ use crate::settings::surface::Fit;
 use crate::solid::close::{self, Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield::HeightField;
+use crate::solid::membranes::{Common, Membranes};
 use crate::solid::sign::Sights;
 use crate::solid::unresolved::NarrowHandles;
 use crate::solid::{SavedSolid, Solid};
@@ -57,6 +58,7 @@ struct Saved {
     how: How,
     falls: bool,
     components: Option<Components>,
+    membranes: Option<Common>,
     counted: Counted,
     shell: Option<Shell>,
     narrow: NarrowHandles,
@@ -98,9 +100,10 @@ impl ClosedCells {
     /// # Errors
     /// [`Error::Io`].
     pub(super) fn leave_memory(&mut self) -> Result<()> {
-        let Closed { solid, occupancy, .. } = &mut self.closed;
+        let Closed { solid, occupancy, membranes, .. } = &mut self.closed;
         occupancy.store.leave_memory()?;
         solid.store.leave_memory()?;
+        membranes.as_mut().map_or(Ok(()), Membranes::leave_memory)?;
         solid.ground.as_mut().map_or(Ok(()), HeightField::leave_memory)
     }
 
@@ -110,14 +113,27 @@ impl ClosedCells {
     /// [`Error::Io`].
     pub(super) fn commit(&self, work: &WorkFolder, phase: &str) -> Result<()> {
         let mut out = SectionWriter::new(work, phase)?;
-        let Closed { solid, occupancy, how, falls, components } = &self.closed;
+        let Closed { solid, occupancy, how, falls, components, membranes } = &self.closed;
         let (occupancy, solid) = (occupancy.save(&mut out)?, solid.save(&mut out)?);
+        let membranes = membranes.as_ref().map(|membranes| membranes.save(&mut out)).transpose()?;
         out.values(self.weights.as_deref().unwrap_or_default())?;
         let (file, sections) = out.finish();
         let &ClosedCells { counted, shell, narrow, occupied, sparse, .. } = self;
         let (how, falls, components) = (how.clone(), *falls, *components);
-        let saved =
-            Saved { sections, occupancy, solid, how, falls, components, counted, shell, narrow, occupied, sparse };
+        let saved = Saved {
+            sections,
+            occupancy,
+            solid,
+            how,
+            falls,
+            components,
+            membranes,
+            counted,
+            shell,
+            narrow,
+            occupied,
+            sparse,
+        };
         work.commit(phase, vec![file], serde_json::to_value(saved).expect("a manifest can be written"))
     }
 
@@ -133,8 +149,10 @@ impl ClosedCells {
             let mut sections = SectionReader::new(work, file, saved.sections)?;
             let occupancy = Occupancy::load(&saved.occupancy, &mut sections, context)?;
             let solid = Solid::load(&saved.solid, &mut sections, context)?;
+            let membranes =
+                saved.membranes.map(|common| Membranes::load(common, &mut sections, context)).transpose()?;
             let Saved { how, falls, components, counted, shell, narrow, occupied, sparse, .. } = saved;
-            let closed = Closed { solid, occupancy, how, falls, components };
+            let closed = Closed { solid, occupancy, how, falls, components, membranes };
             let weights: Vec<u32> = sections.values()?;
             let weights = (!weights.is_empty()).then_some(weights);
             if weights.as_ref().is_some_and(|weights| weights.len() != closed.solid.cells[1] as usize) {

@@ -179,7 +179,7 @@ pub(super) fn with_slabs<T: Coordinate, R>(
     stitch: impl FnOnce(Slabwise<'_, '_, T>) -> Result<R>,
 ) -> Result<R> {
     let Surveyed { survey, grid, .. } = surveyed;
-    let Closed { solid, occupancy, .. } = &cells.closed;
+    let Closed { solid, occupancy, membranes, .. } = &cells.closed;
     let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted: cells.counted };
     let surface = surface_options(settings, cells);
     let smooth = surface.smooth;
@@ -207,7 +207,8 @@ pub(super) fn with_slabs<T: Coordinate, R>(
     let trimmed = solid.ground.as_ref().is_some_and(|ground| ground.trimmed);
     let begun = |mesh: MeshSpool, from: &Checkpoint| Stitcher::resumed(grid, halo(smooth), frame, mesh, trimmed, from);
     let counting = jobs.told(workload, &context.account.slabs);
-    let making = Making { solid, sampled: &sampled, options: surface, frame, jobs, told: Some(&counting) };
+    let membranes = membranes.as_ref();
+    let making = Making { solid, membranes, sampled: &sampled, options: surface, frame, jobs, told: Some(&counting) };
     let written: Spares<SlabMesh<T>> = Spares::default();
     let make = |number: u32| {
         // Slabs differ: a narrow one that kept a wide one's room would hold it while the next wide one is made.

@@ -20,6 +20,7 @@ use crate::solid::Solid;
 use crate::solid::component;
 use crate::solid::component::Components;
 use crate::solid::heightfield;
+use crate::solid::membranes::Membranes;
 use crate::solid::seal;
 use crate::solid::seal::Pyramid;
 use crate::solid::sign;
@@ -70,6 +71,8 @@ pub struct Closed {
     pub falls: bool,
     /// What was found and left out, if small components were to be.
     pub components: Option<Components>,
+    /// The membranes that close holes, if there are any.
+    pub membranes: Option<Membranes>,
 }
 
 impl Closed {
@@ -242,7 +245,7 @@ pub fn close_seen(
             format!("`seal`: a radius of {radius} cells is more than half of the longest side, {longest} cells"),
         ));
     }
-    let (solid, occupancy, how, falls) = match given {
+    let (solid, occupancy, how, falls, membranes) = match given {
         None => close_signed(occupancy, asked, sights, context, progress)?,
         Some(_) => {
             let wanted = given.map(ClosingBall::with_radius).expect("a radius is given");
@@ -259,7 +262,7 @@ pub fn close_seen(
                 Solid::close(&occupancy, &Ball::new(closing.radius), context)?
             };
             drop(pyramid);
-            (solid, occupancy, How::Ball(closing), falls)
+            (solid, occupancy, How::Ball(closing), falls, None)
         }
     };
     let solid = solid.without_isolated_cells(context)?;
@@ -279,7 +282,7 @@ pub fn close_seen(
         }
     };
     progress.done(slices);
-    Ok(Closed { solid, occupancy, how, falls, components })
+    Ok(Closed { solid, occupancy, how, falls, components, membranes })
 }
 
 /// The solid below a surface that is not closed: columns, over which a small ball rolls. `progress` is told the slices that are done, and of all.
@@ -310,7 +313,7 @@ pub fn close_below<T: Coordinate>(
     let solid = heightfield::solid(&occupancy, Some((buckets, grid)), ground, context)?;
     progress(slices, slices);
     let how = How::Ball(ClosingBall { level: 0, radius: ball.radius() });
-    Ok(Closed { solid, occupancy, how, falls: false, components: None })
+    Ok(Closed { solid, occupancy, how, falls: false, components: None, membranes: None })
 }
 
 /// The side of the cells that the field is looked for on, in sampling distances, at the least.
@@ -351,7 +354,7 @@ fn close_signed(
     sights: Option<&Sights<'_>>,
     context: &Context,
     progress: &mut Passes,
-) -> Result<(Solid, Occupancy, How, bool)> {
+) -> Result<(Solid, Occupancy, How, bool, Option<Membranes>)> {
     let slices = occupancy.cells[1];
     let longest = occupancy.cells.into_iter().max().unwrap_or(1);
     let least = longest.div_ceil(if asked.rough { sign::ROUGH } else { sign::LONGEST });
@@ -409,6 +412,9 @@ fn close_signed(
     let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
     let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
     signed.sides = Vec::new();
+    let near = std::mem::take(&mut signed.near_membranes);
+    let membranes = Membranes::of(&signed.block, factor, &near, context)?;
+    drop(near);
     let sheets = |level: u32| Sheets { block: &signed.block, walls: &signed.sheets, factor, level };
     for l in (0..=level).rev() {
         if l < level {
@@ -432,7 +438,7 @@ fn close_signed(
     let solid = solid.without_unresolved(&occupancy, context)?;
     progress.done(slices);
     let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied, sights));
-    Ok((solid, occupancy, how, level > 0))
+    Ok((solid, occupancy, how, level > 0, membranes))
 }
 
 #[cfg(test)]

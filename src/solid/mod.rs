@@ -14,6 +14,7 @@ pub mod dents;
 pub mod exterior;
 pub mod heightfield;
 pub mod isolated;
+pub mod membranes;
 pub mod reopen;
 pub mod seal;
 pub mod side_votes;

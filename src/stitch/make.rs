@@ -10,6 +10,7 @@ use crate::resources::memory::{Claim, SlabJobs};
 use crate::resources::workers::refill;
 use crate::settings::surface::{Diagonals, Fit, SurfaceOptions};
 use crate::solid::Solid;
+use crate::solid::membranes::Membranes;
 use crate::stitch::inside::Inside;
 use crate::stitch::numbers::InSlab;
 use crate::stitch::size::{Size, Stages, Told};
@@ -35,6 +36,8 @@ use crate::surface::vertices::Kind;
 pub struct Making<'a, T> {
     /// The solid cells.
     pub solid: &'a Solid,
+    /// The membranes that close its holes, if there are any.
+    pub membranes: Option<&'a Membranes>,
     /// The points and the cells that count.
     pub sampled: &'a Sampled<'a, T>,
     /// How the surface is made; what vertices are moved onto has been [chosen](Fit::chosen).
@@ -53,7 +56,7 @@ impl<T: Coordinate> SlabMesh<T> {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn make(number: u32, making: &Making<'_, T>, room: SlabMesh<T>) -> Result<SlabMesh<T>> {
-        let Making { solid, sampled, options, frame, jobs, told } = *making;
+        let Making { solid, membranes, sampled, options, frame, jobs, told } = *making;
         let slices = slices_of(number, Slabs::of(&options), solid.cells[1]);
         let last = slices.end == solid.cells[1];
         let more = i64::from(smooth_halo(options.smooth));
@@ -146,6 +149,8 @@ impl<T: Coordinate> SlabMesh<T> {
         begins(&|stages| stages.fitting);
         let mut state = room.state;
         refill(&mut state, own.len(), VertexState::Unfitted);
+        // Those who go where membranes lie, and where that is, in cells, by number among those near.
+        let mut spanned: Vec<(u32, [f64; 3])> = Vec::new();
         let mut bridged = vec![false; if surface.columns().is_some() { of_near.len() } else { 0 }];
         if let Some(columns) = surface.columns() {
             let vertices = &surface.vertices[of_near.start as usize..of_near.end as usize];
@@ -182,6 +187,33 @@ impl<T: Coordinate> SlabMesh<T> {
             true => None,
             false => Some(nearest(planes.clone(), Fitted::default())?),
         };
+        if let Some(membranes) = membranes.filter(|_| options.fit != Fit::None) {
+            // Of vertices beside the slab it only matters where they are.
+            let planes = if options.fit.has_points() { near.clone() } else { planes.clone() };
+            let mut round = membranes.round_planes();
+            for plane in planes {
+                let of_plane = surface.on_plane(plane);
+                let is_free = |v: &u32| match options.fit.has_points() {
+                    true => fitted.point[(v - of_near.start) as usize] == NONE,
+                    false => state[(v - own.start) as usize] == VertexState::Unfitted,
+                };
+                let is_of_sheet = |v: &u32| matches!(surface.vertices[*v as usize].kind, Kind::Sheet(_));
+                let mut free = of_plane.filter(|v| is_of_sheet(v) && is_free(v)).peekable();
+                if free.peek().is_some() {
+                    round.slide_to(plane)?;
+                    let place = |v: u32| Some((v - of_near.start, round.place(q[v as usize])?));
+                    spanned.extend(free.filter_map(place));
+                }
+            }
+        }
+        // The slab's vertices alone are fitted to planes.
+        let first_fitted = if options.fit.has_points() { 0 } else { own_of_near.start };
+        for &(v, place) in &spanned {
+            fitted.put((v - first_fitted) as usize, grid.position(place).map(T::from_f64));
+            if own_of_near.contains(&v) {
+                state[(v - own_of_near.start) as usize] = VertexState::Bridged;
+            }
+        }
         for v in (0..bridged.len()).filter(|v| bridged[*v]) {
             fitted.put(v, grid.position(q[of_near.start as usize + v]).map(T::from_f64));
             if own_of_near.contains(&(v as u32)) {
@@ -198,7 +230,9 @@ impl<T: Coordinate> SlabMesh<T> {
                 _ => grid.place_in_cells(fitted.target[v].map(Into::into)),
             };
             let vertices = &surface.vertices[of_near.start as usize..of_near.end as usize];
-            let places: Vec<[f64; 3]> = fitted.point.iter().enumerate().map(place).collect();
+            let mut places: Vec<[f64; 3]> = fitted.point.iter().enumerate().map(place).collect();
+            spanned.iter().for_each(|(v, place)| places[*v as usize] = *place);
+            drop(spanned);
             if chooses_diagonals {
                 let at = |first| Places { vertices, places: &places, first };
                 diagonals::choose(&mut below, at(0));

@@ -112,7 +112,15 @@ fn with_slabs<R>(case: &Case, work: impl FnOnce(&Grid, &Making<'_, f32>, &Contex
     let jobs = SlabJobs { running: 2, ahead: 0, points_held: 1 << 20, pieces: 1, gives_back: false };
     work(
         grid,
-        &Making { solid: &closed.solid, sampled: &sampled, options: settings.surface, frame: FRAME, jobs, told: None },
+        &Making {
+            solid: &closed.solid,
+            membranes: closed.membranes.as_ref(),
+            sampled: &sampled,
+            options: settings.surface,
+            frame: FRAME,
+            jobs,
+            told: None,
+        },
         &context,
         cloud.schema(),
     )

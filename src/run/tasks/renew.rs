@@ -41,6 +41,8 @@ pub(super) struct Reads {
     solid: Digests,
     /// Of slices of columns, if the surface is seen from one side.
     columns: Option<[Digests; 2]>,
+    /// Of the slices of membranes, if there are any.
+    membranes: Option<Digests>,
     /// Of what is known of the pieces that a bridge joins: the first of these, the last, and the digest.
     joined: Option<(usize, usize, u64)>,
 }
@@ -57,12 +59,15 @@ pub(super) struct SavedApart {
 
 /// From now on it is told what is read.
 pub(super) fn trace<T: Coordinate>(buckets: &mut Buckets<T>, cells: &mut ClosedCells) {
-    let Closed { solid, occupancy, .. } = &mut cells.closed;
+    let Closed { solid, occupancy, membranes, .. } = &mut cells.closed;
     buckets.trace();
     occupancy.store.trace();
     solid.store.trace();
     if let Some(ground) = &mut solid.ground {
         ground.trace();
+    }
+    if let Some(membranes) = membranes {
+        membranes.trace();
     }
 }
 
@@ -77,13 +82,14 @@ impl Reads {
         joined: Option<(usize, usize)>,
         pieces: &[Apart],
     ) -> Result<Reads> {
-        let Closed { solid, occupancy, .. } = &cells.closed;
+        let Closed { solid, occupancy, membranes, .. } = &cells.closed;
         Ok(Reads {
             whole,
             points: buckets.traced(),
             occupied: occupancy.store.traced()?,
             solid: solid.store.traced()?,
             columns: solid.ground.as_ref().map(|ground| ground.traced()).transpose()?,
+            membranes: membranes.as_ref().map(|membranes| membranes.traced()).transpose()?,
             joined: joined.map(|(from, to)| (from, to, of_pieces(&pieces[from..=to]))),
         })
     }
@@ -98,9 +104,14 @@ impl Reads {
         (buckets, cells): (&Buckets<T>, &ClosedCells),
         pieces: &[Apart],
     ) -> Result<bool> {
-        let Closed { solid, occupancy, .. } = &cells.closed;
+        let Closed { solid, occupancy, membranes, .. } = &cells.closed;
         let columns = match (&self.columns, &solid.ground) {
             (Some(columns), Some(ground)) => ground.are_same(columns)?,
+            (None, None) => true,
+            _ => false,
+        };
+        let membranes = match (&self.membranes, membranes) {
+            (Some(before), Some(now)) => now.are_same(before)?,
             (None, None) => true,
             _ => false,
         };
@@ -109,6 +120,7 @@ impl Reads {
             .is_none_or(|(from, to, before)| pieces.get(from..=to).is_some_and(|pieces| of_pieces(pieces) == before));
         Ok(self.whole == whole
             && columns
+            && membranes
             && joined
             && buckets.are_same(&self.points)
             && occupancy.store.are_same(&self.occupied)?
@@ -127,7 +139,8 @@ impl Tasks {
         let precision = surveyed.workload.precision;
         let origin = origin(precision, &surveyed.survey.bounds);
         let common = cells.closed.solid.ground.as_ref().map(|ground| ground.common());
-        let of_surface = (surface_options(settings, cells), cells.counted, common);
+        let membranes = cells.closed.membranes.as_ref().map(|membranes| membranes.common());
+        let of_surface = (surface_options(settings, cells), cells.counted, common, membranes);
         digest(
             format!("{of_surface:?} {:?} {schema:?} {precision:?} {origin:?} {slabs} {pieces:?}", surveyed.grid)
                 .as_bytes(),

@@ -37,6 +37,9 @@ const FAR: f64 = 32.0;
 /// Membranes are stretched so many times at the most: what is held farther off lies as the membrane before it did, so each is flatter than the one before.
 const TIMES: usize = 4;
 
+/// The squared distance from a membrane's cells up to which u is kept ([`crate::solid::membranes`]).
+const NEAR: i32 = 25;
+
 /// The cells of membranes: inside, beside no wall, beside the outside.
 fn cells(block: &Block, lined: &[bool], sides: &[Side]) -> impl Iterator<Item = usize> {
     let is_border = |cell: usize| block.beside(cell).iter().any(|&next| sides[next] == Side::Outside);
@@ -72,16 +75,35 @@ pub fn count(block: &Block, lined: &[bool], sides: &[Side]) -> u64 {
     cells(block, lined, sides).count() as u64
 }
 
-/// Stretches the membranes anew, until they stay where they are; what is `emptied`, if anything is, stays outside.
-pub fn stretch(block: &Block, walls: &[Wall], lined: &[bool], emptied: &[bool], sides: &mut [Side], workers: &Workers) {
+/// Stretches the membranes anew, until they stay where they are; what is `emptied`, if anything is, stays outside. Gives u in the cells near membranes, in their order.
+pub fn stretch(
+    block: &Block,
+    walls: &[Wall],
+    lined: &[bool],
+    emptied: &[bool],
+    sides: &mut [Side],
+    workers: &Workers,
+) -> Vec<(u32, f32)> {
+    let mut last = None;
     for _ in 0..TIMES {
-        if !stretch_once(block, walls, lined, emptied, sides, workers) {
+        let Some(Stretched { u, changed }) = stretch_once(block, walls, lined, emptied, sides, workers) else { break };
+        last = Some(u);
+        if !changed {
             break;
         }
     }
+    last.map_or_else(Vec::new, |u| near_membranes(block, lined, sides, &u))
 }
 
-/// Whether any cell got another side.
+/// What comes of stretching.
+struct Stretched {
+    /// The u of each cell of the block: 0 on walls, and ±1 where it was held.
+    u: Vec<f32>,
+    /// Whether any cell got another side.
+    changed: bool,
+}
+
+/// Stretches the membranes once; none if there is none large enough.
 fn stretch_once(
     block: &Block,
     walls: &[Wall],
@@ -89,13 +111,13 @@ fn stretch_once(
     emptied: &[bool],
     sides: &mut [Side],
     workers: &Workers,
-) -> bool {
+) -> Option<Stretched> {
     let size = [block.width, block.rows, block.slices];
     let mut membrane = vec![false; sides.len()];
     cells(block, lined, sides).for_each(|cell| membrane[cell] = true);
     let count = largest(block, &membrane);
     if count < FEW {
-        return false;
+        return None;
     }
     // Of a disc of as many cells.
     let radius = (f64::from(count as u32) / std::f64::consts::PI).sqrt();
@@ -107,11 +129,11 @@ fn stretch_once(
     let parted = |wall: &Wall| sides[wall.sides[0] as usize] != sides[wall.sides[1] as usize];
     walls.iter().filter(|wall| parted(wall)).flat_map(|wall| wall.sides).for_each(|cell| held[cell as usize] = true);
     held.iter_mut().zip(emptied).for_each(|(held, empty)| *held |= empty);
-    let sign = |cell: usize| if sides[cell] == Side::Outside { -1.0f32 } else { 1.0 };
+    let sign = |side: Side| if side == Side::Outside { -1.0f32 } else { 1.0 };
     let mut open = vec![0f32; sides.len()];
     let mut u = vec![0f32; sides.len()];
     for cell in (0..sides.len()).filter(|&cell| !held[cell] && sides[cell] != Side::Wall && !block.at_border(cell)) {
-        (open[cell], u[cell]) = (1.0, sign(cell));
+        (open[cell], u[cell]) = (1.0, sign(sides[cell]));
     }
     drop(held);
     let known = |cells: Range<usize>, weights: &mut [f32], held: &mut [f32]| {
@@ -123,17 +145,29 @@ fn stretch_once(
             };
         }
         for (to, cell) in held.iter_mut().zip(cells) {
-            *to = if open[cell] > 0.0 { 0.0 } else { sign(cell) };
+            *to = if open[cell] > 0.0 { 0.0 } else { sign(sides[cell]) };
         }
     };
     let mut system = System::new(block, &open, workers, known);
-    walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |other| sign(other as usize)));
+    walls.iter().for_each(|wall| system.across(wall.sides, wall.weight, |other| sign(sides[other as usize])));
     system.solve(&mut u, workers);
     let mut changed = false;
-    for (cell, _) in open.iter().enumerate().filter(|(_, open)| **open > 0.0) {
-        let side = if u[cell] > 0.0 { Side::Inside } else { Side::Outside };
-        changed |= sides[cell] != side;
-        sides[cell] = side;
+    for (cell, u) in u.iter_mut().enumerate() {
+        if open[cell] > 0.0 {
+            let side = if *u > 0.0 { Side::Inside } else { Side::Outside };
+            changed |= sides[cell] != side;
+            sides[cell] = side;
+        } else {
+            *u = if sides[cell] == Side::Wall { 0.0 } else { sign(sides[cell]) };
+        }
     }
-    changed
+    Some(Stretched { u, changed })
+}
+
+/// The cells near membranes with their u, in their order.
+fn near_membranes(block: &Block, lined: &[bool], sides: &[Side], u: &[f32]) -> Vec<(u32, f32)> {
+    let mut membrane = vec![false; sides.len()];
+    cells(block, lined, sides).for_each(|cell| membrane[cell] = true);
+    let far = squared(&membrane, [block.width, block.rows, block.slices]);
+    (0u32..).zip(far.iter().zip(u)).filter(|(_, (far, _))| **far <= NEAR).map(|(cell, (_, u))| (cell, *u)).collect()
 }

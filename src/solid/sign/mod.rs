@@ -129,6 +129,8 @@ pub struct Signed {
     pub where_outside: [u64; 2],
     /// Cells of membranes: where inside and outside meet between walls.
     pub membranes: u64,
+    /// The cells near them, in their order, with the u that stretched them; 0 on walls.
+    pub near_membranes: Vec<(u32, f32)>,
     /// Patches of walls with the outside on both sides, the largest first: sheets.
     pub open: Vec<Patch>,
     /// Patches of walls with the inside on both sides: of slots and folds that were filled.
@@ -217,7 +219,8 @@ impl Signed {
         let lined = std::mem::take(&mut field.lined);
         drop(field);
         context.workers.between_steps();
-        membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
+        let near_membranes =
+            membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
         let membranes = membrane::count(&block, &lined, &sides);
         drop(lined);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
@@ -238,6 +241,7 @@ impl Signed {
             part_nothing,
             part_outside,
             membranes,
+            near_membranes,
             where_outside,
             open,
             filled,

@@ -163,7 +163,8 @@ impl<'a> SectionReader<'a> {
         Err(self.damaged(format!("before byte {}: expected checksum {expected:08x}, found {found:08x}", self.at)))
     }
 
-    fn damaged(&self, found: impl Into<String>) -> crate::Error {
+    /// What is said of a file whose sections make no sense.
+    pub fn damaged(&self, found: impl Into<String>) -> crate::Error {
         self.work.damaged(&self.file.name, found)
     }
 }
