@@ -4,6 +4,7 @@
 mod streamed {
     mod creases;
     mod facets;
+    mod membranes;
     mod noise;
     mod rest;
     mod smooth;

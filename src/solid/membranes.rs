@@ -14,6 +14,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
+use crate::grid::Cell;
 use crate::grid::context::Context;
 use crate::grid::trace::{Digests, Trace, are_same, digest};
 use crate::grid::window::Window;
@@ -157,9 +158,9 @@ impl Membranes {
         self.spool.read_at(u64::from(start) * size_of::<u32>() as u64, bytemuck::cast_slice_mut(cells))
     }
 
-    /// The field round planes of the grid, for places near them, from the lowest on.
-    pub fn round_planes(&self) -> RoundPlane<'_> {
-        RoundPlane { membranes: self, window: Window::new(2 * BESIDE as usize + 1, Vec::new), first: 0 }
+    /// The field round planes of a grid of `cells`, for places near them, from the lowest on.
+    pub fn round_planes(&self, cells: Cell) -> RoundPlane<'_> {
+        RoundPlane { membranes: self, cells, window: Window::new(2 * BESIDE as usize + 1, Vec::new), first: 0 }
     }
 }
 
@@ -167,6 +168,7 @@ impl Membranes {
 #[derive(Debug)]
 pub struct RoundPlane<'a> {
     membranes: &'a Membranes,
+    cells: Cell,
     window: Window<Vec<u32>>,
     /// The lowest slice of the block that is held.
     first: i64,
@@ -199,7 +201,7 @@ impl RoundPlane<'_> {
     }
 
     /// Where the membrane lies beside a place that is at most a cell from the plane, in cells of the grid: where Newton's steps along the gradient of u lead, or as far there as a vertex may move.
-    /// None where u is not known all round, or the steps lead nowhere.
+    /// It is cut off where it leaves the grid, as the solid is: a lid that faces a side of the box is flat. None where u is not known all round, or the steps lead nowhere.
     pub fn place(&self, from: [f64; 3]) -> Option<[f64; 3]> {
         let factor = f64::from(self.membranes.common.factor);
         let from = from.map(|c| c / factor);
@@ -220,7 +222,7 @@ impl RoundPlane<'_> {
         let length = way.iter().map(|c| c * c).sum::<f64>().sqrt();
         let most = FARTHEST[0].min(FARTHEST[1] / factor);
         let share = if length > most { most / length } else { 1.0 };
-        Some(std::array::from_fn(|a| (from[a] + share * way[a]) * factor))
+        Some(std::array::from_fn(|a| ((from[a] + share * way[a]) * factor).clamp(0.0, f64::from(self.cells[a]))))
     }
 
     /// u at a place, in cells of the level: the quadratic B-spline over the middles of 3×3×3 cells; none if one of them is not known.
@@ -258,5 +260,118 @@ impl RoundPlane<'_> {
         let three = cells.get(at..at + 3)?;
         let u = |cell: u32| f64::from(cell as u16 as i16) / f64::from(ONE);
         (three[0] >> 16 == first && three[2] >> 16 == first + 2).then(|| [u(three[0]), u(three[1]), u(three[2])])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::run::testing::with_context;
+
+    const CELLS: [u32; 3] = [14, 11, 9];
+
+    /// Every cell of the block with its number and its middle, in cells of the level.
+    fn all(block: &Block) -> impl Iterator<Item = (u32, [f64; 3])> {
+        let (width, rows) = (block.width, block.rows);
+        (0..block.size()).map(move |cell| {
+            let at = [cell % width, cell / (width * rows), cell / width % rows];
+            (cell as u32, at.map(|c| c as f64 - PAD as f64 + 0.5))
+        })
+    }
+
+    fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+        (0..3).map(|i| a[i] * b[i]).sum()
+    }
+
+    /// The quadratic B-spline that is centred on 0.
+    fn spline(t: f64) -> f64 {
+        match t.abs() {
+            t if t <= 0.5 => 0.75 - t * t,
+            t if t <= 1.5 => 0.5 * (1.5 - t) * (1.5 - t),
+            _ => 0.0,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn places_are_on_a_plane_that_u_is_0_on(
+            normal in prop::array::uniform3(-1.0f64..1.0),
+            factor in 1u32..9,
+            froms in prop::collection::vec(prop::array::uniform3(3.0f64..6.0), 1..20),
+        ) {
+            let length = dot(normal, normal).sqrt();
+            prop_assume!(length > 0.3);
+            let normal = normal.map(|c| c / length);
+            let middle = [4.5; 3];
+            let height = |p: [f64; 3]| dot(normal, [0, 1, 2].map(|a| p[a] - middle[a]));
+            let block = Block::new(CELLS);
+            let near: Vec<(u32, f32)> = all(&block).map(|(cell, p)| (cell, (height(p) / 16.0) as f32)).collect();
+            with_context(CELLS, |context| {
+                let membranes = Membranes::of(&block, factor, &near, context).unwrap().unwrap();
+                let mut froms = froms;
+                froms.sort_by(|a, b| a[1].total_cmp(&b[1]));
+                let mut round = membranes.round_planes(CELLS.map(|c| c * factor));
+                for from in froms {
+                    let f = f64::from(factor);
+                    let of_grid = from.map(|c| c * f);
+                    round.slide_to(of_grid[1].round() as u32).unwrap();
+                    let place = round.place(of_grid).unwrap();
+                    let way: [f64; 3] = std::array::from_fn(|a| (place[a] - of_grid[a]) / f);
+                    // Straight to it, or as far as a vertex may.
+                    let most = 2.0f64.min(6.0 / f);
+                    let expected = (-height(from)).clamp(-most, most);
+                    for a in 0..3 {
+                        prop_assert!((way[a] - expected * normal[a]).abs() < 0.01, "{way:?}, {expected} along {normal:?}");
+                    }
+                }
+                Ok(())
+            })?;
+        }
+
+        #[test]
+        fn u_is_the_splines_where_it_is_known(
+            known in prop::collection::vec(prop::option::weighted(0.97, -1.0f32..1.0), 22 * 19 * 17),
+            places in prop::collection::vec((-1.0f64..14.0, -1.0f64..11.0, -1.0f64..9.0), 1..40),
+        ) {
+            let block = Block::new(CELLS);
+            let near: Vec<(u32, f32)> =
+                (0u32..).zip(&known).take(block.size()).filter_map(|(cell, u)| Some((cell, (*u)?))).collect();
+            let of_cell: BTreeMap<u32, f32> = near.iter().copied().collect();
+            with_context(CELLS, |context| {
+                let membranes = Membranes::of(&block, 1, &near, context).unwrap().unwrap();
+                let mut places: Vec<[f64; 3]> = places.into_iter().map(|(x, y, z)| [x, y, z]).collect();
+                places.sort_by(|a, b| a[1].total_cmp(&b[1]));
+                let mut round = membranes.round_planes(CELLS);
+                for place in places {
+                    round.slide_to(place[1].max(0.0) as u32).unwrap();
+                    let mut sum = Some(0.0);
+                    for (cell, middle) in all(&block) {
+                        if (0..3).all(|a| (place[a].floor() + 0.5 - middle[a]).abs() < 1.1) {
+                            let weight: f64 = (0..3).map(|a| spline(place[a] - middle[a])).product();
+                            sum = sum.zip(of_cell.get(&cell)).map(|(sum, u)| sum + weight * f64::from(*u));
+                        }
+                    }
+                    match (round.u(place), sum) {
+                        (Some(at), Some(u)) => prop_assert!((at.u - u).abs() < 1e-4, "{place:?}: {} and {u}", at.u),
+                        (at, sum) => prop_assert_eq!(at.is_none(), sum.is_none(), "{:?}", place),
+                    }
+                    // The gradient, by differences.
+                    if let Some(at) = round.u(place) {
+                        for a in 0..3 {
+                            let beside = |d: f64| round.u(std::array::from_fn(|b| place[b] + if a == b { d } else { 0.0 }));
+                            if let (Some(less), Some(more)) = (beside(-1e-4), beside(1e-4)) {
+                                let slope = (more.u - less.u) / 2e-4;
+                                prop_assert!((slope - at.gradient[a]).abs() < 1e-2, "{place:?}, {a}: {slope}");
+                            }
+                        }
+                    }
+                }
+                Ok(())
+            })?;
+        }
     }
 }

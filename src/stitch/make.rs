@@ -190,7 +190,7 @@ impl<T: Coordinate> SlabMesh<T> {
         if let Some(membranes) = membranes.filter(|_| options.fit != Fit::None) {
             // Of vertices beside the slab it only matters where they are.
             let planes = if options.fit.has_points() { near.clone() } else { planes.clone() };
-            let mut round = membranes.round_planes();
+            let mut round = membranes.round_planes(solid.cells);
             for plane in planes {
                 let of_plane = surface.on_plane(plane);
                 let is_free = |v: &u32| match options.fit.has_points() {

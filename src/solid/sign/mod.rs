@@ -219,8 +219,7 @@ impl Signed {
         let lined = std::mem::take(&mut field.lined);
         drop(field);
         context.workers.between_steps();
-        let near_membranes =
-            membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
+        let near_membranes = membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
         let membranes = membrane::count(&block, &lined, &sides);
         drop(lined);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
