@@ -182,7 +182,7 @@ impl Slab {
         let fitted = fit(sampled, &task, jobs.points_held, Fitted::default()).expect("points");
         let options =
             SurfaceOptions { smooth: SMOOTH, diagonals: Default::default(), fit: Fit::None, slab_slices: None };
-        let making = Making { solid, sampled, options, frame: FRAME, jobs, told: None };
+        let making = Making { solid, membranes: None, sampled, options, frame: FRAME, jobs, told: None };
         let unfitted = SlabMesh::make(number, &making, SlabMesh::default()).expect("a slab");
         let mut group = fitted.point.clone();
         if slices.start > 0 {
@@ -268,7 +268,7 @@ fn slabs_to_mesh(
     let count = slab_count(SMOOTH, solid.cells[1]);
     let make = || {
         let mut slabs = Vec::new();
-        let making = Making { solid, sampled, options, frame: FRAME, jobs, told: None };
+        let making = Making { solid, membranes: None, sampled, options, frame: FRAME, jobs, told: None };
         let make = |number: usize| SlabMesh::make(number as u32, &making, SlabMesh::default());
         let keep = |slab| {
             slabs.push(slab);

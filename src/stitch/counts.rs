@@ -15,7 +15,7 @@ pub struct Counts {
     pub pulled: u64,
     /// Vertices that stay where smoothing put them: no point within reach, or not to be fitted.
     pub unfitted: u64,
-    /// Vertices where a hole is bridged, at the height interpolated there.
+    /// Vertices where a hole is bridged: at the height interpolated there, or on a membrane.
     pub bridged: u64,
     /// Vertices contracted into others.
     pub contracted: u64,

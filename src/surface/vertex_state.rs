@@ -11,7 +11,7 @@ pub enum VertexState {
     Creased(u8),
     /// It moves into the plane of the points round it.
     Projected,
-    /// It lies where a hole is bridged, at the height that is interpolated there.
+    /// It lies where a hole is bridged: at the height that is interpolated there, or on the membrane that closes it.
     Bridged,
     /// Another vertex took its point's place: it goes 90 % of the way there.
     Attracted,
