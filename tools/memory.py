@@ -27,7 +27,8 @@ MIB = 1 << 20
 BESIDE = 32 * MIB
 ABOVE = 1.02
 PLAN_OVER_PEAK = 1.3
-SHAPES = ["sphere", "torus", "knot", "terrain", "plane", "box", "volume", "cluster", "line", "steps"]
+# `holed` is the sphere without a cap of a tenth of its surface.
+SHAPES = ["sphere", "torus", "knot", "terrain", "plane", "box", "volume", "cluster", "line", "steps", "holed"]
 FORMATS = ["raw", "ply", "text", "las", "laz"]
 FITS = ["nearest", "plane", "none"]
 # The longest that a run may take; longer is told apart from being killed for its memory.
@@ -93,6 +94,11 @@ def of_phases(seen, seconds, phases):
 def cloud(program, work, shape, points, noise, form):
     """A cloud as a file of a format; made once."""
     raw = work / f"{shape}-{points}-{noise}.bin"
+    if not raw.exists() and shape == "holed":
+        whole = cloud(program, work, "sphere", points, noise, "raw")
+        subprocess.run([sys.executable, __file__, "--convert", whole, raw], check=True)
+        layout = Path(f"{whole}.json")
+        Path(f"{raw}.json").write_text(layout.read_text()) if layout.exists() else None
     if not raw.exists():
         subprocess.run([program, "generate", shape, str(points), "--noise", str(noise), "-o", raw, "-q"], check=True)
     if form == "raw":
@@ -106,11 +112,14 @@ def cloud(program, work, shape, points, noise, form):
 
 
 def convert(raw, path):
-    """Writes a raw cloud of single precision in another format."""
+    """Writes a raw cloud of single precision in another format; the part of it that is holed in the same."""
     import numpy
 
     points = numpy.fromfile(raw, "<f4").reshape(-1, 3)
-    if path.suffix == ".ply":
+    if path.suffix == ".bin":
+        low, high = points[:, 0].min(), points[:, 0].max()
+        points[points[:, 0] < low + 0.9 * (high - low)].tofile(path)
+    elif path.suffix == ".ply":
         header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
         header += "".join(f"property float {c}\n" for c in "xyz") + "end_header\n"
         path.write_bytes(header.encode() + points.tobytes())
@@ -128,9 +137,9 @@ def convert(raw, path):
         las.write(path)
 
 
-def drawn(dice, most, fits=FITS):
+def drawn(dice, most, fits=FITS, shapes=SHAPES):
     """A configuration at random."""
-    shape = dice.choice(SHAPES)
+    shape = dice.choice(shapes)
     options = ["--k", str(dice.choice([2, 3, 4, 6, 8]))]
     surface = dice.choice(["closed", "closed", "terrain", "sheet"])
     if surface != "closed":
@@ -190,13 +199,14 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--most", type=int, default=600_000, help="points of the largest cloud")
     parser.add_argument("--fits", nargs="+", default=FITS, help="what vertices are moved onto, at random (also: facets, auto)")
+    parser.add_argument("--shapes", nargs="+", default=SHAPES, choices=SHAPES, help="what clouds are of, at random")
     parser.add_argument("--only", nargs="+", type=int, help="numbers of configurations: these, in this order")
     parser.add_argument("--report", type=Path)
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
     program, dice = arguments.program.resolve(), random.Random(arguments.seed)
     results = []
-    cases = [drawn(dice, arguments.most, arguments.fits) for _ in range(arguments.count)]
+    cases = [drawn(dice, arguments.most, arguments.fits, arguments.shapes) for _ in range(arguments.count)]
     for number in arguments.only or range(arguments.count):
         case = cases[number] | {"number": number}
         result = tried(program, arguments.work, case)

@@ -84,9 +84,12 @@ pub fn stretch(
     sides: &mut [Side],
     workers: &Workers,
 ) -> Vec<(u32, f32)> {
-    let mut last = None;
+    let mut last: Option<Vec<f32>> = None;
     for _ in 0..TIMES {
-        let Some(Stretched { u, changed }) = stretch_once(block, walls, lined, emptied, sides, workers) else { break };
+        let from = last.take();
+        let Some(Stretched { u, changed }) = stretch_once(block, walls, lined, emptied, (sides, from), workers) else {
+            break;
+        };
         last = Some(u);
         if !changed {
             break;
@@ -103,13 +106,13 @@ struct Stretched {
     changed: bool,
 }
 
-/// Stretches the membranes once; none if there is none large enough.
+/// Stretches the membranes once, `from` the u of the time before; none if there is none large enough.
 fn stretch_once(
     block: &Block,
     walls: &[Wall],
     lined: &[bool],
     emptied: &[bool],
-    sides: &mut [Side],
+    (sides, from): (&mut [Side], Option<Vec<f32>>),
     workers: &Workers,
 ) -> Option<Stretched> {
     let size = [block.width, block.rows, block.slices];
@@ -131,9 +134,13 @@ fn stretch_once(
     held.iter_mut().zip(emptied).for_each(|(held, empty)| *held |= empty);
     let sign = |side: Side| if side == Side::Outside { -1.0f32 } else { 1.0 };
     let mut open = vec![0f32; sides.len()];
-    let mut u = vec![0f32; sides.len()];
+    let is_first = from.is_none();
+    let mut u = from.unwrap_or_else(|| vec![0f32; sides.len()]);
     for cell in (0..sides.len()).filter(|&cell| !held[cell] && sides[cell] != Side::Wall && !block.at_border(cell)) {
-        (open[cell], u[cell]) = (1.0, sign(sides[cell]));
+        open[cell] = 1.0;
+        if is_first {
+            u[cell] = sign(sides[cell]);
+        }
     }
     drop(held);
     let known = |cells: Range<usize>, weights: &mut [f32], held: &mut [f32]| {
