@@ -28,9 +28,6 @@ use super::normal::Wall;
 use super::system::System;
 use crate::resources::workers::Workers;
 
-/// If no membrane has so many cells, all are left as they are.
-const FEW: usize = 9;
-
 /// How far from a membrane cells are asked anew, at the most.
 const FAR: f64 = 32.0;
 
@@ -106,7 +103,7 @@ struct Stretched {
     changed: bool,
 }
 
-/// Stretches the membranes once, `from` the u of the time before; none if there is none large enough.
+/// Stretches the membranes once, `from` the u of the time before; none if there is no membrane.
 fn stretch_once(
     block: &Block,
     walls: &[Wall],
@@ -119,7 +116,7 @@ fn stretch_once(
     let mut membrane = vec![false; sides.len()];
     cells(block, lined, sides).for_each(|cell| membrane[cell] = true);
     let count = largest(block, &membrane);
-    if count < FEW {
+    if count == 0 {
         return None;
     }
     // Of a disc of as many cells.
