@@ -28,6 +28,10 @@ use super::normal::Wall;
 use super::system::System;
 use crate::resources::workers::Workers;
 
+/// If no membrane has so many cells, all stay where they are, and u is found for what the surface is made of alone: where few cells alone are unlined, walls are near on all sides,
+/// and what a membrane would yield may be a wall's gap.
+const FEW: usize = 9;
+
 /// How far from a membrane cells are asked anew, at the most.
 const FAR: f64 = 32.0;
 
@@ -157,12 +161,12 @@ fn stretch_once(
     system.solve(&mut u, workers);
     let mut changed = false;
     for (cell, u) in u.iter_mut().enumerate() {
-        if open[cell] > 0.0 {
+        if open[cell] == 0.0 {
+            *u = if sides[cell] == Side::Wall { 0.0 } else { sign(sides[cell]) };
+        } else if count >= FEW {
             let side = if *u > 0.0 { Side::Inside } else { Side::Outside };
             changed |= sides[cell] != side;
             sides[cell] = side;
-        } else {
-            *u = if sides[cell] == Side::Wall { 0.0 } else { sign(sides[cell]) };
         }
     }
     Some(Stretched { u, changed })
