@@ -97,8 +97,6 @@ def cloud(program, work, shape, points, noise, form):
     if not raw.exists() and shape == "holed":
         whole = cloud(program, work, "sphere", points, noise, "raw")
         subprocess.run([sys.executable, __file__, "--convert", whole, raw], check=True)
-        layout = Path(f"{whole}.json")
-        Path(f"{raw}.json").write_text(layout.read_text()) if layout.exists() else None
     if not raw.exists():
         subprocess.run([program, "generate", shape, str(points), "--noise", str(noise), "-o", raw, "-q"], check=True)
     if form == "raw":
@@ -112,13 +110,16 @@ def cloud(program, work, shape, points, noise, form):
 
 
 def convert(raw, path):
-    """Writes a raw cloud of single precision in another format; the part of it that is holed in the same."""
+    """Writes a raw cloud of single precision in another format; in its own, what is left of it without a cap."""
     import numpy
 
     points = numpy.fromfile(raw, "<f4").reshape(-1, 3)
     if path.suffix == ".bin":
         low, high = points[:, 0].min(), points[:, 0].max()
-        points[points[:, 0] < low + 0.9 * (high - low)].tofile(path)
+        left = points[points[:, 0] < low + 0.9 * (high - low)]
+        left.tofile(path)
+        layout = json.loads(Path(f"{raw}.json").read_text())
+        Path(f"{path}.json").write_text(json.dumps(layout | {"count": len(left)}))
     elif path.suffix == ".ply":
         header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
         header += "".join(f"property float {c}\n" for c in "xyz") + "end_header\n"

@@ -412,9 +412,7 @@ fn close_signed(
     let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
     let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
     signed.sides = Vec::new();
-    let near = std::mem::take(&mut signed.near_membranes);
-    let membranes = Membranes::of(&signed.block, factor, &near, context)?;
-    drop(near);
+    let membranes = Membranes::of(&signed.block, factor, &std::mem::take(&mut signed.near_membranes), context)?;
     let sheets = |level: u32| Sheets { block: &signed.block, walls: &signed.sheets, factor, level };
     for l in (0..=level).rev() {
         if l < level {

@@ -100,7 +100,7 @@ proptest! {
         fit in prop_oneof![Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Plane)],
     ) {
         let run = stream(&hole.samples(count), true, &settings(count, side, fit), Means::Ample).unwrap();
-        twin_check(&run.mesh)?;
+        crate::twin::check::check(run.mesh.0.len(), &run.mesh.1).map_err(TestCaseError::fail)?;
         // No less than with a flat lid, and less than three quarters of the cap more.
         let (ball, volume) = (4.0 / 3.0 * std::f64::consts::PI, volume(&run.mesh));
         let of_cap = 1.0 - (ball - volume) / hole.cap();
@@ -125,8 +125,4 @@ proptest! {
         prop_assert!(run.made.counts.bridged > 0, "{:?}", run.made.counts);
         assert_means_do_not_show(&points, true, &settings, &run)?;
     }
-}
-
-fn twin_check((vertices, triangles): &MeshBits) -> Result<(), TestCaseError> {
-    crate::twin::check::check(vertices.len(), triangles).map_err(TestCaseError::fail)
 }

@@ -105,16 +105,8 @@ impl Reads {
         pieces: &[Apart],
     ) -> Result<bool> {
         let Closed { solid, occupancy, membranes, .. } = &cells.closed;
-        let columns = match (&self.columns, &solid.ground) {
-            (Some(columns), Some(ground)) => ground.are_same(columns)?,
-            (None, None) => true,
-            _ => false,
-        };
-        let membranes = match (&self.membranes, membranes) {
-            (Some(before), Some(now)) => now.are_same(before)?,
-            (None, None) => true,
-            _ => false,
-        };
+        let columns = both(&self.columns, &solid.ground, |before, now| now.are_same(before))?;
+        let membranes = both(&self.membranes, membranes, |before, now| now.are_same(before))?;
         let joined = self
             .joined
             .is_none_or(|(from, to, before)| pieces.get(from..=to).is_some_and(|pieces| of_pieces(pieces) == before));
@@ -125,6 +117,15 @@ impl Reads {
             && buckets.are_same(&self.points)
             && occupancy.store.are_same(&self.occupied)?
             && solid.store.are_same(&self.solid)?)
+    }
+}
+
+/// Whether there was none and is none, or what was and what is are the same.
+fn both<B, N>(before: &Option<B>, now: &Option<N>, are_same: impl FnOnce(&B, &N) -> Result<bool>) -> Result<bool> {
+    match (before, now) {
+        (Some(before), Some(now)) => are_same(before, now),
+        (None, None) => Ok(true),
+        _ => Ok(false),
     }
 }
 
