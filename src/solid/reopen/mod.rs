@@ -16,6 +16,7 @@
 //! All passes go over chunks of slices and hold some slices more on either side; from pass to pass, what is known of each cell lies in spools. Only blocks of cells near
 //! *deep* occupied cells are looked at, which no cell outside the solid touches: where there are none, nothing was filled that has points round it.
 
+mod area;
 mod blocks;
 mod core;
 mod field;
@@ -41,6 +42,7 @@ use std::ops::Range;
 
 use bytemuck::Pod;
 
+use self::area::Areas;
 use self::blocks::{BLOCK, Blocks};
 use self::field::Kernel;
 use self::found::Found;
@@ -495,13 +497,13 @@ impl<'a> Slabs<'a> {
         let mut out = Layers::new(self.context);
         self.each(
             |chunk| {
-                let held = signs.walls(self, walls, &chunk, wall::BOUNDS)?;
-                let (mut blocks, mut rounds) = (Runs::default(), Rounds::new(&held, wall::BOUNDS));
+                let held = signs.walls(self, walls, &chunk, area::BOUNDS)?;
+                let (mut blocks, mut areas) = (Runs::default(), Areas::new(&held));
                 let slice = |y: u32| {
                     near.read(y, &mut blocks)?;
                     let (cells, values) = held.slice(y.into());
                     let dipole = |((z, x), wall): ((u32, u32), &Wall)| match blocks::holds(&blocks, x, z) {
-                        true => Dipole::of(wall, [x, y, z].map(i64::from), &mut rounds),
+                        true => Dipole::of(wall, [x, y, z].map(i64::from), &mut areas),
                         false => Dipole { mean: wall.mean, area: [0.0; 3], inside: 1.0 },
                     };
                     Ok(cells.iter().zip(values).map(dipole).collect())

@@ -13,7 +13,7 @@
 use bytemuck::{Pod, Zeroable};
 use multiversion::multiversion;
 
-use super::vector::{dot, minus, plus, times};
+use super::vector::{cross, dot, minus, plus, times};
 
 /// What is known of the points of a cell.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]
@@ -167,13 +167,14 @@ impl Sums {
         }
     }
 
-    fn fitted(&self) -> Fitted {
+    /// The plane; none if the least variance is no less than `limit`.
+    fn fitted(&self, limit: f64) -> Option<Fitted> {
         let at = self.first.map(|c| c / self.weight);
         let [xx, yy, zz, xy, xz, yz] = self.second.map(|c| c / self.weight);
         let [x, y, z] = at;
-        let (xy, xz, yz) = (xy - x * y, xz - x * z, yz - y * z);
-        let (variances, normal) = flattest([[xx - x * x, xy, xz], [xy, yy - y * y, yz], [xz, yz, zz - z * z]]);
-        Fitted { at, normal, variances }
+        let covariance = [xx - x * x, yy - y * y, zz - z * z, xy - x * y, xz - x * z, yz - y * z];
+        let (variances, normal) = flattest(covariance, limit)?;
+        Some(Fitted { at, normal, variances })
     }
 }
 
@@ -195,14 +196,16 @@ pub fn plane(own: &Moments, near: &[Near], wide: bool) -> Plane {
         if sums.weight < LEAST[usize::from(!all)] {
             continue;
         }
-        let fitted = sums.fitted();
+        let freedom = sums.weight / (sums.weight - 3.0).max(1.0);
+        let (factor, more) = if all { (1.0, 0.0) } else { HANDICAP };
+        let limit = best.as_ref().map_or(f64::INFINITY, |(least, _)| (least - more) / (factor * freedom));
+        let Some(fitted) = sums.fitted(limit) else { continue };
         let [first, second] = fitted.variances;
         if second < WIDTH || (!all && second < FLATNESS * first) {
             continue;
         }
         let off = dot(fitted.normal, minus(own, fitted.at));
-        let residual = first * sums.weight / (sums.weight - 3.0).max(1.0) + 0.5 * off * off;
-        let residual = if all { residual } else { HANDICAP.0 * residual + HANDICAP.1 };
+        let residual = factor * (first * freedom + 0.5 * off * off) + more;
         if best.as_ref().is_none_or(|(least, _)| residual < *least) {
             best = Some((residual, fitted));
         }
@@ -236,10 +239,9 @@ pub fn plane(own: &Moments, near: &[Near], wide: bool) -> Plane {
         if sums.weight < LEAST_REFIT.0 {
             break;
         }
-        let fitted = sums.fitted();
-        if fitted.variances[1] < LEAST_REFIT.1 {
+        let Some(fitted) = sums.fitted(f64::INFINITY).filter(|fitted| fitted.variances[1] >= LEAST_REFIT.1) else {
             break;
-        }
+        };
         (at, normal) = (fitted.at, fitted.normal);
         thickness = fitted.variances[0].sqrt();
     }
@@ -285,37 +287,48 @@ fn exponentials(powers: &mut [f64; TOGETHER]) {
     }
 }
 
-/// The two least eigenvalues of a symmetric matrix, no less than 0, and the direction of the least, of length 1: by Jacobi's rotations.
+/// The two least eigenvalues of a covariance xx, yy, zz, xy, xz, yz, no less than 0, and the direction of the least, of length 1; none if the least is no less than `limit`.
 ///
-/// Source: G. H. Golub and C. F. Van Loan, *Matrix Computations* (4th edition, 2013), section 8.5.
-fn flattest(mut a: [[f64; 3]; 3]) -> ([f64; 2], [f64; 3]) {
-    let mut axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    for _ in 0..12 {
-        if a[0][1].abs() + a[0][2].abs() + a[1][2].abs() < 1e-12 {
+/// The least is the first root of det(A - t I), which Newton's method finds from 0 upwards: each step is a lower bound. Its direction is across two rows of A - t I.
+fn flattest(covariance: [f64; 6], limit: f64) -> Option<([f64; 2], [f64; 3])> {
+    /// Steps, at most: they halve the distance even to a double root.
+    const STEPS: u32 = 40;
+    /// A step that is no longer, in parts of the trace, is the last.
+    const LAST: f64 = 1e-15;
+    /// A slope that is no more, in parts of the trace's square, tells nothing.
+    const LOST: f64 = 1e-10;
+    let [xx, yy, zz, xy, xz, yz] = covariance;
+    let trace = xx + yy + zz;
+    let minors = (xx * yy - xy * xy) + (xx * zz - xz * xz) + (yy * zz - yz * yz);
+    let determinant = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz);
+    let mut least = 0.0;
+    for _ in 0..STEPS {
+        if least >= limit {
+            return None;
+        }
+        let value = determinant - least * (minors - least * (trace - least));
+        let slope = minors - least * (2.0 * trace - 3.0 * least);
+        // At the root, rounding leaves a value of either sign; where two or three roots meet, the slope is lost in it, too.
+        if value <= 0.0 || slope <= LOST * trace * trace || value <= slope * (LAST * trace) {
             break;
         }
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            if a[p][q].abs() <= 1e-15 {
-                continue;
-            }
-            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-            let tangent = if theta < 0.0 { -1.0 } else { 1.0 } / (theta.abs() + (theta * theta + 1.0).sqrt());
-            let cosine = 1.0 / (tangent * tangent + 1.0).sqrt();
-            let sine = tangent * cosine;
-            for row in a.iter_mut().chain(&mut axes) {
-                let (x, y) = (row[p], row[q]);
-                (row[p], row[q]) = (cosine * x - sine * y, sine * x + cosine * y);
-            }
-            let (x, y) = (a[p], a[q]);
-            a[p] = [0, 1, 2].map(|k: usize| cosine * x[k] - sine * y[k]);
-            a[q] = [0, 1, 2].map(|k: usize| sine * x[k] + cosine * y[k]);
+        least += value / slope;
+    }
+    let (sum, product) = (trace - least, minors - least * (trace - least));
+    let root = (sum * sum - 4.0 * product).max(0.0).sqrt();
+    let second = (0.5 * (sum - root)).max(least);
+    let rows = [[xx - least, xy, xz], [xy, yy - least, yz], [xz, yz, zz - least]];
+    let mut normal = [0.0, 0.0, 1.0];
+    let mut squared = 0.0;
+    for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+        let across = cross(rows[i], rows[j]);
+        let length = dot(across, across);
+        if length > squared {
+            (normal, squared) = (across, length);
         }
     }
-    let mut order = [0, 1, 2];
-    order.sort_by(|i, j| a[*i][*i].total_cmp(&a[*j][*j]));
-    let normal: [f64; 3] = [0, 1, 2].map(|k: usize| axes[k][order[0]]);
-    let length = dot(normal, normal).sqrt();
-    ([order[0], order[1]].map(|i| a[i][i].max(0.0)), normal.map(|c| c / length))
+    let length = if squared > 0.0 { squared.sqrt() } else { 1.0 };
+    Some(([least, second], normal.map(|c| c / length)))
 }
 
 #[cfg(test)]
@@ -337,21 +350,72 @@ mod tests {
         }
 
         #[test]
-        fn the_flattest_direction_is_an_eigenvector_of_the_least_value(d in prop::array::uniform6(-2.0f64..2.0)) {
-            let a = [[d[0], d[3], d[4]], [d[3], d[1], d[5]], [d[4], d[5], d[2]]];
-            // The matrix times itself has no negative eigenvalues.
-            let m: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| dot(a[i], [a[0][j], a[1][j], a[2][j]])));
-            let ([least, second], n) = flattest(m);
-            prop_assert!(least <= second);
-            for (row, c) in m.iter().zip(n) {
-                prop_assert!((dot(*row, n) - least * c).abs() < 1e-9);
+        fn the_flattest_direction_is_that_of_jacobi(
+            of in prop_oneof![
+                prop::array::uniform6(-2.0f64..2.0),
+                // Nearly flat, nearly a line, nearly round.
+                prop::array::uniform6(-1.0f64..1.0).prop_map(|[a, b, c, d, e, f]| [a, b, 1e-7 * c, d, 1e-7 * e, 1e-7 * f]),
+                prop::array::uniform6(-1.0f64..1.0).prop_map(|[a, b, c, d, e, f]| [a, 1e-4 * b, 1e-6 * c, d, e, 1e-6 * f]),
+                prop::array::uniform6(-1e-6f64..1e-6).prop_map(|[a, b, c, d, e, f]| [1.0 + a, 1.0 + b, 1.0 + c, d, e, f]),
+            ],
+        ) {
+            let [a, b, c, d, e, f] = of;
+            let m = squared([[a, d, e], [d, b, f], [e, f, c]]);
+            let of = [m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2]];
+            let ([least, second], n) = flattest(of, f64::INFINITY).unwrap();
+            let (expected, direction) = by_jacobi(m);
+            let trace = of[0] + of[1] + of[2];
+            for (found, expected) in [least, second].into_iter().zip(expected) {
+                // A root that is double is known to half the digits, one that is triple to a third.
+                prop_assert!((found - expected).abs() <= 1e-5 * trace, "{found} for {expected}");
             }
-            // No direction is flatter.
-            for [x, y, z] in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.6, -0.8]] {
-                let v = [x, y, z];
-                let along = dot(v, [dot(m[0], v), dot(m[1], v), dot(m[2], v)]);
-                prop_assert!(along >= least - 1e-9);
+            if expected[1] - expected[0] > 1e-2 * trace {
+                prop_assert!((least - expected[0]).abs() <= 1e-13 * trace, "{least} for {}", expected[0]);
+                prop_assert!((dot(n, direction).abs() - 1.0).abs() < 1e-12, "{n:?} for {direction:?}");
             }
+            prop_assert!((dot(n, n) - 1.0).abs() < 1e-12);
         }
+
+        #[test]
+        fn a_variance_beyond_the_limit_is_not_looked_for(of in prop::array::uniform6(-2.0f64..2.0), limit in 0.0f64..1.0) {
+            let [a, b, c, d, e, f] = of;
+            let m = squared([[a, d, e], [d, b, f], [e, f, c]]);
+            let of = [m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2]];
+            let all = flattest(of, f64::INFINITY);
+            prop_assert_eq!(flattest(of, limit), all.filter(|([least, _], _)| *least < limit));
+        }
+    }
+
+    #[test]
+    fn points_in_one_place_have_no_variance() {
+        assert_eq!(flattest([0.0; 6], f64::INFINITY), Some(([0.0; 2], [0.0, 0.0, 1.0])));
+    }
+
+    /// A symmetric matrix times itself, which has no negative eigenvalues.
+    fn squared(a: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
+        a.map(|row| a.map(|column| dot(row, column)))
+    }
+
+    /// The naive twin: Jacobi's rotations (G. H. Golub and C. F. Van Loan, *Matrix Computations*, 4th edition, 2013, section 8.5).
+    fn by_jacobi(mut a: [[f64; 3]; 3]) -> ([f64; 2], [f64; 3]) {
+        let mut axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        for (p, q) in [(0, 1), (0, 2), (1, 2)].repeat(12) {
+            if a[p][q] == 0.0 {
+                continue;
+            }
+            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
+            let tangent = if theta < 0.0 { -1.0 } else { 1.0 } / (theta.abs() + (theta * theta + 1.0).sqrt());
+            let cosine = 1.0 / (tangent * tangent + 1.0).sqrt();
+            let sine = tangent * cosine;
+            for row in a.iter_mut().chain(&mut axes) {
+                (row[p], row[q]) = (cosine * row[p] - sine * row[q], sine * row[p] + cosine * row[q]);
+            }
+            let (x, y) = (a[p], a[q]);
+            a[p] = [0, 1, 2].map(|k: usize| cosine * x[k] - sine * y[k]);
+            a[q] = [0, 1, 2].map(|k: usize| sine * x[k] + cosine * y[k]);
+        }
+        let mut order = [0, 1, 2];
+        order.sort_by(|i, j| a[*i][*i].total_cmp(&a[*j][*j]));
+        ([order[0], order[1]].map(|i| a[i][i]), [0, 1, 2].map(|k: usize| axes[k][order[0]]))
     }
 }

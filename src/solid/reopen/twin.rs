@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::area::Areas;
 use super::core::BITS;
 use super::field::LABELLINGS;
 use super::layers::Held;
@@ -143,7 +144,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
     let dipoles = walls.iter().map(|(at, wall)| {
         let cell = [at[2], at[0], at[1]];
         let none = Dipole { mean: wall.mean, area: [0.0; 3], inside: 1.0 };
-        (*at, if near(cell, LOOKED_AT) { Dipole::of(wall, cell, &mut Rounds::new(&held, wall::BOUNDS)) } else { none })
+        (*at, if near(cell, LOOKED_AT) { Dipole::of(wall, cell, &mut Areas::new(&held)) } else { none })
     });
     let dipoles: BTreeMap<[i64; 3], Dipole> = dipoles.collect();
     // Labels.

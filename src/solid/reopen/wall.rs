@@ -2,8 +2,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::area::Areas;
 use super::layers::{Rounds, Stretch};
-use super::vector::{cross, dot, minus, plus, times};
+use super::vector::{dot, minus, plus, times};
 
 /// An occupied cell with its plane.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]
@@ -81,14 +82,17 @@ impl Wall {
             }
         });
         let far = |side: f64, stop: f64| {
+            let mut before = None;
             for step in LOOK {
                 let t = STEP * f64::from(step);
-                if !solid.get(plus(at, times(side * t, normal)).map(|c| c.floor() as i64)) {
+                let there = plus(at, times(side * t, normal)).map(|c| c.floor() as i64);
+                if before != Some(there) && !solid.get(there) {
                     return t;
                 }
                 if t > stop {
                     break;
                 }
+                before = Some(there);
             }
             FAR
         };
@@ -169,33 +173,9 @@ pub struct Dipole {
     pub inside: f32,
 }
 
-/// The polygon that a wall's cell of Voronoi's diagram is cut from: its radius, in cells, and the directions of its corners.
-const RADIUS: f64 = 2.2;
-const HALF_ROOT: f64 = 0.866_025_403_784_438_6;
-const CORNERS: [[f64; 2]; 12] = [
-    [1.0, 0.0],
-    [HALF_ROOT, 0.5],
-    [0.5, HALF_ROOT],
-    [0.0, 1.0],
-    [-0.5, HALF_ROOT],
-    [-HALF_ROOT, 0.5],
-    [-1.0, 0.0],
-    [-HALF_ROOT, -0.5],
-    [-0.5, -HALF_ROOT],
-    [0.0, -1.0],
-    [0.5, -HALF_ROOT],
-    [HALF_ROOT, -0.5],
-];
-
-/// Cells round a wall that bound its area, either way.
-pub const BOUNDS: i64 = 3;
-
-/// What is left of a polygon that vanished, in squared cells.
-const VANISHED: f64 = 0.1;
-
 impl Dipole {
-    /// Of a wall whose sign has been looked for; `walls` are cubes of [`BOUNDS`] cells either way.
-    pub fn of(wall: &Wall, cell: [i64; 3], walls: &mut Rounds<Wall>) -> Dipole {
+    /// Of a wall whose sign has been looked for.
+    pub fn of(wall: &Wall, cell: [i64; 3], areas: &mut Areas) -> Dipole {
         let normal = wall.across();
         let side = f64::from(wall.sign);
         let inside = match wall.sign {
@@ -206,56 +186,7 @@ impl Dipole {
                 (0.5 + side * dot(normal, middle)).clamp(0.0, 1.0) as f32
             }
         };
-        let area = if wall.sign == 0 { 0.0 } else { side * area(wall, cell, walls) };
+        let area = if wall.sign == 0 { 0.0 } else { side * areas.of(wall, cell) };
         Dipole { mean: wall.mean, area: normal.map(|c| (area * c) as f32), inside }
     }
-}
-
-/// The area of a wall: of what, in its plane, is nearer to its mean than to any other wall's that is not one behind it.
-fn area(wall: &Wall, cell: [i64; 3], walls: &mut Rounds<Wall>) -> f64 {
-    let (normal, at) = (wall.across(), wall.at(cell));
-    let aside = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-    let first = cross(normal, aside);
-    let first = times(1.0 / dot(first, first).sqrt(), first);
-    let second = cross(normal, first);
-    let mut polygon: Vec<[f64; 2]> = CORNERS.map(|corner| corner.map(|c| RADIUS * c)).into();
-    let mut cut = Vec::new();
-    // Of the polygon's corner that is farthest from the mean, the squared distance.
-    let mut farthest = RADIUS * RADIUS * (1.0 + 1e-9);
-    walls.round(cell, |other, neighbour| {
-        if other == cell || polygon.len() < 3 {
-            return;
-        }
-        let d = minus(neighbour.at(other), at);
-        let cosine = dot(normal, neighbour.across());
-        let behind = match wall.sign * neighbour.sign {
-            0 => cosine.abs() > 0.7 && dot(d, normal).abs() > 0.6,
-            same => cosine * f64::from(same) < -0.3,
-        };
-        let [x, y] = [dot(d, first), dot(d, second)];
-        let half = 0.5 * dot(d, d);
-        let aside = x * x + y * y;
-        if behind || aside < 1e-8 || half * half >= farthest * aside {
-            return;
-        }
-        cut.clear();
-        for (number, from) in polygon.iter().enumerate() {
-            let to = polygon[(number + 1) % polygon.len()];
-            let [a, b] = [*from, to].map(|p| p[0] * x + p[1] * y - half);
-            if a <= 0.0 {
-                cut.push(*from);
-            }
-            if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
-                let t = a / (a - b);
-                cut.push([from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])]);
-            }
-        }
-        std::mem::swap(&mut polygon, &mut cut);
-        farthest = polygon.iter().map(|[x, y]| x * x + y * y).fold(0.0, f64::max) * (1.0 + 1e-9);
-    });
-    if polygon.len() < 3 {
-        return VANISHED;
-    }
-    let pairs = polygon.iter().zip(polygon.iter().cycle().skip(1));
-    0.5 * pairs.map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>()
 }

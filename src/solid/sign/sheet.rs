@@ -106,13 +106,13 @@ const SHEET_WEIGHT: f32 = 0.05;
 
 /// Takes weight from the walls of sheets: those in whose neighbourhood, as far as it is smooth, more walls have the same side on both sides than do not. Says how many.
 pub fn weigh(block: &Block, walls: &mut [Wall], parts_nothing: &[bool]) -> usize {
-    let near = Near::new(block, walls);
+    let near = Near::new(block, walls, parts_nothing);
     let sheets: Vec<usize> = (0..walls.len())
         .into_par_iter()
         .with_min_len(TOGETHER)
         .filter(|&i| {
             let wall = &walls[i];
-            if wall.weight < super::normal::WEIGHT {
+            if wall.weight < super::normal::WEIGHT || !near.may_be_near_marked(wall.cell) {
                 return false;
             }
             let (mut nothing, mut all) = (0u32, 0u32);
@@ -134,32 +134,41 @@ pub fn continued(block: &Block, walls: &[Wall], sheets: &[u32]) -> Vec<SheetWall
         return Vec::new();
     }
     let in_sheet: Vec<bool> = walls.iter().map(|wall| sheets.binary_search(&wall.cell).is_ok()).collect();
-    let near = Near::new(block, walls);
+    let near = Near::new(block, walls, &in_sheet);
     let place = |wall: &Wall| block.cell(wall.cell as usize).map(|c| c as f32);
     let goes_on = |wall: &Wall| {
         let at = place(wall);
-        near.of(wall.cell).filter(|&j| in_sheet[j]).map(|j| &walls[j]).any(|other| {
-            let there = place(other);
-            let across = dot([0, 1, 2].map(|a| at[a] - there[a]), other.normal);
-            across.abs() <= IN_PLANE && dot(wall.normal, other.normal).abs() >= SMOOTH
-        })
+        near.may_be_near_marked(wall.cell)
+            && near.of(wall.cell).filter(|&j| in_sheet[j]).map(|j| &walls[j]).any(|other| {
+                let there = place(other);
+                let across = dot([0, 1, 2].map(|a| at[a] - there[a]), other.normal);
+                across.abs() <= IN_PLANE && dot(wall.normal, other.normal).abs() >= SMOOTH
+            })
     };
     let of_sheets =
         walls.par_iter().zip(&in_sheet).with_min_len(TOGETHER).filter(|(wall, in_sheet)| **in_sheet || goes_on(wall));
     of_sheets.map(|(wall, _)| SheetWall { cell: wall.cell, normal: wall.normal }).collect()
 }
 
-/// Walls by their cells, to look at those within a ball.
+/// Walls by their cells, to look at those within a ball. Some are marked: where none of these is near, there is often nothing to look for.
 struct Near<'a> {
     block: &'a Block,
     /// The wall of each cell of the block; `u32::MAX` for none.
     at: Vec<u32>,
     /// Rows of the ball: steps to their middles, and how far they go either way.
     rows: Vec<([i64; 2], usize)>,
+    /// Cubes of [`CUBE`] cells a side, some more on every side, and whether a marked wall's ball may reach into each.
+    cubes: Block,
+    reached: Vec<bool>,
 }
 
+/// The cells along a cube's side; a ball reaches no more than [`CUBES`] cubes beyond that of its middle.
+const CUBE: usize = 4;
+const CUBES: usize = (ROUND as usize).div_ceil(CUBE);
+const _: () = assert!(CUBES <= PAD);
+
 impl Near<'_> {
-    fn new<'a>(block: &'a Block, walls: &[Wall]) -> Near<'a> {
+    fn new<'a>(block: &'a Block, walls: &[Wall], marked: &[bool]) -> Near<'a> {
         let mut at = vec![u32::MAX; block.size()];
         walls.iter().zip(0..).for_each(|(wall, i)| at[wall.cell as usize] = i);
         let rows = (-ROUND..=ROUND)
@@ -167,7 +176,26 @@ impl Near<'_> {
             .filter(|(.., left)| *left >= 0)
             .map(|(y, z, left)| ([y, z].map(i64::from), left.isqrt() as usize))
             .collect();
-        Near { block, at, rows }
+        let cubes = Block::new(block.cells.map(|c| c.div_ceil(CUBE as u32)));
+        let mut middles = vec![false; cubes.size()];
+        walls.iter().zip(marked).filter(|(_, marked)| **marked).for_each(|(wall, _)| {
+            middles[cubes.index(block.cell(wall.cell as usize).map(|c| c / CUBE))] = true;
+        });
+        let mut reached = vec![false; cubes.size()];
+        let (slice, row) = (cubes.rows * cubes.width, cubes.width);
+        for middle in (0..middles.len()).filter(|i| middles[*i]) {
+            let lowest = middle - CUBES * (slice + row + 1);
+            for (y, z) in (0..=2 * CUBES).flat_map(|y| (0..=2 * CUBES).map(move |z| (y, z))) {
+                let first = lowest + y * slice + z * row;
+                reached[first..=first + 2 * CUBES].fill(true);
+            }
+        }
+        Near { block, at, rows, cubes, reached }
+    }
+
+    /// Whether a marked wall may lie within [`ROUND`] cells of a cell.
+    fn may_be_near_marked(&self, cell: u32) -> bool {
+        self.reached[self.cubes.index(self.block.cell(cell as usize).map(|c| c / CUBE))]
     }
 
     /// The walls within [`ROUND`] cells of a cell.
