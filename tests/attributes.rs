@@ -107,7 +107,7 @@ proptest! {
             seal: Sealing::Off,
             keep_outliers: true,
             min_component: None,
-            surface: SurfaceOptions { fit: [Fit::Nearest, Fit::Plane, Fit::None][fit], ..Settings::default().surface },
+            surface: SurfaceOptions { fit: [Fit::Nearest, Fit::Sphere, Fit::None][fit], ..Settings::default().surface },
             ..Settings::default()
         };
         let report = run_job(&Job { settings, ..job(std::slice::from_ref(&whole), &here, 2, 1 << 30) });

@@ -54,7 +54,7 @@ proptest! {
                 (false, true) => Reconstruction::of(points.iter().rev().copied().collect::<Vec<_>>().leak() as &[_]),
             };
             // Every point counts.
-            let cloud = cloud.keep_outliers().k(k).fit(if plane { Fit::Plane } else { Fit::Nearest }).bridged();
+            let cloud = cloud.keep_outliers().k(k).fit(if plane { Fit::Sphere } else { Fit::Nearest }).bridged();
             if ball { cloud.min_component(None).seal(Sealing::Auto) } else { cloud.terrain() }
         };
         let places: Vec<[f64; 3]> =
@@ -97,7 +97,7 @@ fn what_cannot_be_trimmed_is_refused() {
     let told = |of: Reconstruction| of.run().unwrap_err().to_string();
     assert!(told(Reconstruction::of(&points).terrain().base(-3.0).trim(Tolerance::Cells(3.0))).contains("`trim`"));
     assert!(told(Reconstruction::of(&points).trim(Tolerance::Length(0.0))).contains("`trim` 0"));
-    assert!(told(Reconstruction::of(&points).trim(Tolerance::Length(1e-9)).fit(Fit::Plane)).contains("surface"));
+    assert!(told(Reconstruction::of(&points).trim(Tolerance::Length(1e-9)).fit(Fit::Sphere)).contains("surface"));
     let twice = Reconstruction::of(&points).attribute("bridged", &[1u8; 400]).bridged();
     assert!(told(twice).contains("`bridged`"));
 }

@@ -310,7 +310,7 @@ fn cases() -> impl Strategy<Value = Case> {
         Just(Cloud::Uneven)
     ];
     let surfaces = prop_oneof![2 => Just(None), 1 => Just(Some(Kind::Terrain)), 1 => Just(Some(Kind::Sheet))];
-    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
+    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Sphere), Just(Fit::None)];
     let smooth = prop_oneof![1 => Just(0), 3 => Just(1), 1 => Just(3)];
     let noise = prop_oneof![Just(0.0), Just(0.002), Just(0.01)];
     (
@@ -361,7 +361,7 @@ fn open_cases() -> impl Strategy<Value = Case> {
         1 => Just(Cloud::Uneven)
     ];
     let surfaces = prop_oneof![2 => Just((Kind::Terrain, true)), 1 => Just((Kind::Terrain, false)), 1 => Just((Kind::Sheet, false))];
-    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Plane), Just(Fit::None)];
+    let fits = prop_oneof![Just(Fit::Auto), Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Sphere), Just(Fit::None)];
     let noise = prop_oneof![2 => Just(0.0), 1 => Just(0.002)];
     let smooth = prop_oneof![1 => Just(0), 2 => Just(1), 1 => Just(5)];
     (clouds, 3_000..15_000usize, noise, 2.0..8.0, surfaces, fits, smooth, 1..5usize, 1.0..3.0).prop_map(
@@ -417,7 +417,7 @@ fn places_between_sparse_points_cost_no_more_than_planned() {
 fn pieces_cost_no_more_than_planned() {
     alone("pieces_cost_no_more_than_planned", || {
         for (surface, fit, threads, factor) in
-            [(None, Fit::Nearest, 9, 3.0), (Some(Kind::Terrain), Fit::Auto, 17, 6.0), (None, Fit::Plane, 33, 12.0)]
+            [(None, Fit::Nearest, 9, 3.0), (Some(Kind::Terrain), Fit::Auto, 17, 6.0), (None, Fit::Sphere, 33, 12.0)]
         {
             let case = Case {
                 cloud: Cloud::Lumps,
@@ -440,7 +440,7 @@ fn pieces_cost_no_more_than_planned() {
 #[ignore = "exhaustive"]
 fn walls_cost_no_more_than_planned() {
     alone("walls_cost_no_more_than_planned", || {
-        for (surface, fit, smooth) in [(Some(Kind::Terrain), Fit::Plane, 0), (None, Fit::Nearest, 1)] {
+        for (surface, fit, smooth) in [(Some(Kind::Terrain), Fit::Sphere, 0), (None, Fit::Nearest, 1)] {
             let case = Case { surface, fit, smooth, ..PLAIN };
             case.keeps_its_plan().unwrap_or_else(|error| panic!("{error}"));
         }

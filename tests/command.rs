@@ -408,7 +408,7 @@ fn small_components_and_thin_cells_are_left_out_with_their_points() {
     };
     f.write("clean.ply", ply(&knot));
     f.write("crumbs.ply", ply(&with(5)));
-    for fit in ["nearest", "plane"] {
+    for fit in ["nearest", "sphere"] {
         f.ok(&format!("clean.ply -o a.ply --slices 60 --fit {fit} --overwrite"));
         let crumbs = |options: &str, says: &str| {
             let answer = f.ok(&format!("crumbs.ply -o b.ply --slices 60 --fit {fit} {options} --overwrite -v"));

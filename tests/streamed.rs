@@ -186,7 +186,7 @@ fn naive(points: &[[f64; 3]], single: bool, settings: &Settings, run: &Run) -> M
             Fit::AutoPoints => twin::Fit::AutoPoints,
             Fit::Facets => twin::Fit::Facets,
             Fit::Nearest => twin::Fit::Nearest,
-            Fit::Plane => twin::Fit::Plane,
+            Fit::Sphere => twin::Fit::Sphere,
             Fit::None => twin::Fit::None,
         },
         open: settings.open.map(|open| twin::Open {
@@ -217,7 +217,7 @@ fn settings() -> impl Strategy<Value = Settings> {
         Just(AxisChoice::Fixed(Axis::Z))
     ];
     let diagonals = prop_oneof![Just(Diagonals::Delaunay), Just(Diagonals::First), Just(Diagonals::Random)];
-    let fit = prop_oneof![3 => Just(Fit::Auto), 2 => Just(Fit::Facets), 2 => Just(Fit::Nearest), 2 => Just(Fit::Plane), 1 => Just(Fit::None)];
+    let fit = prop_oneof![3 => Just(Fit::Auto), 2 => Just(Fit::Facets), 2 => Just(Fit::Nearest), 2 => Just(Fit::Sphere), 1 => Just(Fit::None)];
     let smooth = prop_oneof![4 => Just(1u32), 1 => Just(0), 1 => Just(2), 1 => Just(3)];
     // Fewer slices than usual, so that pieces are several; contraction and noise seldom reach through so many.
     let slab = prop_oneof![2 => Just(None), 1 => Just(Some(12u32)), 1 => Just(Some(16))];
@@ -437,7 +437,7 @@ fn all_256_corners_give_the_twins_mesh_on_a_seam() {
     };
     let seam = slab_slices(settings.surface.smooth);
     assert!(seam < 24, "the block lies across a seam");
-    for fit in [Fit::Facets, Fit::Nearest, Fit::Plane, Fit::None] {
+    for fit in [Fit::Facets, Fit::Nearest, Fit::Sphere, Fit::None] {
         for mask in 0..256u32 {
             // Two points far from the block hold the box at 7 x 24 x 7 cells of side 1.
             let mut points = vec![[0.0; 3], [7.0, 24.0, 7.0]];
@@ -484,7 +484,7 @@ proptest! {
         let shell = run.made.shell.unwrap();
         // A layer of 2 · off cells has a standard deviation of off / √3.
         prop_assert!((shell.thickness - off / 3f64.sqrt()).abs() < 0.06, "{} of {off}", shell.thickness);
-        prop_assert_eq!(run.made.fit == Fit::Plane, shell.is_noisy());
+        prop_assert_eq!(run.made.fit == Fit::Sphere, shell.is_noisy());
         prop_assert!(run.mesh == naive(&points, true, &settings, &run));
         assert_means_do_not_show(&points, true, &settings, &run)?;
     }

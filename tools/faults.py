@@ -100,7 +100,7 @@ class Bench:
         for line, inputs, outputs, reports, *rest in [
             ("k.ply -o o.ply --report o.json --preview=o.png", ["k.ply"], ["o.ply", "o.png"], ["o.json"]),
             ("k.ply -o o.glb --max-memory 32M", ["k.ply"], ["o.glb"], []),
-            ("s.bin -o o.stl --fit plane", ["s.bin", "s.bin.json"], ["o.stl"], []),
+            ("s.bin -o o.stl --fit sphere", ["s.bin", "s.bin.json"], ["o.stl"], []),
             ("t.xyz --surface terrain --cell-size auto -o o.obj", ["t.xyz"], ["o.obj"], []),
             ("t.xyz --surface terrain --cell-size auto --tile 0.5 -o o.ply", ["t.xyz"], ["o.tiles"], []),
             ("s.npy -o o.ply", ["s.npy"], ["o.ply"], []),

@@ -30,7 +30,7 @@ PLAN_OVER_PEAK = 1.3
 # `holed` is the sphere without a cap of a tenth of its surface.
 SHAPES = ["sphere", "torus", "knot", "terrain", "plane", "box", "volume", "cluster", "line", "steps", "holed"]
 FORMATS = ["raw", "ply", "text", "las", "laz"]
-FITS = ["nearest", "plane", "none"]
+FITS = ["nearest", "sphere", "none"]
 # The longest that a run may take; longer is told apart from being killed for its memory.
 SECONDS = 1800
 

@@ -98,9 +98,9 @@ mod tests {
     #[test]
     fn a_program_is_told_what_is_wrong_and_no_more() {
         let told = |line: &str| parsed(line.split(' ').map(OsString::from)).unwrap_err().to_string();
-        let wrong = told("asra-stream a.ply --fit=plan");
-        assert!(wrong.starts_with("invalid value 'plan' for '--fit <FIT>'"), "{wrong}");
-        assert!(wrong.ends_with("tip: a similar value exists: 'plane'"), "{wrong}");
+        let wrong = told("asra-stream a.ply --fit=spher");
+        assert!(wrong.starts_with("invalid value 'spher' for '--fit <FIT>'"), "{wrong}");
+        assert!(wrong.ends_with("tip: a similar value exists: 'sphere'"), "{wrong}");
         assert_eq!(told("asra-stream a.ply --zzz"), "unexpected argument '--zzz' found");
         assert_eq!(told("asra-stream --help"), "help and version are the command's own");
         assert_eq!(told("asra-stream info --"), "the following required arguments were not provided:\n  <INPUT>...");

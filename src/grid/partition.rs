@@ -18,17 +18,17 @@ pub const BUCKET_SLICES: u32 = 4;
 /// How far from a vertex its point may be, in cells.
 pub const REACH: u32 = 3;
 
-/// How far from where it starts a vertex may go towards the plane of the points round it, in cells. With noise of a cell, the surface starts
+/// How far from where it starts a vertex may go amid noisy points, or onto a membrane, in cells. With noise of a cell, the surface starts
 /// four cells off where a stray lies, and more.
-pub const PLANE_TRAVEL: f64 = 6.0;
+pub const MOST_TRAVEL: f64 = 6.0;
 
-/// How far a vertex looks round for its plane once it is on its way, at most, in cells.
-pub const PLANE_SIGHT: f64 = 4.0;
+/// How far a vertex looks round for the sphere of the points, at most, in cells.
+pub const SPHERE_SIGHT: f64 = 4.0;
 
-/// Slices either side of a plane in which the points lie that move its vertices into their plane, after `smooth` steps of smoothing: the
+/// Slices either side of a plane in which the points lie that move its vertices onto their spheres, after `smooth` steps of smoothing: the
 /// way there, the look round from its end, and one for each step.
-pub fn plane_halo(smooth: u32) -> u32 {
-    (PLANE_TRAVEL + PLANE_SIGHT) as u32 + smooth.max(1)
+pub fn sphere_halo(smooth: u32) -> u32 {
+    (MOST_TRAVEL + SPHERE_SIGHT) as u32 + smooth.max(1)
 }
 
 /// Slices either side of a plane in which the points of its vertices lie, after `smooth` steps of smoothing: the reach, and
@@ -38,7 +38,7 @@ pub fn halo(smooth: u32) -> u32 {
 }
 
 /// How many planes a vertex may get away from its own, whatever it is fitted to: no step of smoothing takes it farther than a cell; and one for rounding.
-pub const TRAVEL: u32 = PLANE_TRAVEL as u32 + 2;
+pub const TRAVEL: u32 = MOST_TRAVEL as u32 + 2;
 
 /// Planes either side of a slab whose vertices are smoothed, too, so that the slab's become what they are in the whole surface. The first step of
 /// smoothing needs none; each further one goes in and out again and needs a plane for either.

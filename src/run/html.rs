@@ -79,7 +79,7 @@ impl ShownPage {
         let vertices = [
             ("at a point", report.vertices.fitted),
             ("at a sharp edge", report.vertices.creased),
-            ("in the plane of points", report.vertices.projected),
+            ("on the sphere of points", report.vertices.projected),
             ("pulled towards a point", report.vertices.pulled),
             ("no point within reach", report.vertices.unfitted),
             ("across a hole", report.vertices.bridged),

@@ -221,7 +221,7 @@ pub struct Closing {
 #[derive(Debug, Clone, Copy, serde::Serialize)]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub struct FitReport {
-    /// Points, planes or nothing.
+    /// Facets, points, spheres or nothing.
     pub onto: Fit,
     /// The shell of points, if `fit` was `auto`, so that the shell decided.
     pub shell: Option<Shell>,

@@ -76,7 +76,7 @@ impl Report {
             format!("{size}; {closed}, oriented, manifold; {} {parts}{genus}", thousands(check.components)),
             format!("         area {}{volume}", short(check.area)),
         ];
-        if let FitReport { onto: Fit::Plane, shell: Some(shell) } = self.fit {
+        if let FitReport { onto: Fit::Sphere, shell: Some(shell) } = self.fit {
             lines.push(format!(
                 "         noisy points, {:.2} cells thick: the mesh lies amid them; --fit nearest puts it on points",
                 shell.thickness

@@ -1,7 +1,7 @@
 //! The workload: what a run's memory and disk depend on, and the bytes of what persists from pass to pass.
 
 use crate::grid::coarse;
-use crate::grid::partition::plane_halo;
+use crate::grid::partition::sphere_halo;
 use crate::grid::partition::{BUCKET_SLICES, Slabs, buckets_round, halo, slab_count};
 use crate::grid::rank_bitmap::RankBitmap;
 use crate::grid::survey::Wanted;
@@ -510,13 +510,13 @@ impl Workload {
 
     /// Bytes of the means of cells that fitting holds: as counted, or to expect, as if the widest slab's slices had an occupied cell for every face.
     pub(crate) fn means(&self) -> MeansBytes {
-        if !matches!(self.fit, Fit::Plane | Fit::Facets | Fit::Auto | Fit::AutoPoints) {
+        if !matches!(self.fit, Fit::Sphere | Fit::Facets | Fit::Auto | Fit::AutoPoints) {
             return MeansBytes::default();
         }
         if let Some(means) = self.means {
             return means;
         }
-        let window = 2 * u64::from(plane_halo(self.smooth));
+        let window = 2 * u64::from(sphere_halo(self.smooth));
         let in_slice = (self.faces_of_widest() / u64::from(self.slab_slices)).min(self.points / window) + 1;
         let in_slice = vec![u32::try_from(in_slice).unwrap_or(u32::MAX); window as usize];
         MeansBytes::of(&in_slice, self.cells, self.smooth)

@@ -21,7 +21,7 @@ pub struct SurfaceOptions {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Fit {
-    /// Planes where points are noisy, else facets; where cells are given by k or by a number of slices, nearest points instead of facets.
+    /// Spheres where points are noisy, else facets; where cells are given by k or by a number of slices, nearest points instead of facets.
     #[default]
     Auto,
     /// What [`Fit::Auto`] is with the paper's cells.
@@ -32,8 +32,10 @@ pub enum Fit {
     Facets,
     /// Their nearest input points.
     Nearest,
-    /// The planes of the points round them: for noisy points.
-    Plane,
+    /// The spheres of the points round them, which may be as flat as planes: for noisy points.
+    #[cfg_attr(feature = "cli", value(alias = "plane"))]
+    #[serde(alias = "plane")]
+    Sphere,
     /// Nothing: the smoothed surface stays.
     None,
 }
@@ -42,11 +44,16 @@ impl Fit {
     /// What it comes to with points that are noisy or not.
     pub fn chosen(self, noisy: bool) -> Fit {
         match self {
-            Fit::Auto | Fit::AutoPoints if noisy => Fit::Plane,
+            Fit::Auto | Fit::AutoPoints if noisy => Fit::Sphere,
             Fit::Auto => Fit::Facets,
             Fit::AutoPoints => Fit::Nearest,
             given => given,
         }
+    }
+
+    /// Whether edges are flipped where vertices have been moved.
+    pub(crate) fn has_flips(self) -> bool {
+        matches!(self, Fit::Facets | Fit::Sphere)
     }
 
     /// Whether each vertex has a point of its own, so that vertices on one point are contracted.

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::context::Context;
-use crate::grid::partition::PLANE_TRAVEL;
+use crate::grid::partition::MOST_TRAVEL;
 use crate::grid::trace::{Digests, Trace, are_same, digest};
 use crate::grid::window::Window;
 use crate::solid::sign::{Block, PAD};
@@ -29,7 +29,7 @@ const BESIDE: i64 = 4;
 /// Steps towards u = 0.
 const STEPS: usize = 4;
 
-/// A vertex moves by no more cells of the level, nor by more of the grid than [`PLANE_TRAVEL`]: seams look so far.
+/// A vertex moves by no more cells of the level, nor by more of the grid than [`MOST_TRAVEL`]: seams look so far.
 const FARTHEST: f64 = 2.0;
 
 /// A last step longer than this, in cells of the level, leads nowhere.
@@ -221,7 +221,7 @@ impl RoundPlane<'_> {
         }
         let way: [f64; 3] = std::array::from_fn(|a| at[a] - from[a]);
         let length = way.iter().map(|c| c * c).sum::<f64>().sqrt();
-        let most = FARTHEST.min(PLANE_TRAVEL / factor);
+        let most = FARTHEST.min(MOST_TRAVEL / factor);
         let share = if length > most { most / length } else { 1.0 };
         Some(std::array::from_fn(|a| ((from[a] + share * way[a]) * factor).clamp(0.0, f64::from(self.cells[a]))))
     }

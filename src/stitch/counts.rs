@@ -9,7 +9,7 @@ pub struct Counts {
     pub fitted: u64,
     /// Vertices moved onto sharp edges and corners near their points.
     pub creased: u64,
-    /// Vertices moved into the plane of the points round them.
+    /// Vertices moved onto the sphere of the points round them.
     pub projected: u64,
     /// Vertices pulled towards a point that another vertex took.
     pub pulled: u64,

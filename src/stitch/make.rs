@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::grid::occupancy::Sampled;
-use crate::grid::partition::{Slabs, halo, plane_halo, slices_of, smooth_halo};
+use crate::grid::partition::{Slabs, halo, slices_of, smooth_halo, sphere_halo};
 use crate::mesh::spool::Frame;
 use crate::points::Coordinate;
 use crate::resources::allocator;
@@ -23,8 +23,8 @@ use crate::surface::extract::{Surface, Triangles};
 use crate::surface::facets::{Centred, Facets};
 use crate::surface::fit::{Fitted, Task, fit};
 use crate::surface::flips::Flips;
-use crate::surface::plane::project;
 use crate::surface::smooth::smooth;
+use crate::surface::sphere::project;
 use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase};
 use crate::surface::untangle::quantized::PackedBox;
 use crate::surface::untangle::untangle;
@@ -169,9 +169,9 @@ impl<T: Coordinate> SlabMesh<T> {
         };
         let mut fitted = match options.fit {
             Fit::None => Fitted::none(own.len(), room.fitted),
-            Fit::Plane => {
+            Fit::Sphere => {
                 let mut fitted = Fitted::none(own.len(), room.fitted);
-                let halo = plane_halo(options.smooth);
+                let halo = sphere_halo(options.smooth);
                 let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo };
                 project(sampled, solid, &task, |v, place| {
                     state[v] = VertexState::Projected;
@@ -314,7 +314,7 @@ impl<T: Coordinate> SlabMesh<T> {
         end_stage();
         begins(&|stages| stages.retreating);
         // Flips are held until a slab is written; with vertices on points it holds as little as can be.
-        let flips = is_centred && chooses_diagonals;
+        let flips = options.fit.has_flips() && options.diagonals == Diagonals::Delaunay;
         mesh.untangle_inside(frame, &mut BroadPhase::new(grid, frame.origin), flips);
         end_stage();
         begins(&|stages| stages.made);

@@ -14,7 +14,7 @@ use crate::surface::fit::Fitted;
 use crate::surface::untangle::broad_phase::{BLOCK, BroadPhase};
 use crate::surface::untangle::quantized::{PackedBox, QuantizedPoint};
 use crate::surface::vertex_state::VertexState;
-use crate::surface::{creases, facets, flips, plane, smooth, untangle};
+use crate::surface::{creases, facets, flips, smooth, sphere, untangle};
 
 /// What a slab's memory depends on, in faces; where they are counted, in [`crate::surface::vertices::weights`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -57,8 +57,8 @@ pub struct Made {
 /// Bytes of the means of cells that are held at a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct MeansBytes {
-    /// By fitting to planes.
-    pub of_planes: u64,
+    /// By fitting to spheres.
+    pub of_spheres: u64,
     /// By fitting facets.
     pub of_facets: u64,
 }
@@ -67,7 +67,7 @@ impl MeansBytes {
     /// On a grid of `cells` with so many occupied cells `in_slice`.
     pub fn of(in_slice: &[u32], cells: Cell, smooth: u32) -> MeansBytes {
         MeansBytes {
-            of_planes: plane::bytes(in_slice, cells, smooth),
+            of_spheres: sphere::bytes(in_slice, cells, smooth),
             of_facets: facets::bytes_of_means(in_slice, cells),
         }
     }
@@ -82,6 +82,11 @@ impl Made {
     /// Whether vertices may go to places other than their points, so that facets pass amid these.
     fn may_be_centred(&self) -> bool {
         matches!(self.fit, Fit::Auto | Fit::Facets)
+    }
+
+    /// Whether edges may be flipped.
+    fn may_have_flips(&self) -> bool {
+        matches!(self.fit, Fit::Auto | Fit::AutoPoints) || self.fit.has_flips()
     }
 }
 
@@ -211,7 +216,7 @@ impl Size {
         Stars::bytes(Size::vertices(self.faces + self.ends[1]), triangles)
             + own * size_of::<QuantizedPoint>() as u64
             + triangles / BLOCK as u64 * size_of::<PackedBox>() as u64
-            + if of.may_be_centred() { flips::bytes(triangles) } else { 0 }
+            + if of.may_have_flips() { flips::bytes(triangles) } else { 0 }
     }
 
     /// Triangles likewise, with those that midpoints add.
@@ -272,11 +277,11 @@ impl Size {
         let centring = around + points.max(means.of_facets + facets::bytes(round, 2 * round, of.may_have_creases()));
         let centring = if in_used_room { centring.saturating_sub(after) } else { centring };
         let moved = match of.fit {
-            Fit::Auto => points.max(means.of_planes).max(centring),
+            Fit::Auto => points.max(means.of_spheres).max(centring),
             // Places in cells are for the diagonals.
-            Fit::AutoPoints => points.max(means.of_planes).max(places),
+            Fit::AutoPoints => points.max(means.of_spheres).max(places),
             Fit::Facets => centring,
-            Fit::Plane => means.of_planes.max(if of.attributes > 0 { points } else { 0 }),
+            Fit::Sphere => means.of_spheres.max(if of.attributes > 0 { points } else { 0 }),
             Fit::Nearest => points.max(places),
             Fit::None if of.attributes > 0 => points,
             Fit::None => 0,
@@ -290,7 +295,7 @@ impl Size {
         let contracting = contract::bytes(own);
         let near = BroadPhase::bytes(self.faces, self.layer);
         let triangles = self.triangles();
-        let flipping = if of.may_be_centred() { flips::bytes_of_flipping(triangles) } else { 0 };
+        let flipping = if of.may_have_flips() { flips::bytes_of_flipping(triangles) } else { 0 };
         let retreating = own * of.coordinates + untangle::bytes(own, near).max(flipping);
         let touched = |bytes: u64| if in_used_room { made } else { bytes };
         let quantized = own * size_of::<QuantizedPoint>() as u64;

@@ -16,8 +16,9 @@ use crate::grid::partition::BUCKET_SLICES;
 use crate::grid::slice::{Bits, Runs};
 use crate::points::Coordinate;
 use crate::solid::Solid;
+use crate::surface::flattest::{flattest, variance_along};
 use crate::surface::outward::{self, Outward};
-use crate::surface::plane::{agreement, variance_across};
+use crate::surface::sphere::agreement;
 
 /// Slices that are looked at, and cells in each.
 const SLICES: u32 = 16;
@@ -32,12 +33,12 @@ const LEAST: i64 = 6;
 /// The thickness that is noise, in cells. On 17 clouds the thickest clean one had .051 and the thinnest noisy one .111, by cells of k = 4.
 const NOISE: f64 = 0.08;
 
-/// Wider blocks of noise are at most so many times as thick. Where curvature makes a block thick it is 2 to 3 times.
-const EVEN: f64 = 1.5;
+/// Wider blocks of noise are at most so many times as thick: 1.1 to 1.5 times, of misregistered scans 1.6, of noise that fills the smaller blocks 1.8. Where curvature makes a block thick, or
+/// a body is filled, it is 1.9 to 3 times.
+const EVEN: f64 = 1.8;
 
-/// A shell as thick as this fills the smaller blocks, so that the wider ones are thicker from noise, too: up to so many times. The thickest clean surface had .40,
-/// however coarse its cells. Filled bodies are as thick, but their wider blocks 1.9 times and more.
-const FILLED: (f64, f64) = (0.42, 1.8);
+/// A shell as thick as this fills the smaller blocks. The thickest clean surface had .40, however coarse its cells.
+const FILLED: f64 = 0.42;
 
 /// Noise as thick as this, in cells, leads planes of walls astray, and hides walls behind their own points.
 const HIDING: f64 = 0.25;
@@ -84,7 +85,7 @@ impl Moments {
             let c = (product as f64 / n - mean[*a] * mean[*b]) / (QUANTA * QUANTA);
             (covariance[*a][*b], covariance[*b][*a]) = (c, c);
         }
-        variance_across(&covariance).max(0.0)
+        variance_along(&flattest(&covariance), &covariance).max(0.0)
     }
 }
 
@@ -100,13 +101,12 @@ pub struct Shell {
 impl Shell {
     /// Whether that is noise. Curvature and edges make wider blocks thicker; noise does only where it fills the smaller ones.
     pub fn is_noisy(&self) -> bool {
-        let even = if self.thickness > FILLED.0 { FILLED.1 } else { EVEN };
-        self.thickness > NOISE && self.wider < even * self.thickness
+        self.thickness > NOISE && self.wider < EVEN * self.thickness
     }
 
     /// Whether it is as thick as the smaller blocks let it be, or nearly: as noise of a cell and more is, and a filled body.
     pub fn fills_blocks(&self) -> bool {
-        self.thickness > FILLED.0
+        self.thickness > FILLED
     }
 
     /// Whether it is noise so thick that what the walls of a slot say of it means nothing ([`crate::solid::reopen`]).

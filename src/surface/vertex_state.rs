@@ -9,7 +9,7 @@ pub enum VertexState {
     Fitted,
     /// It takes a place on a crease that is near its point; or it has gone back from there, so many steps ([`CREASED`]).
     Creased(u8),
-    /// It moves into the plane of the points round it.
+    /// It moves onto the sphere of the points round it.
     Projected,
     /// It lies where a hole is bridged: at the height that is interpolated there, or on the membrane that closes it.
     Bridged,

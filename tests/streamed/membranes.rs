@@ -97,7 +97,7 @@ proptest! {
     fn holes_are_closed_by_what_is_smooth_and_flat(
         hole in capless(),
         (count, side) in prop_oneof![(9_000u32..20_000, 1.2f64..1.5), (50_000u32..70_000, 0.6f64..0.8)],
-        fit in prop_oneof![Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Plane)],
+        fit in prop_oneof![Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Sphere)],
     ) {
         let run = stream(&hole.samples(count), true, &settings(count, side, fit), Means::Ample).unwrap();
         crate::twin::check::check(run.mesh.0.len(), &run.mesh.1).map_err(TestCaseError::fail)?;
@@ -115,7 +115,7 @@ proptest! {
     fn means_do_not_show_in_membranes(
         hole in capless(),
         side in 0.6f64..1.5,
-        fit in prop_oneof![Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Plane)],
+        fit in prop_oneof![Just(Fit::Facets), Just(Fit::Nearest), Just(Fit::Sphere)],
         slab in prop::option::of(12u32..16),
     ) {
         let points = hole.samples(12_000);

@@ -1,4 +1,4 @@
-//! Noisy clouds: `--fit plane` leads the surface back to where the points were sampled.
+//! Noisy clouds: `--fit sphere` leads the surface back to where the points were sampled.
 
 use asra_stream::internals::format::read;
 use asra_stream::internals::resources::workers::Workers;
@@ -60,12 +60,12 @@ fn errors_of_a_sphere(noise_in_cells: f64, fit: Fit) -> (f64, f64) {
 }
 
 #[test]
-fn planes_take_most_of_the_noise_away() {
+fn spheres_take_most_of_the_noise_away() {
     for noise in [0.25, 0.5, 1.0] {
-        let (plane, turned) = errors_of_a_sphere(noise, Fit::Plane);
+        let (sphere, turned) = errors_of_a_sphere(noise, Fit::Sphere);
         let (nearest, _) = errors_of_a_sphere(noise, Fit::Nearest);
-        assert!(plane < noise / 3.0, "noise {noise}: {plane} cells off, with the nearest points {nearest}");
-        assert!(plane < nearest / 3.0, "noise {noise}: {plane} cells off, with the nearest points {nearest}");
+        assert!(sphere < noise / 3.0, "noise {noise}: {sphere} cells off, with the nearest points {nearest}");
+        assert!(sphere < nearest / 3.0, "noise {noise}: {sphere} cells off, with the nearest points {nearest}");
         assert!(turned < 5.0, "noise {noise}: triangles {turned} degrees askew");
     }
 }
@@ -88,10 +88,10 @@ fn chosen(shape: Shape, points: u64, noise: f64, seed: u64) -> Fit {
 }
 
 #[test]
-fn planes_are_chosen_where_noise_is_wider_than_a_cell() {
+fn spheres_are_chosen_where_noise_is_wider_than_a_cell() {
     // Noise of a cell fills the smaller of the blocks that measure it.
     for (shape, noise) in [(Shape::Box, 0.018), (Shape::Sphere, 0.0115), (Shape::Torus, 0.0092)] {
-        assert_eq!(chosen(shape, 60_000, noise, 1), Fit::Plane, "{shape}");
+        assert_eq!(chosen(shape, 60_000, noise, 1), Fit::Sphere, "{shape}");
     }
     // A body that points fill is no shell.
     assert_eq!(chosen(Shape::Volume, 60_000, 0.0, 1), Fit::Facets);
@@ -102,7 +102,7 @@ proptest! {
 
     #[test]
     #[ignore = "exhaustive"]
-    fn planes_are_chosen_where_points_are_noisy_and_nowhere_else(
+    fn spheres_are_chosen_where_points_are_noisy_and_nowhere_else(
         shape in prop_oneof![Just(Shape::Sphere), Just(Shape::Torus), Just(Shape::Box), Just(Shape::Knot)],
         points in 20_000u64..40_000,
         seed in 1u64..1000,
@@ -112,7 +112,7 @@ proptest! {
         prop_assert_eq!(chosen(shape, points, 0.0, seed), Fit::Facets);
         // The knot's tube is so thin that its curvature hides the noise.
         if shape != Shape::Knot {
-            prop_assert_eq!(chosen(shape, points, 0.4 * distance, seed), Fit::Plane);
+            prop_assert_eq!(chosen(shape, points, 0.4 * distance, seed), Fit::Sphere);
         }
     }
 }

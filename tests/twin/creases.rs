@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::plane::dot;
+use super::sphere::dot;
 use super::surface::Surface;
 
 /// How many cells a vertex sees along each axis.

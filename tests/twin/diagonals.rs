@@ -1,6 +1,6 @@
 //! Diagonals of faces once more, where vertices have their points.
 
-use super::plane::dot;
+use super::sphere::dot;
 use super::surface::{Surface, larger_angle};
 
 type Place = [f64; 3];

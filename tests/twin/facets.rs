@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
 
-use super::plane::{Cell, Means, dot};
+use super::sphere::{Cell, Means, dot};
 use super::surface::Surface;
 
 /// What facets are made of: a surface, the place of each vertex in cells, and the number of its point.

@@ -10,8 +10,8 @@ use super::diagonals;
 use super::facets::{Centred, Facets};
 use super::flips::Asked;
 use super::grid::{cell_of, place_in_cell, to_file};
-use super::plane::{Means, outward};
 use super::retreat::retreat;
+use super::sphere::{Means, outward_of_corner};
 use super::surface::Surface;
 use super::{Diagonals, Fit, Params, TwinMesh};
 
@@ -54,7 +54,7 @@ pub enum State {
     Fitted,
     /// At a crease, or so many thirds of the way there from where it would be without.
     Creased(u8),
-    /// In the plane of the points round it.
+    /// On the sphere of the points round it.
     Projected,
     /// Where a hole is bridged.
     Bridged,
@@ -77,7 +77,7 @@ pub struct Fitting {
     /// R of every vertex.
     rest: Vec<[f64; 3]>,
     nearest: Vec<Nearest>,
-    /// Where the planes of the points round them take the vertices.
+    /// Where the spheres of the points round them take the vertices.
     projected: Vec<Option<[f64; 3]>>,
     /// Where vertices go instead of their points, and what they go back to first.
     centred: Vec<Option<Centred>>,
@@ -104,7 +104,7 @@ pub fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMe
     for &slab in &slabs {
         let inner = fitting.inner_planes(slab);
         let among = |t: [u32; 3]| t.iter().all(|&v| inner.contains(&plane(v)));
-        if fitting.params.fit == Fit::Facets && fitting.chooses_diagonals() {
+        if matches!(params.fit, Fit::Facets | Fit::Sphere) && params.diagonals == Diagonals::Delaunay {
             let asked = Asked {
                 inside: &|v| inner.contains(&plane(v)),
                 place: &|v| fitting.written(v, states[v as usize]),
@@ -156,10 +156,10 @@ impl Fitting {
             .map(|v| if finds_point(v) { nearest(targets[v], &sorted, params.w) } else { None })
             .collect();
         let mut projected: Vec<Option<[f64; 3]>> = match params.fit {
-            Fit::Plane => {
+            Fit::Sphere => {
                 let means = Means::of(points, &surface.solid, params);
-                // A corner lies half a cell before the middle of its cell; a middle of a doubled edge has no side.
-                let side = |corner: Corner| outward(&surface.solid, corner.map(|c| f64::from(c) - 0.5));
+                // A middle of a doubled edge has no side.
+                let side = |corner: Corner| outward_of_corner(&surface.solid, corner);
                 let place = |(&q, corner): (&[f64; 3], &Option<Corner>)| {
                     means.projected(q, corner.map_or([0.0; 3], side)).map(|q| as_input(to_file(q, params), params))
                 };

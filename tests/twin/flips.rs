@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::contract::Contraction;
 use super::diagonals::{cross, cuts, minus, normal};
-use super::plane::dot;
+use super::sphere::dot;
 use super::surface::larger_angle;
 
 /// Of two triangles, where the corner is that each passes on, whose it was, and whose it is.

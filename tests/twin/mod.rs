@@ -23,11 +23,11 @@ pub mod flips;
 pub mod grid;
 pub mod ground;
 pub mod intersect;
-pub mod plane;
 pub mod retreat;
 pub mod shell;
 pub mod sides;
 pub mod solid;
+pub mod sphere;
 pub mod surface;
 
 pub use grid::{Axis, grid_for};
@@ -50,7 +50,7 @@ pub enum Keep {
 /// What vertices are moved onto.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fit {
-    /// Planes where the shell of points is noise, else facets.
+    /// Spheres where the shell of points is noise, else facets.
     Auto,
     /// The same, but the nearest points instead of facets.
     AutoPoints,
@@ -58,8 +58,8 @@ pub enum Fit {
     Facets,
     /// Their nearest points.
     Nearest,
-    /// The planes of the points round them.
-    Plane,
+    /// The spheres of the points round them.
+    Sphere,
     /// Nothing.
     None,
 }
@@ -176,7 +176,7 @@ fn finish(surface: &Surface, points: &[[f64; 3]], params: &Params) -> TwinMesh {
         Fit::Auto | Fit::AutoPoints => {
             let noisy = shell::shell(points, &surface.solid, params).is_some_and(shell::is_noisy);
             if noisy {
-                Fit::Plane
+                Fit::Sphere
             } else if params.fit == Fit::Auto {
                 Fit::Facets
             } else {

@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::Params;
 use super::grid::{cell_of, place_in_cell};
-use super::plane::{agreement, flattest, outward};
 use super::solid::Cells;
+use super::sphere::{agreement, flattest, outward};
 
 /// The lower quartiles of the thickness of blocks of 3³ and 5³ cells; `None` if too few of them tell.
 pub fn shell(points: &[[f64; 3]], solid: &Cells, params: &Params) -> Option<[f64; 2]> {
@@ -23,7 +23,7 @@ pub fn shell(points: &[[f64; 3]], solid: &Cells, params: &Params) -> Option<[f64
         cells.sort_by_key(|cell| (cell[2], cell[0]));
         for cell in cells.iter().copied().step_by(cells.len().div_ceil(128).max(1)) {
             looked_at += 1;
-            let side = outward(solid, cell.map(f64::from));
+            let side = outward(solid, cell);
             let back = [0, 1, 2].map(|a| cell[a] - (3.0 * side[a]).round() as i32);
             if side == [0.0; 3] || !solid.get(back) {
                 continue;
@@ -33,7 +33,7 @@ pub fn shell(points: &[[f64; 3]], solid: &Cells, params: &Params) -> Option<[f64
                 for (other, within) in &places {
                     let away = [0, 1, 2].map(|a| other[a] - cell[a]);
                     let near = away.iter().all(|d| d.abs() <= reach);
-                    if near && agreement(side, outward(solid, other.map(f64::from))) > 0.0 {
+                    if near && agreement(side, outward(solid, *other)) > 0.0 {
                         block.extend(within.iter().map(|p| [0, 1, 2].map(|a| p[a] + 1024 * i64::from(away[a]))));
                     }
                 }
@@ -55,7 +55,7 @@ pub fn shell(points: &[[f64; 3]], solid: &Cells, params: &Params) -> Option<[f64
 
 /// Whether a shell is noise.
 pub fn is_noisy([thickness, wider]: [f64; 2]) -> bool {
-    thickness > 0.08 && wider < if thickness > 0.42 { 1.8 } else { 1.5 } * thickness
+    thickness > 0.08 && wider < 1.8 * thickness
 }
 
 /// The variance of places across their flattest direction, in square cells.

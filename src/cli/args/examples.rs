@@ -8,7 +8,7 @@ Examples:
   asra-stream 'scans/*.las' --max-memory 2G -o all.glb    many files as one cloud, in at most 2 GB
   asra-stream tile.laz --surface terrain --cell-size auto -o tile.ply
                                                           ground, buildings and trees, seen from above
-  asra-stream scan.e57 --fit plane --cell-size 5mm        a noisy scan
+  asra-stream scan.e57 --fit sphere --cell-size 5mm       a noisy scan
   asra-stream plan scan.ply --max-memory 2G               what it would take: no mesh is made";
 
 pub const PLAN: &str = "\

@@ -9,8 +9,8 @@
 //! ```
 
 use super::layers::{Held, Rounds};
-use super::vector::{cross, dot, minus, times};
 use super::wall::Wall;
+use crate::points::vector::{cross, dot, minus, times};
 
 /// The polygon that is cut: its radius, in cells, and the directions of its corners.
 const RADIUS: f64 = 2.2;

@@ -27,7 +27,6 @@ mod plane;
 mod signs;
 mod sizes;
 mod tile;
-mod vector;
 mod wall;
 
 #[cfg(test)]

@@ -11,8 +11,8 @@
 
 use super::layers::{Held, Stretch};
 use super::tile::Tile;
-use super::vector::{dot, minus, times};
 use super::wall::{HIDDEN, THIN, Wall};
+use crate::points::vector::{dot, minus, times};
 
 /// A wall's cell opens if no more of it is inside, and its plane is as sure.
 const MOSTLY_OUTSIDE: f64 = 0.5;

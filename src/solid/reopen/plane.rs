@@ -13,7 +13,7 @@
 use bytemuck::{Pod, Zeroable};
 use multiversion::multiversion;
 
-use super::vector::{cross, dot, minus, plus, times};
+use crate::points::vector::{cross, dot, minus, plus, times};
 
 /// What is known of the points of a cell.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]

@@ -22,10 +22,10 @@ use bytemuck::{Pod, Zeroable};
 
 use super::Slabs;
 use super::layers::{Held, Layers, Rounds};
-use super::vector::{dot, minus};
 use super::wall::{HIDDEN, Relation, SEEN, Wall};
 use crate::error::Result;
 use crate::grid::context::CHUNK_SLICES;
+use crate::points::vector::{dot, minus};
 
 /// Walls of which one surely goes on as the other: how sure both are of their planes, how nearly parallel, how far apart, how far off each other's plane, and how
 /// much more for each cell along it.

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::area::Areas;
 use super::layers::{Rounds, Stretch};
-use super::vector::{dot, minus, plus, times};
+use crate::points::vector::{dot, minus, plus, times};
 
 /// An occupied cell with its plane.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]

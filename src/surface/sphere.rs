@@ -1,0 +1,247 @@
+//! Fitting to noisy points: every vertex moves onto the sphere of the points round it, in a few steps.
+//!
+//! Noise makes the occupied cells a thick shell, and the solid's surface its outside. The shell's middle is found from where the points are and from which way is
+//! outward at each ([`crate::surface::outward`]): onto both a sphere is fitted, which may be as flat as a plane, and the vertex goes straight to it.
+//!
+//! ```text
+//!      q'  .                       The first steps look far, as the shell may be some cells thick; the last look as far as the noise asks for: the wider the
+//!       .  |  .     .              look, the less of the noise is left, and the more of what bends unlike a sphere is flattened.
+//!    .  .  v   . .    .  .
+//!   ....---x---..........----      A sphere is fitted to cells, not to points: a cell counts by the mean of its points and their
+//!     .  .    .   .  .   .         number. Within a cell sums are of integers, across cells they run in the cells'
+//!                                  order; so the order in which points arrive cannot show.
+//! ```
+//!
+//! Only points on the vertex's own side count: those whose cell's outward direction is not opposite to the vertex's, by the
+//! cosine between the two. So both sides of a thin plate stay where they are, and the points beyond an edge pull less. Cells that have no
+//! outward direction (in the middle of a plate, deep in a thick shell) agree with all, and then have the vertex's.
+//!
+//! A vertex that has none itself, as it lies between two sides, goes into the plane of all points round it: across the direction in which they spread least
+//! ([`crate::surface::flattest`]). A vertex without points in sight, or led farther than [`MOST_TRAVEL`] cells, stays where it was.
+//!
+//! Source: G. Guennebaud, M. Germann and M. Gross, *Dynamic sampling and rendering of algebraic point set surfaces* (2008), equations 5 to 7.
+
+use std::ops::Range;
+
+use crate::error::Result;
+use crate::grid::Cell;
+use crate::grid::occupancy::Sampled;
+use crate::grid::partition::{MOST_TRAVEL, SPHERE_SIGHT, sphere_halo};
+use crate::grid::window::Window;
+use crate::points::Coordinate;
+use crate::points::vector::{dot, minus, plus, times};
+use crate::solid::Solid;
+use crate::surface::fit::Task;
+use crate::surface::flattest::{Matrix, flattest, variance_along};
+use crate::surface::means::{self, MeansReader, SliceMeans};
+use crate::surface::outward::{self, Outward};
+use crate::surface::vertices::Kind;
+
+/// How far the first steps look, in cells. With noise of a cell, a surface starts three to four cells outside.
+const FIRST: [f64; 2] = [SPHERE_SIGHT, 3.0];
+
+/// Steps that look as far as the noise asks for.
+const LAST: u32 = 3;
+
+/// How far those look where there is no noise, and at most, in cells.
+const SIGHT: (f64, f64) = (2.5, SPHERE_SIGHT);
+/// How much farther they look, by the square of the variance across the sphere in square cells. Bends and edges that are small beside the look have a small variance, of which the square is
+/// next to nothing.
+const SIGHT_FOR_NOISE: f64 = 10.0;
+
+/// Less variance of the distances from the vertex than this part of the squared look is taken for so much: cells at one place tell nothing of how the surface bends.
+const LEAST_SPREAD: f64 = 1e-3;
+
+/// Where the vertices on some planes of a slab go: `put` is told a vertex, counted from the first on the task's planes, and its place in cells; of those that find no
+/// sphere it hears nothing. The task's halo is [`crate::grid::partition::sphere_halo`].
+///
+/// Memory: a chunk of a bucket, and the means of the halo's slices either side of a plane.
+///
+/// # Errors
+/// [`crate::Error::Io`].
+pub fn project<T: Coordinate>(
+    sampled: &Sampled<'_, T>,
+    solid: &Solid,
+    task: &Task<'_>,
+    mut put: impl FnMut(usize, [f64; 3]),
+) -> Result<()> {
+    let Task { surface, q, ref planes, halo } = *task;
+    let [width, _, rows] = sampled.grid.cells();
+    let halo = i64::from(halo);
+    let mut window = Window::new(2 * halo as usize, || SliceMeans::new(width, rows));
+    let mut reader = MeansReader::new(sampled, Some(solid));
+    let mut corners = Outward::of_corners(solid);
+    let first = surface.on_plane(planes.start).start;
+    for plane in planes.clone() {
+        window.slide_to(i64::from(plane) - halo, |y, slice| reader.read(y, slice))?;
+        let seen = i64::from(plane) - halo..i64::from(plane) + halo;
+        let near = Near { window: &window, slices: seen };
+        corners.slide_to(i64::from(plane))?;
+        for v in surface.on_plane(plane) {
+            let vertex = &surface.vertices[v as usize];
+            // The midpoint of a doubled edge lies between two sides.
+            let outward = match vertex.kind {
+                Kind::Sheet(_) => corners.at(vertex.corner[0], i64::from(plane), vertex.corner[2]),
+                Kind::Midpoint(_) => [0.0; 3],
+            };
+            if let Some(place) = near.projected(q[v as usize], outward) {
+                put((v - first) as usize, place);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Bytes that [`project`] needs, on a grid of `cells` with so many occupied cells `in_slice`: the means of
+/// a window of slices, and the sums of a bucket's.
+pub fn bytes(in_slice: &[u32], cells: Cell, smooth: u32) -> u64 {
+    let [width, _, rows] = cells;
+    means::bytes(in_slice, 2 * sphere_halo(smooth) as usize, [width, rows]) + 2 * outward::bytes(cells)
+}
+
+/// The means near a plane.
+struct Near<'a> {
+    window: &'a Window<SliceMeans>,
+    slices: Range<i64>,
+}
+
+/// Weighted means over the cells in sight of a place; d leads to a cell's mean, n is outward of it.
+#[derive(Default)]
+struct Around {
+    weight: f64,
+    /// d.
+    place: [f64; 3],
+    /// n.
+    outward: [f64; 3],
+    /// n·d.
+    off: f64,
+    /// d·d by axes: xx, yy, zz, xy, xz, yz.
+    products: [f64; 6],
+}
+
+/// The places x where `constant + linear · x + square x²` is 0; that grows outwards, by nearly 1 for each cell. Places are seen from where it was fitted.
+struct Sphere {
+    constant: f64,
+    linear: [f64; 3],
+    square: f64,
+}
+
+impl Near<'_> {
+    /// Where a vertex at `start` goes, if that is outward from it.
+    fn projected(&self, start: [f64; 3], outward: [f64; 3]) -> Option<[f64; 3]> {
+        let mut found = None;
+        let (mut at, mut sight) = (start, FIRST[0]);
+        for step in 0..FIRST.len() as u32 + LAST {
+            let Some(around) = self.around(at, outward, sight) else { break };
+            let (way, variance) =
+                if is_none(outward) { around.to_plane() } else { around.sphere(sight).step(&around, sight) };
+            let next = plus(at, way);
+            let moved = minus(next, start);
+            if dot(moved, moved) > MOST_TRAVEL * MOST_TRAVEL {
+                break;
+            }
+            at = next;
+            found = Some(at);
+            sight = match FIRST.get(step as usize + 1) {
+                Some(sight) => *sight,
+                None => (SIGHT.0 + SIGHT_FOR_NOISE * variance * variance).min(SIGHT.1),
+            };
+        }
+        found
+    }
+
+    /// What lies within `sight` of a place and on its side; none if nothing does.
+    fn around(&self, at: [f64; 3], outward: [f64; 3], sight: f64) -> Option<Around> {
+        let [xs, ys, zs] = at.map(|c| (c - sight).floor() as i64..(c + sight).floor() as i64 + 1);
+        let mut sums = Around::default();
+        for y in ys.start.max(self.slices.start)..ys.end.min(self.slices.end) {
+            let slice = self.window.get(y);
+            for z in zs.clone() {
+                for mean in &slice.means[slice.cells.cells(z, xs.clone())] {
+                    let d = minus(mean.place(y as f64, z as f64), at);
+                    let share = 1.0 - dot(d, d) / (sight * sight);
+                    if share > 0.0 {
+                        let n = mean.outward.map(f64::from);
+                        let w = (share * share) * (share * share) * f64::from(mean.points) * agreement(outward, n);
+                        sums.add(w, d, if is_none(n) { outward } else { n });
+                    }
+                }
+            }
+        }
+        sums.mean()
+    }
+}
+
+impl Around {
+    fn add(&mut self, w: f64, d: [f64; 3], n: [f64; 3]) {
+        let [x, y, z] = d;
+        self.weight += w;
+        self.off += w * dot(n, d);
+        for a in 0..3 {
+            self.place[a] += w * d[a];
+            self.outward[a] += w * n[a];
+        }
+        for (sum, product) in self.products.iter_mut().zip([x * x, y * y, z * z, x * y, x * z, y * z]) {
+            *sum += w * product;
+        }
+    }
+
+    /// The means of what was added; none if it weighs nothing.
+    fn mean(self) -> Option<Around> {
+        let Around { weight, place, outward, off, products } = self;
+        (weight > 0.0).then(|| Around {
+            weight: 1.0,
+            place: place.map(|c| c / weight),
+            outward: outward.map(|c| c / weight),
+            off: off / weight,
+            products: products.map(|c| c / weight),
+        })
+    }
+
+    /// The sphere whose gradient at the cells is nearest to their outward directions by least squares, and that lies amid them.
+    fn sphere(&self, sight: f64) -> Sphere {
+        let squared = self.products[0] + self.products[1] + self.products[2];
+        let spread = (squared - dot(self.place, self.place)).max(LEAST_SPREAD * sight * sight);
+        let square = 0.5 * (self.off - dot(self.outward, self.place)) / spread;
+        let linear = minus(self.outward, times(2.0 * square, self.place));
+        Sphere { constant: -dot(linear, self.place) - square * squared, linear, square }
+    }
+
+    /// The way into the plane of the cells, and their variance across it.
+    fn to_plane(&self) -> ([f64; 3], f64) {
+        let covariance = self.covariance();
+        let across = flattest(&covariance);
+        (across.map(|row| dot(row, self.place)), variance_along(&across, &covariance))
+    }
+
+    fn covariance(&self) -> Matrix {
+        let ([x, y, z], [xx, yy, zz, xy, xz, yz]) = (self.place, self.products);
+        let (xy, xz, yz) = (xy - x * y, xz - x * z, yz - y * z);
+        [[xx - x * x, xy, xz], [xy, yy - y * y, yz], [xz, yz, zz - z * z]]
+    }
+}
+
+impl Sphere {
+    /// The way to the sphere from where it was fitted, no longer than `sight`, and the variance of the cells across it there.
+    fn step(&self, around: &Around, sight: f64) -> ([f64; 3], f64) {
+        let steepness = dot(self.linear, self.linear).sqrt().max(f64::MIN_POSITIVE);
+        let across = times(1.0 / steepness, self.linear);
+        // The nearer root of constant + steepness t + square t²; where there is none, its vertex.
+        let left = (steepness * steepness - 4.0 * self.square * self.constant).max(0.0);
+        let far = (-2.0 * self.constant / (steepness + left.sqrt())).clamp(-sight, sight);
+        let covariance = around.covariance();
+        (times(far, across), dot(across, covariance.map(|row| dot(row, across))))
+    }
+}
+
+/// Whether there is no outward direction.
+#[inline]
+fn is_none([x, y, z]: [f64; 3]) -> bool {
+    x == 0.0 && y == 0.0 && z == 0.0
+}
+
+/// How far a cell is on a vertex's side: 0 from a right angle between the two on, 1 up to a cosine of 2/3; 1 if one of them has no outward direction.
+#[inline]
+pub(crate) fn agreement(vertex: [f64; 3], cell: [f64; 3]) -> f64 {
+    if is_none(vertex) || is_none(cell) { 1.0 } else { (1.5 * dot(vertex, cell)).clamp(0.0, 1.0) }
+}
