@@ -68,7 +68,7 @@ impl Fit {
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(not(feature = "internals"), non_exhaustive)]
 pub enum Diagonals {
-    /// The one that makes the larger smallest angle: chosen again where vertices have their points. Where facets are fitted, edges are flipped, too.
+    /// The one that makes the larger smallest angle: chosen again where vertices have their points. Where facets or spheres are fitted, edges are flipped, too.
     #[default]
     Delaunay,
     /// Either, by a hash of the face's place (the paper's control).

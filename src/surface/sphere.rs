@@ -45,12 +45,15 @@ const LAST: u32 = 3;
 
 /// How far those look where there is no noise, and at most, in cells.
 const SIGHT: (f64, f64) = (2.5, SPHERE_SIGHT);
-/// How much farther they look, by the square of the variance across the sphere in square cells. Bends and edges that are small beside the look have a small variance, of which the square is
+/// How much farther they look, by the square of the variance about the sphere in square cells. Edges and what else bends unlike a sphere have a small variance, of which the square is
 /// next to nothing.
-const SIGHT_FOR_NOISE: f64 = 10.0;
+const SIGHT_FOR_NOISE: f64 = 9.0;
 
 /// Less variance of the distances from the vertex than this part of the squared look is taken for so much: cells at one place tell nothing of how the surface bends.
 const LEAST_SPREAD: f64 = 1e-3;
+
+/// Where the sphere's gradient is less steep, cells face all ways: there is no sphere, and no way to it.
+const LEAST_STEEPNESS: f64 = 1e-6;
 
 /// Where the vertices on some planes of a slab go: `put` is told a vertex, counted from the first on the task's planes, and its place in cells; of those that find no
 /// sphere it hears nothing. The task's halo is [`crate::grid::partition::sphere_halo`].
@@ -117,9 +120,12 @@ struct Around {
     off: f64,
     /// d·d by axes: xx, yy, zz, xy, xz, yz.
     products: [f64; 6],
+    /// The square of how far the cell is off the sphere of the step before.
+    variance: f64,
 }
 
-/// The places x where `constant + linear · x + square x²` is 0; that grows outwards, by nearly 1 for each cell. Places are seen from where it was fitted.
+/// The places x where `constant + linear · x + square x²` is 0, seen from where it was fitted; `linear` has length 1, so that near the sphere this is nearly how far outside x lies.
+#[derive(Default)]
 struct Sphere {
     constant: f64,
     linear: [f64; 3],
@@ -131,10 +137,17 @@ impl Near<'_> {
     fn projected(&self, start: [f64; 3], outward: [f64; 3]) -> Option<[f64; 3]> {
         let mut found = None;
         let (mut at, mut sight) = (start, FIRST[0]);
+        let (mut sphere, mut way) = (Sphere::default(), [0.0; 3]);
         for step in 0..FIRST.len() as u32 + LAST {
-            let Some(around) = self.around(at, outward, sight) else { break };
-            let (way, variance) =
-                if is_none(outward) { around.to_plane() } else { around.sphere(sight).step(&around, sight) };
+            let Some(around) = self.around(at, outward, sight, (&sphere, way)) else { break };
+            let variance;
+            if is_none(outward) {
+                (way, variance) = around.to_plane();
+            } else {
+                variance = around.variance;
+                sphere = around.sphere(sight);
+                way = sphere.way(sight);
+            }
             let next = plus(at, way);
             let moved = minus(next, start);
             if dot(moved, moved) > MOST_TRAVEL * MOST_TRAVEL {
@@ -150,8 +163,8 @@ impl Near<'_> {
         found
     }
 
-    /// What lies within `sight` of a place and on its side; none if nothing does.
-    fn around(&self, at: [f64; 3], outward: [f64; 3], sight: f64) -> Option<Around> {
+    /// What lies within `sight` of a place and on its side; none if nothing does. `before` is the sphere of the step before, and the way from there.
+    fn around(&self, at: [f64; 3], outward: [f64; 3], sight: f64, before: (&Sphere, [f64; 3])) -> Option<Around> {
         let [xs, ys, zs] = at.map(|c| (c - sight).floor() as i64..(c + sight).floor() as i64 + 1);
         let mut sums = Around::default();
         for y in ys.start.max(self.slices.start)..ys.end.min(self.slices.end) {
@@ -164,6 +177,8 @@ impl Near<'_> {
                         let n = mean.outward.map(f64::from);
                         let w = (share * share) * (share * share) * f64::from(mean.points) * agreement(outward, n);
                         sums.add(w, d, if is_none(n) { outward } else { n });
+                        let off = before.0.value(plus(before.1, d));
+                        sums.variance += w * (off * off);
                     }
                 }
             }
@@ -188,13 +203,14 @@ impl Around {
 
     /// The means of what was added; none if it weighs nothing.
     fn mean(self) -> Option<Around> {
-        let Around { weight, place, outward, off, products } = self;
+        let Around { weight, place, outward, off, products, variance } = self;
         (weight > 0.0).then(|| Around {
             weight: 1.0,
             place: place.map(|c| c / weight),
             outward: outward.map(|c| c / weight),
             off: off / weight,
             products: products.map(|c| c / weight),
+            variance: variance / weight,
         })
     }
 
@@ -204,7 +220,10 @@ impl Around {
         let spread = (squared - dot(self.place, self.place)).max(LEAST_SPREAD * sight * sight);
         let square = 0.5 * (self.off - dot(self.outward, self.place)) / spread;
         let linear = minus(self.outward, times(2.0 * square, self.place));
-        Sphere { constant: -dot(linear, self.place) - square * squared, linear, square }
+        let constant = -dot(linear, self.place) - square * squared;
+        let steepness = dot(linear, linear).sqrt();
+        let scale = if steepness < LEAST_STEEPNESS { 0.0 } else { 1.0 / steepness };
+        Sphere { constant: scale * constant, linear: times(scale, linear), square: scale * square }
     }
 
     /// The way into the plane of the cells, and their variance across it.
@@ -222,15 +241,15 @@ impl Around {
 }
 
 impl Sphere {
-    /// The way to the sphere from where it was fitted, no longer than `sight`, and the variance of the cells across it there.
-    fn step(&self, around: &Around, sight: f64) -> ([f64; 3], f64) {
-        let steepness = dot(self.linear, self.linear).sqrt().max(f64::MIN_POSITIVE);
-        let across = times(1.0 / steepness, self.linear);
-        // The nearer root of constant + steepness t + square t²; where there is none, its vertex.
-        let left = (steepness * steepness - 4.0 * self.square * self.constant).max(0.0);
-        let far = (-2.0 * self.constant / (steepness + left.sqrt())).clamp(-sight, sight);
-        let covariance = around.covariance();
-        (times(far, across), dot(across, covariance.map(|row| dot(row, across))))
+    fn value(&self, x: [f64; 3]) -> f64 {
+        self.constant + dot(self.linear, x) + self.square * dot(x, x)
+    }
+
+    /// The way to it from where it was fitted, no longer than `sight`.
+    fn way(&self, sight: f64) -> [f64; 3] {
+        // The nearer root of constant + t + square t²; where there is none, its vertex.
+        let left = (1.0 - 4.0 * self.square * self.constant).max(0.0);
+        times((-2.0 * self.constant / (1.0 + left.sqrt())).clamp(-sight, sight), self.linear)
     }
 }
 
@@ -244,4 +263,53 @@ fn is_none([x, y, z]: [f64; 3]) -> bool {
 #[inline]
 pub(crate) fn agreement(vertex: [f64; 3], cell: [f64; 3]) -> f64 {
     if is_none(vertex) || is_none(cell) { 1.0 } else { (1.5 * dot(vertex, cell)).clamp(0.0, 1.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The cells of a patch of a sphere, or of a plane if it bends by 0, seen from a place that is so far outside of it.
+    fn patch(normal: [f64; 3], bend: f64, off: f64, places: &[[f64; 3]]) -> Around {
+        let mut around = Around::default();
+        for place in places {
+            // Straight below the place, on the sphere through the origin; its middle is −normal / bend.
+            let (x, n) = if bend == 0.0 {
+                (minus(*place, times(dot(*place, normal), normal)), normal)
+            } else {
+                let from_middle = plus(*place, times(1.0 / bend, normal));
+                let n = times(bend.signum() / dot(from_middle, from_middle).sqrt(), from_middle);
+                (minus(times(1.0 / bend, n), times(1.0 / bend, normal)), n)
+            };
+            around.add(1.0 + place[0] * place[0], minus(x, times(off, normal)), n);
+        }
+        around.mean().unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn a_step_leads_onto_the_sphere_that_cells_lie_on(
+            normal in prop::array::uniform3(-1.0f64..1.0).prop_filter("long", |n| dot(*n, *n) > 0.1),
+            bend in prop_oneof![Just(0.0), -0.2f64..0.2],
+            off in -2.0f64..2.0,
+            places in prop::collection::vec(prop::array::uniform3(-1.5f64..1.5), 6..40),
+        ) {
+            let normal = times(1.0 / dot(normal, normal).sqrt(), normal);
+            let sphere = patch(normal, bend, off, &places).sphere(4.0);
+            let way = sphere.way(4.0);
+            prop_assert!(dot(plus(way, times(off, normal)), plus(way, times(off, normal))).sqrt() < 1e-6, "{way:?} for {off} along {normal:?}");
+            prop_assert!(sphere.value(way).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn cells_that_face_all_ways_have_no_sphere() {
+        let mut around = Around::default();
+        for (d, n) in [([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]), ([1.0, 0.0, 0.0], [0.0, 0.0, -1.0])] {
+            around.add(1.0, d, n);
+        }
+        assert_eq!(around.mean().unwrap().sphere(4.0).way(4.0), [0.0; 3]);
+        assert!(Around::default().mean().is_none());
+    }
 }

@@ -16,13 +16,13 @@ pub struct Cell {
 
 /// The unit vector down the share of the solid round `centre`, in cells' numbers, weighted by a Gaussian; zero if it falls off by less than `least` for each cell.
 fn down(solid: &Cells, centre: [f64; 3], least: f64) -> [f64; 3] {
-    let near = |a: usize| ((centre[a] - 6.0).ceil() as i32)..=((centre[a] + 6.0).floor() as i32);
-    let bell = |d: f64| libm::exp(-d * d / (2.0 * 1.5 * 1.5));
+    let near = |a: usize| ((centre[a] - 5.0).ceil() as i32)..=((centre[a] + 5.0).floor() as i32);
+    let bell = |d: f64| libm::exp(-d * d / (2.0 * 1.35 * 1.35));
     let whole: f64 = near(0).map(|x| bell(f64::from(x) - centre[0])).sum();
     // The Gaussian along an axis, and how much it grows.
     let weight = |c: i32, a: usize| {
         let d = f64::from(c) - centre[a];
-        [bell(d) / whole, bell(d) * d / (1.5 * 1.5) / whole]
+        [bell(d) / whole, bell(d) * d / (1.35 * 1.35) / whole]
     };
     let single = |c: i32, a: usize| weight(c, a).map(|w| w as f32);
     let mut rise = [0.0f32; 3];
@@ -48,7 +48,7 @@ fn down(solid: &Cells, centre: [f64; 3], least: f64) -> [f64; 3] {
 
 /// What is outward of a cell.
 pub fn outward(solid: &Cells, cell: [i32; 3]) -> [f64; 3] {
-    down(solid, cell.map(f64::from), 0.06)
+    down(solid, cell.map(f64::from), 0.065)
 }
 
 /// What is outward of the lowest corner of a cell.
@@ -92,69 +92,73 @@ impl Means {
         let mut at = q;
         let mut moved = false;
         let mut variance = 0.0;
+        let mut sphere = Sphere { c: 0.0, b: [0.0; 3], e: 0.0 };
+        let mut way = [0.0; 3];
         for step in 0..5 {
             let sight = match step {
                 0 => 4.0,
                 1 => 3.0,
-                _ => f64::min(2.5 + 10.0 * variance * variance, 4.0),
+                _ => f64::min(2.5 + 9.0 * variance * variance, 4.0),
             };
-            let Some(sums) = self.around(at, outward, sight) else { break };
-            let (way, across) = if outward == [0.0; 3] {
-                let across = flattest(sums.covariance());
-                (across.map(|row| dot(row, sums.mean)), across)
+            let seen = self.seen(at, outward, sight);
+            let Some(sums) = around(&seen) else { break };
+            if outward == [0.0; 3] {
+                let (covariance, across) = (sums.covariance(), flattest(sums.covariance()));
+                way = across.map(|row| dot(row, sums.mean));
+                variance = (0..9).map(|i| across[i / 3][i % 3] * covariance[i / 3][i % 3]).sum();
             } else {
-                let (way, across) = sums.to_sphere(sight);
-                (way, across.map(|a| across.map(|b| a * b)))
-            };
+                let weights: f64 = seen.iter().map(|cell| cell.weight).sum();
+                let off = |d: [f64; 3]| sphere.value([0, 1, 2].map(|a| way[a] + d[a]));
+                variance = seen.iter().map(|cell| cell.weight * (off(cell.d) * off(cell.d))).sum::<f64>() / weights;
+                sphere = sums.sphere(sight);
+                way = sphere.way(sight);
+            }
             let next = [0, 1, 2].map(|a| at[a] + way[a]);
             let whole = [0, 1, 2].map(|a| next[a] - q[a]);
             if dot(whole, whole) > 36.0 {
                 break;
             }
             (at, moved) = (next, true);
-            variance = if outward == [0.0; 3] {
-                (0..9).map(|i| across[i / 3][i % 3] * sums.covariance()[i / 3][i % 3]).sum()
-            } else {
-                let (_, n) = sums.to_sphere(sight);
-                dot(n, sums.covariance().map(|row| dot(row, n)))
-            };
         }
         moved.then_some(at)
     }
 
-    /// The cells within sight and on the vertex's side.
-    fn around(&self, at: [f64; 3], outward: [f64; 3], sight: f64) -> Option<Around> {
-        let (mut weights, mut off, mut squares) = (0.0, 0.0, [[0.0; 3]; 3]);
-        let (mut mean, mut normal) = ([0.0; 3], [0.0; 3]);
-        for cell in &self.0 {
+    /// The cells within sight, each with its weight.
+    fn seen(&self, at: [f64; 3], outward: [f64; 3], sight: f64) -> Vec<Seen> {
+        let cells = self.0.iter().filter_map(|cell| {
             let d = [0, 1, 2].map(|a| cell.mean[a] - at[a]);
             let share = 1.0 - dot(d, d) / (sight * sight);
             if share <= 0.0 {
-                continue;
+                return None;
             }
             let square = share * share;
             let weight = square * square * cell.points * agreement(outward, cell.outward);
-            let n = if cell.outward == [0.0; 3] { outward } else { cell.outward };
-            weights += weight;
-            off += weight * dot(n, d);
-            for a in 0..3 {
-                mean[a] += weight * d[a];
-                normal[a] += weight * n[a];
-                for b in a..3 {
-                    squares[a][b] += weight * (d[a] * d[b]);
-                }
-            }
-        }
-        (weights > 0.0).then(|| Around {
-            mean: mean.map(|s| s / weights),
-            normal: normal.map(|s| s / weights),
-            off: off / weights,
-            squares: squares.map(|row| row.map(|s| s / weights)),
-        })
+            Some(Seen { weight, d, n: if cell.outward == [0.0; 3] { outward } else { cell.outward } })
+        });
+        cells.collect()
     }
 }
 
-/// Weighted means over cells: of d, which leads to them, of what is outward of them, of the product of both, and of d_a·d_b with a ≤ b.
+/// A cell within sight: d leads to it, n is outward of it.
+struct Seen {
+    weight: f64,
+    d: [f64; 3],
+    n: [f64; 3],
+}
+
+/// Weighted means over cells; `None` if none has weight.
+fn around(seen: &[Seen]) -> Option<Around> {
+    let weights: f64 = seen.iter().map(|cell| cell.weight).sum();
+    let mean = |of: &dyn Fn(&Seen) -> f64| seen.iter().map(|cell| cell.weight * of(cell)).sum::<f64>() / weights;
+    (weights > 0.0).then(|| Around {
+        mean: [0, 1, 2].map(|a| mean(&|cell| cell.d[a])),
+        normal: [0, 1, 2].map(|a| mean(&|cell| cell.n[a])),
+        off: mean(&|cell| dot(cell.n, cell.d)),
+        squares: [0, 1, 2].map(|a| [0, 1, 2].map(|b| mean(&|cell| cell.d[a.min(b)] * cell.d[a.max(b)]))),
+    })
+}
+
+/// The means of d, which leads to a cell, of what is outward of it, of the product of both, and of d_a·d_b.
 struct Around {
     mean: [f64; 3],
     normal: [f64; 3],
@@ -164,21 +168,37 @@ struct Around {
 
 impl Around {
     fn covariance(&self) -> [[f64; 3]; 3] {
-        [0, 1, 2].map(|a| [0, 1, 2].map(|b| self.squares[a.min(b)][a.max(b)] - self.mean[a] * self.mean[b]))
+        [0, 1, 2].map(|a| [0, 1, 2].map(|b| self.squares[a][b] - self.mean[a] * self.mean[b]))
     }
 
-    /// The way to the sphere, and its direction outward.
-    fn to_sphere(&self, sight: f64) -> ([f64; 3], [f64; 3]) {
+    fn sphere(&self, sight: f64) -> Sphere {
         let squared = self.squares[0][0] + self.squares[1][1] + self.squares[2][2];
         let spread = f64::max(squared - dot(self.mean, self.mean), 1e-3 * sight * sight);
         let e = 0.5 * (self.off - dot(self.normal, self.mean)) / spread;
         let b = [0, 1, 2].map(|a| self.normal[a] - 2.0 * e * self.mean[a]);
         let c = -dot(b, self.mean) - e * squared;
-        let steepness = dot(b, b).sqrt().max(f64::MIN_POSITIVE);
-        let across = b.map(|c| 1.0 / steepness * c);
-        let root = (steepness * steepness - 4.0 * e * c).max(0.0).sqrt();
-        let far = (-2.0 * c / (steepness + root)).max(-sight).min(sight);
-        (across.map(|c| far * c), across)
+        let length = dot(b, b).sqrt();
+        let scale = if length < 1e-6 { 0.0 } else { 1.0 / length };
+        Sphere { c: scale * c, b: b.map(|b| scale * b), e: scale * e }
+    }
+}
+
+/// Where c + b·x + e x² is 0.
+struct Sphere {
+    c: f64,
+    b: [f64; 3],
+    e: f64,
+}
+
+impl Sphere {
+    fn value(&self, x: [f64; 3]) -> f64 {
+        self.c + dot(self.b, x) + self.e * dot(x, x)
+    }
+
+    fn way(&self, sight: f64) -> [f64; 3] {
+        let root = (1.0 - 4.0 * self.e * self.c).max(0.0).sqrt();
+        let far = (-2.0 * self.c / (1.0 + root)).max(-sight).min(sight);
+        self.b.map(|b| far * b)
     }
 }
 

@@ -12,10 +12,10 @@ use std::ops::Range;
 
 use super::Slabs;
 use super::blocks::{self, BLOCK};
+use super::dipole::Dipole;
 use super::found::Found;
 use super::layers::{Held, Layers, Stretch};
 use super::tile::Tile;
-use super::wall::Dipole;
 use crate::error::Result;
 use crate::grid::slice::{Runs, SliceStore, Slices};
 use crate::solid::Solid;

@@ -16,9 +16,9 @@
 //! All passes go over chunks of slices and hold some slices more on either side; from pass to pass, what is known of each cell lies in spools. Only blocks of cells near
 //! *deep* occupied cells are looked at, which no cell outside the solid touches: where there are none, nothing was filled that has points round it.
 
-mod area;
 mod blocks;
 mod core;
+mod dipole;
 mod field;
 mod found;
 mod layers;
@@ -41,8 +41,8 @@ use std::ops::Range;
 
 use bytemuck::Pod;
 
-use self::area::Areas;
 use self::blocks::{BLOCK, Blocks};
+use self::dipole::{Areas, Dipole};
 use self::field::Kernel;
 use self::found::Found;
 use self::layers::{Cells, Held, Layers, Rounds, Stretch};
@@ -51,7 +51,7 @@ use self::signs::Signs;
 use self::sizes::Sizes;
 pub use self::sizes::{bytes_to_expect, records_to_expect};
 use self::tile::{TILE, Tile};
-use self::wall::{Dipole, HIDDEN, Wall};
+use self::wall::{HIDDEN, Wall};
 use crate::error::Result;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::{Context, chunks};
@@ -496,7 +496,7 @@ impl<'a> Slabs<'a> {
         let mut out = Layers::new(self.context);
         self.each(
             |chunk| {
-                let held = signs.walls(self, walls, &chunk, area::BOUNDS)?;
+                let held = signs.walls(self, walls, &chunk, dipole::BOUNDS)?;
                 let (mut blocks, mut areas) = (Runs::default(), Areas::new(&held));
                 let slice = |y: u32| {
                     near.read(y, &mut blocks)?;

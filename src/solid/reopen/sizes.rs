@@ -4,11 +4,11 @@
 use std::ops::Range;
 
 use super::SIGMA_CELLS;
-use super::area;
+use super::dipole::{self, Dipole};
 use super::field::RANGE;
 use super::plane::{self, Moments, Sum};
 use super::tile::TILE;
-use super::wall::{self, Dipole, Wall};
+use super::wall::{self, Wall};
 use crate::grid::Cell;
 use crate::grid::context::{CHUNK_SLICES, chunks};
 use crate::grid::slice::Run;
@@ -82,7 +82,7 @@ fn for_walls(active: impl Fn(i64) -> u64) -> u64 {
         [size_of::<Sum>(), size_of::<Moments>(), size_of::<Wall>(), size_of::<Dipole>()].map(|bytes| bytes as u64);
     // What each pass holds of the slices round a chunk, and what it finds for the chunk's own. Points are summed bucket by bucket, which have fewer slices than a chunk.
     let passes =
-        [(0, sum, 0), (plane::REACH[1], moments, wall), (wall::SIGHT, wall, wall), (area::BOUNDS, wall, dipole)];
+        [(0, sum, 0), (plane::REACH[1], moments, wall), (wall::SIGHT, wall, wall), (dipole::BOUNDS, wall, dipole)];
     let bytes = passes.map(|(more, held, found)| active(more) * (PLACE + held) + active(0) * found);
     bytes.into_iter().max().unwrap_or(0)
 }

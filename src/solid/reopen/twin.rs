@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::area::Areas;
 use super::core::BITS;
+use super::dipole::Areas;
 use super::field::LABELLINGS;
 use super::layers::Held;
 use super::marks::*;

@@ -1,8 +1,7 @@
-//! Walls: occupied cells with their planes; what is seen of them from the outside, how two of them lie, and the area of each.
+//! Walls: occupied cells with their planes; what is seen of them from the outside, and how two of them lie.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::area::Areas;
 use super::layers::{Rounds, Stretch};
 use crate::points::vector::{dot, minus, plus, times};
 
@@ -50,11 +49,6 @@ pub const SIGHT: i64 = 4;
 /// Cells in which walls are looked for that end the look, either way.
 pub const NEXT_REACH: i64 = 3;
 
-/// A vector of numbers in double precision.
-fn wide(v: [f32; 3]) -> [f64; 3] {
-    v.map(f64::from)
-}
-
 impl Wall {
     /// Its mean, in cells of the grid.
     #[inline]
@@ -65,7 +59,7 @@ impl Wall {
     /// Its normal.
     #[inline]
     pub fn across(&self) -> [f64; 3] {
-        wide(self.normal)
+        self.normal.map(f64::from)
     }
 
     /// The same wall, as it is seen from outside the solid; `walls` are cubes of [`NEXT_REACH`] cells either way.
@@ -158,35 +152,5 @@ impl Relation {
         } else {
             None
         }
-    }
-}
-
-/// What a wall adds to the winding number round it, and what share of its cell is inside.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]
-#[repr(C)]
-pub struct Dipole {
-    /// The mean of its points, from its lowest corner, in cells.
-    pub mean: [f32; 3],
-    /// Towards the outside, as long as its area, in squared cells; 0 if its sign is not known.
-    pub area: [f32; 3],
-    /// The share of its cell that is inside.
-    pub inside: f32,
-}
-
-impl Dipole {
-    /// Of a wall whose sign has been looked for.
-    pub fn of(wall: &Wall, cell: [i64; 3], areas: &mut Areas) -> Dipole {
-        let normal = wall.across();
-        let side = f64::from(wall.sign);
-        let inside = match wall.sign {
-            0 if wall.kind == THIN => 0.5,
-            0 => 1.0,
-            _ => {
-                let middle = wide(wall.mean).map(|c| c - 0.5);
-                (0.5 + side * dot(normal, middle)).clamp(0.0, 1.0) as f32
-            }
-        };
-        let area = if wall.sign == 0 { 0.0 } else { side * areas.of(wall, cell) };
-        Dipole { mean: wall.mean, area: normal.map(|c| (area * c) as f32), inside }
     }
 }

@@ -1,16 +1,48 @@
-//! The areas that walls stand for: of each, what in its plane is nearer to its mean than to those of the walls round it.
+//! Dipoles: what walls add to the winding number. A wall's is as long as its area: what in its plane is nearer to its mean than to those of the walls round it.
 //!
 //! ```text
-//!    \\  +---+   /
-//!  x  \\ |   |  /   x       a polygon round the mean o, cut half way to each other wall x
+//!    \  +---+   /
+//!  x  \ |   |  /   x       a polygon round the mean o, cut half way to each other wall x
 //!      +  o  +
-//!   x   \\   /    x
+//!   x   \   /    x
 //!        +-+
 //! ```
 
+use bytemuck::{Pod, Zeroable};
+
 use super::layers::{Held, Rounds};
-use super::wall::Wall;
+use super::wall::{THIN, Wall};
 use crate::points::vector::{cross, dot, minus, times};
+
+/// What a wall adds to the winding number round it, and what share of its cell is inside.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Zeroable, Pod)]
+#[repr(C)]
+pub struct Dipole {
+    /// The mean of its points, from its lowest corner, in cells.
+    pub mean: [f32; 3],
+    /// Towards the outside, as long as its area, in squared cells; 0 if its sign is not known.
+    pub area: [f32; 3],
+    /// The share of its cell that is inside.
+    pub inside: f32,
+}
+
+impl Dipole {
+    /// Of a wall whose sign has been looked for.
+    pub fn of(wall: &Wall, cell: [i64; 3], areas: &mut Areas) -> Dipole {
+        let normal = wall.across();
+        let side = f64::from(wall.sign);
+        let inside = match wall.sign {
+            0 if wall.kind == THIN => 0.5,
+            0 => 1.0,
+            _ => {
+                let middle = wall.mean.map(|c| f64::from(c) - 0.5);
+                (0.5 + side * dot(normal, middle)).clamp(0.0, 1.0) as f32
+            }
+        };
+        let area = if wall.sign == 0 { 0.0 } else { side * areas.of(wall, cell) };
+        Dipole { mean: wall.mean, area: normal.map(|c| (area * c) as f32), inside }
+    }
+}
 
 /// The polygon that is cut: its radius, in cells, and the directions of its corners.
 const RADIUS: f64 = 2.2;
