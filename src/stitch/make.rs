@@ -173,7 +173,7 @@ impl<T: Coordinate> SlabMesh<T> {
                 let mut fitted = Fitted::none(own.len(), room.fitted);
                 let halo = sphere_halo(options.smooth);
                 let task = Task { surface: &surface, q: &q, planes: planes.clone(), halo };
-                project(sampled, solid, &task, |v, place| {
+                project(sampled, solid, &task, membranes.is_some(), |v, place| {
                     state[v] = VertexState::Projected;
                     fitted.target[v] = grid.position(place).map(T::from_f64);
                 })?;

@@ -17,9 +17,9 @@
 //! outward direction (in the middle of a plate, deep in a thick shell) agree with all, and then have the vertex's.
 //!
 //! A vertex that has none itself, as it lies between two sides, goes into the plane of all points round it: across the direction in which they spread least
-//! ([`crate::surface::flattest`]). A vertex without points in sight, or led farther than [`MOST_TRAVEL`] cells, stays where it was.
+//! ([`crate::surface::flattest`]). A vertex beyond the points, where a hole is bridged, is left to the membrane ([`crate::solid::membranes`]). A vertex without points in sight, or led farther than [`MOST_TRAVEL`] cells, stays where it was.
 //!
-//! Source: G. Guennebaud, M. Germann and M. Gross, *Dynamic sampling and rendering of algebraic point set surfaces* (2008), equations 5 to 7.
+//! Source: G. Guennebaud, M. Germann and M. Gross, *Dynamic sampling and rendering of algebraic point set surfaces* (2008).
 
 use std::ops::Range;
 
@@ -52,11 +52,15 @@ const SIGHT_FOR_NOISE: f64 = 9.0;
 /// Less variance of the distances from the vertex than this part of the squared look is taken for so much: cells at one place tell nothing of how the surface bends.
 const LEAST_SPREAD: f64 = 1e-3;
 
+/// A vertex lies beyond the points if the mean of what it sees lies aside by more than this part of its look. In the middle of a flat surface it lies aside by 0, on its rim by a fifth, and as far beyond
+/// the rim as it looks by all of it.
+const ASIDE: f64 = 0.5;
+
 /// Where the sphere's gradient is less steep, cells face all ways: there is no sphere, and no way to it.
 const LEAST_STEEPNESS: f64 = 1e-6;
 
 /// Where the vertices on some planes of a slab go: `put` is told a vertex, counted from the first on the task's planes, and its place in cells; of those that find no
-/// sphere it hears nothing. The task's halo is [`crate::grid::partition::sphere_halo`].
+/// sphere, or that lie beyond the points where there are membranes, it hears nothing. The task's halo is [`crate::grid::partition::sphere_halo`].
 ///
 /// Memory: a chunk of a bucket, and the means of the halo's slices either side of a plane.
 ///
@@ -66,6 +70,7 @@ pub fn project<T: Coordinate>(
     sampled: &Sampled<'_, T>,
     solid: &Solid,
     task: &Task<'_>,
+    has_membranes: bool,
     mut put: impl FnMut(usize, [f64; 3]),
 ) -> Result<()> {
     let Task { surface, q, ref planes, halo } = *task;
@@ -78,7 +83,7 @@ pub fn project<T: Coordinate>(
     for plane in planes.clone() {
         window.slide_to(i64::from(plane) - halo, |y, slice| reader.read(y, slice))?;
         let seen = i64::from(plane) - halo..i64::from(plane) + halo;
-        let near = Near { window: &window, slices: seen };
+        let near = Near { window: &window, slices: seen, has_membranes };
         corners.slide_to(i64::from(plane))?;
         for v in surface.on_plane(plane) {
             let vertex = &surface.vertices[v as usize];
@@ -106,6 +111,7 @@ pub fn bytes(in_slice: &[u32], cells: Cell, smooth: u32) -> u64 {
 struct Near<'a> {
     window: &'a Window<SliceMeans>,
     slices: Range<i64>,
+    has_membranes: bool,
 }
 
 /// Weighted means over the cells in sight of a place; d leads to a cell's mean, n is outward of it.
@@ -133,13 +139,18 @@ struct Sphere {
 }
 
 impl Near<'_> {
-    /// Where a vertex at `start` goes, if that is outward from it.
+    /// Where a vertex at `start` goes that has this outward direction, or none; none if it finds no cells, or if it lies beyond them and a membrane does.
     fn projected(&self, start: [f64; 3], outward: [f64; 3]) -> Option<[f64; 3]> {
         let mut found = None;
         let (mut at, mut sight) = (start, FIRST[0]);
         let (mut sphere, mut way) = (Sphere::default(), [0.0; 3]);
         for step in 0..FIRST.len() as u32 + LAST {
-            let Some(around) = self.around(at, outward, sight, (&sphere, way)) else { break };
+            let around = self.around(at, outward, sight, (&sphere, way));
+            let is_beyond = |around: &Around| step as usize >= FIRST.len() && sphere.is_beside(around, sight);
+            if self.has_membranes && around.as_ref().is_none_or(is_beyond) {
+                return None;
+            }
+            let Some(around) = around else { break };
             let variance;
             if is_none(outward) {
                 (way, variance) = around.to_plane();
@@ -243,6 +254,12 @@ impl Around {
 impl Sphere {
     fn value(&self, x: [f64; 3]) -> f64 {
         self.constant + dot(self.linear, x) + self.square * dot(x, x)
+    }
+
+    /// Whether what is seen lies aside, along the sphere.
+    fn is_beside(&self, around: &Around, sight: f64) -> bool {
+        let aside = minus(around.place, times(dot(around.place, self.linear), self.linear));
+        dot(aside, aside) > (ASIDE * sight) * (ASIDE * sight)
     }
 
     /// The way to it from where it was fitted, no longer than `sight`.
