@@ -101,6 +101,8 @@ mod tests {
         let wrong = told("asra-stream a.ply --fit=spher");
         assert!(wrong.starts_with("invalid value 'spher' for '--fit <FIT>'"), "{wrong}");
         assert!(wrong.ends_with("tip: a similar value exists: 'sphere'"), "{wrong}");
+        // The name that it had before.
+        assert!(parsed("asra-stream a.ply --fit plane".split(' ').map(OsString::from)).is_ok());
         assert_eq!(told("asra-stream a.ply --zzz"), "unexpected argument '--zzz' found");
         assert_eq!(told("asra-stream --help"), "help and version are the command's own");
         assert_eq!(told("asra-stream info --"), "the following required arguments were not provided:\n  <INPUT>...");

@@ -12,6 +12,7 @@ use std::sync::LazyLock;
 use crate::error::Result;
 use crate::grid::slice::{Bits, Runs};
 use crate::grid::window::Window;
+use crate::points::vector::dot;
 use crate::solid::Solid;
 
 /// How far solid cells are looked at, in cells: so many on either side of a cell, or of a corner.
@@ -123,7 +124,19 @@ impl<'a> Outward<'a> {
             rise[2] += weight_y * of_slice[2];
         }
         let rise = rise.map(f64::from);
-        let steepness = (rise[0] * rise[0] + rise[1] * rise[1] + rise[2] * rise[2]).sqrt();
+        let steepness = dot(rise, rise).sqrt();
         if steepness < *least { [0.0; 3] } else { rise.map(|c| -c / steepness) }
     }
+}
+
+/// Whether there is no outward direction.
+#[inline]
+pub(crate) fn is_none([x, y, z]: [f64; 3]) -> bool {
+    x == 0.0 && y == 0.0 && z == 0.0
+}
+
+/// How far two places are on the same side, by their outward directions: 0 from a right angle between the two on, 1 up to a cosine of 2/3; 1 if one of them has none.
+#[inline]
+pub(crate) fn agreement(one: [f64; 3], other: [f64; 3]) -> f64 {
+    if is_none(one) || is_none(other) { 1.0 } else { (1.5 * dot(one, other)).clamp(0.0, 1.0) }
 }

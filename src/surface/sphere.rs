@@ -34,14 +34,14 @@ use crate::solid::Solid;
 use crate::surface::fit::Task;
 use crate::surface::flattest::{Matrix, flattest, variance_along};
 use crate::surface::means::{self, MeansReader, SliceMeans};
-use crate::surface::outward::{self, Outward};
+use crate::surface::outward::{self, Outward, agreement, is_none};
 use crate::surface::vertices::Kind;
 
 /// How far the first steps look, in cells. With noise of a cell, a surface starts three to four cells outside.
 const FIRST: [f64; 2] = [SPHERE_SIGHT, 3.0];
 
 /// Steps that look as far as the noise asks for.
-const LAST: u32 = 3;
+const LAST: usize = 3;
 
 /// How far those look where there is no noise, and at most, in cells.
 const SIGHT: (f64, f64) = (2.5, SPHERE_SIGHT);
@@ -52,8 +52,8 @@ const SIGHT_FOR_NOISE: f64 = 9.0;
 /// Less variance of the distances from the vertex than this part of the squared look is taken for so much: cells at one place tell nothing of how the surface bends.
 const LEAST_SPREAD: f64 = 1e-3;
 
-/// A vertex lies beyond the points if the mean of what it sees lies aside by more than this part of its look. In the middle of a flat surface it lies aside by 0, on its rim by a fifth, and as far beyond
-/// the rim as it looks by all of it.
+/// A vertex lies beyond the points if the mean of what it sees lies aside by more than this part of its look. Amid a flat surface it lies aside by 0, on its rim by 0.22, and two fifths of the look
+/// beyond the rim by this.
 const ASIDE: f64 = 0.5;
 
 /// Where the sphere's gradient is less steep, cells face all ways: there is no sphere, and no way to it.
@@ -144,9 +144,9 @@ impl Near<'_> {
         let mut found = None;
         let (mut at, mut sight) = (start, FIRST[0]);
         let (mut sphere, mut way) = (Sphere::default(), [0.0; 3]);
-        for step in 0..FIRST.len() as u32 + LAST {
+        for step in 0..FIRST.len() + LAST {
             let around = self.around(at, outward, sight, (&sphere, way));
-            let is_beyond = |around: &Around| step as usize >= FIRST.len() && sphere.is_beside(around, sight);
+            let is_beyond = |around: &Around| step >= FIRST.len() && sphere.is_beside(around, sight);
             if self.has_membranes && around.as_ref().is_none_or(is_beyond) {
                 return None;
             }
@@ -166,7 +166,7 @@ impl Near<'_> {
             }
             at = next;
             found = Some(at);
-            sight = match FIRST.get(step as usize + 1) {
+            sight = match FIRST.get(step + 1) {
                 Some(sight) => *sight,
                 None => (SIGHT.0 + SIGHT_FOR_NOISE * variance * variance).min(SIGHT.1),
             };
@@ -256,7 +256,7 @@ impl Sphere {
         self.constant + dot(self.linear, x) + self.square * dot(x, x)
     }
 
-    /// Whether what is seen lies aside, along the sphere.
+    /// Whether what is seen lies aside, along the sphere; in any direction, if there is no sphere.
     fn is_beside(&self, around: &Around, sight: f64) -> bool {
         let aside = minus(around.place, times(dot(around.place, self.linear), self.linear));
         dot(aside, aside) > (ASIDE * sight) * (ASIDE * sight)
@@ -268,18 +268,6 @@ impl Sphere {
         let left = (1.0 - 4.0 * self.square * self.constant).max(0.0);
         times((-2.0 * self.constant / (1.0 + left.sqrt())).clamp(-sight, sight), self.linear)
     }
-}
-
-/// Whether there is no outward direction.
-#[inline]
-fn is_none([x, y, z]: [f64; 3]) -> bool {
-    x == 0.0 && y == 0.0 && z == 0.0
-}
-
-/// How far a cell is on a vertex's side: 0 from a right angle between the two on, 1 up to a cosine of 2/3; 1 if one of them has no outward direction.
-#[inline]
-pub(crate) fn agreement(vertex: [f64; 3], cell: [f64; 3]) -> f64 {
-    if is_none(vertex) || is_none(cell) { 1.0 } else { (1.5 * dot(vertex, cell)).clamp(0.0, 1.0) }
 }
 
 #[cfg(test)]
@@ -317,6 +305,27 @@ mod tests {
             let way = sphere.way(4.0);
             prop_assert!(dot(plus(way, times(off, normal)), plus(way, times(off, normal))).sqrt() < 1e-6, "{way:?} for {off} along {normal:?}");
             prop_assert!(sphere.value(way).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_vertex_lies_beyond_cells_that_are_all_aside() {
+        // Half a plane of cells, weighted as they are seen from so far beyond its rim, and above it.
+        let is_beyond = |rim: f64, above: f64| {
+            let (mut around, sight) = (Around::default(), 2.5);
+            for (x, z) in (-40..=40).flat_map(|x| (-40..=40).map(move |z| (0.1 * f64::from(x), 0.1 * f64::from(z)))) {
+                let d = [x, -above, z];
+                let share: f64 = 1.0 - dot(d, d) / (sight * sight);
+                if x >= rim && share > 0.0 {
+                    around.add(share.powi(4), d, [0.0, 1.0, 0.0]);
+                }
+            }
+            let around = around.mean().unwrap();
+            around.sphere(sight).is_beside(&around, sight)
+        };
+        for (rim, expected) in [(-3.0, false), (-1.0, false), (0.0, false), (0.5, false), (1.5, true), (2.0, true)] {
+            assert_eq!(is_beyond(rim, 0.0), expected, "{rim} beyond the rim");
+            assert_eq!(is_beyond(rim, 0.7), expected, "{rim} beyond the rim, above it");
         }
     }
 

@@ -17,8 +17,7 @@ use crate::grid::slice::{Bits, Runs};
 use crate::points::Coordinate;
 use crate::solid::Solid;
 use crate::surface::flattest::{flattest, variance_along};
-use crate::surface::outward::{self, Outward};
-use crate::surface::sphere::agreement;
+use crate::surface::outward::{self, Outward, agreement};
 
 /// Slices that are looked at, and cells in each.
 const SLICES: u32 = 16;
