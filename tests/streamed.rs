@@ -7,6 +7,7 @@ mod streamed {
     mod membranes;
     mod noise;
     mod rest;
+    mod slots;
     mod smooth;
     mod twin_self;
 }

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::grid::Grid;
 use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::occupancy::{Counted, Occupancy, Sampled, SavedOccupancy};
@@ -234,38 +233,62 @@ pub(super) fn closed_cells<T: Coordinate>(
         }
         false => None,
     };
-    let closed = match signed && surveyed.may_reopen() && !shell.is_some_and(|shell| shell.hides_walls()) {
-        true => reopened(closed, buckets, grid, context, progress)?,
-        false => closed,
+    let without_specks = |solid: Solid| match settings.min_component.filter(|_| signed) {
+        Some(least) => solid.without_specks_of_outside(least, context),
+        None => Ok(solid),
     };
-    let closed = match settings.min_component.filter(|_| signed) {
-        Some(least) => Closed { solid: closed.solid.without_specks_of_outside(least, context)?, ..closed },
-        None => closed,
+    let (closed, narrow) = match signed && surveyed.may_reopen() && !shell.is_some_and(|shell| shell.hides_walls()) {
+        true => reopened(closed, surveyed, buckets, without_specks, context, progress)?,
+        false => (Closed { solid: without_specks(closed.solid)?, ..closed }, None),
     };
+    // What says that it is not sealed says more than handles would.
     let narrow = match &closed.how {
-        How::Sign(parted) if parted.is_sealed() => closed.solid.narrow_handles(&closed.occupancy, context)?,
+        How::Sign(parted) if parted.is_sealed() => match narrow {
+            Some(narrow) => narrow,
+            None => closed.solid.narrow_handles(&closed.occupancy, context)?,
+        },
         _ => NarrowHandles::default(),
     };
     Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights: None, closed_here: true })
 }
 
-/// What was closed, with what that filled opened again where the points say so.
+/// What was closed, with what that filled opened again where the points say so, and the narrow handles that were left. Slots that hold nets are then filled whole and opened anew, if the
+/// surface has fewer handles so.
 fn reopened<T: Coordinate>(
     closed: Closed,
+    surveyed: &Surveyed,
     buckets: &Buckets<T>,
-    grid: &Grid,
+    without_specks: impl Fn(Solid) -> Result<Solid>,
     context: &Context,
     progress: &mut Progress,
-) -> Result<Closed> {
+) -> Result<(Closed, Option<NarrowHandles>)> {
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Reopen, None);
     let Closed { solid, occupancy, .. } = closed;
     let coarser = occupancy.coarser(context)?.occupied;
     let side = close::side_in_samples(occupancy.occupied as f64 / coarser.max(1) as f64);
-    let sampled = Sampled { buckets, occupied: &occupancy.store, grid, counted: Counted::All };
-    let solid = solid.reopened(&sampled, side, context, |done, total| {
-        progress.set_total(total);
-        progress.set(done);
-    })?;
-    Ok(Closed { solid, occupancy, ..closed })
+    let sampled = Sampled { buckets, occupied: &occupancy.store, grid: &surveyed.grid, counted: Counted::All };
+    let mut reopen = |solid: Solid, time: u64| {
+        let solid = solid.reopened(&sampled, side, context, |done, total| {
+            progress.set_total(time * total);
+            progress.set((time - 1) * total + done);
+        })?;
+        without_specks(solid)
+    };
+    let mut solid = reopen(solid, 1)?;
+    let mut narrow = solid.narrow_handles(&occupancy, context)?;
+    // Where places were added, the winding number that they came of tells the handles.
+    let filled = match narrow.count > 0 && surveyed.added().is_none() {
+        true => solid.with_nets_filled(&occupancy, context)?,
+        false => None,
+    };
+    if let Some(filled) = filled {
+        solid.store.leave_memory()?;
+        let anew = reopen(filled, 2)?;
+        narrow.reopened = anew.characteristic_of_surface()? > solid.characteristic_of_surface()?;
+        if narrow.reopened {
+            solid = anew;
+        }
+    }
+    Ok((Closed { solid, occupancy, ..closed }, Some(narrow)))
 }

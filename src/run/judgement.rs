@@ -151,9 +151,14 @@ impl Closing {
         };
         if self.parted {
             let widest = self.narrow_handle.as_ref()?;
-            let (handles, place) = match self.narrow_handles {
-                1 => ("a handle of the mesh is".to_owned(), "in"),
-                many => (format!("{} handles of the mesh are", thousands(many)), "the widest in"),
+            let (handles, place) = match (self.narrow_handles, self.narrow_reopened) {
+                (1, false) => ("a handle of the mesh is".to_owned(), "in"),
+                (many, false) => (format!("{} handles of the mesh are", thousands(many)), "the widest in"),
+                (1, true) => ("a handle was".to_owned(), "its slot was filled and opened anew: in"),
+                (many, true) => (
+                    format!("{} handles were", thousands(many)),
+                    "their slots were filled and opened anew, the widest in",
+                ),
             };
             return Some(Warning::new(
                 format!(

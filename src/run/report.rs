@@ -203,6 +203,8 @@ pub struct Closing {
     pub narrow_handles: u64,
     /// The widest of them, in the input's coordinates.
     pub narrow_handle: Option<Bounds>,
+    /// Whether the slots round them were filled and opened anew, so that the mesh has fewer of them than were counted.
+    pub narrow_reopened: bool,
     /// What lines of sight said, where it is known where points were scanned from.
     pub sighted: Option<Sighted>,
     /// Occupied cells.
@@ -379,6 +381,7 @@ impl Closing {
             filled: parted.map_or_else(Vec::new, |parted| patches(&parted.filled)),
             outlier_cells: parted.map_or(0, |parted| parted.outliers),
             narrow_handles: made.narrow.count,
+            narrow_reopened: made.narrow.reopened,
             narrow_handle: made.narrow.widest.map(|cells| bounds_of(grid, cells.map(|cell| cell.map(f64::from)))),
             sighted: parted.and_then(|parted| parted.sighted),
             occupied_cells: made.occupied,

@@ -28,6 +28,24 @@ impl Solid {
         }
         Ok(sum)
     }
+
+    /// That of the surface, which keeps two cells apart that are not solid and share nothing but a corner: pieces of the surface, less its handles. Memory: two slices of bits.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn characteristic_of_surface(&self) -> Result<i64> {
+        let [width, slices, rows] = self.cells;
+        let (mut below, mut slice, mut runs) = (Bits::new(width, rows), Bits::new(width, rows), Runs::default());
+        let mut sum = self.characteristic()?;
+        for y in 0..slices {
+            self.store.paint(i64::from(y), &mut slice, &mut runs)?;
+            for z in 1..rows {
+                sum += kept_apart([&below, &slice].map(|slice| [slice.row(z - 1), slice.row(z)]));
+            }
+            std::mem::swap(&mut below, &mut slice);
+        }
+        Ok(sum)
+    }
 }
 
 /// The runs of what is set in all of some rows: its cells, less the pairs of them side by side.
@@ -39,6 +57,22 @@ fn runs_of<const ROWS: usize>(rows: [&[u64]; ROWS]) -> i64 {
         before = all >> 63;
     }
     runs
+}
+
+/// How many blocks of 2 x 2 x 2 cells of four rows, two of either slice, lack nothing but two opposite cells.
+fn kept_apart(rows: [[&[u64]; 2]; 2]) -> i64 {
+    let mut count = 0;
+    for word in 0..rows[0][0].len() {
+        // Bit x is the cell at x of a row, or the one after it.
+        let after = |row: &[u64]| row[word] >> 1 | row.get(word + 1).map_or(0, |next| next << 63);
+        let cells = rows.map(|slice| slice.map(|row| [row[word], after(row)])).concat().concat();
+        for first in 0..4 {
+            let all =
+                (0..8).fold(u64::MAX, |all, i| all & if i == first || i == 7 - first { !cells[i] } else { cells[i] });
+            count += i64::from(all.count_ones());
+        }
+    }
+    count
 }
 
 #[cfg(test)]
@@ -77,6 +111,14 @@ mod tests {
                     }
                 }
                 assert_eq!(solid.characteristic().unwrap(), expected);
+                let block = |at: [u32; 3]| (0..8u32).map(move |i| [0, 1, 2].map(|a| at[a] + (i >> a & 1)));
+                for x in 0..69 {
+                    for (y, z) in (0..6).flat_map(|y| (0..5).map(move |z| (y, z))) {
+                        let empty: Vec<[u32; 3]> = block([x, y, z]).filter(|cell| !set.contains(cell)).collect();
+                        expected += i64::from(empty.len() == 2 && (0..3).all(|a| empty[0][a] != empty[1][a]));
+                    }
+                }
+                assert_eq!(solid.characteristic_of_surface().unwrap(), expected);
             });
         }
     }

@@ -127,7 +127,7 @@ impl Slabs<'_> {
         let lowering = self.judged(&labels, None)?;
         any = false;
         let labels = self.round_cavities(solid, opened, &lowering)?.judged(self.context, |change| {
-            let tunnels = change.euler < -i32::from(change.touches);
+            let tunnels = change.euler < -change.cavities.max(change.touches.into());
             any |= tunnels;
             u8::from(tunnels)
         })?;
@@ -188,8 +188,7 @@ impl Slabs<'_> {
         let mut labeller = Labeller::new(self.context);
         self.each(
             |chunk| {
-                let [groups, cavities] = [groups, &cavities].map(|store| Slabs::stretch(store, &chunk, 0));
-                let (groups, cavities) = (groups?, cavities?);
+                let (groups, cavities) = (Slabs::stretch(groups, &chunk, 0)?, Slabs::stretch(&cavities, &chunk, 1)?);
                 let mut found = Found::new(chunk.clone());
                 self.each_change(&chunk, solid, opened, None, |cell, change| {
                     if groups.get(cell) {
@@ -206,7 +205,8 @@ impl Slabs<'_> {
                     let within = row.iter().filter(|part| run.start <= part.start && part.end <= run.end);
                     let cells: u32 = within.map(|part| part.end - part.start).sum();
                     let euler = changes.by_ref().take(cells as usize).sum();
-                    Changes { euler, touches: u8::from(cells < run.end - run.start), ..Changes::default() }
+                    let cavities = euler_of(&cavities, i64::from(chunk.start) + y as i64, z.into(), run);
+                    Changes { euler, cavities, touches: u8::from(cells < run.end - run.start), ..Changes::default() }
                 }))
             },
             |parts: Parts<Changes>| labeller.add(parts),
@@ -431,6 +431,22 @@ fn without(slice: &Runs, gone: &Runs) -> Runs {
     out
 }
 
+/// What the cells of a run of row `z` of slice `y` add to the Euler number of some cells as faces join them: cells − pairs + squares − cubes, with the cells before them along each axis.
+fn euler_of(cells: &Stretch, y: i64, z: i64, run: Run) -> i32 {
+    let here: Vec<Run> =
+        cells.row(y, z).iter().filter(|part| run.start <= part.start && part.end <= run.end).copied().collect();
+    let common = |runs: &[Run], y: i64, z: i64| {
+        let (mut out, row) = (Vec::new(), cells.row(y, z));
+        overlaps(runs, row, |i, j| {
+            out.push(Run { start: runs[i].start.max(row[j].start), end: runs[i].end.min(row[j].end) });
+        });
+        out
+    };
+    let (beside, below) = (common(&here, y, z - 1), common(&here, y - 1, z));
+    let squares = common(&common(&beside, y - 1, z), y - 1, z - 1);
+    (here.len() + squares.len()) as i32 - (beside.len() + below.len()) as i32
+}
+
 /// The cells that are in both of two stretches.
 fn both(a: &Stretch, b: &Stretch, slices: Range<i64>) -> Stretch {
     let first = slices.start;
@@ -472,6 +488,8 @@ impl Measure for Known {
 struct Changes {
     /// How the Euler number of the solid changes.
     euler: i32,
+    /// The Euler number of the cavities in it.
+    cavities: i32,
     /// Whether it touches a marked cell.
     touches: u8,
     /// Whether it reaches the outside.
@@ -482,13 +500,14 @@ struct Changes {
 
 impl From<Change> for Changes {
     fn from(Change { euler, touches, joined }: Change) -> Changes {
-        Changes { euler: euler.into(), touches: touches.into(), joined: joined.into(), filler: [0; 2] }
+        Changes { euler: euler.into(), touches: touches.into(), joined: joined.into(), ..Changes::default() }
     }
 }
 
 impl Measure for Changes {
     fn add(&mut self, other: &Changes) {
         self.euler += other.euler;
+        self.cavities += other.cavities;
         self.touches |= other.touches;
         self.joined |= other.joined;
     }

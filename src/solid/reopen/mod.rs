@@ -16,7 +16,7 @@
 //! All passes go over chunks of slices and hold some slices more on either side; from pass to pass, what is known of each cell lies in spools. Only blocks of cells near
 //! *deep* occupied cells are looked at, which no cell outside the solid touches: where there are none, nothing was filled that has points round it.
 
-mod blocks;
+pub(in crate::solid) mod blocks;
 mod core;
 mod dipole;
 mod field;

@@ -22,6 +22,7 @@
 //!
 //! Source: T. Y. Kong and A. Rosenfeld, *Digital topology: introduction and survey* (1989), for χ of cells joined by faces.
 
+mod nets;
 mod tubes;
 
 use bytemuck::{Pod, Zeroable};
@@ -29,7 +30,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::error::Result;
 use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::{Ball, Dilation};
-use crate::grid::label::{Labeller, Measure, Parts};
+use crate::grid::label::{Components, Labeller, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Run, Runs, clip};
 use crate::grid::window::Window;
@@ -217,6 +218,9 @@ pub struct NarrowHandles {
     pub count: u64,
     /// The box of the widest: its first cell along x, slices and rows, and the cell behind its last.
     pub widest: Option<[[u32; 3]; 2]>,
+    /// Whether slots round them were filled and opened anew, so that the surface has fewer handles now.
+    #[serde(default)]
+    pub reopened: bool,
 }
 
 impl Solid {
@@ -229,13 +233,8 @@ impl Solid {
         let mut found = NarrowHandles::default();
         let mut most = 0;
         for kind in Kind::NARROW {
-            let components = self
-                .labelled(occupancy, kind, context, |around, cells, y, z, run| {
-                    Narrow::of(kind, around, cells, y, z, run)
-                })?
-                .finish()?;
             let mut count = 0;
-            components.for_each(|group: &Narrow| {
+            self.narrow_groups(occupancy, kind, context)?.for_each(|group: &Narrow| {
                 let handles = group.handles(kind);
                 count += handles;
                 if handles > most {
@@ -246,6 +245,12 @@ impl Solid {
             found.count = found.count.max(count);
         }
         Ok(found)
+    }
+
+    /// The groups of a kind that narrow handles are made of.
+    fn narrow_groups(&self, occupancy: &Occupancy, kind: Kind, context: &Context) -> Result<Components<Narrow>> {
+        let of = |around: &_, cells: &_, y, z, run| Narrow::of(kind, around, cells, y, z, run);
+        self.labelled(occupancy, kind, context, of)?.finish()
     }
 
     /// The groups of a kind, with what `of` tells of each of their runs.

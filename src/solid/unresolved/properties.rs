@@ -239,35 +239,38 @@ fn measured(solid: &Marks, occupied: &Marks, kind: Kind) -> Vec<(Vec<[i64; 3]>, 
     groups(&marks).into_iter().map(of).collect()
 }
 
-/// What [`Solid::narrow_handles`] is to count, and the boxes of the groups that have most of them: at every corner, each part of a group that hangs together among the
-/// eight cells there changes the surface's χ on its own.
+/// The handles that go when a group is filled, or taken away: at every corner, each part of it that hangs together among the eight cells there changes the surface's χ on its own.
+fn handles(solid: &Marks, group: &[[i64; 3]], fills: bool) -> u64 {
+    let in_group: std::collections::HashSet<_> = group.iter().copied().collect();
+    let lowest: std::collections::BTreeSet<_> =
+        group.iter().flat_map(|cell| corners().map(|c| plus(plus(*cell, c), [-1; 3]))).collect();
+    let mut grows = 0;
+    for at in lowest {
+        let around: Vec<[i64; 3]> = corners().map(|c| plus(at, c)).collect();
+        let here = Marks::of([2; 3], |c| in_group.contains(&plus(at, c)));
+        for part in groups(&here) {
+            let value = |changed: bool| {
+                let holds = |cell: &[i64; 3]| {
+                    let in_part = part.iter().any(|c| plus(at, *c) == *cell);
+                    if in_part && changed { fills } else { solid.at(*cell) }
+                };
+                let pattern = around.iter().enumerate().fold(0, |p, (i, cell)| p | usize::from(holds(cell)) << i);
+                i64::from(OF_SURFACE[pattern])
+            };
+            grows += value(true) - value(false);
+        }
+    }
+    grows.max(0).unsigned_abs().div_ceil(8)
+}
+
+/// What [`Solid::narrow_handles`] is to count, and the boxes of the groups that have most of them.
 fn narrow(solid: &Marks) -> (u64, Vec<[[u32; 3]; 2]>) {
     let nothing = Marks::of(solid.size(), |_| false);
     let (mut counts, mut most, mut widest) = (Vec::new(), 0, Vec::new());
     for (kind, fills) in [(Kind::Tubes, true), (Kind::Struts, false)] {
         let mut count = 0;
         for group in groups(&looked_for(solid, &nothing, kind)) {
-            let in_group: std::collections::HashSet<_> = group.iter().copied().collect();
-            let lowest: std::collections::BTreeSet<_> =
-                group.iter().flat_map(|cell| corners().map(|c| plus(plus(*cell, c), [-1; 3]))).collect();
-            let mut grows = 0;
-            for at in lowest {
-                let around: Vec<[i64; 3]> = corners().map(|c| plus(at, c)).collect();
-                let here = Marks::of([2; 3], |c| in_group.contains(&plus(at, c)));
-                for part in groups(&here) {
-                    let value = |changed: bool| {
-                        let holds = |cell: &[i64; 3]| {
-                            let in_part = part.iter().any(|c| plus(at, *c) == *cell);
-                            if in_part && changed { fills } else { solid.at(*cell) }
-                        };
-                        let pattern =
-                            around.iter().enumerate().fold(0, |p, (i, cell)| p | usize::from(holds(cell)) << i);
-                        i64::from(OF_SURFACE[pattern])
-                    };
-                    grows += value(true) - value(false);
-                }
-            }
-            let handles = grows.max(0).unsigned_abs().div_ceil(8);
+            let handles = handles(solid, &group, fills);
             count += handles;
             let side = |of: fn(i64, i64) -> i64, a: usize| group.iter().map(|cell| cell[a]).reduce(of).unwrap() as u32;
             let cells = [[0, 1, 2].map(|a| side(i64::min, a)), [0, 1, 2].map(|a| side(i64::max, a) + 1)];
@@ -281,6 +284,30 @@ fn narrow(solid: &Marks) -> (u64, Vec<[[u32; 3]; 2]>) {
         counts.push(count);
     }
     (counts[0].max(counts[1]), widest)
+}
+
+/// What [`Solid::with_nets_filled`] is to make of the cells.
+fn with_nets_filled(solid: &Marks) -> Marks {
+    let nothing = Marks::of(solid.size(), |_| false);
+    let mut blocks = Vec::new();
+    for (kind, fills, least) in [(Kind::Tubes, true, 3), (Kind::Struts, false, 1)] {
+        let nets = groups(&looked_for(solid, &nothing, kind)).into_iter();
+        let nets = nets.filter(|group| handles(solid, group, fills) >= least);
+        blocks.extend(nets.flatten().map(|cell| cell.map(|c| c / 8)));
+    }
+    let pits = looked_for(solid, &nothing, Kind::Pits);
+    Marks::of(solid.size(), |cell| {
+        let is_near = |block: &[i64; 3]| (0..3).all(|a| (cell[a] / 8 - block[a]).abs() <= 1);
+        solid.at(cell) || pits.at(cell) && blocks.iter().any(is_near)
+    })
+}
+
+fn found_with_nets_filled(solid: &Marks) -> Marks {
+    with_context(solid.size(), |context| {
+        let occupancy = Marks::of(solid.size(), |_| false).occupancy(context);
+        let cells = solid.solid(context);
+        Marks::of_solid(&cells.with_nets_filled(&occupancy, context).unwrap().unwrap_or(cells))
+    })
 }
 
 fn found_narrow(solid: &Marks) -> NarrowHandles {
@@ -413,6 +440,36 @@ proptest! {
         prop_assert_eq!(found.count, count);
         prop_assert_eq!(found.widest.is_some(), count > 0);
         prop_assert!(found.widest.is_none_or(|cells| widest.contains(&cells)));
+    }
+
+    #[test]
+    fn nets_are_filled_by_the_definition(seed in any::<u64>(), share in 0.0f64..0.7) {
+        let [solid, _] = noisy(seed, share);
+        prop_assert_eq!(found_with_nets_filled(&solid), with_nets_filled(&solid));
+    }
+
+    /// A block with a slot two cells wide from end to end, which rungs cross: filled whole, as all of it is near. A bore as wide is no net, and stays.
+    #[test]
+    fn a_slot_that_rungs_cross_is_filled(
+        rungs in prop::collection::btree_set((0i64..4, 0i64..4), 0..8),
+        order in Just([0usize, 1, 2]).prop_shuffle(),
+    ) {
+        let back = |cell: [i64; 3]| [0, 1, 2].map(|a| cell[order.iter().position(|o| *o == a).unwrap()]);
+        let cells = order.map(|a| [48u32, 14, 24][a]);
+        let in_slot = |[x, y, z]: [i64; 3]| (2..16).contains(&x) && (7..9).contains(&y) && z >= 8;
+        let in_bore = |[x, y, _]: [i64; 3]| (42..44).contains(&x) && (7..9).contains(&y);
+        let solid = Marks::of(cells, |cell| {
+            let [x, y, z] = back(cell);
+            let block = (2..46).contains(&x) && (2..12).contains(&y) && (2..22).contains(&z);
+            let crossed = |(i, j): &(i64, i64)| (4 + 3 * i == x) && (10 + 3 * j == z);
+            block && !in_bore([x, y, z]) && (!in_slot([x, y, z]) || rungs.iter().any(crossed))
+        });
+        let filled = found_with_nets_filled(&solid);
+        for cell in places(solid.cells) {
+            let of_slot = in_slot(back(cell)) && (2..22).contains(&back(cell)[2]);
+            prop_assert_eq!(filled.at(cell), solid.at(cell) || of_slot && !rungs.is_empty(), "{:?}", back(cell));
+        }
+        prop_assert_eq!(filled.characteristic(), if rungs.is_empty() { solid.characteristic() } else { 0 });
     }
 
     /// A block with a hole through it and an arch on it, whose beam is a rod in its middle: a handle each, which is believed if it is three cells wide.
