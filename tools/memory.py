@@ -27,8 +27,9 @@ MIB = 1 << 20
 BESIDE = 32 * MIB
 ABOVE = 1.02
 PLAN_OVER_PEAK = 1.3
-# `holed` is the sphere without a cap of a tenth of its surface.
-SHAPES = ["sphere", "torus", "knot", "terrain", "plane", "box", "volume", "cluster", "line", "steps", "holed"]
+# `holed` is the sphere without a cap of a tenth of its surface, `comb` a block with slots and fins of 2.5 and 2.8 sampling distances.
+SHAPES = ["sphere", "torus", "knot", "terrain", "plane", "box", "volume", "cluster", "line", "steps", "holed", "comb"]
+MADE_OF = {"holed": "sphere", "comb": "volume"}
 FORMATS = ["raw", "ply", "text", "las", "laz"]
 FITS = ["nearest", "sphere", "none"]
 # The longest that a run may take; longer is told apart from being killed for its memory.
@@ -94,8 +95,8 @@ def of_phases(seen, seconds, phases):
 def cloud(program, work, shape, points, noise, form):
     """A cloud as a file of a format; made once."""
     raw = work / f"{shape}-{points}-{noise}.bin"
-    if not raw.exists() and shape == "holed":
-        whole = cloud(program, work, "sphere", points, noise, "raw")
+    if not raw.exists() and shape in MADE_OF:
+        whole = cloud(program, work, MADE_OF[shape], points, noise, "raw")
         subprocess.run([sys.executable, __file__, "--convert", whole, raw], check=True)
     if not raw.exists():
         subprocess.run([program, "generate", shape, str(points), "--noise", str(noise), "-o", raw, "-q"], check=True)
@@ -109,14 +110,44 @@ def cloud(program, work, shape, points, noise, form):
     return path
 
 
+def capless(points):
+    low, high = points[:, 0].min(), points[:, 0].max()
+    return points[points[:, 0] < low + 0.9 * (high - low)]
+
+
+def combed(points):
+    """Points that fill a cube, each moved onto the nearest side of a comb in it: turned, so that the grid lies askew to its slots."""
+    import numpy
+
+    low, high = points.min(0), points.max(0)
+    at = (points - low) / (high - low)
+    spacing = 0.05
+    for _ in range(30):
+        spacing = (spacing + ((1 / (5.3 * spacing) + 4) / len(points)) ** 0.5) / 2
+    fin, period = 2.8 * spacing, 5.3 * spacing
+    x = at[:, 0] % period
+    in_fin = x < fin
+    # The distances to a side of the fin or slot, to the top or the slot's floor, and to an end.
+    wall = numpy.where(in_fin, numpy.where(x < fin / 2, -x, fin - x), numpy.where(x < (fin + period) / 2, fin - x, period - x))
+    across = numpy.where(in_fin, 1.0, 0.5) - at[:, 2]
+    below = at[:, 2] < 0.5
+    along = numpy.where(at[:, 1] < 0.5, -at[:, 1], 1 - at[:, 1])
+    # Where the block is, its lower side and its ends; elsewhere what is nearest.
+    steps = numpy.stack([wall + below, along, numpy.where(below, numpy.where(in_fin, -at[:, 2], across), across)], 1)
+    axis = numpy.abs(steps).argmin(1)
+    at[numpy.arange(len(at)), axis] += steps[numpy.arange(len(at)), axis]
+    sin, cos = numpy.sin(0.5), numpy.cos(0.5)
+    turned = at @ numpy.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    return turned.astype("<f4")
+
+
 def convert(raw, path):
-    """Writes a raw cloud of single precision in another format; in its own, what is left of it without a cap."""
+    """Writes a raw cloud of single precision in another format; in its own, as another shape that is made of it."""
     import numpy
 
     points = numpy.fromfile(raw, "<f4").reshape(-1, 3)
     if path.suffix == ".bin":
-        low, high = points[:, 0].min(), points[:, 0].max()
-        left = points[points[:, 0] < low + 0.9 * (high - low)]
+        left = combed(points) if path.name.startswith("comb") else capless(points)
         left.tofile(path)
         layout = json.loads(Path(f"{raw}.json").read_text())
         Path(f"{path}.json").write_text(json.dumps(layout | {"count": len(left)}))

@@ -41,7 +41,7 @@ impl Comb {
         }
         outline.extend([[wide, base + self.deep], [wide, 0.0], [0.0, 0.0]]);
         let mut out = Vec::new();
-        for [a, b] in outline.array_windows() {
+        for (a, b) in outline.iter().zip(&outline[1..]) {
             let count = ((b[0] - a[0]).hypot(b[1] - a[1]) * long).round() as u32;
             for _ in 0..count {
                 let (t, y) = (next(), long * next());
