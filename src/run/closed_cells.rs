@@ -252,8 +252,16 @@ pub(super) fn closed_cells<T: Coordinate>(
     Ok(ClosedCells { closed, counted, shell, narrow, occupied, sparse, weights: None, closed_here: true })
 }
 
+/// Cavities of fewer cells are none in the surface: most of their kind reach the outside over an edge.
+const CAVITY: u64 = 8;
+
+/// Pieces and handles of the surface round a solid. Its Euler number is pieces less handles.
+fn flaws(solid: &Solid, context: &Context) -> Result<i64> {
+    Ok(2 * solid.pieces(CAVITY, context)? as i64 - solid.characteristic_of_surface()?)
+}
+
 /// What was closed, with what that filled opened again where the points say so, and the narrow handles that were left. Slots that hold nets are then filled whole and opened anew, if the
-/// surface has fewer handles so.
+/// surface has fewer pieces and handles so.
 fn reopened<T: Coordinate>(
     closed: Closed,
     surveyed: &Surveyed,
@@ -285,7 +293,7 @@ fn reopened<T: Coordinate>(
     if let Some(filled) = filled {
         solid.store.leave_memory()?;
         let anew = reopen(filled, 2)?;
-        narrow.reopened = anew.characteristic_of_surface()? > solid.characteristic_of_surface()?;
+        narrow.reopened = flaws(&anew, context)? < flaws(&solid, context)?;
         if narrow.reopened {
             solid = anew;
         }

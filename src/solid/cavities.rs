@@ -10,7 +10,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
 use crate::grid::context::{Context, chunks};
-use crate::grid::label::{Labeller, Measure, Parts};
+use crate::grid::label::{Components, Labeller, Measure, Parts};
 use crate::grid::slice::{Run, Runs};
 use crate::settings::closing::Least;
 use crate::solid::Solid;
@@ -45,6 +45,31 @@ impl Solid {
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn without_specks_of_outside(self, least: Least, context: &Context) -> Result<Solid> {
         let limit = least.cells(self.volume).min(Least::Auto.cells(self.volume));
+        let labelled = self.parts(false, context)?;
+        let is_speck = |hollow: &Hollow| hollow.at_end == 0 && hollow.cells < limit;
+        let mut specks = 0;
+        labelled.for_each(|hollow| specks += if is_speck(hollow) { hollow.cells } else { 0 })?;
+        if specks == 0 || FEW * specks >= self.volume {
+            return Ok(self);
+        }
+        let labels = labelled.judged(context, |hollow| if is_speck(hollow) { FILLED } else { OPEN })?;
+        self.changed(&labels, FILLED, Change::Filled, context)
+    }
+
+    /// The pieces of the surface: those of the solid, and cavities of at least so many cells.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn pieces(&self, least: u64, context: &Context) -> Result<u64> {
+        let mut count = 0;
+        self.parts(true, context)?.for_each(|_| count += 1)?;
+        self.parts(false, context)?
+            .for_each(|hollow| count += u64::from(hollow.at_end == 0 && hollow.cells >= least))?;
+        Ok(count)
+    }
+
+    /// The parts, joined by faces, of the solid, or of what is not solid.
+    fn parts(&self, solid: bool, context: &Context) -> Result<Components<Hollow>> {
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.cells[1]);
         context.workers.in_order(
@@ -55,7 +80,7 @@ impl Solid {
                 let read = |y| {
                     let mut runs = Runs::default();
                     self.store.read(y, &mut runs)?;
-                    Ok(between(&runs, self.cells[0]))
+                    Ok(if solid { runs } else { between(&runs, self.cells[0]) })
                 };
                 let slices = chunk.map(read).collect::<Result<Vec<Runs>>>()?;
                 let [width, count, rows] = self.cells;
@@ -67,15 +92,7 @@ impl Solid {
             },
             |parts: Parts<Hollow>| labeller.add(parts),
         )?;
-        let labelled = labeller.finish()?;
-        let is_speck = |hollow: &Hollow| hollow.at_end == 0 && hollow.cells < limit;
-        let mut specks = 0;
-        labelled.for_each(|hollow| specks += if is_speck(hollow) { hollow.cells } else { 0 })?;
-        if specks == 0 || FEW * specks >= self.volume {
-            return Ok(self);
-        }
-        let labels = labelled.judged(context, |hollow| if is_speck(hollow) { FILLED } else { OPEN })?;
-        self.changed(&labels, FILLED, Change::Filled, context)
+        labeller.finish()
     }
 }
 
@@ -116,29 +133,40 @@ mod tests {
         (0..slices).flat_map(move |y| (0..rows).flat_map(move |z| (0..width).map(move |x| [x, y, z])))
     }
 
-    /// The solid as the rule says, from its holes: without those cavities that are specks, unless these are many.
-    fn expected(holes: &BTreeSet<Cell>, least: u64) -> BTreeSet<Cell> {
-        let volume = (CELLS.iter().product::<u32>() as usize - holes.len()) as u64;
-        let limit = least.min(64).min(volume.div_ceil(1000));
-        let (mut seen, mut specks) = (HashSet::new(), BTreeSet::new());
-        for &hole in holes {
-            if seen.contains(&hole) {
+    /// The cells that faces join.
+    fn parts(cells: &BTreeSet<Cell>) -> Vec<Vec<Cell>> {
+        let (mut seen, mut parts) = (HashSet::new(), Vec::new());
+        for &first in cells {
+            if !seen.insert(first) {
                 continue;
             }
-            let (mut found, mut stack) = (vec![], vec![hole]);
-            seen.insert(hole);
+            let (mut found, mut stack) = (vec![], vec![first]);
             while let Some(cell) = stack.pop() {
                 found.push(cell);
                 for (a, step) in [(0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1)] {
                     let mut next = cell;
                     next[a] = next[a].wrapping_add_signed(step);
-                    if holes.contains(&next) && seen.insert(next) {
+                    if cells.contains(&next) && seen.insert(next) {
                         stack.push(next);
                     }
                 }
             }
-            let at_end = found.iter().any(|cell| (0..3).any(|a| cell[a] == 0 || cell[a] + 1 == CELLS[a]));
-            if !at_end && (found.len() as u64) < limit {
+            parts.push(found);
+        }
+        parts
+    }
+
+    fn at_end(part: &[Cell]) -> bool {
+        part.iter().any(|cell| (0..3).any(|a| cell[a] == 0 || cell[a] + 1 == CELLS[a]))
+    }
+
+    /// The solid as the rule says, from its holes: without those cavities that are specks, unless these are many.
+    fn expected(holes: &BTreeSet<Cell>, least: u64) -> BTreeSet<Cell> {
+        let volume = (CELLS.iter().product::<u32>() as usize - holes.len()) as u64;
+        let limit = least.min(64).min(volume.div_ceil(1000));
+        let mut specks = BTreeSet::new();
+        for found in parts(holes) {
+            if !at_end(&found) && (found.len() as u64) < limit {
                 specks.extend(found);
             }
         }
@@ -167,10 +195,11 @@ mod tests {
                 Least::Cells(cells) => cells,
                 _ => u64::MAX,
             };
-            let found: BTreeSet<Cell> = with_context(CELLS, |context| {
+            let (pieces, found): (u64, BTreeSet<Cell>) = with_context(CELLS, |context| {
                 let solid = all().filter(|cell| !holes.contains(cell));
                 let Occupancy { store, occupied, .. } = Occupancy::of_cells(solid, CELLS, context).unwrap();
                 let solid = Solid { cells: CELLS, store, volume: occupied, faces: vec![0; 70], ground: None };
+                let pieces = solid.pieces(4, context).unwrap();
                 let filled = solid.without_specks_of_outside(least, context).unwrap();
                 let mut runs = Runs::default();
                 let mut found = BTreeSet::new();
@@ -181,8 +210,10 @@ mod tests {
                     }
                 }
                 assert_eq!(found.len() as u64, filled.volume);
-                found
+                (pieces, found)
             });
+            let cavities = parts(&holes).into_iter().filter(|part| part.len() >= 4 && !at_end(part)).count();
+            prop_assert_eq!(pieces as usize, parts(&all().filter(|cell| !holes.contains(cell)).collect()).len() + cavities);
             prop_assert_eq!(found, expected(&holes, cells));
         }
     }

@@ -218,7 +218,7 @@ pub struct NarrowHandles {
     pub count: u64,
     /// The box of the widest: its first cell along x, slices and rows, and the cell behind its last.
     pub widest: Option<[[u32; 3]; 2]>,
-    /// Whether slots round them were filled and opened anew, so that the surface has fewer handles now.
+    /// Whether slots round them were filled and opened anew, so that the surface has fewer pieces and handles now.
     #[serde(default)]
     pub reopened: bool,
 }
