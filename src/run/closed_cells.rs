@@ -261,7 +261,7 @@ fn flaws(solid: &Solid, context: &Context) -> Result<i64> {
 }
 
 /// What was closed, with what that filled opened again where the points say so, and the narrow handles that were left. Slots that hold nets are then filled whole and opened anew, if the
-/// surface has fewer pieces and handles so.
+/// surface loses pieces and handles so, but not many more than were narrow.
 fn reopened<T: Coordinate>(
     closed: Closed,
     surveyed: &Surveyed,
@@ -291,9 +291,13 @@ fn reopened<T: Coordinate>(
         false => None,
     };
     if let Some(filled) = filled {
-        solid.store.leave_memory()?;
+        if context.memory.predicted_disk > 0 {
+            solid.store.leave_memory()?;
+        }
         let anew = reopen(filled, 2)?;
-        narrow.reopened = flaws(&anew, context)? < flaws(&solid, context)?;
+        // Who loses far more handles than are narrow has lost the object's.
+        let lost = flaws(&solid, context)? - flaws(&anew, context)?;
+        narrow.reopened = (1..2 * narrow.count as i64).contains(&lost);
         if narrow.reopened {
             solid = anew;
         }
