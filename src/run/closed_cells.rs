@@ -291,11 +291,12 @@ fn reopened<T: Coordinate>(
         false => None,
     };
     if let Some(filled) = filled {
+        // Where all fits in memory, nothing goes to disk.
         if context.memory.predicted_disk > 0 {
             solid.store.leave_memory()?;
         }
         let anew = reopen(filled, 2)?;
-        // Who loses far more handles than are narrow has lost the object's.
+        // If far more handles go than were narrow, some of them were the object's.
         let lost = flaws(&solid, context)? - flaws(&anew, context)?;
         narrow.reopened = (1..2 * narrow.count as i64).contains(&lost);
         if narrow.reopened {

@@ -188,6 +188,9 @@ impl Closing {
             Some(radius) => format!("radius {radius} {}, as asked", if radius == 1 { "cell" } else { "cells" }),
             None if self.ends && self.parted => "open where triangles far from points were left out".to_owned(),
             None if self.sealed => "sealed: the mesh encloses the inside".to_owned(),
+            None if self.parted && self.narrow_reopened => {
+                format!("closed, where slots were opened anew for narrow handles: {}", thousands(self.narrow_handles))
+            }
             None if self.parted && self.narrow_handles > 0 => {
                 format!("closed, with handles that may not be the object's: {}", thousands(self.narrow_handles))
             }

@@ -1,4 +1,4 @@
-//! Cavities that are specks: what is shut off within the solid, and no larger than what is left out as a speck, is filled.
+//! Parts of the solid and of what is not solid. Cavities that are specks are filled: what is shut off within the solid, and no larger than what is left out as a speck.
 //!
 //! ```text
 //!   # # # # # # #        . outside, # solid, o a speck of the outside: a stray in the body leaves one, or a few samples that lie
@@ -21,17 +21,17 @@ use crate::solid::component::FEW;
 const OPEN: u8 = 0;
 const FILLED: u8 = 1;
 
-/// Cells of a run that are not solid, or of all that hang together with it.
+/// A run of cells, or all that hangs together with it.
 #[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
 #[repr(C)]
-struct Hollow {
+struct Part {
     cells: u64,
     /// How many of its runs lie at the end of the grid.
     at_end: u64,
 }
 
-impl Measure for Hollow {
-    fn add(&mut self, other: &Hollow) {
+impl Measure for Part {
+    fn add(&mut self, other: &Part) {
         self.cells += other.cells;
         self.at_end += other.at_end;
     }
@@ -46,13 +46,13 @@ impl Solid {
     pub fn without_specks_of_outside(self, least: Least, context: &Context) -> Result<Solid> {
         let limit = least.cells(self.volume).min(Least::Auto.cells(self.volume));
         let labelled = self.parts(false, context)?;
-        let is_speck = |hollow: &Hollow| hollow.at_end == 0 && hollow.cells < limit;
+        let is_speck = |part: &Part| part.at_end == 0 && part.cells < limit;
         let mut specks = 0;
-        labelled.for_each(|hollow| specks += if is_speck(hollow) { hollow.cells } else { 0 })?;
+        labelled.for_each(|part| specks += if is_speck(part) { part.cells } else { 0 })?;
         if specks == 0 || FEW * specks >= self.volume {
             return Ok(self);
         }
-        let labels = labelled.judged(context, |hollow| if is_speck(hollow) { FILLED } else { OPEN })?;
+        let labels = labelled.judged(context, |part| if is_speck(part) { FILLED } else { OPEN })?;
         self.changed(&labels, FILLED, Change::Filled, context)
     }
 
@@ -63,13 +63,12 @@ impl Solid {
     pub fn pieces(&self, least: u64, context: &Context) -> Result<u64> {
         let mut count = 0;
         self.parts(true, context)?.for_each(|_| count += 1)?;
-        self.parts(false, context)?
-            .for_each(|hollow| count += u64::from(hollow.at_end == 0 && hollow.cells >= least))?;
+        self.parts(false, context)?.for_each(|part| count += u64::from(part.at_end == 0 && part.cells >= least))?;
         Ok(count)
     }
 
     /// The parts, joined by faces, of the solid, or of what is not solid.
-    fn parts(&self, solid: bool, context: &Context) -> Result<Components<Hollow>> {
+    fn parts(&self, solid: bool, context: &Context) -> Result<Components<Part>> {
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.cells[1]);
         context.workers.in_order(
@@ -87,10 +86,10 @@ impl Solid {
                 Ok(Parts::of(slices, |slice, z, Run { start, end }| {
                     let y = first + slice as u32;
                     let at_end = start == 0 || end == width || y == 0 || y + 1 == count || z == 0 || z + 1 == rows;
-                    Hollow { cells: u64::from(end - start), at_end: at_end.into() }
+                    Part { cells: u64::from(end - start), at_end: at_end.into() }
                 }))
             },
-            |parts: Parts<Hollow>| labeller.add(parts),
+            |parts: Parts<Part>| labeller.add(parts),
         )?;
         labeller.finish()
     }

@@ -10,23 +10,11 @@ impl Solid {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn characteristic(&self) -> Result<i64> {
-        let [width, slices, rows] = self.cells;
-        let (mut below, mut slice, mut runs) = (Bits::new(width, rows), Bits::new(width, rows), Runs::default());
-        let mut sum = 0;
-        for y in 0..slices {
-            self.store.paint(i64::from(y), &mut slice, &mut runs)?;
-            for z in 0..rows {
-                // Rows are joined with the one before in the slice, and with both in the slice below.
-                let (here, under) = (slice.row(z), below.row(z));
-                sum += runs_of([here]) - runs_of([here, under]);
-                if z > 0 {
-                    let (beside, under_beside) = (slice.row(z - 1), below.row(z - 1));
-                    sum -= runs_of([here, beside]) - runs_of([here, beside, under, under_beside]);
-                }
-            }
-            std::mem::swap(&mut below, &mut slice);
-        }
-        Ok(sum)
+        // Rows are joined with the one before in the slice, and with both in the slice below.
+        self.sum_of_rows(|[[under_beside, under], [beside, here]]| {
+            runs_of([here]) - runs_of([here, under]) - runs_of([here, beside])
+                + runs_of([here, beside, under, under_beside])
+        })
     }
 
     /// That of the surface, which keeps two cells apart that are not solid and share nothing but a corner: pieces of the surface, less its handles. Memory: two slices of bits.
@@ -34,13 +22,20 @@ impl Solid {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn characteristic_of_surface(&self) -> Result<i64> {
+        Ok(self.characteristic()? + self.sum_of_rows(kept_apart)?)
+    }
+
+    /// The sum of what `of` says of every row, which is given the row before and the row itself, of the slice below and of its own. What lies before the grid is empty.
+    fn sum_of_rows(&self, of: impl Fn([[&[u64]; 2]; 2]) -> i64) -> Result<i64> {
         let [width, slices, rows] = self.cells;
         let (mut below, mut slice, mut runs) = (Bits::new(width, rows), Bits::new(width, rows), Runs::default());
-        let mut sum = self.characteristic()?;
+        let nothing = vec![0; slice.row_words()];
+        let mut sum = 0;
         for y in 0..slices {
             self.store.paint(i64::from(y), &mut slice, &mut runs)?;
-            for z in 1..rows {
-                sum += kept_apart([&below, &slice].map(|slice| [slice.row(z - 1), slice.row(z)]));
+            for z in 0..rows {
+                sum +=
+                    of([&below, &slice].map(|slice| [if z > 0 { slice.row(z - 1) } else { &nothing }, slice.row(z)]));
             }
             std::mem::swap(&mut below, &mut slice);
         }

@@ -435,16 +435,19 @@ fn without(slice: &Runs, gone: &Runs) -> Runs {
 fn euler_of(cells: &Stretch, y: i64, z: i64, run: Run) -> i32 {
     let here: Vec<Run> =
         cells.row(y, z).iter().filter(|part| run.start <= part.start && part.end <= run.end).copied().collect();
-    let common = |runs: &[Run], y: i64, z: i64| {
-        let (mut out, row) = (Vec::new(), cells.row(y, z));
-        overlaps(runs, row, |i, j| {
-            out.push(Run { start: runs[i].start.max(row[j].start), end: runs[i].end.min(row[j].end) });
-        });
+    let with = |runs: &[Run], y: i64, z: i64| {
+        let mut out = Vec::new();
+        common(runs, cells.row(y, z), |run| out.push(run));
         out
     };
-    let (beside, below) = (common(&here, y, z - 1), common(&here, y - 1, z));
-    let squares = common(&common(&beside, y - 1, z), y - 1, z - 1);
+    let (beside, below) = (with(&here, y, z - 1), with(&here, y - 1, z));
+    let squares = with(&with(&beside, y - 1, z), y - 1, z - 1);
     (here.len() + squares.len()) as i32 - (beside.len() + below.len()) as i32
+}
+
+/// Calls `found` with the runs of cells that are in both of two rows.
+fn common(a: &[Run], b: &[Run], mut found: impl FnMut(Run)) {
+    overlaps(a, b, |i, j| found(Run { start: a[i].start.max(b[j].start), end: a[i].end.min(b[j].end) }));
 }
 
 /// The cells that are in both of two stretches.
@@ -454,10 +457,7 @@ fn both(a: &Stretch, b: &Stretch, slices: Range<i64>) -> Stretch {
         let (a, b) = (a.slice(y), b.slice(y));
         let mut out = Runs::default();
         for z in 0..a.row_count().min(b.row_count()) {
-            overlaps(a.row(z), b.row(z), |i, j| {
-                let (a, b) = (a.row(z)[i], b.row(z)[j]);
-                out.push_run(a.start.max(b.start), a.end.min(b.end));
-            });
+            common(a.row(z), b.row(z), |run| out.push_run(run.start, run.end));
             out.end_row();
         }
         out

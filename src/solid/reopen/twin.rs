@@ -251,7 +251,8 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
         for cluster in cluster.groups() {
             let of_cluster: Vec<Place> = cluster.iter().copied().filter(|cell| opened.at(*cell)).collect();
             let of_cavities: BTreeSet<Place> = cluster.iter().copied().filter(|cell| !opened.at(*cell)).collect();
-            let joined = by_faces(&of_cavities);
+            // As faces join them: all of them alone.
+            let joined = euler(of_cavities.iter().copied(), |_| true);
             if change(&of_cluster) + joined.max(i64::from(!of_cavities.is_empty())) < 0 {
                 of_cluster.iter().for_each(|cell| opened.put(*cell, false));
             }
@@ -295,17 +296,6 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
             return (less(solid, &rungs), any_wide);
         }
     }
-}
-
-/// The Euler number of some cells as faces join them: cells − pairs + squares − cubes.
-fn by_faces(cells: &BTreeSet<Place>) -> i64 {
-    let boxes = cells.iter().flat_map(|low| (0..8).map(move |size: i64| (low, size)));
-    let sign = |(low, size): (&Place, i64)| {
-        let mut steps = (0..8).filter(|step| step & !size == 0).map(|step| [step & 1, step >> 1 & 1, step >> 2 & 1]);
-        let all = steps.all(|d| cells.contains(&add(*low, d)));
-        if all { 1 - 2 * i64::from(size.count_ones() & 1) } else { 0 }
-    };
-    boxes.map(sign).sum()
 }
 
 /// The solid without what is opened.

@@ -19,6 +19,7 @@
 //! touches two groups, the first one in the order of cells is given its change.
 //!
 //! What is left of handles that are no wider than a tube or a strut ([`Solid::narrow_handles`]) is told: nobody can say whether they are the body's.
+//! Where they are nets of rungs across a slot ([`nets`]), the slot is filled whole.
 //!
 //! Source: T. Y. Kong and A. Rosenfeld, *Digital topology: introduction and survey* (1989), for χ of cells joined by faces.
 

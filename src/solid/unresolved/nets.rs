@@ -10,7 +10,7 @@
 //!   S S S S S S S      S S S S S S S      S S S S S S S
 //! ```
 //!
-//! Reopening ([`crate::solid::reopen`]) keeps the handles that it finds: growth never makes nor mends one. From a slot that is filled whole it goes in from the slot's ends, and
+//! Reopening ([`crate::solid::reopen`]) keeps the handles that it finds: growth neither makes nor mends one. From a slot that is filled whole it goes in from the slot's ends, and
 //! makes none.
 
 use super::{CHANGES, Kind, Narrow, STAYS, Seen};
