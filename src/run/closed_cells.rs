@@ -1,5 +1,7 @@
 //! From sorted points to closed cells: which cells are occupied, which are solid, and what is opened again.
 
+use std::cell::Cell;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
@@ -18,6 +20,7 @@ use crate::solid::close::{self, Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield::HeightField;
 use crate::solid::membranes::{Common, Membranes};
+use crate::solid::reopen::{Reopening, STEPS, Sampling};
 use crate::solid::sign::Sights;
 use crate::solid::unresolved::NarrowHandles;
 use crate::solid::{SavedSolid, Solid};
@@ -112,7 +115,7 @@ impl ClosedCells {
     /// [`Error::Io`].
     pub(super) fn commit(&self, work: &WorkFolder, phase: &str) -> Result<()> {
         let mut out = SectionWriter::new(work, phase)?;
-        let Closed { solid, occupancy, how, falls, components, membranes } = &self.closed;
+        let Closed { solid, occupancy, how, falls, components, membranes, .. } = &self.closed;
         let (occupancy, solid) = (occupancy.save(&mut out)?, solid.save(&mut out)?);
         let membranes = membranes.as_ref().map(|membranes| membranes.save(&mut out)).transpose()?;
         out.values(self.weights.as_deref().unwrap_or_default())?;
@@ -151,7 +154,7 @@ impl ClosedCells {
             let membranes =
                 saved.membranes.map(|common| Membranes::load(common, &mut sections, context)).transpose()?;
             let Saved { how, falls, components, counted, shell, narrow, occupied, sparse, .. } = saved;
-            let closed = Closed { solid, occupancy, how, falls, components, membranes };
+            let closed = Closed { solid, occupancy, how, falls, components, membranes, thickened: None };
             let weights: Vec<u32> = sections.values()?;
             let weights = (!weights.is_empty()).then_some(weights);
             if weights.as_ref().is_some_and(|weights| weights.len() != closed.solid.cells[1] as usize) {
@@ -238,8 +241,11 @@ pub(super) fn closed_cells<T: Coordinate>(
         None => Ok(solid),
     };
     let (closed, narrow) = match signed && surveyed.may_reopen() && !shell.is_some_and(|shell| shell.hides_walls()) {
-        true => reopened(closed, surveyed, buckets, without_specks, context, progress)?,
-        false => (Closed { solid: without_specks(closed.solid)?, ..closed }, None),
+        true => {
+            let noisy = shell.is_some_and(|shell| shell.is_noisy());
+            reopened(closed, surveyed, buckets, noisy, without_specks, context, progress)?
+        }
+        false => (Closed { solid: without_specks(closed.solid)?, thickened: None, ..closed }, None),
     };
     // What says that it is not sealed says more than handles would.
     let narrow = match &closed.how {
@@ -261,29 +267,40 @@ fn flaws(solid: &Solid, context: &Context) -> Result<i64> {
 }
 
 /// What was closed, with what that filled opened again where the points say so, and the narrow handles that were left. Slots that hold nets are then filled whole and opened anew, if the
-/// surface loses pieces and handles so, but not many more than were narrow.
+/// surface loses pieces and handles so, but not many more than were narrow. Then clefts open.
 fn reopened<T: Coordinate>(
     closed: Closed,
     surveyed: &Surveyed,
     buckets: &Buckets<T>,
+    noisy: bool,
     without_specks: impl Fn(Solid) -> Result<Solid>,
     context: &Context,
     progress: &mut Progress,
 ) -> Result<(Closed, Option<NarrowHandles>)> {
     context.memory.between_phases(&context.workers);
     progress.begin(Phase::Reopen, None);
-    let Closed { solid, occupancy, .. } = closed;
+    let Closed { solid, occupancy, thickened, .. } = closed;
     let coarser = occupancy.coarser(context)?.occupied;
     let side = close::side_in_samples(occupancy.occupied as f64 / coarser.max(1) as f64);
     let sampled = Sampled { buckets, occupied: &occupancy.store, grid: &surveyed.grid, counted: Counted::All };
-    let mut reopen = |solid: Solid, time: u64| {
-        let solid = solid.reopened(&sampled, side, context, |done, total| {
-            progress.set_total(time * total);
-            progress.set((time - 1) * total + done);
-        })?;
-        without_specks(solid)
+    let sampling = Sampling { side, noisy, thickened: thickened.as_ref() };
+    let (slices, all) = (u64::from(solid.cells[1]), Cell::new(STEPS));
+    let mut done = 0;
+    let mut step = || {
+        done += 1;
+        progress.set_total(all.get() * slices);
+        progress.set(done.min(all.get()) * slices);
     };
-    let mut solid = reopen(solid, 1)?;
+    let cleaned = |solid: Solid| without_specks(solid.without_isolated_cells(context)?);
+    let mut open = |solid: Solid| {
+        let mut reopening = Reopening::of(&solid, &sampled, sampling, context)?;
+        let solid = match &mut reopening {
+            Some(reopening) => reopening.opened(solid, &mut step)?,
+            None => solid,
+        };
+        Ok((cleaned(solid)?, reopening))
+    };
+    let (mut solid, mut reopening) = open(solid)?;
     let mut narrow = solid.narrow_handles(&occupancy, context)?;
     // Where places were added, the winding number that they came of tells the handles.
     let filled = match narrow.count > 0 && surveyed.added().is_none() {
@@ -291,11 +308,14 @@ fn reopened<T: Coordinate>(
         false => None,
     };
     if let Some(filled) = filled {
+        drop(reopening);
         // Where all fits in memory, nothing goes to disk.
         if context.memory.predicted_disk > 0 {
             solid.store.leave_memory()?;
         }
-        let anew = reopen(filled, 2)?;
+        all.set(all.get() + STEPS);
+        let (anew, with_anew) = open(filled)?;
+        reopening = with_anew;
         // If far more handles go than were narrow, some of them were the object's.
         let lost = flaws(&solid, context)? - flaws(&anew, context)?;
         narrow.reopened = (1..2 * narrow.count as i64).contains(&lost);
@@ -303,5 +323,17 @@ fn reopened<T: Coordinate>(
             solid = anew;
         }
     }
-    Ok((Closed { solid, occupancy, ..closed }, Some(narrow)))
+    if let Some(reopening) = &mut reopening.filter(|_| surveyed.added().is_none()) {
+        all.set(all.get() + STEPS);
+        let (left, any) = reopening.without_clefts(solid, &mut step)?;
+        solid = left;
+        if any {
+            solid = cleaned(solid)?;
+            let now = solid.narrow_handles(&occupancy, context)?;
+            if now.count > narrow.count {
+                narrow = NarrowHandles { reopened: narrow.reopened, ..now };
+            }
+        }
+    }
+    Ok((Closed { solid, occupancy, thickened: None, ..closed }, Some(narrow)))
 }

@@ -11,6 +11,7 @@ use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::grid::dilate::{Ball, squared};
 use crate::grid::occupancy::Occupancy;
+use crate::grid::slice::SliceStore;
 use crate::grid::{CELLS_LIMIT, Grid};
 use crate::points::Coordinate;
 use crate::settings::closing::Least;
@@ -73,6 +74,8 @@ pub struct Closed {
     pub components: Option<Components>,
     /// The membranes that close holes, if there are any.
     pub membranes: Option<Membranes>,
+    /// What sheets were thickened by, if there are any. Not kept: reopening looks at it, and nothing after that.
+    pub thickened: Option<SliceStore>,
 }
 
 impl Closed {
@@ -245,7 +248,7 @@ pub fn close_seen(
             format!("`seal`: a radius of {radius} cells is more than half of the longest side, {longest} cells"),
         ));
     }
-    let (solid, occupancy, how, falls, membranes) = match given {
+    let closed = match given {
         None => close_signed(occupancy, asked, sights, context, progress)?,
         Some(_) => {
             let wanted = given.map(ClosingBall::with_radius).expect("a radius is given");
@@ -262,15 +265,16 @@ pub fn close_seen(
                 Solid::close(&occupancy, &Ball::new(closing.radius), context)?
             };
             drop(pyramid);
-            (solid, occupancy, How::Ball(closing), falls, None)
+            let how = How::Ball(closing);
+            Closed { solid, occupancy, how, falls, components: None, membranes: None, thickened: None }
         }
     };
-    let solid = solid.without_isolated_cells(context)?;
+    let solid = closed.solid.without_isolated_cells(context)?;
     progress.done(slices);
     let (solid, occupancy, components) = match asked.min_component {
-        None => (solid, occupancy, None),
+        None => (solid, closed.occupancy, None),
         Some(least) => {
-            let (solid, occupancy, components) = component::keep(solid, occupancy, least, context)?;
+            let (solid, occupancy, components) = component::keep(solid, closed.occupancy, least, context)?;
             if components.dropped == components.found {
                 let largest = components.largest;
                 return Err(Error::setting(
@@ -282,7 +286,7 @@ pub fn close_seen(
         }
     };
     progress.done(slices);
-    Ok(Closed { solid, occupancy, how, falls, components, membranes })
+    Ok(Closed { solid, occupancy, components, ..closed })
 }
 
 /// The solid below a surface that is not closed: columns, over which a small ball rolls. `progress` is told the slices that are done, and of all.
@@ -313,7 +317,7 @@ pub fn close_below<T: Coordinate>(
     let solid = heightfield::solid(&occupancy, Some((buckets, grid)), ground, context)?;
     progress(slices, slices);
     let how = How::Ball(ClosingBall { level: 0, radius: ball.radius() });
-    Ok(Closed { solid, occupancy, how, falls: false, components: None, membranes: None })
+    Ok(Closed { solid, occupancy, how, falls: false, components: None, membranes: None, thickened: None })
 }
 
 /// The side of the cells that the field is looked for on, in sampling distances, at the least.
@@ -354,7 +358,7 @@ fn close_signed(
     sights: Option<&Sights<'_>>,
     context: &Context,
     progress: &mut Passes,
-) -> Result<(Solid, Occupancy, How, bool, Option<Membranes>)> {
+) -> Result<Closed> {
     let slices = occupancy.cells[1];
     let longest = occupancy.cells.into_iter().max().unwrap_or(1);
     let least = longest.div_ceil(if asked.rough { sign::ROUGH } else { sign::LONGEST });
@@ -428,15 +432,14 @@ fn close_signed(
     drop(sides);
     progress.done(slices);
     // Sheets before dents: where a body stands on a sheet, the ball would get through its gaps, and the wedge between the two would be dents.
-    let thick = sheets(0).thickened(side, &occupancy, context)?;
-    let solid = if let Some(thick) = &thick { solid.with(thick, context)? } else { solid };
-    let solid = solid.without_dents(thick.as_ref(), &occupancy, context)?;
-    drop(thick);
+    let thickened = sheets(0).thickened(side, &occupancy, context)?;
+    let solid = if let Some(thickened) = &thickened { solid.with(thickened, context)? } else { solid };
+    let solid = solid.without_dents(thickened.as_ref(), &occupancy, context)?;
     progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
     progress.done(slices);
     let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied, sights));
-    Ok((solid, occupancy, how, level > 0, membranes))
+    Ok(Closed { solid, occupancy, how, falls: level > 0, components: None, membranes, thickened })
 }
 
 #[cfg(test)]

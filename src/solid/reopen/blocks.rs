@@ -69,6 +69,26 @@ impl Blocks {
         })
     }
 
+    /// Those that are in both.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn both(&self, other: &Blocks, context: &Context) -> Result<Blocks> {
+        Blocks::layers(self.sides, context, |layer, bits| {
+            let (mut runs, mut others) = (Runs::default(), Runs::default());
+            self.store.read(layer, &mut runs)?;
+            other.store.read(layer, &mut others)?;
+            for z in 0..runs.row_count().min(others.row_count()) {
+                let (runs, others) = (runs.row(z), others.row(z));
+                overlaps(runs, others, |i, j| {
+                    let both = runs[i].start.max(others[j].start)..runs[i].end.min(others[j].end);
+                    both.for_each(|x| bits.set(x, z));
+                });
+            }
+            Ok(())
+        })
+    }
+
     /// Blocks that `work` sets, layer by layer.
     fn layers(sides: Cell, context: &Context, work: impl Fn(u32, &mut Bits) -> Result<()> + Sync) -> Result<Blocks> {
         let mut store = SliceStore::new(&context.workspace, context.memory.store_quota);

@@ -215,7 +215,7 @@ impl Slabs<'_> {
     }
 
     /// The parts, joined by faces, of the cells that `work` finds in chunks; `of` tells what a cell adds to its part.
-    fn parts<C: Copy + Send, M: Measure>(
+    pub(super) fn parts<C: Copy + Send, M: Measure>(
         &self,
         work: impl Fn(&Range<u32>, &mut Found<C>) -> Result<()> + Sync,
         of: impl Fn(C) -> M + Sync,
@@ -346,7 +346,7 @@ impl Slabs<'_> {
     }
 
     /// The cells with verdict 1, and those of `more`.
-    fn judged(&self, labels: &Labels, more: Option<&SliceStore>) -> Result<SliceStore> {
+    pub(super) fn judged(&self, labels: &Labels, more: Option<&SliceStore>) -> Result<SliceStore> {
         let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
         self.each(
             |chunk| {

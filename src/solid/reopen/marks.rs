@@ -36,6 +36,13 @@ impl Marks {
         Marks { cells, set: vec![false; cells.iter().product::<i64>() as usize] }
     }
 
+    /// Those that `holds` says.
+    pub fn of(cells: Cell, holds: impl Fn(Place) -> bool) -> Marks {
+        let mut marks = Marks::none(cells);
+        marks.all().filter(|cell| holds(*cell)).for_each(|cell| marks.put(cell, true));
+        marks
+    }
+
     fn number(&self, cell: Place) -> Option<usize> {
         let [x, y, z] = cell;
         let within = (0..3).all(|a| (0..self.cells[a]).contains(&cell[a]));

@@ -10,17 +10,20 @@
 //!        # + + + #            2. cells that the outside is near to on one side get a sign; others are hidden (wall)
 //!        # + + + #            3. hidden cells get theirs from one another (signs)
 //!        # # # # #            4. the winding number of all that tells what is outside (field)
-//!                             5. which opens from the outside, and makes no pieces, and no tunnels but wide ones (open, core)
+//!                             5. which opens from the outside, and makes no pieces, and no tunnels but wide ones (open, core, growth)
+//!                             6. and so do walls that are hidden still (clefts); what these bare is looked at once more, from 2 on
 //! ```
 //!
 //! All passes go over chunks of slices and hold some slices more on either side; from pass to pass, what is known of each cell lies in spools. Only blocks of cells near
 //! *deep* occupied cells are looked at, which no cell outside the solid touches: where there are none, nothing was filled that has points round it.
 
 pub(in crate::solid) mod blocks;
+mod clefts;
 mod core;
 mod dipole;
 mod field;
 mod found;
+mod growth;
 mod layers;
 mod open;
 mod plane;
@@ -64,6 +67,9 @@ use crate::points::Coordinate;
 use crate::solid::exterior::{Padded, invert};
 use crate::solid::{Solid, move_back};
 
+/// Cells within this squared distance of one touch it.
+const TOUCHES: u32 = 3;
+
 /// So many deep occupied cells in a block are evidence that something was filled; and then, so many hidden walls.
 const EVIDENCE: u32 = 3;
 
@@ -75,11 +81,19 @@ const LOOKED_AT: u32 = 2;
 const SIGMA: f64 = 3.0;
 const SIGMA_CELLS: (f64, f64) = (2.0, 3.0);
 
-/// Rounds of growth, at most.
-const ROUNDS: u32 = 24;
+/// Steps of opening a solid, or its clefts, for progress.
+pub const STEPS: u64 = 8;
 
-/// Steps of the work before rungs, for progress.
-const STEPS: u64 = 10;
+/// How the points lie.
+#[derive(Debug, Clone, Copy)]
+pub struct Sampling<'a> {
+    /// A cell's side, in sampling distances.
+    pub side: f64,
+    /// Whether their shell is noise ([`crate::surface::thickness`]).
+    pub noisy: bool,
+    /// What sheets were thickened by: there, walls are hidden in cells that no point lies in.
+    pub thickened: Option<&'a SliceStore>,
+}
 
 /// What passes over chunks of slices are given.
 pub struct Slabs<'a> {
@@ -175,66 +189,83 @@ fn mapped<T: Pod, U>(held: &Held<T>, chunk: &Range<u32>, mut each: impl FnMut([i
     chunk.clone().map(&mut slice).collect()
 }
 
-impl Solid {
-    /// The solid with what the closing filled opened again, where the points say so. `side` is a cell's side in sampling distances; `progress` is told the slices that
-    /// are done, and of all.
+/// The walls round what the closing filled, and how they tell what is outside.
+pub struct Reopening<'a> {
+    slabs: Slabs<'a>,
+    occupied: &'a SliceStore,
+    sampling: Sampling<'a>,
+    kernel: Kernel,
+    planes: Layers<Wall>,
+}
+
+impl<'a> Reopening<'a> {
+    /// The walls where the solid hides points; none where it hides hardly any.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
-    pub fn reopened<T: Coordinate>(
-        self,
-        sampled: &Sampled<T>,
-        side: f64,
-        context: &Context,
-        progress: impl FnMut(u64, u64),
-    ) -> Result<Solid> {
-        self.reopened_by(sampled.occupied, side, context, progress, |slabs| {
+    pub fn of<T: Coordinate>(
+        solid: &Solid,
+        sampled: &Sampled<'a, T>,
+        sampling: Sampling<'a>,
+        context: &'a Context,
+    ) -> Result<Option<Reopening<'a>>> {
+        Reopening::with(solid, sampled.occupied, sampling, context, |slabs| {
             slabs.moments(sampled.buckets, sampled.grid)
         })
     }
 
     /// The same, with what `moments` says of the active cells.
-    fn reopened_by(
-        self,
-        occupied: &SliceStore,
-        side: f64,
-        context: &Context,
-        mut progress: impl FnMut(u64, u64),
+    fn with(
+        solid: &Solid,
+        occupied: &'a SliceStore,
+        sampling: Sampling<'a>,
+        context: &'a Context,
         moments: impl FnOnce(&Slabs) -> Result<Layers<Moments>>,
-    ) -> Result<Solid> {
-        let slices = u64::from(self.cells[1]);
-        let mut steps = 0..=STEPS;
-        let mut step = || progress(steps.next().unwrap_or(STEPS) * slices, STEPS * slices);
+    ) -> Result<Option<Reopening<'a>>> {
+        let kernel = Kernel::new((SIGMA / sampling.side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
+        let Some(slabs) = Slabs::find(solid, occupied, kernel.reach, context)? else { return Ok(None) };
+        let planes = slabs.planes(&moments(&slabs)?)?;
+        Ok(Some(Reopening { slabs, occupied, sampling, kernel, planes }))
+    }
+
+    /// The solid with what the closing filled opened again, where the walls say so. `step` is called [`STEPS`] times at most.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn opened(&mut self, solid: Solid, step: impl FnMut()) -> Result<Solid> {
+        self.pass(solid, None, step)
+    }
+
+    /// What is left when the solid was opened, in some blocks alone if these are given.
+    fn pass(&mut self, solid: Solid, near: Option<&Blocks>, mut step: impl FnMut()) -> Result<Solid> {
+        let Reopening { slabs, occupied, kernel, .. } = self;
+        let (occupied, context) = (*occupied, slabs.context);
+        slabs.sizes.faces.clone_from(&solid.faces);
+        let walls = slabs.seen(&solid, &self.planes)?;
         step();
-        let kernel = Kernel::new((SIGMA / side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
-        let Some(mut slabs) = Slabs::find(&self, occupied, kernel.reach, context)? else { return Ok(self) };
-        let moments = moments(&slabs)?;
+        let signs = Signs::find(slabs, &walls)?;
         step();
-        let walls = slabs.planes(&moments)?;
-        drop(moments);
-        step();
-        let walls = slabs.seen(&self, &walls)?;
-        step();
-        let signs = Signs::find(&slabs, &walls)?;
-        step();
-        let evident = Blocks::with_cells(&slabs.hidden(&walls)?, EVIDENCE, self.cells, context)?;
+        let mut evident = Blocks::with_cells(&slabs.hidden(&walls)?, EVIDENCE, slabs.cells, context)?;
+        if let Some(near) = near {
+            evident = evident.both(near, context)?;
+        }
         if evident.is_empty() {
-            return Ok(self);
+            return Ok(solid);
         }
         slabs.allowed = evident.widened(OPEN, context)?;
         let dipoles = slabs.dipoles(&walls, &signs, &evident.widened(LOOKED_AT, context)?)?;
         // At most all free cells are candidates; how many are is known when they are found.
-        slabs.jobs = slabs.jobs_of(&slabs.sizes.of_field(&slabs.free(&self, occupied)?));
+        slabs.jobs = slabs.jobs_of(&slabs.sizes.of_field(&slabs.free(&solid, occupied)?));
         step();
-        let candidates = slabs.candidates(&self, occupied, &dipoles, &kernel)?;
+        let candidates = slabs.candidates(&solid, occupied, &dipoles, kernel)?;
         slabs.take(slabs.sizes.of_field(&candidates.1.counts()));
         step();
-        let (outside, sure) = slabs.labelled(&self, &dipoles, &candidates, &kernel)?;
+        let (outside, sure) = slabs.labelled(&solid, &dipoles, &candidates, kernel)?;
         drop((candidates, dipoles));
         step();
         let target = slabs.found(open::LOOK, |chunk, tiles, found| {
-            let held = signs.walls(&slabs, &walls, chunk, open::LOOK)?;
-            let solid = Slabs::stretch(&self.store, chunk, open::LOOK)?;
+            let held = signs.walls(slabs, &walls, chunk, open::LOOK)?;
+            let solid = Slabs::stretch(&solid.store, chunk, open::LOOK)?;
             let outside = Slabs::stretch(&outside, chunk, open::LOOK)?;
             // Tiles reach beyond the blocks in which cells may open.
             let allowed = slabs.allowed.of_slices(chunk)?;
@@ -247,33 +278,35 @@ impl Solid {
             }
             Ok(())
         })?;
+        step();
         if target.is_empty() {
-            return Ok(self);
+            return Ok(solid);
         }
+        let core = slabs.core(&solid, occupied, &target, &sure)?;
         step();
-        let core = slabs.core(&self, occupied, &target, &sure)?;
+        let opened = slabs.grown_from(&solid, core, &target)?;
         step();
-        let opened = slabs.grown_from(&self, core, &target)?;
-        step();
-        let (solid, target) = (self.without(&opened, context)?, slabs.less(&target, &opened)?);
-        drop((self, opened));
-        let rungs = slabs.rungs(&solid, target)?;
-        solid.without(&rungs, context)?.without_isolated_cells(context)
+        let (left, target) = (solid.without(&opened, context)?, slabs.less(&target, &opened)?);
+        drop((solid, opened));
+        let rungs = slabs.rungs(&left, target)?;
+        left.without(&rungs, context)
     }
+}
 
-    /// The deep occupied cells: those that no cell outside the solid touches.
-    fn deep(&self, occupied: &SliceStore, context: &Context) -> Result<SliceStore> {
-        let cube = Ball::squared(3);
-        let padded = Padded::new(self.cells, cube.radius());
+impl Solid {
+    /// The deep occupied cells: those with no cell outside the solid within a squared distance.
+    fn deep(&self, squared: u32, occupied: &SliceStore, context: &Context) -> Result<SliceStore> {
+        let ball = Ball::squared(squared);
+        let padded = Padded::new(self.cells, ball.radius());
         let pad = padded.pad;
         let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
         let mut jobs = chunks(self.cells[1]);
         context.workers.in_order(
-            context.jobs(cube.radius(), self.cells),
+            context.jobs(ball.radius(), self.cells),
             || Ok(jobs.next()),
             |chunk| {
                 let mut runs = Runs::default();
-                let mut dilation = padded.dilation(cube, chunk.end + pad);
+                let mut dilation = padded.dilation(ball, chunk.end + pad);
                 let mut deep = Bits::new(self.cells[0], self.cells[2]);
                 let mut moved = vec![0; deep.row_words()];
                 let mut slices = Slices::default();
@@ -305,7 +338,7 @@ impl Solid {
 impl<'a> Slabs<'a> {
     /// The blocks and cells that are looked at; none if there is no evidence that anything was filled. The Gaussian is going to reach so many cells.
     fn find(solid: &Solid, occupied: &SliceStore, gaussian: i64, context: &'a Context) -> Result<Option<Slabs<'a>>> {
-        let deep = solid.deep(occupied, context)?;
+        let deep = solid.deep(TOUCHES, occupied, context)?;
         if deep.is_empty() {
             return Ok(None);
         }
@@ -512,35 +545,6 @@ impl<'a> Slabs<'a> {
             |slices| out.extend(&slices),
         )?;
         Ok(out)
-    }
-
-    /// What is opened, when it has grown.
-    fn grown_from(&self, solid: &Solid, mut opened: SliceStore, target: &SliceStore) -> Result<SliceStore> {
-        for _ in 0..ROUNDS {
-            let (more, grown) = self.grown(solid, opened, target)?;
-            opened = more;
-            if !grown {
-                break;
-            }
-        }
-        Ok(opened)
-    }
-
-    /// A round of growth: what is opened then, and whether it is more.
-    fn grown(&self, solid: &Solid, opened: SliceStore, target: &SliceStore) -> Result<(SliceStore, bool)> {
-        let more = self.found(open::SUBGRIDS, |chunk, tiles, found| {
-            let [solid, opened, target] =
-                [&solid.store, &opened, target].map(|store| Slabs::stretch(store, chunk, open::SUBGRIDS));
-            let (solid, opened, target) = (solid?, opened?, target?);
-            for tile in tiles {
-                open::grown(tile, &solid, &opened, &target, |cell| found.push(cell, ()));
-            }
-            Ok(())
-        })?;
-        if more.is_empty() {
-            return Ok((opened, false));
-        }
-        Ok((self.together(&opened, &more)?, true))
     }
 
     /// The cells of two stores, of which none is in both.

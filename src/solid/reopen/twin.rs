@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::core::BITS;
 use super::dipole::Areas;
 use super::field::LABELLINGS;
+use super::growth::ROUNDS;
 use super::layers::Held;
 use super::marks::*;
 use super::signs::linked;
@@ -98,7 +99,7 @@ pub fn signed(walls: &mut BTreeMap<[i64; 3], Wall>) {
 }
 
 /// The solid's cells that are left, and whether wide cores opened, which may make tunnels.
-pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
+pub fn twin(solid: &Marks, points: &Points, (side, noisy): (f64, bool), thickened: &Marks) -> (Marks, bool) {
     let block = |cell: Place| cell.map(|c| c / i64::from(BLOCK));
     let deep = |cell: Place| cube(1).into_iter().all(|d| solid.at(add(cell, d)));
     let mut counts = BTreeMap::<Place, u32>::new();
@@ -111,7 +112,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
     if active.is_empty() {
         return (solid.clone(), false);
     }
-    // Planes, what is seen, signs, areas.
+    // Planes.
     let looked_at: BTreeSet<[i64; 3]> = active.iter().map(|cell| key(*cell)).collect();
     let of = |cell: Place| points.get(&key(cell)).filter(|_| looked_at.contains(&key(cell)));
     let mut walls = BTreeMap::new();
@@ -125,12 +126,82 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
         let wall = Wall { mean: own.mean, normal: plane.normal, confidence: plane.confidence, ..Wall::default() };
         walls.insert(key(*cell), wall);
     }
-    let whole = stretch(solid);
-    let held = held(solid.cells, &walls);
-    let seen = walls
-        .iter()
-        .map(|(at, wall)| (*at, wall.seen([at[2], at[0], at[1]], &mut Rounds::new(&held, wall::NEXT_REACH), &whole)));
-    let mut walls: BTreeMap<[i64; 3], Wall> = seen.collect();
+    let (left, wide) = pass(solid, points, &walls, side, |_| true);
+    let opened = clefts(&left, &walls, noisy, thickened);
+    if !opened.set.contains(&true) {
+        return (left, wide);
+    }
+    // What clefts bare is looked at once more, in the blocks round them.
+    let blocks: BTreeSet<Place> = opened.all().filter(|cell| opened.at(*cell)).map(block).collect();
+    let is_near = |at: Place| blocks.iter().any(|block| (0..3).all(|a| (at[a] - block[a]).abs() <= i64::from(OPEN)));
+    let (left, wide_anew) = pass(&less(&left, &opened), points, &walls, side, is_near);
+    let opened = clefts(&left, &walls, noisy, thickened);
+    (less(&left, &opened), wide | wide_anew)
+}
+
+/// The walls as they are seen from outside the solid.
+fn seen(solid: &Marks, walls: &BTreeMap<[i64; 3], Wall>) -> BTreeMap<[i64; 3], Wall> {
+    let (whole, held) = (stretch(solid), held(solid.cells, walls));
+    let seen = |at: &[i64; 3], wall: &Wall| {
+        wall.seen([at[2], at[0], at[1]], &mut Rounds::new(&held, wall::NEXT_REACH), &whole)
+    };
+    walls.iter().map(|(at, wall)| (*at, seen(at, wall))).collect()
+}
+
+/// The cells of clefts that open.
+fn clefts(solid: &Marks, walls: &BTreeMap<[i64; 3], Wall>, noisy: bool, thickened: &Marks) -> Marks {
+    let walls = seen(solid, walls);
+    let none = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
+    let is_hidden = |cell: Place| walls.get(&key(cell)).is_some_and(|wall| wall.kind == HIDDEN);
+    let mut cells = none.clone();
+    for (at, _) in walls.iter().filter(|(_, wall)| wall.kind != THIN) {
+        let cell = [at[2], at[0], at[1]];
+        let beside = cube(1).into_iter().filter(|d| is_hidden(add(cell, *d))).count();
+        let sheet = cube(1).into_iter().any(|d| thickened.at(add(cell, d)));
+        cells.put(cell, (is_hidden(cell) || beside >= 3) && !sheet);
+    }
+    let mut target = none.clone();
+    let near: Vec<Place> = cube(3).into_iter().filter(|d| d.iter().map(|c| c * c).sum::<i64>() <= 12).collect();
+    let is_deep = |cell: Place| near.iter().all(|d| solid.at(add(cell, *d)));
+    for group in cells.groups() {
+        if group.iter().filter(|cell| is_hidden(**cell) && (!noisy || is_deep(**cell))).count() >= 5 {
+            group.iter().for_each(|cell| target.put(*cell, true));
+        }
+    }
+    let mut opened = none;
+    grow(solid, &mut opened, &target);
+    opened
+}
+
+/// Opens cells of the target one by one, where that changes no topology.
+fn grow(solid: &Marks, opened: &mut Marks, target: &Marks) {
+    for _ in 0..ROUNDS {
+        for subgrid in 0..8 {
+            for [x, y, z] in solid.all() {
+                let cell = [x, y, z];
+                let out = |cell: Place| !solid.at(cell) || opened.at(cell);
+                if (x & 1) + 2 * (z & 1) + 4 * (y & 1) != subgrid || out(cell) || !target.at(cell) {
+                    continue;
+                }
+                if simple(|d| out(add(cell, d))) {
+                    opened.put(cell, true);
+                }
+            }
+        }
+    }
+}
+
+/// What a pass with evidence in some blocks leaves of the solid before clefts open, and whether wide cores opened.
+fn pass(
+    solid: &Marks,
+    points: &Points,
+    planes: &BTreeMap<[i64; 3], Wall>,
+    side: f64,
+    of: impl Fn(Place) -> bool,
+) -> (Marks, bool) {
+    let block = |cell: Place| cell.map(|c| c / i64::from(BLOCK));
+    // What is seen, signs, areas.
+    let mut walls = seen(solid, planes);
     signed(&mut walls);
     let held = self::held(solid.cells, &walls);
     // From here on, hidden walls are the evidence.
@@ -138,7 +209,11 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
     for (at, _) in walls.iter().filter(|(_, wall)| wall.kind == HIDDEN) {
         *counts.entry(block([at[2], at[0], at[1]])).or_default() += 1;
     }
-    let evident: Vec<Place> = counts.into_iter().filter(|(_, count)| *count >= EVIDENCE).map(|(at, _)| at).collect();
+    let evident: Vec<Place> =
+        counts.into_iter().filter(|(_, count)| *count >= EVIDENCE).map(|(at, _)| at).filter(|at| of(*at)).collect();
+    if evident.is_empty() {
+        return (solid.clone(), false);
+    }
     let near =
         |cell: Place, by: u32| evident.iter().any(|at| (0..3).all(|a| (at[a] - block(cell)[a]).abs() <= i64::from(by)));
     let dipoles = walls.iter().map(|(at, wall)| {
@@ -263,21 +338,7 @@ pub fn twin(solid: &Marks, points: &Points, side: f64) -> (Marks, bool) {
         }
     }
     wide.all().filter(|cell| wide.at(*cell)).for_each(|cell| opened.put(cell, true));
-    // Growth.
-    for _ in 0..ROUNDS {
-        for subgrid in 0..8 {
-            for [x, y, z] in solid.all() {
-                let cell = [x, y, z];
-                let out = |cell: Place| !solid.at(cell) || opened.at(cell);
-                if (x & 1) + 2 * (z & 1) + 4 * (y & 1) != subgrid || out(cell) || !target.at(cell) {
-                    continue;
-                }
-                if simple(|d| out(add(cell, d))) {
-                    opened.put(cell, true);
-                }
-            }
-        }
-    }
+    grow(solid, &mut opened, &target);
     // Rungs.
     let solid = &less(solid, &opened);
     let mut rungs = target.clone();

@@ -226,7 +226,7 @@ pub struct NarrowHandles {
 
 impl Solid {
     /// The handles that go, one by one, when a tube is filled or a strut is taken away: as many as there are by the kind that makes more of them, since a hole that is
-    /// narrow may have a narrow rim as well.
+    /// narrow may have a narrow rim as well. But no more than the surface has in all: what hangs on by nothing but a strut makes none.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
@@ -245,7 +245,16 @@ impl Solid {
             })?;
             found.count = found.count.max(count);
         }
+        if found.count > 0 {
+            found.count = found.count.min(self.handles(context)?);
+            found.widest = found.widest.filter(|_| found.count > 0);
+        }
         Ok(found)
+    }
+
+    /// No fewer handles than the surface has: cavities that reach the outside over an edge alone count as pieces of it.
+    fn handles(&self, context: &Context) -> Result<u64> {
+        Ok((self.pieces(1, context)? as i64 - self.characteristic_of_surface()?).max(0) as u64)
     }
 
     /// The groups of a kind that narrow handles are made of.

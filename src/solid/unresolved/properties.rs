@@ -283,7 +283,16 @@ fn narrow(solid: &Marks) -> (u64, Vec<[[u32; 3]; 2]>) {
         }
         counts.push(count);
     }
-    (counts[0].max(counts[1]), widest)
+    let count = counts[0].max(counts[1]).min(handles_of(solid));
+    (count, if count > 0 { widest } else { Vec::new() })
+}
+
+/// Handles of the surface: pieces less χ. Each part of what is not solid that does not reach the end of the grid is a piece.
+fn handles_of(solid: &Marks) -> u64 {
+    let is_at_end = |cell: &[i64; 3]| (0..3).any(|a| cell[a] == 0 || cell[a] + 1 == solid.cells[a]);
+    let outside = groups(&Marks::of(solid.size(), |cell| !solid.at(cell)));
+    let cavities = outside.iter().filter(|group| !group.iter().any(is_at_end)).count();
+    (groups(solid).len() as i64 + cavities as i64 - solid.characteristic_of_surface()).max(0) as u64
 }
 
 /// What [`Solid::with_nets_filled`] is to make of the cells.
@@ -440,6 +449,20 @@ proptest! {
         prop_assert_eq!(found.count, count);
         prop_assert_eq!(found.widest.is_some(), count > 0);
         prop_assert!(found.widest.is_none_or(|cells| widest.contains(&cells)));
+    }
+
+    /// A rod of one cell that leads to nothing but a knob makes no handle; with another one, both make a handle.
+    #[test]
+    fn what_hangs_on_by_a_rod_makes_no_handle(rods in 1i64..3, order in Just([0usize, 1, 2]).prop_shuffle()) {
+        let cells = order.map(|a| [24u32, 14, 14][a]);
+        let solid = Marks::of(cells, |cell| {
+            let [x, y, z] = [0, 1, 2].map(|a| cell[order.iter().position(|o| *o == a).unwrap()]);
+            let within = (2..12).contains(&y) && (2..12).contains(&z);
+            let rod = (0..rods).any(|rod| [y, z] == [4 + 5 * rod, 6]);
+            within && ((2..8).contains(&x) || (14..20).contains(&x) || rod && (8..14).contains(&x))
+        });
+        prop_assert_eq!(found_narrow(&solid).count, rods as u64 - 1);
+        prop_assert_eq!(found_narrow(&solid).widest.is_some(), rods > 1);
     }
 
     #[test]
