@@ -45,15 +45,26 @@ impl Slabs<'_> {
         target: &SliceStore,
         sure: &SliceStore,
     ) -> Result<SliceStore> {
-        let mut wide = self.with_bits(solid, occupied, self.groups(solid, target, sure, Width::Cube)?)?;
-        while let Some(pieces) = self.cut_off(solid, &wide)? {
-            wide = self.less(&wide, &self.beside(solid, &wide, &pieces)?)?;
-        }
+        let wide = self.with_bits(solid, occupied, self.groups(solid, target, sure, Width::Cube)?)?;
+        let wide = self.without_cuts(solid, wide)?;
         let without_wide = if wide.is_empty() { None } else { Some(solid.without(&wide, self.context)?) };
         let left = without_wide.as_ref().unwrap_or(solid);
         let opened = self.with_bits(left, occupied, self.groups(left, target, sure, Width::Plate)?)?;
         let opened = self.settled(left, opened, |opened| self.tunnels(left, opened))?;
         if without_wide.is_none() { Ok(opened) } else { self.together(&wide, &opened) }
+    }
+
+    /// What is opened, without the groups that touch a piece which they cut off from a larger one.
+    pub(super) fn without_cuts(&self, solid: &Solid, mut opened: SliceStore) -> Result<SliceStore> {
+        while let Some(pieces) = self.cut_off(solid, &opened)? {
+            let cuts = self.beside(solid, &opened, &pieces)?;
+            if cuts.is_empty() {
+                // All of them have as many cells.
+                break;
+            }
+            opened = self.less(&opened, &cuts)?;
+        }
+        Ok(opened)
     }
 
     /// The groups of the sure cells of the target that are as wide, reach the outside and lie deep in the solid.

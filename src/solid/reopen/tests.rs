@@ -300,6 +300,32 @@ fn a_wide_bore_opens() {
     }
 }
 
+/// A wall that parts a bar stays where one end is larger; where both have as many cells, neither is cut off from a larger one.
+#[test]
+fn pieces_of_one_size_come_apart() {
+    let cells: Cell = [13, 6, 5];
+    let dir = tempfile::tempdir().unwrap();
+    let context = context(dir.path(), cells, 2);
+    let stored = |is_set: &dyn Fn(u32) -> bool| {
+        let (mut slices, mut slice) = (Slices::default(), Bits::new(cells[0], cells[2]));
+        let set = (0..cells[2]).flat_map(|z| (0..cells[0]).map(move |x| (x, z))).filter(|(x, _)| is_set(*x));
+        set.for_each(|(x, z)| slice.set(x, z));
+        (0..cells[1]).for_each(|_| slices.push(&slice));
+        let mut store = SliceStore::new(&context.workspace, 1 << 20);
+        store.extend(&slices).unwrap();
+        store
+    };
+    let solid = Solid { cells, store: stored(&|_| true), volume: 390, faces: vec![100; 6], ground: None };
+    let active = stored(&|_| false);
+    let allowed = Blocks::with_cells(&active, 1, cells, &context).unwrap();
+    let sizes = Sizes { cells, gaussian: 0, active: vec![0; 6], faces: solid.faces.clone() };
+    let slabs = Slabs { context: &context, cells, active, allowed, jobs: 1, sizes };
+    for (wall, opens) in [(3, false), (6, true), (7, false)] {
+        let left = slabs.without_cuts(&solid, stored(&|x| x == wall)).unwrap();
+        assert_eq!(!left.is_empty(), opens, "{wall}");
+    }
+}
+
 /// Which cells round one may be outside for it to open, and what that does to the Euler number.
 #[test]
 fn a_cell_opens_where_that_changes_no_topology() {

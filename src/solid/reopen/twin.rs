@@ -306,7 +306,7 @@ fn pass(
         let touching: Vec<Vec<Place>> =
             wide.groups().into_iter().filter(|group| cut_off.as_ref().is_some_and(|cut| beside(group, cut))).collect();
         touching.iter().flatten().for_each(|cell| wide.put(*cell, false));
-        if cut_off.is_none() {
+        if touching.is_empty() {
             break;
         }
     }
