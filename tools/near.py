@@ -4,10 +4,10 @@
     cargo build --release
     tools/near.py PROGRAM CASE... --data DIR --work DIR [--try 'NAME=OPTIONS']... [--match R] [--peers LIST] [--equal]
 
-A CASE is BODY:POINTS[:CHANGE...]. BODY is a mesh in DIR (horse, rocker_arm, stanford_dragon, stanford_bunny; .ply or .ply.gz) or `gauge`: a block with slots and fins whose widths
-are sampling distances. POINTS is a number of samples by area, or `own` for the mesh's vertices. CHANGEs: turn=DEGREES, noise=PERCENT (of the diagonal, Gaussian),
+A CASE is BODY:POINTS[:CHANGE...]. BODY is a mesh in DIR (horse, rocker_arm, stanford_dragon, stanford_bunny; .ply or .ply.gz), `gauge`: a block with slots and fins whose widths
+are sampling distances, or `comb`: twelve fins, as wide as the slots between them, width=SAMPLING DISTANCES. POINTS is a number of samples by area, or `own` for the mesh's vertices. CHANGEs: turn=DEGREES, noise=PERCENT (of the diagonal, Gaussian),
 outliers=PERCENT (more points, evenly in the box), uneven=FACTOR (of density, along a direction), shift=PERCENT (every third of the points moved along a direction of its own, as by scans
-that do not fit). The body's box has a diagonal of 1.
+that do not fit), layer=SAMPLING DISTANCES (every third of the points in one half moved inwards so far). The body's box has a diagonal of 1.
 
 Each --try is a set of asra-stream's options, `default=` if there is none; --match looks for the --k that makes R triangles a point. --peers has some of poisson, poisson-true, front, wrap.
 --equal brings every mesh to as many triangles as the first has, by `asra-stream simplify`, and measures it once more. Distances are exact, of 200,000 places each way, in per cent of
@@ -60,6 +60,21 @@ def gauge(points):
     return body, probes
 
 
+def comb(points, width):
+    """A block with twelve fins, as wide as the slots between them."""
+    from solids import block, solid
+
+    spacing = 0.01
+    for _ in range(8):
+        wide, depth = width * spacing, 40 * spacing
+        part = block((23 * wide, 0.5, 0.2), (0, 0, -0.1))
+        for fin in range(12):
+            part += block((wide, 0.5, depth + 0.02), ((2 * fin - 11) * wide, 0, depth / 2 - 0.01))
+        body = solid(part)
+        spacing = (spacing + body.spacing(points)) / 2
+    return body
+
+
 def made(case, arguments):
     """The truth, the cloud, its true normals and the probes of a case; box at 0, diagonal 1."""
     import numpy as np
@@ -68,12 +83,14 @@ def made(case, arguments):
 
     name, points, *changes = case.split(":")
     change = {key: float(value) for key, value in (one.split("=") for one in changes)}
-    unknown = set(change) - {"turn", "noise", "outliers", "uneven", "shift"}
+    unknown = set(change) - {"turn", "noise", "outliers", "uneven", "shift", "layer", "width"}
     if unknown:
         sys.exit(f"{case}: no change is called {', '.join(sorted(unknown))}")
     probes = {}
     if name == "gauge":
         body, probes = gauge(int(points))
+    elif name == "comb":
+        body = comb(int(points), change.get("width", 4))
     else:
         path = model(arguments.data, f"{name}.ply", arguments.work) if arguments.data else None
         if not path:
@@ -105,6 +122,9 @@ def made(case, arguments):
         ways = rng.normal(size=(3, 3))
         ways *= change["shift"] / 100 / np.linalg.norm(ways, axis=1, keepdims=True)
         cloud = cloud + ways[np.arange(len(cloud)) % 3]
+    if "layer" in change:
+        half = np.flatnonzero(cloud[:, 0] > np.median(cloud[:, 0]))[::3]
+        cloud[half] -= change["layer"] * body.spacing(len(cloud)) * normals[half]
     if "noise" in change:
         cloud = cloud + rng.normal(0, change["noise"] / 100, cloud.shape)
     if "outliers" in change:

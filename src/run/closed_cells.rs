@@ -20,7 +20,7 @@ use crate::solid::close::{self, Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield::HeightField;
 use crate::solid::membranes::{Common, Membranes};
-use crate::solid::reopen::{Reopening, STEPS, Sampling};
+use crate::solid::reopen::{Reopening, STEPS, STEPS_BEFORE, Sampling};
 use crate::solid::sign::Sights;
 use crate::solid::unresolved::NarrowHandles;
 use crate::solid::{SavedSolid, Solid};
@@ -241,10 +241,7 @@ pub(super) fn closed_cells<T: Coordinate>(
         None => Ok(solid),
     };
     let (closed, narrow) = match signed && surveyed.may_reopen() && !shell.is_some_and(|shell| shell.hides_walls()) {
-        true => {
-            let noisy = shell.is_some_and(|shell| shell.is_noisy());
-            reopened(closed, surveyed, buckets, noisy, without_specks, context, progress)?
-        }
+        true => reopened(closed, surveyed, buckets, without_specks, context, progress)?,
         false => (Closed { solid: without_specks(closed.solid)?, thickened: None, ..closed }, None),
     };
     // What says that it is not sealed says more than handles would.
@@ -272,7 +269,6 @@ fn reopened<T: Coordinate>(
     closed: Closed,
     surveyed: &Surveyed,
     buckets: &Buckets<T>,
-    noisy: bool,
     without_specks: impl Fn(Solid) -> Result<Solid>,
     context: &Context,
     progress: &mut Progress,
@@ -283,8 +279,9 @@ fn reopened<T: Coordinate>(
     let coarser = occupancy.coarser(context)?.occupied;
     let side = close::side_in_samples(occupancy.occupied as f64 / coarser.max(1) as f64);
     let sampled = Sampled { buckets, occupied: &occupancy.store, grid: &surveyed.grid, counted: Counted::All };
-    let sampling = Sampling { side, noisy, thickened: thickened.as_ref() };
-    let (slices, all) = (u64::from(solid.cells[1]), Cell::new(STEPS));
+    let sampling = Sampling { side, thickened: thickened.as_ref() };
+    let (slices, all) = (u64::from(solid.cells[1]), Cell::new(STEPS_BEFORE + STEPS));
+    progress.set_total(all.get() * slices);
     let mut done = 0;
     let mut step = || {
         done += 1;
@@ -293,7 +290,7 @@ fn reopened<T: Coordinate>(
     };
     let cleaned = |solid: Solid| without_specks(solid.without_isolated_cells(context)?);
     let mut open = |solid: Solid| {
-        let mut reopening = Reopening::of(&solid, &sampled, sampling, context)?;
+        let mut reopening = Reopening::of(&solid, &sampled, sampling, context, &mut step)?;
         let solid = match &mut reopening {
             Some(reopening) => reopening.opened(solid, &mut step)?,
             None => solid,
@@ -313,7 +310,7 @@ fn reopened<T: Coordinate>(
         if context.memory.predicted_disk > 0 {
             solid.store.leave_memory()?;
         }
-        all.set(all.get() + STEPS);
+        all.set(all.get() + STEPS_BEFORE + STEPS);
         let (anew, with_anew) = open(filled)?;
         reopening = with_anew;
         // If far more handles go than were narrow, some of them were the object's.

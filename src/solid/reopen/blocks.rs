@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::core::common;
 use super::layers::Stretch;
 use crate::error::Result;
 use crate::grid::Cell;
@@ -79,11 +80,7 @@ impl Blocks {
             self.store.read(layer, &mut runs)?;
             other.store.read(layer, &mut others)?;
             for z in 0..runs.row_count().min(others.row_count()) {
-                let (runs, others) = (runs.row(z), others.row(z));
-                overlaps(runs, others, |i, j| {
-                    let both = runs[i].start.max(others[j].start)..runs[i].end.min(others[j].end);
-                    both.for_each(|x| bits.set(x, z));
-                });
+                common(runs.row(z), others.row(z), |run| (run.start..run.end).for_each(|x| bits.set(x, z)));
             }
             Ok(())
         })

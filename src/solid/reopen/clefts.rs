@@ -1,7 +1,8 @@
 //! Clefts: slots so narrow that the points of both walls share cells.
 //!
 //! No free cell lies between such walls, so the winding number has nothing to open there. But the points of these cells lie where no outside is near, and what was measured there was
-//! seen:
+//! seen. A second layer of points, of a scan that does not fit, is hidden below the first one, too; but there, the outside is behind the first layer. The walls of a cleft are *deep*: along
+//! their normals, there is nothing but solid for a good way.
 //!
 //! ```text
 //!   S S S S S S S S
@@ -14,21 +15,18 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::layers::Layers;
-use super::wall::{HIDDEN, THIN, Wall};
-use super::{Blocks, OPEN, Reopening, Sampling, Slabs};
+use super::wall::{DEPTH, HIDDEN, THIN, Wall};
+use super::{Blocks, OPEN, Reopening, Slabs};
 use crate::error::Result;
 use crate::grid::label::Measure;
 use crate::grid::slice::SliceStore;
 use crate::solid::Solid;
 
 /// A wall's cell with so many hidden walls among the cells round it belongs to a cleft.
-pub(super) const BESIDE: u32 = 3;
+const BESIDE: u32 = 3;
 
-/// Hidden walls of a cleft, at the least: fewer are strays.
-pub(super) const LEAST: u32 = 5;
-
-/// Noise hides walls, too, but none so deep: among noisy points, so many walls of a cleft have no outside within this squared distance.
-pub(super) const BELOW_NOISE: u32 = 12;
+/// So many hidden walls of a cleft are deep, at the least: fewer are strays.
+const LEAST: u32 = 8;
 
 impl Reopening<'_> {
     /// What is left of the solid, when it was opened, without its clefts, and without what is seen to be outside then; and whether it had any. `step` is called [`super::STEPS`] times
@@ -46,7 +44,7 @@ impl Reopening<'_> {
 
     /// The solid without its clefts, and the blocks in which they lie, if there are any.
     fn less_clefts(&mut self, solid: Solid) -> Result<(Solid, Option<Blocks>)> {
-        let clefts = self.slabs.clefts(&solid, self.occupied, &self.planes, self.sampling)?;
+        let clefts = self.slabs.clefts(&solid, &self.planes, self.thickened)?;
         if clefts.is_empty() {
             return Ok((solid, None));
         }
@@ -61,17 +59,15 @@ impl Slabs<'_> {
     pub(super) fn clefts(
         &mut self,
         solid: &Solid,
-        occupied: &SliceStore,
         walls: &Layers<Wall>,
-        sampling: Sampling<'_>,
+        thickened: Option<&SliceStore>,
     ) -> Result<SliceStore> {
         let walls = self.seen(solid, walls)?;
-        let below_noise = if sampling.noisy { Some(solid.deep(BELOW_NOISE, occupied, self.context)?) } else { None };
         let groups = self.parts(
             |chunk, found| {
                 let held = self.held(&walls, chunk, 1)?;
-                let deep = below_noise.as_ref().map(|deep| Slabs::stretch(deep, chunk, 0)).transpose()?;
-                let thickened = sampling.thickened.map(|store| Slabs::stretch(store, chunk, 1)).transpose()?;
+                let solid = Slabs::stretch(&solid.store, chunk, DEPTH)?;
+                let thickened = thickened.map(|store| Slabs::stretch(store, chunk, 1)).transpose()?;
                 let is_thickened = |[x, y, z]: [i64; 3]| {
                     let near = [x - 1..x + 2, y - 1..y + 2, z - 1..z + 2];
                     thickened.as_ref().is_some_and(|thickened| thickened.any_of(near))
@@ -84,19 +80,19 @@ impl Slabs<'_> {
                         let mut hidden = 0;
                         held.round(cell, 1, |_, wall| hidden += u32::from(wall.kind == HIDDEN));
                         if (is_hidden || hidden >= BESIDE) && !is_thickened(cell) {
-                            let counts = is_hidden && deep.as_ref().is_none_or(|deep| deep.get(cell));
-                            cells.push((cell, u32::from(counts)));
+                            let is_deep = is_hidden && wall.is_deep(cell, &solid);
+                            cells.push((cell, Hidden { walls: is_hidden.into(), deep: is_deep.into() }));
                         }
                     }
                 }
                 // They are taken row by row.
                 cells.sort_by_key(|([_, _, z], _)| *z);
-                cells.into_iter().for_each(|(cell, walls)| found.push(cell, walls));
+                cells.into_iter().for_each(|(cell, hidden)| found.push(cell, hidden));
                 Ok(())
             },
-            |walls| Hidden { walls },
+            |hidden| hidden,
         )?;
-        let labels = groups.judged(self.context, |group| u8::from(group.walls >= LEAST))?;
+        let labels = groups.judged(self.context, |group| u8::from(group.is_cleft()))?;
         let clefts = self.judged(&labels, None)?;
         if clefts.is_empty() {
             return Ok(clefts);
@@ -106,15 +102,24 @@ impl Slabs<'_> {
     }
 }
 
-/// The hidden walls of a group that count.
+/// The hidden walls of a group, and how many of them are deep.
 #[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
 #[repr(C)]
 struct Hidden {
     walls: u32,
+    deep: u32,
+}
+
+impl Hidden {
+    /// Half of a cleft's hidden walls are deep, or more.
+    fn is_cleft(self) -> bool {
+        self.deep >= LEAST && 2 * self.deep >= self.walls
+    }
 }
 
 impl Measure for Hidden {
     fn add(&mut self, other: &Hidden) {
         self.walls += other.walls;
+        self.deep += other.deep;
     }
 }

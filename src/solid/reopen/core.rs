@@ -457,7 +457,7 @@ fn euler_of(cells: &Stretch, y: i64, z: i64, run: Run) -> i32 {
 }
 
 /// Calls `found` with the runs of cells that are in both of two rows.
-fn common(a: &[Run], b: &[Run], mut found: impl FnMut(Run)) {
+pub(super) fn common(a: &[Run], b: &[Run], mut found: impl FnMut(Run)) {
     overlaps(a, b, |i, j| found(Run { start: a[i].start.max(b[j].start), end: a[i].end.min(b[j].end) }));
 }
 

@@ -81,7 +81,10 @@ const LOOKED_AT: u32 = 2;
 const SIGMA: f64 = 3.0;
 const SIGMA_CELLS: (f64, f64) = (2.0, 3.0);
 
-/// Steps of opening a solid, or its clefts, for progress.
+/// Steps of finding the walls' planes, for progress.
+pub const STEPS_BEFORE: u64 = 2;
+
+/// Steps of opening a solid, or its clefts.
 pub const STEPS: u64 = 8;
 
 /// How the points lie.
@@ -89,8 +92,6 @@ pub const STEPS: u64 = 8;
 pub struct Sampling<'a> {
     /// A cell's side, in sampling distances.
     pub side: f64,
-    /// Whether their shell is noise ([`crate::surface::thickness`]).
-    pub noisy: bool,
     /// What sheets were thickened by: there, walls are hidden in cells that no point lies in.
     pub thickened: Option<&'a SliceStore>,
 }
@@ -193,13 +194,13 @@ fn mapped<T: Pod, U>(held: &Held<T>, chunk: &Range<u32>, mut each: impl FnMut([i
 pub struct Reopening<'a> {
     slabs: Slabs<'a>,
     occupied: &'a SliceStore,
-    sampling: Sampling<'a>,
+    thickened: Option<&'a SliceStore>,
     kernel: Kernel,
     planes: Layers<Wall>,
 }
 
 impl<'a> Reopening<'a> {
-    /// The walls where the solid hides points; none where it hides hardly any.
+    /// The walls where the solid hides points; none where it hides hardly any. `step` is called [`STEPS_BEFORE`] times at most.
     ///
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
@@ -208,9 +209,13 @@ impl<'a> Reopening<'a> {
         sampled: &Sampled<'a, T>,
         sampling: Sampling<'a>,
         context: &'a Context,
+        mut step: impl FnMut(),
     ) -> Result<Option<Reopening<'a>>> {
         Reopening::with(solid, sampled.occupied, sampling, context, |slabs| {
-            slabs.moments(sampled.buckets, sampled.grid)
+            step();
+            let moments = slabs.moments(sampled.buckets, sampled.grid)?;
+            step();
+            Ok(moments)
         })
     }
 
@@ -225,7 +230,7 @@ impl<'a> Reopening<'a> {
         let kernel = Kernel::new((SIGMA / sampling.side).clamp(SIGMA_CELLS.0, SIGMA_CELLS.1));
         let Some(slabs) = Slabs::find(solid, occupied, kernel.reach, context)? else { return Ok(None) };
         let planes = slabs.planes(&moments(&slabs)?)?;
-        Ok(Some(Reopening { slabs, occupied, sampling, kernel, planes }))
+        Ok(Some(Reopening { slabs, occupied, thickened: sampling.thickened, kernel, planes }))
     }
 
     /// The solid with what the closing filled opened again, where the walls say so. `step` is called [`STEPS`] times at most.

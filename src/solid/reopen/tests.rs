@@ -85,7 +85,7 @@ struct Both {
 
 /// What the stream and the twin make of points.
 fn both_ways(places: &[[f64; 3]], side: f64, threads: usize) -> Both {
-    both_ways_of(places, |_| false, |_| false, (side, false), threads)
+    both_ways_of(places, |_| false, |_| false, side, threads)
 }
 
 /// The same with a solid that has some cells more, where sheets were thickened by some cells.
@@ -93,7 +93,7 @@ fn both_ways_of(
     places: &[[f64; 3]],
     more: impl Fn(Place) -> bool,
     thickened: impl Fn(Place) -> bool,
-    (side, noisy): (f64, bool),
+    side: f64,
     threads: usize,
 ) -> Both {
     let mut sums = BTreeMap::<[i64; 3], Sum>::new();
@@ -147,7 +147,7 @@ fn both_ways_of(
         Ok(layers)
     };
     let sheets = stored(&thickened);
-    let sampling = Sampling { side, noisy, thickened: Some(&sheets) };
+    let sampling = Sampling { side, thickened: Some(&sheets) };
     let reopened = match Reopening::with(&solid, &closed.occupancy.store, sampling, &context, moments).unwrap() {
         Some(mut reopening) => {
             let opened = reopening.opened(solid, || ()).unwrap();
@@ -157,7 +157,7 @@ fn both_ways_of(
         None => solid,
     };
     // The twin leaves lone cells; so does the stream, with what it has in the end.
-    let (twin, wide) = twin(&before, &points, (side, noisy), &Marks::of(cells, thickened));
+    let (twin, wide) = twin(&before, &points, side, &Marks::of(cells, thickened));
     let store = stored(&|cell| twin.at(cell));
     let twin =
         Solid { cells, store, volume: 0, faces: Vec::new(), ground: None }.without_isolated_cells(&context).unwrap();
@@ -176,13 +176,13 @@ proptest! {
         noise in prop::sample::select(vec![0.0, 0.1, 0.5]),
         density in 1.0f64..3.0,
         turn in prop::array::uniform3(0.0f64..1.5),
-        noisy in any::<bool>(),
         sheets in any::<bool>(),
         threads in 1usize..3,
     ) {
         let places = comb(&mut Numbers::new(seed), slot, tooth, depth, noise, density, turn);
         let side = density.sqrt();
-        let Both { before, streamed, twin, wide } = both_ways_of(&places, |_| false, |[x, ..]| sheets && x < 9, (side, noisy), threads);
+        let thickened = |[x, ..]: Place| sheets && x < 9;
+        let Both { before, streamed, twin, wide } = both_ways_of(&places, |_| false, thickened, side, threads);
         for cell in twin.all() {
             prop_assert_eq!(streamed.at(cell), twin.at(cell), "{:?}", cell);
         }
@@ -208,7 +208,7 @@ fn slots_of_a_comb_open() {
 #[test]
 fn clefts_of_a_comb_open() {
     for turn in [[0.0; 3], [0.3, 0.7, 0.2], [0.5, 0.1, 0.4]] {
-        let places = comb(&mut Numbers::new(7), 0.5, 6.0, 14.0, 0.0, 2.0, turn);
+        let places = comb(&mut Numbers::new(7), 0.5, 8.0, 14.0, 0.0, 2.0, turn);
         let sampled: BTreeSet<Place> = places.iter().map(|p| p.map(|c| c.floor() as i64)).collect();
         let Both { before, streamed, twin, .. } = both_ways(&places, 1.41, 2);
         assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)), "{turn:?}");
@@ -219,27 +219,30 @@ fn clefts_of_a_comb_open() {
     }
 }
 
-/// A layer of points a cell and a half below the surface, as of a scan that lies askew to another one: noise where the points are noisy, and a cleft where they are not.
-#[test]
-fn a_layer_below_the_surface_is_no_cleft_among_noisy_points() {
+/// Points on a ball, a third of those on its one side so many cells below its surface, as of a scan that does not fit.
+fn ball_with_a_layer(below: f64) -> Vec<[f64; 3]> {
     let mut numbers = Numbers::new(5);
     let mut places = Vec::new();
     while places.len() < 12_000 {
         let p = [(); 3].map(|()| 2.0 * numbers.part() - 1.0);
         let long = p.iter().map(|c| c * c).sum::<f64>().sqrt();
         if long <= 1.0 && long > 0.1 {
-            let below = if p[0] > 0.2 && places.len() % 3 == 0 { 1.5 } else { 0.0 };
+            let below = if p[0] > 0.2 && places.len() % 3 == 0 { below } else { 0.0 };
             places.push(p.map(|c| 18.0 + c / long * (17.0 - below)));
         }
     }
-    let opened = |noisy: bool| {
-        let Both { before, streamed, twin, .. } =
-            both_ways_of(&to_zero(&places).0, |_| false, |_| false, (1.2, noisy), 2);
-        assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)), "{noisy}");
-        before.all().filter(|cell| before.at(*cell) && !streamed.at(*cell)).count()
-    };
-    let [noisy, clean] = [true, false].map(opened);
-    assert!(10 * noisy < clean && clean > 500, "{noisy} and {clean}");
+    to_zero(&places).0
+}
+
+/// A layer of points below the surface is no cleft, though its walls are hidden, too: hardly any cell opens.
+#[test]
+fn a_layer_below_the_surface_stays() {
+    for below in [1.5, 2.5, 3.5] {
+        let Both { before, streamed, twin, .. } = both_ways_of(&ball_with_a_layer(below), |_| false, |_| false, 1.2, 2);
+        assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)), "{below}");
+        let opened = before.all().filter(|cell| before.at(*cell) && !streamed.at(*cell)).count();
+        assert!(opened < 50, "{below}: {opened}");
+    }
 }
 
 /// Where walls askew to the grid bring the two sides of a slot together, what is left across it goes: of 342 tunnels in 20 combs 190 are left; without that, no fewer than before.
@@ -293,7 +296,7 @@ fn a_wide_bore_opens() {
             let across = [cos * x - sin * y, sin * x + cos * y].map(f64::abs);
             (0..=high).contains(&z) && across[0].max(across[1]) < bore + 1.0
         };
-        let Both { before, streamed, twin, .. } = both_ways_of(&places, is_plug, |_| false, (1.26, false), 2);
+        let Both { before, streamed, twin, .. } = both_ways_of(&places, is_plug, |_| false, 1.26, 2);
         assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)), "{wide} {turn}");
         assert_eq!((tunnels(&before), tunnels(&streamed)), (0, 1), "{wide} {turn}");
         assert_eq!(streamed.groups().len(), 1, "{wide} {turn}");

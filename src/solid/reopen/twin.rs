@@ -99,7 +99,7 @@ pub fn signed(walls: &mut BTreeMap<[i64; 3], Wall>) {
 }
 
 /// The solid's cells that are left, and whether wide cores opened, which may make tunnels.
-pub fn twin(solid: &Marks, points: &Points, (side, noisy): (f64, bool), thickened: &Marks) -> (Marks, bool) {
+pub fn twin(solid: &Marks, points: &Points, side: f64, thickened: &Marks) -> (Marks, bool) {
     let block = |cell: Place| cell.map(|c| c / i64::from(BLOCK));
     let deep = |cell: Place| cube(1).into_iter().all(|d| solid.at(add(cell, d)));
     let mut counts = BTreeMap::<Place, u32>::new();
@@ -127,7 +127,7 @@ pub fn twin(solid: &Marks, points: &Points, (side, noisy): (f64, bool), thickene
         walls.insert(key(*cell), wall);
     }
     let (left, wide) = pass(solid, points, &walls, side, |_| true);
-    let opened = clefts(&left, &walls, noisy, thickened);
+    let opened = clefts(&left, &walls, thickened);
     if !opened.set.contains(&true) {
         return (left, wide);
     }
@@ -135,7 +135,7 @@ pub fn twin(solid: &Marks, points: &Points, (side, noisy): (f64, bool), thickene
     let blocks: BTreeSet<Place> = opened.all().filter(|cell| opened.at(*cell)).map(block).collect();
     let is_near = |at: Place| blocks.iter().any(|block| (0..3).all(|a| (at[a] - block[a]).abs() <= i64::from(OPEN)));
     let (left, wide_anew) = pass(&less(&left, &opened), points, &walls, side, is_near);
-    let opened = clefts(&left, &walls, noisy, thickened);
+    let opened = clefts(&left, &walls, thickened);
     (less(&left, &opened), wide | wide_anew)
 }
 
@@ -149,7 +149,7 @@ fn seen(solid: &Marks, walls: &BTreeMap<[i64; 3], Wall>) -> BTreeMap<[i64; 3], W
 }
 
 /// The cells of clefts that open.
-fn clefts(solid: &Marks, walls: &BTreeMap<[i64; 3], Wall>, noisy: bool, thickened: &Marks) -> Marks {
+fn clefts(solid: &Marks, walls: &BTreeMap<[i64; 3], Wall>, thickened: &Marks) -> Marks {
     let walls = seen(solid, walls);
     let none = Marks { set: vec![false; solid.set.len()], ..solid.clone() };
     let is_hidden = |cell: Place| walls.get(&key(cell)).is_some_and(|wall| wall.kind == HIDDEN);
@@ -161,10 +161,17 @@ fn clefts(solid: &Marks, walls: &BTreeMap<[i64; 3], Wall>, noisy: bool, thickene
         cells.put(cell, (is_hidden(cell) || beside >= 3) && !sheet);
     }
     let mut target = none.clone();
-    let near: Vec<Place> = cube(3).into_iter().filter(|d| d.iter().map(|c| c * c).sum::<i64>() <= 12).collect();
-    let is_deep = |cell: Place| near.iter().all(|d| solid.at(add(cell, *d)));
+    let is_deep = |cell: Place| {
+        let wall = &walls[&key(cell)];
+        (-20..=20).all(|quarter| {
+            let along = |a: usize| f64::from(wall.mean[a]) + 0.25 * f64::from(quarter) * f64::from(wall.normal[a]);
+            solid.at([0, 1, 2].map(|a| (cell[a] as f64 + along(a)).floor() as i64))
+        })
+    };
     for group in cells.groups() {
-        if group.iter().filter(|cell| is_hidden(**cell) && (!noisy || is_deep(**cell))).count() >= 5 {
+        let hidden: Vec<Place> = group.iter().copied().filter(|cell| is_hidden(*cell)).collect();
+        let deep = hidden.iter().filter(|cell| is_deep(**cell)).count();
+        if deep >= 8 && 2 * deep >= hidden.len() {
             group.iter().for_each(|cell| target.put(*cell, true));
         }
     }

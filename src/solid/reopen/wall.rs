@@ -49,6 +49,12 @@ pub const SIGHT: i64 = 4;
 /// Cells in which walls are looked for that end the look, either way.
 pub const NEXT_REACH: i64 = 3;
 
+/// A wall is deep if there is no outside along its normal, either way, up to so many cells; and a step of that look.
+const DEEP: f64 = 5.0;
+const DEEP_STEP: f64 = 0.25;
+/// Cells that are looked at to tell so, either way.
+pub const DEPTH: i64 = 6;
+
 impl Wall {
     /// Its mean, in cells of the grid.
     #[inline]
@@ -60,6 +66,16 @@ impl Wall {
     #[inline]
     pub fn across(&self) -> [f64; 3] {
         self.normal.map(f64::from)
+    }
+
+    /// Whether the solid goes on along the normal, whatever other walls there are in it.
+    pub fn is_deep(&self, cell: [i64; 3], solid: &Stretch) -> bool {
+        let (at, normal) = (self.at(cell), self.across());
+        let steps = (DEEP / DEEP_STEP) as i32;
+        (-steps..=steps).all(|step| {
+            let there = plus(at, times(DEEP_STEP * f64::from(step), normal));
+            solid.get(there.map(|c| c.floor() as i64))
+        })
     }
 
     /// The same wall, as it is seen from outside the solid; `walls` are cubes of [`NEXT_REACH`] cells either way.
