@@ -1,9 +1,10 @@
 //! Change: cells are filled, or taken away, slice by slice.
 
 use crate::error::Result;
+use crate::grid::Cell;
 use crate::grid::context::{Context, chunks};
 use crate::grid::label::{Labels, Scratch};
-use crate::grid::slice::{Bits, Runs, SliceStore, Slices};
+use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
 use crate::solid::{Solid, faces};
 
 /// How cells that have a verdict change the solid.
@@ -87,4 +88,33 @@ impl Solid {
         )?;
         Ok(out)
     }
+}
+
+/// The cells of two stores, of which none is in both; a store that ends early has none in the slices that follow.
+pub(super) fn together(
+    one: &SliceStore,
+    other: &SliceStore,
+    [_, slices, rows]: Cell,
+    context: &Context,
+) -> Result<SliceStore> {
+    let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
+    let mut jobs = chunks(slices);
+    context.workers.in_order(
+        context.memory.chunks_in_flight,
+        || Ok(jobs.next()),
+        |chunk| {
+            let (mut runs, mut slices) = (Runs::default(), Slices::default());
+            for y in chunk {
+                let mut all: Vec<Vec<Run>> = vec![Vec::new(); rows as usize];
+                for store in [one, other].into_iter().filter(|store| y < store.slice_count()) {
+                    store.read(y, &mut runs)?;
+                    all.iter_mut().zip(0..runs.row_count()).for_each(|(row, z)| row.extend(runs.row(z)));
+                }
+                slices.push_runs(&Runs::joined(all));
+            }
+            Ok(slices)
+        },
+        |slices| out.extend(&slices),
+    )?;
+    Ok(out)
 }

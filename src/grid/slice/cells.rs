@@ -301,6 +301,17 @@ impl Default for Runs {
 }
 
 impl Runs {
+    /// A slice of runs that do not overlap, row by row, in any order.
+    pub fn joined(rows: Vec<Vec<Run>>) -> Runs {
+        let mut out = Runs::default();
+        for mut row in rows {
+            row.sort_unstable_by_key(|run| run.start);
+            row.iter().for_each(|run| out.push_run(run.start, run.end));
+            out.end_row();
+        }
+        out
+    }
+
     /// Empties the slice, to be filled row by row.
     pub fn clear(&mut self) {
         self.starts.truncate(1);

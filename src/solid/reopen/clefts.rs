@@ -21,6 +21,7 @@ use crate::error::Result;
 use crate::grid::label::Measure;
 use crate::grid::slice::SliceStore;
 use crate::solid::Solid;
+use crate::solid::change::Change;
 
 /// A wall's cell with so many hidden walls among the cells round it belongs to a cleft.
 const BESIDE: u32 = 3;
@@ -57,7 +58,7 @@ impl Reopening<'_> {
 impl Slabs<'_> {
     /// The cells of clefts that open, when the solid is what the rest has left of it. Of walls, planes count alone.
     pub(super) fn clefts(
-        &mut self,
+        &self,
         solid: &Solid,
         walls: &Layers<Wall>,
         thickened: Option<&SliceStore>,
@@ -97,8 +98,8 @@ impl Slabs<'_> {
         if clefts.is_empty() {
             return Ok(clefts);
         }
-        self.allowed = Blocks::with_cells(&clefts, 1, self.cells, self.context)?;
-        self.grown_from(solid, self.none()?, &clefts)
+        let none = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
+        solid.growth(none, &clefts, Change::Removed, self.context)
     }
 }
 

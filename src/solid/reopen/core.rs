@@ -23,15 +23,16 @@ use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::Slabs;
 use super::found::Found;
 use super::layers::Stretch;
 use super::open::{self, Change, Width};
 use super::tile::{TILE, Tile};
-use super::{Slabs, joined};
 use crate::error::Result;
-use crate::grid::label::{Components, Labeller, Labels, Measure, Parts, Scratch, overlaps};
+use crate::grid::label::{Components, Labeller, Labels, Measure, Parts, overlaps};
 use crate::grid::slice::{Run, Runs, SliceStore, Slices};
 use crate::solid::Solid;
+use crate::solid::change::together;
 
 /// Parts of the solid that are cut off and have fewer cells are opened, too, and so are those without samples.
 pub(super) const BITS: u64 = 30;
@@ -51,7 +52,7 @@ impl Slabs<'_> {
         let left = without_wide.as_ref().unwrap_or(solid);
         let opened = self.with_bits(left, occupied, self.groups(left, target, sure, Width::Plate)?)?;
         let opened = self.settled(left, opened, |opened| self.tunnels(left, opened))?;
-        if without_wide.is_none() { Ok(opened) } else { self.together(&wide, &opened) }
+        if without_wide.is_none() { Ok(opened) } else { together(&wide, &opened, self.cells, self.context) }
     }
 
     /// What is opened, without the groups that touch a piece which they cut off from a larger one.
@@ -209,7 +210,7 @@ impl Slabs<'_> {
                 let mut changes = found.sorted(self.cells).1.into_iter().flatten();
                 let slice = |y: u32| {
                     let rows = 0..i64::from(self.cells[2]);
-                    joined(rows.map(|z| [groups.row(y.into(), z), cavities.row(y.into(), z)].concat()).collect())
+                    Runs::joined(rows.map(|z| [groups.row(y.into(), z), cavities.row(y.into(), z)].concat()).collect())
                 };
                 Ok(Parts::of(chunk.clone().map(slice).collect(), |y, z, run| {
                     let row = groups.row(i64::from(chunk.start) + y as i64, z.into());
@@ -358,30 +359,11 @@ impl Slabs<'_> {
 
     /// The cells with verdict 1, and those of `more`.
     pub(super) fn judged(&self, labels: &Labels, more: Option<&SliceStore>) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        self.each(
-            |chunk| {
-                let (mut scratch, mut other, mut slices) = (Scratch::default(), Runs::default(), Slices::default());
-                for y in chunk {
-                    let mut rows: Vec<Vec<Run>> = vec![Vec::new(); self.cells[2] as usize];
-                    labels.for_each(y, &mut scratch, |z, run, verdict| {
-                        if verdict == 1 {
-                            rows[z as usize].push(run);
-                        }
-                    })?;
-                    if let Some(more) = more {
-                        more.read(y, &mut other)?;
-                        for z in 0..other.row_count() {
-                            rows[z as usize].extend(other.row(z));
-                        }
-                    }
-                    slices.push_runs(&joined(rows));
-                }
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
+        let cells = labels.cells(1, self.cells, self.context)?;
+        match more {
+            Some(more) => together(&cells, more, self.cells, self.context),
+            None => Ok(cells),
+        }
     }
 
     /// The cells of `opened` that are not in `gone`.

@@ -10,7 +10,7 @@
 //!        # + + + #            2. cells that the outside is near to on one side get a sign; others are hidden (wall)
 //!        # + + + #            3. hidden cells get theirs from one another (signs)
 //!        # # # # #            4. the winding number of all that tells what is outside (field)
-//!                             5. which opens from the outside, and makes no pieces, and no tunnels but wide ones (open, core, growth)
+//!                             5. which opens from the outside, and makes no pieces, and no tunnels but wide ones (open, core, then growth)
 //!                             6. and so do walls that are hidden still (clefts); what these bare is looked at once more, from 2 on
 //! ```
 //!
@@ -22,18 +22,17 @@ mod clefts;
 mod core;
 mod dipole;
 mod field;
-mod found;
-mod growth;
-mod layers;
+pub(in crate::solid) mod found;
+pub(in crate::solid) mod layers;
 mod open;
 mod plane;
 mod signs;
 mod sizes;
-mod tile;
+pub(in crate::solid) mod tile;
 mod wall;
 
 #[cfg(test)]
-mod marks;
+pub(in crate::solid) mod marks;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
@@ -64,6 +63,7 @@ use crate::grid::partition::BUCKET_SLICES;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
 use crate::grid::{Cell, Grid};
 use crate::points::Coordinate;
+use crate::solid::change::Change;
 use crate::solid::exterior::{Padded, invert};
 use crate::solid::{Solid, move_back};
 
@@ -289,7 +289,7 @@ impl<'a> Reopening<'a> {
         }
         let core = slabs.core(&solid, occupied, &target, &sure)?;
         step();
-        let opened = slabs.grown_from(&solid, core, &target)?;
+        let opened = solid.growth(core, &target, Change::Removed, context)?;
         step();
         let (left, target) = (solid.without(&opened, context)?, slabs.less(&target, &opened)?);
         drop((solid, opened));
@@ -520,7 +520,7 @@ impl<'a> Slabs<'a> {
                     for ((z, x), _) in cells.iter().zip(walls).filter(|(_, wall)| wall.kind == HIDDEN) {
                         rows[z as usize].push(Run { start: x, end: x + 1 });
                     }
-                    slices.push_runs(&joined(rows));
+                    slices.push_runs(&Runs::joined(rows));
                 }
                 Ok(slices)
             },
@@ -551,34 +551,4 @@ impl<'a> Slabs<'a> {
         )?;
         Ok(out)
     }
-
-    /// The cells of two stores, of which none is in both.
-    fn together(&self, one: &SliceStore, other: &SliceStore) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        self.each(
-            |chunk| {
-                let (mut first, mut second, mut slices) = (Runs::default(), Runs::default(), Slices::default());
-                for y in chunk {
-                    one.read(y, &mut first)?;
-                    other.read(y, &mut second)?;
-                    let rows = (0..first.row_count()).map(|z| [first.row(z), second.row(z)].concat());
-                    slices.push_runs(&joined(rows.collect()));
-                }
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
-    }
-}
-
-/// A slice of runs that do not overlap, row by row, in any order.
-fn joined(rows: Vec<Vec<Run>>) -> Runs {
-    let mut out = Runs::default();
-    for mut row in rows {
-        row.sort_unstable_by_key(|run| run.start);
-        row.iter().for_each(|run| out.push_run(run.start, run.end));
-        out.end_row();
-    }
-    out
 }

@@ -12,6 +12,7 @@ use crate::run::testing::context;
 use crate::settings::closing::Sealing;
 use crate::solid::close::{ClosingOptions, close};
 use crate::solid::sign::tests::Numbers;
+use crate::solid::simple::{euler_change, is_simple};
 
 /// Points on a comb: a base and teeth on it, turned, noisy, in cells.
 fn comb(
@@ -208,12 +209,13 @@ fn slots_of_a_comb_open() {
 #[test]
 fn clefts_of_a_comb_open() {
     for turn in [[0.0; 3], [0.3, 0.7, 0.2], [0.5, 0.1, 0.4]] {
-        let places = comb(&mut Numbers::new(7), 0.5, 8.0, 14.0, 0.0, 2.0, turn);
+        let places = comb(&mut Numbers::new(7), 0.5, 12.0, 14.0, 0.0, 2.0, turn);
         let sampled: BTreeSet<Place> = places.iter().map(|p| p.map(|c| c.floor() as i64)).collect();
         let Both { before, streamed, twin, .. } = both_ways(&places, 1.41, 2);
         assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)), "{turn:?}");
         let opened = sampled.iter().filter(|cell| before.at(**cell) && !streamed.at(**cell)).count();
-        assert!(opened > 100, "{turn:?}: {opened}");
+        // 112 at most open without clefts.
+        assert!(opened > 150, "{turn:?}: {opened}");
         assert_eq!(streamed.groups().len(), before.groups().len(), "{turn:?}");
         assert!(tunnels(&streamed) <= tunnels(&before), "{turn:?}");
     }
@@ -339,10 +341,10 @@ fn a_cell_opens_where_that_changes_no_topology() {
         let bits = (0..27).filter(|i| *i != 13 && numbers.part() < share).fold(0u32, |bits, i| bits | 1 << i);
         let out = |[x, y, z]: Place| bits >> (x + 1 + 3 * (z + 1) + 9 * (y + 1)) & 1 == 1;
         let expected = simple(out);
-        assert_eq!(open::opens(bits), expected, "{bits:b}");
+        assert_eq!(is_simple(bits), expected, "{bits:b}");
         let before = euler(cube(1).into_iter(), |d| !out(d));
         let change = euler(cube(1).into_iter(), |d| !out(d) && d != [0; 3]) - before;
-        assert_eq!(i64::from(open::euler_change(bits)), change, "{bits:b}");
+        assert_eq!(i64::from(euler_change(bits)), change, "{bits:b}");
         assert!(!expected || change == 0, "{bits:b}");
         opened += usize::from(expected);
     }

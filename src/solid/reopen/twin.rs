@@ -5,13 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::core::BITS;
 use super::dipole::Areas;
 use super::field::LABELLINGS;
-use super::growth::ROUNDS;
 use super::layers::Held;
 use super::marks::*;
 use super::signs::linked;
 use super::wall::{HIDDEN, Relation, SEEN, THIN};
 use super::*;
 use crate::grid::context::CHUNK_SLICES;
+use crate::solid::growth::ROUNDS;
 
 /// The cells with points, and what is known of these.
 pub type Points = BTreeMap<[i64; 3], Moments>;

@@ -13,7 +13,8 @@
 //! cells that are not solid and that no such cube of cells that are not solid covers; *tubes* ([`tubes`]) those that not even a plate of 3 x 3 x 1 of them
 //! covers. A group, joined by faces, is judged by what it does to the Euler
 //! characteristic χ = components − handles + cavities of the solid: a few spikes that lower it are taken away, a few pits or tubes whose filling raises it are
-//! filled. Groups that leave χ as it is are detail, and stay.
+//! filled. Groups that leave χ as it is are detail, and stay. So is what a group of spikes has but for its handle, as the tip of an ear with a hole in it: it grows on again from what is left,
+//! cell by cell, where that changes no topology ([`crate::solid::growth`]).
 //!
 //! χ is a sum over the 2 x 2 x 2 cells round each corner of the grid (`characteristic`), so that what a group changes is summed up along its runs. Where a corner
 //! touches two groups, the first one in the order of cells is given its change.
@@ -31,9 +32,9 @@ use bytemuck::{Pod, Zeroable};
 use crate::error::Result;
 use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::{Ball, Dilation};
-use crate::grid::label::{Components, Labeller, Measure, Parts};
+use crate::grid::label::{Components, Labeller, Labels, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
-use crate::grid::slice::{Bits, Run, Runs, clip};
+use crate::grid::slice::{Bits, Run, Runs, SliceStore, clip};
 use crate::grid::window::Window;
 use crate::solid::change::Change;
 use crate::solid::dents::Lining;
@@ -302,10 +303,24 @@ impl Solid {
                 verdict
             })?;
             if changes {
-                solid = solid.changed(&labels, CHANGES, kind.change(), context)?;
+                let changed = solid.changed(&labels, CHANGES, kind.change(), context)?;
+                solid = match kind.change() {
+                    Change::Filled => changed,
+                    Change::Removed => changed.grown_into(&labels, context)?,
+                };
             }
         }
         Ok(solid)
+    }
+}
+
+impl Solid {
+    /// With those cells of the groups that change, in which the solid grows without a change of topology.
+    fn grown_into(self, labels: &Labels, context: &Context) -> Result<Solid> {
+        let target = labels.cells(CHANGES, self.cells, context)?;
+        let none = SliceStore::new(&context.workspace, context.memory.store_quota);
+        let grown = self.growth(none, &target, Change::Filled, context)?;
+        if grown.is_empty() { Ok(self) } else { self.with(&grown, context) }
     }
 }
 

@@ -7,6 +7,8 @@ use proptest::prelude::*;
 use super::*;
 use crate::grid::Cell;
 use crate::run::testing::with_context;
+use crate::solid::growth::ROUNDS;
+use crate::solid::reopen::marks::simple;
 
 /// Marks on the cells of a box, nothing beyond it.
 #[derive(Debug, Clone, PartialEq)]
@@ -330,14 +332,32 @@ fn found_narrow(solid: &Marks) -> NarrowHandles {
 fn resolved(solid: &Marks, occupied: &Marks) -> Marks {
     let mut solid = solid.clone();
     for kind in Kind::UNBELIEVED {
-        let found = measured(&solid, occupied, kind);
+        let (found, mut changed) = (measured(&solid, occupied, kind), Vec::new());
         for (group, measure) in found {
             if measure.verdict(kind) == CHANGES {
                 group.iter().for_each(|cell| solid.set(*cell, kind.change() == Change::Filled));
+                changed.extend(group);
             }
+        }
+        if kind.change() == Change::Removed {
+            grow(&mut solid, &changed);
         }
     }
     solid
+}
+
+/// The solid grows in these cells, one by one, where that changes no topology.
+fn grow(solid: &mut Marks, target: &[[i64; 3]]) {
+    for _ in 0..ROUNDS {
+        for subgrid in 0..8 {
+            for &[x, y, z] in target {
+                let is_its_turn = (x & 1) + 2 * (z & 1) + 4 * (y & 1) == subgrid;
+                if is_its_turn && !solid.at([x, y, z]) && simple(|d| !solid.at(plus([x, y, z], d))) {
+                    solid.set([x, y, z], true);
+                }
+            }
+        }
+    }
 }
 
 fn found(solid: &Marks, occupied: &Marks) -> Marks {
@@ -439,6 +459,22 @@ proptest! {
     fn the_solid_is_that_of_the_definition(seed in any::<u64>(), share in 0.0f64..0.7) {
         let [solid, occupied] = noisy(seed, share);
         prop_assert_eq!(found(&solid, &occupied), resolved(&solid, &occupied));
+    }
+
+    /// An ear a cell thick with a hole in it stays, but for a cut from the hole to the rim.
+    #[test]
+    fn an_ear_with_a_hole_stays(hole in (1i64..6, 1i64..4), order in Just([0usize, 1, 2]).prop_shuffle()) {
+        let cells = order.map(|a| [12u32, 18, 12][a]);
+        let back = |cell: [i64; 3]| [0, 1, 2].map(|a| cell[order.iter().position(|o| *o == a).unwrap()]);
+        let within = |[x, y, z]: [i64; 3], low: i64, high: i64| [x, y, z].iter().all(|c| (low..high).contains(c));
+        let ear = |[x, y, z]: [i64; 3]| (3..10).contains(&x) && (11..16).contains(&y) && z == 6;
+        let is_hole = |[x, y, _]: [i64; 3]| (x, y) == (3 + hole.0, 11 + hole.1);
+        let solid = Marks::of(cells, |cell| within(back(cell), 1, 11) || ear(back(cell)) && !is_hole(back(cell)));
+        let occupied = Marks::of(cells, |cell| solid.at(cell) && !within(back(cell), 2, 10));
+        let left = found(&solid, &occupied);
+        let lost = solid.cells().len() - left.cells().len();
+        prop_assert!((1..5).contains(&lost), "{lost}");
+        prop_assert_eq!((solid.characteristic(), left.characteristic()), (0, 1));
     }
 
     #[test]
