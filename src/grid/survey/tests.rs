@@ -155,6 +155,21 @@ mod naive {
         let (narrow, wide) = (of(level)?, of(level.checked_sub(1)?)?);
         Some(((16.0 * narrow - wide).max(0.0) / 15.0).sqrt())
     }
+
+    pub fn dimension(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+        let side = *sides.iter().rfind(|side| **side > 2.0 * distance)?;
+        let mut pairs = [0.0; 2];
+        for (_, places) in cells(points, side).into_values().take(256) {
+            let places: Vec<[f64; 3]> = places.into_iter().take(16).map(|(_, p)| p.map(f64::from_bits)).collect();
+            for (p, q) in places.iter().flat_map(|p| places.iter().map(move |q| (p, q))).filter(|(p, q)| p != q) {
+                let squared = (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) + (p[2] - q[2]).powi(2);
+                for (pairs, far) in pairs.iter_mut().zip([0.4, 0.8]) {
+                    *pairs += if squared <= (far * distance).powi(2) { 0.5 } else { 0.0 };
+                }
+            }
+        }
+        (pairs[0] >= 16.0).then(|| libm::log2(pairs[1] / pairs[0]))
+    }
 }
 
 fn random(seed: u64) -> impl FnMut() -> f64 {
@@ -214,6 +229,7 @@ proptest! {
         let (a, b) = (found.noise.unwrap_or(0.0), noise.unwrap_or(0.0));
         // Roots of differences of what was found in two ways.
         prop_assert!((a * a - b * b).abs() <= 1e-9 * distance * distance, "{} {}", a, b);
+        prop_assert_eq!(found.dimension.map(f64::to_bits), naive::dimension(&points, &sides, distance).map(f64::to_bits));
         // To the bit whatever the order.
         let sorted = {
             let mut points = points.clone();
@@ -294,6 +310,30 @@ fn noise_is_told_from_what_is_bent() {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn noise_fills_a_volume_and_fins_do_not() {
+    let of = |points: Vec<[f64; 3]>| density(&[points], None, 1).dimension.unwrap();
+    for kind in ["sphere", "pipe", "block", "folds"] {
+        let distance = body(kind, 100_000, 0.0, 1).1;
+        let noisy = |part: f64| of(body(kind, 100_000, part * distance, 1).0);
+        assert!((1.4..2.0).contains(&noisy(0.0)), "{kind}: {}", noisy(0.0));
+        for part in [0.7, 1.0, 2.0] {
+            assert!((2.4..3.3).contains(&noisy(part)), "{kind}, {part}: {}", noisy(part));
+        }
+    }
+    // Fins and slots: sheets so many sampling distances apart. A second layer is two of them.
+    for (apart, sheets) in [(1.0, 40), (1.5, 40), (2.0, 40), (3.0, 40), (1.0, 2)] {
+        let mut unit = random(2);
+        let distance = (f64::from(sheets) / 100_000.0).sqrt();
+        let sheet = |unit: &mut dyn FnMut() -> f64| (unit() * f64::from(sheets)).floor() * apart * distance;
+        let points = (0..100_000)
+            .map(|_| [unit(), unit(), sheet(&mut unit)])
+            .map(|[x, y, z]| [x, 0.8 * y + 0.6 * z, 0.8 * z - 0.6 * y]);
+        let told = of(points.collect());
+        assert!((1.4..2.1).contains(&told), "{sheets} sheets, {apart} apart: {told}");
     }
 }
 
