@@ -240,9 +240,14 @@ pub(super) fn closed_cells<T: Coordinate>(
         Some(least) => solid.without_specks_of_outside(least, context),
         None => Ok(solid),
     };
-    let (closed, narrow) = match signed && surveyed.may_reopen() && !shell.is_some_and(|shell| shell.hides_walls()) {
+    let is_thick = shell.is_some_and(|shell| shell.hides_walls());
+    let (closed, narrow) = match signed && surveyed.may_reopen() && !is_thick {
         true => reopened(closed, surveyed, buckets, without_specks, context, progress)?,
-        false => (Closed { solid: without_specks(closed.solid)?, thickened: None, ..closed }, None),
+        false => {
+            let solid = without_specks(closed.solid)?;
+            let solid = if signed && is_thick { solid.without_prongs(context)? } else { solid };
+            (Closed { solid, thickened: None, ..closed }, None)
+        }
     };
     // What says that it is not sealed says more than handles would.
     let narrow = match &closed.how {

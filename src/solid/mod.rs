@@ -16,6 +16,7 @@ mod growth;
 pub mod heightfield;
 pub mod isolated;
 pub mod membranes;
+pub mod prongs;
 pub mod reopen;
 pub mod seal;
 pub mod side_votes;
