@@ -147,7 +147,8 @@ impl<'a> Reconstruction<'a> {
         self.refused.get_or_insert(error.to_string());
     }
 
-    /// The side of a cell. By default that of the paper's k = 4, down to half of it where points are dense and clean, and no less than 1.25 sampling distances.
+    /// The side of a cell. By default that of the paper's k = 4, down to half of it where points are dense and clean, and no less than 1.25 sampling distances, or three standard
+    /// deviations of their noise where that is as thick.
     pub fn cell_size(mut self, side: f64) -> Self {
         self.job.settings.fineness = Fineness::Given(Resolution::Cell(side));
         self
