@@ -156,6 +156,13 @@ mod naive {
         Some(((16.0 * narrow - wide).max(0.0) / 15.0).sqrt())
     }
 
+    pub fn growth(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+        let level = sides.iter().rposition(|side| *side > 4.0 * distance)?;
+        let of = |level: usize| quartile(points, sides[level], distance);
+        let (narrow, wide) = (of(level)?, of(level.checked_sub(1)?)?);
+        (narrow > 0.0).then(|| (wide / narrow).sqrt())
+    }
+
     pub fn dimension(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
         let side = *sides.iter().rfind(|side| **side > 2.0 * distance)?;
         let mut pairs = [0.0; 2];
@@ -229,6 +236,11 @@ proptest! {
         let (a, b) = (found.noise.unwrap_or(0.0), noise.unwrap_or(0.0));
         // Roots of differences of what was found in two ways.
         prop_assert!((a * a - b * b).abs() <= 1e-9 * distance * distance, "{} {}", a, b);
+        // Of a flat surface, rounding is all there is.
+        if noise.is_some_and(|noise| noise > 1e-3 * distance) {
+            let (a, b) = (found.growth.unwrap(), naive::growth(&points, &sides, distance).unwrap());
+            prop_assert!((a - b).abs() <= 1e-6 * b, "{} {}", a, b);
+        }
         prop_assert_eq!(found.dimension.map(f64::to_bits), naive::dimension(&points, &sides, distance).map(f64::to_bits));
         // To the bit whatever the order.
         let sorted = {
@@ -324,6 +336,13 @@ fn noise_fills_a_volume_and_fins_do_not() {
             assert!((2.4..3.3).contains(&noisy(part)), "{kind}, {part}: {}", noisy(part));
         }
     }
+    // A body that points fill is no shell.
+    let mut unit = random(3);
+    let growth = |points: Vec<[f64; 3]>| density(&[points], None, 1).growth.unwrap();
+    let filled = growth((0..100_000).map(|_| [unit(), unit(), unit()]).collect());
+    let distance = body("block", 100_000, 0.0, 1).1;
+    let shell = growth(body("block", 100_000, 1.5 * distance, 1).0);
+    assert!(filled > 1.7 && shell < 1.5, "{filled} {shell}");
     // Fins and slots: sheets so many sampling distances apart. A second layer is two of them.
     for (apart, sheets) in [(1.0, 40), (1.5, 40), (2.0, 40), (3.0, 40), (1.0, 2)] {
         let mut unit = random(2);
