@@ -52,8 +52,8 @@ const NOISES: f64 = 3.0;
 /// Points lie amid noise if what those near each other fill has such a dimension ([`Density::dimension`]). Then noise it is, and not fins and slots.
 const AMID_NOISE: std::ops::RangeInclusive<f64> = 2.3..=3.4;
 
-/// And their shell is hardly thicker in cells twice as wide ([`Density::growth`]): 1.1 to 1.55. In a body that points fill, it is twice as thick.
-const SHELL: f64 = 1.6;
+/// And their shell is hardly thicker in cells twice as wide ([`Density::growth`]): 1.1 to 1.45. In a body that points fill, it is twice as thick, or nearly: 1.59 in a small cube.
+const SHELL: f64 = 1.5;
 
 /// That of terrain and ground, whose columns cannot come apart: cells that are empty by chance are bridged.
 ///
@@ -166,7 +166,7 @@ mod tests {
         ) {
             let side = default_side(1.0, Density { distance, middle, noise, growth, dimension });
             let amid_noise = dimension.is_some_and(|dimension| (2.3..=3.4).contains(&dimension))
-                && growth.is_some_and(|growth| growth <= 1.6);
+                && growth.is_some_and(|growth| growth <= 1.5);
             let least = distance.map_or(0.0, |d| 1.25 * d).max(if amid_noise { 3.0 * noise.unwrap_or(0.0) } else { 0.0 });
             // Never coarser than by k = 4, the sampling distance or the noise, whichever is most; never finer than half of the first.
             prop_assert!(side >= least && side >= 0.5 && side <= least.max(1.0));
