@@ -1,10 +1,12 @@
 //! What every pass over the slices is given, and how a pass is cut into jobs.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::Cell;
 use super::dilate::Dilation;
-use super::slice::Bits;
+use super::slice::{Bits, SliceStore, Slices};
+use crate::error::Result;
 use crate::resources::memory::{Account, MemoryPlan};
 use crate::resources::workers::Workers;
 use crate::storage::spool::Workspace;
@@ -32,6 +34,36 @@ impl Context {
         Context { workers: workers.clone(), workspace: workspace.clone(), memory, work: None, account: Arc::default() }
     }
 
+    /// The slices that `work` makes of chunks of so many, with so many jobs in flight.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn slices_of(
+        &self,
+        slices: u32,
+        jobs: usize,
+        work: impl Fn(Range<u32>, &mut Slices) -> Result<()> + Sync,
+    ) -> Result<SliceStore> {
+        let mut out = SliceStore::new(&self.workspace, self.memory.store_quota);
+        let mut left = chunks(slices);
+        self.workers.in_order(
+            jobs,
+            || Ok(left.next()),
+            |chunk| {
+                let mut slices = Slices::default();
+                work(chunk, &mut slices)?;
+                Ok(slices)
+            },
+            |slices| out.extend(&slices),
+        )?;
+        Ok(out)
+    }
+
+    /// No cell: a store without slices.
+    pub fn no_cells(&self) -> SliceStore {
+        SliceStore::new(&self.workspace, self.memory.store_quota)
+    }
+
     /// Jobs in flight of a pass over the chunks of `cells`, with a ball of radius `radius`: at least one.
     pub fn jobs(&self, radius: u32, cells: Cell) -> usize {
         let job = job_bytes(radius, cells);
@@ -57,6 +89,6 @@ pub fn runs_bytes(rows: u32) -> u64 {
 pub const CHUNK_SLICES: u32 = 16;
 
 /// The chunks of `slices` slices: half-open ranges of [`CHUNK_SLICES`], the last one shorter.
-pub fn chunks(slices: u32) -> impl Iterator<Item = std::ops::Range<u32>> {
+pub fn chunks(slices: u32) -> impl Iterator<Item = Range<u32>> {
     (0..slices).step_by(CHUNK_SLICES as usize).map(move |first| first..(first + CHUNK_SLICES).min(slices))
 }

@@ -20,7 +20,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::error::Result;
 use crate::grid::Cell;
-use crate::grid::context::{Context, chunks};
+use crate::grid::context::Context;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices, set_range};
 use crate::storage::spool::{Spool, Workspace};
 
@@ -322,27 +322,19 @@ impl Labels {
     /// # Errors
     /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
     pub fn cells(&self, wanted: u8, [_, slices, rows]: Cell, context: &Context) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut jobs = chunks(slices);
-        context.workers.in_order(
-            context.memory.chunks_in_flight,
-            || Ok(jobs.next()),
-            |chunk| {
-                let (mut scratch, mut slices) = (Scratch::default(), Slices::default());
-                for y in chunk {
-                    let mut all: Vec<Vec<Run>> = vec![Vec::new(); rows as usize];
-                    self.for_each(y, &mut scratch, |z, run, verdict| {
-                        if verdict == wanted {
-                            all[z as usize].push(run);
-                        }
-                    })?;
-                    slices.push_runs(&Runs::joined(all));
-                }
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
+        context.slices_of(slices, context.memory.chunks_in_flight, |chunk, slices| {
+            let mut scratch = Scratch::default();
+            for y in chunk {
+                let mut all: Vec<Vec<Run>> = vec![Vec::new(); rows as usize];
+                self.for_each(y, &mut scratch, |z, run, verdict| {
+                    if verdict == wanted {
+                        all[z as usize].push(run);
+                    }
+                })?;
+                slices.push_runs(&Runs::joined(all));
+            }
+            Ok(())
+        })
     }
 
     /// Calls `each` with the row, the run and the verdict of every run of slice `y`, in order.

@@ -52,8 +52,8 @@ const NOISES: f64 = 3.0;
 /// Points lie amid noise if what those near each other fill has such a dimension ([`Density::dimension`]). Then noise it is, and not fins and slots.
 const AMID_NOISE: std::ops::RangeInclusive<f64> = 2.3..=3.4;
 
-/// And their shell is hardly thicker in cells twice as wide ([`Density::growth`]): 1.1 to 1.45. In a body that points fill, it is twice as thick, or nearly: 1.59 in a small cube.
-const SHELL: f64 = 1.5;
+/// And the shell is no thicker in cells twice as wide than so many times ([`Density::thicker`]). Where a body is filled, it is twice as thick, or nearly.
+const SHELL: f64 = 1.45;
 
 /// That of terrain and ground, whose columns cannot come apart: cells that are empty by chance are bridged.
 ///
@@ -121,7 +121,7 @@ pub(super) fn default_side(usual: f64, density: Density) -> f64 {
     let carried = (FINER * usual).max(even).max(clean);
     let side = if carried <= WORTH * usual { carried } else { usual };
     let amid_noise = density.dimension.is_some_and(|dimension| AMID_NOISE.contains(&dimension));
-    let is_shell = density.growth.is_some_and(|growth| growth <= SHELL);
+    let is_shell = density.thicker.is_some_and(|thicker| thicker <= SHELL);
     let noise = density.noise.filter(|_| amid_noise && is_shell);
     side.max(density.distance.map_or(0.0, |distance| AUTO_CELL * distance))
         .max(noise.map_or(0.0, |noise| NOISES * noise))
@@ -141,7 +141,7 @@ mod tests {
             noise in prop::option::of(0.0f64..1.0),
         ) {
             let noises = noise.map(|noise| noise * distance);
-            let density = Density { distance: Some(distance), middle: None, noise: noises, growth: None, dimension: None };
+            let density = Density { distance: Some(distance), middle: None, noise: noises, thicker: None, dimension: None };
             let side = |kind| auto_side(density, ratio * distance, kind).unwrap();
             let terrain = side(Some(Kind::Terrain));
             let narrow = (terrain / distance - ratio.clamp(0.6, 1.0)).abs() < 1e-9;
@@ -161,12 +161,12 @@ mod tests {
             distance in prop::option::of(0.0f64..3.0),
             middle in prop::option::of(0.0f64..3.0),
             noise in prop::option::of(prop_oneof![0.0f64..0.2, 0.0f64..2.0]),
-            growth in prop::option::of(0.5f64..5.0),
+            thicker in prop::option::of(0.5f64..5.0),
             dimension in prop::option::of(1.0f64..5.0),
         ) {
-            let side = default_side(1.0, Density { distance, middle, noise, growth, dimension });
+            let side = default_side(1.0, Density { distance, middle, noise, thicker, dimension });
             let amid_noise = dimension.is_some_and(|dimension| (2.3..=3.4).contains(&dimension))
-                && growth.is_some_and(|growth| growth <= 1.5);
+                && thicker.is_some_and(|thicker| thicker <= 1.45);
             let least = distance.map_or(0.0, |d| 1.25 * d).max(if amid_noise { 3.0 * noise.unwrap_or(0.0) } else { 0.0 });
             // Never coarser than by k = 4, the sampling distance or the noise, whichever is most; never finer than half of the first.
             prop_assert!(side >= least && side >= 0.5 && side <= least.max(1.0));
@@ -177,9 +177,9 @@ mod tests {
             // Points that are denser, more even or cleaner never make cells coarser.
             let less = |of: Option<f64>| of.map(|of| of * 0.9);
             for better in [
-                Density { distance: less(distance), middle, noise, growth, dimension },
-                Density { distance, middle: less(middle), noise, growth, dimension },
-                Density { distance, middle, noise: less(noise), growth, dimension },
+                Density { distance: less(distance), middle, noise, thicker, dimension },
+                Density { distance, middle: less(middle), noise, thicker, dimension },
+                Density { distance, middle, noise: less(noise), thicker, dimension },
             ] {
                 prop_assert!(default_side(1.0, better) <= side);
             }

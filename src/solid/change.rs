@@ -97,24 +97,16 @@ pub(super) fn together(
     [_, slices, rows]: Cell,
     context: &Context,
 ) -> Result<SliceStore> {
-    let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
-    let mut jobs = chunks(slices);
-    context.workers.in_order(
-        context.memory.chunks_in_flight,
-        || Ok(jobs.next()),
-        |chunk| {
-            let (mut runs, mut slices) = (Runs::default(), Slices::default());
-            for y in chunk {
-                let mut all: Vec<Vec<Run>> = vec![Vec::new(); rows as usize];
-                for store in [one, other].into_iter().filter(|store| y < store.slice_count()) {
-                    store.read(y, &mut runs)?;
-                    all.iter_mut().zip(0..runs.row_count()).for_each(|(row, z)| row.extend(runs.row(z)));
-                }
-                slices.push_runs(&Runs::joined(all));
+    context.slices_of(slices, context.memory.chunks_in_flight, |chunk, slices| {
+        let mut runs = Runs::default();
+        for y in chunk {
+            let mut all: Vec<Vec<Run>> = vec![Vec::new(); rows as usize];
+            for store in [one, other].into_iter().filter(|store| y < store.slice_count()) {
+                store.read(y, &mut runs)?;
+                all.iter_mut().zip(0..runs.row_count()).for_each(|(row, z)| row.extend(runs.row(z)));
             }
-            Ok(slices)
-        },
-        |slices| out.extend(&slices),
-    )?;
-    Ok(out)
+            slices.push_runs(&Runs::joined(all));
+        }
+        Ok(())
+    })
 }

@@ -6,13 +6,9 @@
 //!   o x x x t #        The last t may stay: beyond it there is more outside, and to open it would join both.
 //! ```
 
-use std::collections::BTreeSet;
-use std::ops::Range;
-
 use crate::error::Result;
-use crate::grid::Cell;
-use crate::grid::context::{CHUNK_SLICES, Context, chunks};
-use crate::grid::slice::{Run, SliceStore, Slices};
+use crate::grid::context::{CHUNK_SLICES, Context};
+use crate::grid::slice::{Run, SliceStore};
 use crate::solid::Solid;
 use crate::solid::change::{Change, together};
 use crate::solid::reopen::found::Found;
@@ -58,29 +54,20 @@ impl Solid {
         jobs: usize,
         context: &Context,
     ) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut all = chunks(self.cells[1]);
-        context.workers.in_order(
-            jobs,
-            || Ok(all.next()),
-            |chunk| {
-                let read =
-                    |store| Stretch::read(store, i64::from(chunk.start) - SUBGRIDS..i64::from(chunk.end) + SUBGRIDS);
-                let (target, mut found) = (read(target)?, Found::new(chunk.clone()));
-                let tiles = tiles(&target, &chunk, self.cells);
-                if !tiles.is_empty() {
-                    let (solid, changed) = (read(&self.store)?, read(changed)?);
-                    tiles
-                        .iter()
-                        .for_each(|tile| round(tile, &solid, &changed, &target, change, |cell| found.push(cell, ())));
+        context.slices_of(self.cells[1], jobs, |chunk, slices| {
+            let around = i64::from(chunk.start) - SUBGRIDS..i64::from(chunk.end) + SUBGRIDS;
+            let read = |store| Stretch::read(store, around.clone());
+            let (target, mut found) = (read(target)?, Found::new(chunk.clone()));
+            let tiles = Tile::with(&target, &chunk, self.cells, SUBGRIDS);
+            if !tiles.is_empty() {
+                let (solid, changed) = (read(&self.store)?, read(changed)?);
+                for tile in &tiles {
+                    round(tile, &solid, &changed, &target, change, |cell| found.push(cell, ()));
                 }
-                let mut slices = Slices::default();
-                found.sorted(self.cells).0.iter().for_each(|runs| slices.push_runs(runs));
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
+            }
+            found.sorted(self.cells).0.iter().for_each(|runs| slices.push_runs(runs));
+            Ok(())
+        })
     }
 
     /// Jobs in flight.
@@ -98,23 +85,6 @@ impl Solid {
         context.account.pass(job * (jobs as u64).min(u64::from(self.cells[1].div_ceil(CHUNK_SLICES))));
         jobs
     }
-}
-
-/// The tiles of a chunk that hold cells of the target.
-fn tiles(target: &Stretch, chunk: &Range<u32>, [width, _, rows]: Cell) -> Vec<Tile> {
-    let mut at = BTreeSet::new();
-    for runs in chunk.clone().map(|y| target.slice(y.into())) {
-        for z in 0..runs.row_count() {
-            for run in runs.row(z) {
-                at.extend((run.start / TILE..run.end.div_ceil(TILE)).map(|x| (z / TILE, x)));
-            }
-        }
-    }
-    let tile = |(z, x): (u32, u32)| {
-        let side = |tile: u32, cells: u32| tile * TILE..((tile + 1) * TILE).min(cells);
-        Tile::new([side(x, width), chunk.clone(), side(z, rows)], SUBGRIDS)
-    };
-    at.into_iter().map(tile).collect()
 }
 
 /// A round in a tile, which has a margin of [`SUBGRIDS`]: calls `found` with the cells that change.

@@ -11,7 +11,7 @@
 use std::ops::Range;
 
 use crate::error::Result;
-use crate::grid::context::{Context, chunks};
+use crate::grid::context::Context;
 use crate::grid::slice::{Bits, Runs, SliceStore, Slices};
 use crate::grid::window::Window;
 use crate::solid::Solid;
@@ -32,8 +32,7 @@ impl Solid {
         let mut solid = self;
         for _ in 0..TIMES {
             let prongs = solid.prongs(context)?;
-            let none = SliceStore::new(&context.workspace, context.memory.store_quota);
-            let gone = solid.growth(none, &prongs, Change::Removed, context)?;
+            let gone = solid.growth(context.no_cells(), &prongs, Change::Removed, context)?;
             if gone.is_empty() {
                 break;
             }
@@ -44,21 +43,13 @@ impl Solid {
 
     /// The cells of prongs.
     fn prongs(&self, context: &Context) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut jobs = chunks(self.cells[1]);
-        context.workers.in_order(
-            context.jobs(1, self.cells),
-            || Ok(jobs.next()),
-            |chunk| self.prongs_of(chunk),
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
+        context.slices_of(self.cells[1], context.jobs(1, self.cells), |chunk, slices| self.prongs_of(chunk, slices))
     }
 
-    fn prongs_of(&self, chunk: Range<u32>) -> Result<Slices> {
+    fn prongs_of(&self, chunk: Range<u32>, found: &mut Slices) -> Result<()> {
         let [width, slices, rows] = self.cells;
         let mut window = Window::new(3, || Bits::new(width, rows));
-        let (mut runs, mut here, mut found) = (Runs::default(), Runs::default(), Slices::default());
+        let (mut runs, mut here) = (Runs::default(), Runs::default());
         for y in chunk {
             window.slide_to(i64::from(y) - 1, |y, bits: &mut Bits| {
                 bits.clear();
@@ -82,7 +73,7 @@ impl Solid {
             }
             found.push_runs(&prongs);
         }
-        Ok(found)
+        Ok(())
     }
 }
 
@@ -101,29 +92,9 @@ mod tests {
     fn left(marks: &Marks) -> Marks {
         let cells = marks.cells.map(|c| c as u32);
         with_context(cells, |context| {
-            let mut slices = Slices::default();
-            let mut bits = Bits::new(cells[0], cells[2]);
-            for y in 0..marks.cells[1] {
-                bits.clear();
-                for (x, z) in (0..marks.cells[2]).flat_map(|z| (0..marks.cells[0]).map(move |x| (x, z))) {
-                    if marks.at([x, y, z]) {
-                        bits.set(x as u32, z as u32);
-                    }
-                }
-                slices.push(&bits);
-            }
-            let mut store = SliceStore::new(&context.workspace, 1 << 20);
-            store.extend(&slices).unwrap();
-            let faces = vec![1000; cells[1] as usize];
-            let solid = Solid { cells, store, volume: 0, faces, ground: None }.without_prongs(context).unwrap();
-            let mut out = Marks::none(cells);
-            for y in 0..cells[1] {
-                solid.store.paint(y.into(), &mut bits, &mut Runs::default()).unwrap();
-                for (x, z) in (0..marks.cells[2]).flat_map(|z| (0..marks.cells[0]).map(move |x| (x, z))) {
-                    out.put([x, y.into(), z], bits.get(x, z));
-                }
-            }
-            out
+            let (store, faces) = (marks.store(context), vec![1000; cells[1] as usize]);
+            let solid = Solid { cells, store, volume: 0, faces, ground: None };
+            Marks::of_solid(&solid.without_prongs(context).unwrap())
         })
     }
 

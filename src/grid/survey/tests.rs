@@ -106,8 +106,8 @@ mod naive {
         distance
     }
 
-    /// The lower quartile of the variances across the planes of cells.
-    fn quartile(points: &[[f64; 3]], side: f64, distance: f64) -> Option<f64> {
+    /// The lower quartile (4) or the middle (2) of the variances across the planes of cells.
+    fn quantile(points: &[[f64; 3]], side: f64, distance: f64, part: usize) -> Option<f64> {
         let telling: Vec<(u64, Vec<[f64; 3]>)> = cells(points, side)
             .into_values()
             .take(256)
@@ -117,7 +117,7 @@ mod naive {
         let of = telling.iter().filter(|(count, places)| *count as f64 >= least && places.len() >= 6);
         let mut variances: Vec<f64> = of.map(|(_, places)| variance(places)).collect();
         variances.sort_unstable_by(f64::total_cmp);
-        (variances.len() >= 32).then(|| variances[variances.len() / 4])
+        (variances.len() >= 32).then(|| variances[variances.len() / part])
     }
 
     /// The least mean square distance from a plane through the mean, over n - 3: by the directions of Jacobi's rotations.
@@ -149,17 +149,20 @@ mod naive {
         (sizes.len() >= 32).then(|| side / (sizes[sizes.len() / 2] as f64 / 0.78).sqrt())
     }
 
-    pub fn noise(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+    /// Variances in the cells of more than 4 sampling distances, and in those twice as wide.
+    fn variances(points: &[[f64; 3]], sides: &[f64], distance: f64, part: usize) -> Option<(f64, f64)> {
         let level = sides.iter().rposition(|side| *side > 4.0 * distance)?;
-        let of = |level: usize| quartile(points, sides[level], distance);
-        let (narrow, wide) = (of(level)?, of(level.checked_sub(1)?)?);
+        let of = |level: usize| quantile(points, sides[level], distance, part);
+        Some((of(level)?, of(level.checked_sub(1)?)?))
+    }
+
+    pub fn noise(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+        let (narrow, wide) = variances(points, sides, distance, 4)?;
         Some(((16.0 * narrow - wide).max(0.0) / 15.0).sqrt())
     }
 
-    pub fn growth(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
-        let level = sides.iter().rposition(|side| *side > 4.0 * distance)?;
-        let of = |level: usize| quartile(points, sides[level], distance);
-        let (narrow, wide) = (of(level)?, of(level.checked_sub(1)?)?);
+    pub fn thicker(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+        let (narrow, wide) = variances(points, sides, distance, 2)?;
         (narrow > 0.0).then(|| (wide / narrow).sqrt())
     }
 
@@ -238,7 +241,7 @@ proptest! {
         prop_assert!((a * a - b * b).abs() <= 1e-9 * distance * distance, "{} {}", a, b);
         // Of a flat surface, rounding is all there is.
         if noise.is_some_and(|noise| noise > 1e-3 * distance) {
-            let (a, b) = (found.growth.unwrap(), naive::growth(&points, &sides, distance).unwrap());
+            let (a, b) = (found.thicker.unwrap(), naive::thicker(&points, &sides, distance).unwrap());
             prop_assert!((a - b).abs() <= 1e-6 * b, "{} {}", a, b);
         }
         prop_assert_eq!(found.dimension.map(f64::to_bits), naive::dimension(&points, &sides, distance).map(f64::to_bits));
@@ -336,11 +339,6 @@ fn noise_fills_a_volume_and_fins_do_not() {
             assert!((2.4..3.3).contains(&noisy(part)), "{kind}, {part}: {}", noisy(part));
         }
     }
-    // Their shell is hardly thicker in wider cells.
-    let distance = body("block", 100_000, 0.0, 1).1;
-    let (points, _) = body("block", 100_000, 1.5 * distance, 1);
-    let growth = density(&[points], None, 1).growth.unwrap();
-    assert!((1.0..1.45).contains(&growth), "{growth}");
     // Fins and slots: sheets so many sampling distances apart. A second layer is two of them.
     for (apart, sheets) in [(1.0, 40), (1.5, 40), (2.0, 40), (3.0, 40), (1.0, 2)] {
         let mut unit = random(2);
@@ -351,6 +349,33 @@ fn noise_fills_a_volume_and_fins_do_not() {
             .map(|[x, y, z]| [x, 0.8 * y + 0.6 * z, 0.8 * z - 0.6 * y]);
         let told = of(points.collect());
         assert!((1.4..2.1).contains(&told), "{sheets} sheets, {apart} apart: {told}");
+    }
+}
+
+/// The shell of noisy points is hardly thicker in wider cells, a body that points fill is twice as thick, or nearly.
+#[test]
+fn a_filled_body_is_no_shell() {
+    let of = |points: Vec<[f64; 3]>| density(&[points], None, 1).thicker.unwrap();
+    for kind in ["sphere", "block"] {
+        for part in [0.7, 1.5, 2.0] {
+            let distance = body(kind, 100_000, 0.0, 1).1;
+            let told = of(body(kind, 100_000, part * distance, 1).0);
+            assert!((0.9..1.45).contains(&told), "{kind}, {part}: {told}");
+        }
+    }
+    let mut unit = random(3);
+    for count in [60_000, 200_000] {
+        for side in [1.0, 1.2, 1.4, 1.7] {
+            let cube = (0..count).map(|_| [(); 3].map(|()| side * unit())).collect::<Vec<_>>();
+            let ball = (0..3 * count).map(|_| [(); 3].map(|()| side * (2.0 * unit() - 1.0)));
+            let ball =
+                ball.filter(|p| p.iter().map(|c| c * c).sum::<f64>() < side * side).take(count).collect::<Vec<_>>();
+            for points in [cube, ball] {
+                let askew = points.iter().map(|[x, y, z]| [0.8 * x - 0.6 * y, 0.6 * x + 0.8 * y, *z]).collect();
+                let told = of(askew);
+                assert!(told > 1.45, "{count} points, {side}: {told}");
+            }
+        }
     }
 }
 

@@ -98,8 +98,7 @@ impl Slabs<'_> {
         if clefts.is_empty() {
             return Ok(clefts);
         }
-        let none = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        solid.growth(none, &clefts, Change::Removed, self.context)
+        solid.growth(self.context.no_cells(), &clefts, Change::Removed, self.context)
     }
 }
 

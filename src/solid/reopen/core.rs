@@ -18,7 +18,6 @@
 //!   S         S
 //! ```
 
-use std::collections::BTreeSet;
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
@@ -27,10 +26,10 @@ use super::Slabs;
 use super::found::Found;
 use super::layers::Stretch;
 use super::open::{self, Change, Width};
-use super::tile::{TILE, Tile};
+use super::tile::Tile;
 use crate::error::Result;
 use crate::grid::label::{Components, Labeller, Labels, Measure, Parts, overlaps};
-use crate::grid::slice::{Run, Runs, SliceStore, Slices};
+use crate::grid::slice::{Run, Runs, SliceStore};
 use crate::solid::Solid;
 use crate::solid::change::together;
 
@@ -186,7 +185,7 @@ impl Slabs<'_> {
         mut found: impl FnMut([i64; 3], Change),
     ) -> Result<()> {
         let opened = Slabs::stretch(opened, chunk, 1)?;
-        let tiles = self.tiles_of(chunk, &opened, 1);
+        let tiles = Tile::with(&opened, chunk, self.cells, 1);
         if !tiles.is_empty() {
             let solid = Slabs::stretch(&solid.store, chunk, 1)?;
             tiles.iter().for_each(|tile| open::changes(tile, &solid, &opened, marked, &mut found));
@@ -368,32 +367,12 @@ impl Slabs<'_> {
 
     /// The cells of `opened` that are not in `gone`.
     pub(super) fn less(&self, opened: &SliceStore, gone: &SliceStore) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        self.each(
-            |chunk| {
-                let [opened, gone] = [opened, gone].map(|store| Slabs::stretch(store, &chunk, 0));
-                let (opened, gone) = (opened?, gone?);
-                let mut slices = Slices::default();
-                chunk.for_each(|y| slices.push_runs(&without(opened.slice(y.into()), gone.slice(y.into()))));
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
-    }
-
-    /// The tiles of a chunk that hold some of `cells`.
-    fn tiles_of(&self, chunk: &Range<u32>, cells: &Stretch, margin: i64) -> Vec<Tile> {
-        let mut at = BTreeSet::new();
-        for y in chunk.clone() {
-            let runs = cells.slice(y.into());
-            for z in 0..runs.row_count() {
-                for run in runs.row(z) {
-                    at.extend((run.start / TILE..run.end.div_ceil(TILE)).map(|x| (z / TILE, x)));
-                }
-            }
-        }
-        self.tiles_at(at, chunk, margin)
+        self.context.slices_of(self.cells[1], self.jobs, |chunk, slices| {
+            let [opened, gone] = [opened, gone].map(|store| Slabs::stretch(store, &chunk, 0));
+            let (opened, gone) = (opened?, gone?);
+            chunk.for_each(|y| slices.push_runs(&without(opened.slice(y.into()), gone.slice(y.into()))));
+            Ok(())
+        })
     }
 }
 

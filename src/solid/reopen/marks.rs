@@ -43,6 +43,35 @@ impl Marks {
         marks
     }
 
+    /// The solid's.
+    pub fn of_solid(solid: &Solid) -> Marks {
+        let mut marks = Marks::none(solid.cells);
+        let mut bits = Bits::new(solid.cells[0], solid.cells[2]);
+        for y in 0..marks.cells[1] {
+            solid.store.paint(y, &mut bits, &mut Runs::default()).unwrap();
+            for z in 0..marks.cells[2] {
+                (0..marks.cells[0]).for_each(|x| marks.put([x, y, z], bits.get(x, z)));
+            }
+        }
+        marks
+    }
+
+    /// They as a store.
+    pub fn store(&self, context: &Context) -> SliceStore {
+        let cells = self.cells.map(|c| c as u32);
+        let mut slices = Slices::default();
+        for y in 0..self.cells[1] {
+            let mut slice = Bits::new(cells[0], cells[2]);
+            for z in 0..self.cells[2] {
+                (0..self.cells[0]).filter(|x| self.at([*x, y, z])).for_each(|x| slice.set(x as u32, z as u32));
+            }
+            slices.push(&slice);
+        }
+        let mut store = SliceStore::new(&context.workspace, 1 << 20);
+        store.extend(&slices).unwrap();
+        store
+    }
+
     fn number(&self, cell: Place) -> Option<usize> {
         let [x, y, z] = cell;
         let within = (0..3).all(|a| (0..self.cells[a]).contains(&cell[a]));

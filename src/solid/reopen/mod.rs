@@ -10,7 +10,7 @@
 //!        # + + + #            2. cells that the outside is near to on one side get a sign; others are hidden (wall)
 //!        # + + + #            3. hidden cells get theirs from one another (signs)
 //!        # # # # #            4. the winding number of all that tells what is outside (field)
-//!                             5. which opens from the outside, and makes no pieces, and no tunnels but wide ones (open, core, then growth)
+//!                             5. which opens from the outside, and makes no pieces, and no tunnels but wide ones (open, core; solid/growth)
 //!                             6. and so do walls that are hidden still (clefts); what these bare is looked at once more, from 2 on
 //! ```
 //!
@@ -146,16 +146,7 @@ impl Slabs<'_> {
                 }
             }
         }
-        Ok(self.tiles_at(at, chunk, margin))
-    }
-
-    /// The tiles of a chunk at these places: rows and x, in tiles.
-    fn tiles_at(&self, at: BTreeSet<(u32, u32)>, chunk: &Range<u32>, margin: i64) -> Vec<Tile> {
-        let tile = |(z, x): (u32, u32)| {
-            let side = |tile: u32, a: usize| tile * TILE..((tile + 1) * TILE).min(self.cells[a]);
-            Tile::new([side(x, 0), chunk.clone(), side(z, 2)], margin)
-        };
-        at.into_iter().map(tile).collect()
+        Ok(Tile::at(at, chunk, self.cells, margin))
     }
 
     /// Makes a store of what `work` finds in every tile.
@@ -164,20 +155,14 @@ impl Slabs<'_> {
         margin: i64,
         work: impl Fn(&Range<u32>, &[Tile], &mut Found<()>) -> Result<()> + Sync,
     ) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        self.each(
-            |chunk| {
-                let (tiles, mut found) = (self.tiles(&chunk, margin)?, Found::new(chunk.clone()));
-                if !tiles.is_empty() {
-                    work(&chunk, &tiles, &mut found)?;
-                }
-                let mut slices = Slices::default();
-                found.sorted(self.cells).0.iter().for_each(|runs| slices.push_runs(runs));
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
+        self.context.slices_of(self.cells[1], self.jobs, |chunk, slices| {
+            let (tiles, mut found) = (self.tiles(&chunk, margin)?, Found::new(chunk.clone()));
+            if !tiles.is_empty() {
+                work(&chunk, &tiles, &mut found)?;
+            }
+            found.sorted(self.cells).0.iter().for_each(|runs| slices.push_runs(runs));
+            Ok(())
+        })
     }
 }
 
@@ -304,39 +289,30 @@ impl Solid {
         let ball = Ball::squared(squared);
         let padded = Padded::new(self.cells, ball.radius());
         let pad = padded.pad;
-        let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut jobs = chunks(self.cells[1]);
-        context.workers.in_order(
-            context.jobs(ball.radius(), self.cells),
-            || Ok(jobs.next()),
-            |chunk| {
-                let mut runs = Runs::default();
-                let mut dilation = padded.dilation(ball, chunk.end + pad);
-                let mut deep = Bits::new(self.cells[0], self.cells[2]);
-                let mut moved = vec![0; deep.row_words()];
-                let mut slices = Slices::default();
-                for y in chunk {
-                    let near = dilation.slide_to(i64::from(y + pad), |y, bits| {
-                        self.store.paint_moved(y - i64::from(pad), pad, bits, &mut runs)?;
-                        for z in 0..padded.cells[2] {
-                            invert(bits.row_mut(z), padded.cells[0]);
-                        }
-                        Ok(())
-                    })?;
-                    occupied.paint(y.into(), &mut deep, &mut runs)?;
-                    for z in 0..self.cells[2] {
-                        if deep.lit_row(z).is_some() {
-                            move_back(near.row(z + pad), pad, &mut moved);
-                            deep.row_mut(z).iter_mut().zip(&moved).for_each(|(cell, near)| *cell &= !near);
-                        }
+        context.slices_of(self.cells[1], context.jobs(ball.radius(), self.cells), |chunk, slices| {
+            let mut runs = Runs::default();
+            let mut dilation = padded.dilation(ball, chunk.end + pad);
+            let mut deep = Bits::new(self.cells[0], self.cells[2]);
+            let mut moved = vec![0; deep.row_words()];
+            for y in chunk {
+                let near = dilation.slide_to(i64::from(y + pad), |y, bits| {
+                    self.store.paint_moved(y - i64::from(pad), pad, bits, &mut runs)?;
+                    for z in 0..padded.cells[2] {
+                        invert(bits.row_mut(z), padded.cells[0]);
                     }
-                    slices.push(&deep);
+                    Ok(())
+                })?;
+                occupied.paint(y.into(), &mut deep, &mut runs)?;
+                for z in 0..self.cells[2] {
+                    if deep.lit_row(z).is_some() {
+                        move_back(near.row(z + pad), pad, &mut moved);
+                        deep.row_mut(z).iter_mut().zip(&moved).for_each(|(cell, near)| *cell &= !near);
+                    }
                 }
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
+                slices.push(&deep);
+            }
+            Ok(())
+        })
     }
 }
 
@@ -509,24 +485,18 @@ impl<'a> Slabs<'a> {
 
     /// The cells of hidden walls.
     fn hidden(&self, walls: &Layers<Wall>) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&self.context.workspace, self.context.memory.store_quota);
-        self.each(
-            |chunk| {
-                let held = self.held(walls, &chunk, 0)?;
-                let mut slices = Slices::default();
-                for y in chunk {
-                    let (cells, walls) = held.slice(y.into());
-                    let mut rows = vec![Vec::new(); self.cells[2] as usize];
-                    for ((z, x), _) in cells.iter().zip(walls).filter(|(_, wall)| wall.kind == HIDDEN) {
-                        rows[z as usize].push(Run { start: x, end: x + 1 });
-                    }
-                    slices.push_runs(&Runs::joined(rows));
+        self.context.slices_of(self.cells[1], self.jobs, |chunk, slices| {
+            let held = self.held(walls, &chunk, 0)?;
+            for y in chunk {
+                let (cells, walls) = held.slice(y.into());
+                let mut rows = vec![Vec::new(); self.cells[2] as usize];
+                for ((z, x), _) in cells.iter().zip(walls).filter(|(_, wall)| wall.kind == HIDDEN) {
+                    rows[z as usize].push(Run { start: x, end: x + 1 });
                 }
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
+                slices.push_runs(&Runs::joined(rows));
+            }
+            Ok(())
+        })
     }
 
     /// What each wall adds to the winding number; those outside some blocks add nothing.

@@ -111,32 +111,8 @@ fn both_ways_of(
     let asked =
         ClosingOptions { seal: Sealing::Auto, window: None, keep_outliers: true, min_component: None, rough: false };
     let closed = close(occupancy, 1.0, asked, &context, |_, _| ()).unwrap();
-    let stored = |is_set: &dyn Fn(Place) -> bool| {
-        let mut slices = Slices::default();
-        for y in 0..i64::from(cells[1]) {
-            let mut slice = Bits::new(cells[0], cells[2]);
-            for z in 0..i64::from(cells[2]) {
-                (0..i64::from(cells[0])).filter(|x| is_set([*x, y, z])).for_each(|x| slice.set(x as u32, z as u32));
-            }
-            slices.push(&slice);
-        }
-        let mut store = SliceStore::new(&context.workspace, 1 << 20);
-        store.extend(&slices).unwrap();
-        store
-    };
-    let solid = closed.solid.with(&stored(&more), &context).unwrap();
-    let marks = |solid: &Solid| {
-        let mut marks = Marks::none(cells);
-        let mut bits = Bits::new(cells[0], cells[2]);
-        for y in 0..cells[1] {
-            solid.store.paint(y.into(), &mut bits, &mut Runs::default()).unwrap();
-            for z in 0..i64::from(cells[2]) {
-                (0..i64::from(cells[0])).for_each(|x| marks.put([x, y.into(), z], bits.get(x, z)));
-            }
-        }
-        marks
-    };
-    let before = marks(&solid);
+    let solid = closed.solid.with(&Marks::of(cells, more).store(&context), &context).unwrap();
+    let before = Marks::of_solid(&solid);
     let moments = |slabs: &Slabs| {
         let mut layers = Layers::new(&context);
         let mut runs = Runs::default();
@@ -147,7 +123,8 @@ fn both_ways_of(
         }
         Ok(layers)
     };
-    let sheets = stored(&thickened);
+    let thickened = Marks::of(cells, thickened);
+    let sheets = thickened.store(&context);
     let sampling = Sampling { side, thickened: Some(&sheets) };
     let reopened = match Reopening::with(&solid, &closed.occupancy.store, sampling, &context, moments).unwrap() {
         Some(mut reopening) => {
@@ -158,11 +135,11 @@ fn both_ways_of(
         None => solid,
     };
     // The twin leaves lone cells; so does the stream, with what it has in the end.
-    let (twin, wide) = twin(&before, &points, side, &Marks::of(cells, thickened));
-    let store = stored(&|cell| twin.at(cell));
+    let (twin, wide) = twin(&before, &points, side, &thickened);
+    let store = twin.store(&context);
     let twin =
         Solid { cells, store, volume: 0, faces: Vec::new(), ground: None }.without_isolated_cells(&context).unwrap();
-    Both { before, streamed: marks(&reopened), twin: marks(&twin), wide }
+    Both { before, streamed: Marks::of_solid(&reopened), twin: Marks::of_solid(&twin), wide }
 }
 
 proptest! {
@@ -311,15 +288,7 @@ fn pieces_of_one_size_come_apart() {
     let cells: Cell = [13, 6, 5];
     let dir = tempfile::tempdir().unwrap();
     let context = context(dir.path(), cells, 2);
-    let stored = |is_set: &dyn Fn(u32) -> bool| {
-        let (mut slices, mut slice) = (Slices::default(), Bits::new(cells[0], cells[2]));
-        let set = (0..cells[2]).flat_map(|z| (0..cells[0]).map(move |x| (x, z))).filter(|(x, _)| is_set(*x));
-        set.for_each(|(x, z)| slice.set(x, z));
-        (0..cells[1]).for_each(|_| slices.push(&slice));
-        let mut store = SliceStore::new(&context.workspace, 1 << 20);
-        store.extend(&slices).unwrap();
-        store
-    };
+    let stored = |is_set: &dyn Fn(i64) -> bool| Marks::of(cells, |[x, ..]| is_set(x)).store(&context);
     let solid = Solid { cells, store: stored(&|_| true), volume: 390, faces: vec![100; 6], ground: None };
     let active = stored(&|_| false);
     let allowed = Blocks::with_cells(&active, 1, cells, &context).unwrap();

@@ -7,9 +7,11 @@
 //!     +-----------------> x
 //! ```
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use super::layers::Stretch;
+use crate::grid::Cell;
 
 /// Cells of a tile's side, across the slices.
 pub const TILE: u32 = 32;
@@ -30,6 +32,29 @@ impl Tile {
     pub fn new(cells: [Range<u32>; 3], margin: i64) -> Tile {
         let low = [0, 1, 2].map(|a| i64::from(cells[a].start) - margin);
         Tile { low, size: [0, 1, 2].map(|a| cells[a].len() + 2 * margin as usize), margin }
+    }
+
+    /// The tiles of a chunk at these places: rows and x, in tiles.
+    pub fn at(places: BTreeSet<(u32, u32)>, chunk: &Range<u32>, cells: Cell, margin: i64) -> Vec<Tile> {
+        let tile = |(z, x): (u32, u32)| {
+            let side = |tile: u32, a: usize| tile * TILE..((tile + 1) * TILE).min(cells[a]);
+            Tile::new([side(x, 0), chunk.clone(), side(z, 2)], margin)
+        };
+        places.into_iter().map(tile).collect()
+    }
+
+    /// The tiles of a chunk that hold some of `marked`.
+    pub fn with(marked: &Stretch, chunk: &Range<u32>, cells: Cell, margin: i64) -> Vec<Tile> {
+        let mut at = BTreeSet::new();
+        for y in chunk.clone() {
+            let runs = marked.slice(y.into());
+            for z in 0..runs.row_count() {
+                for run in runs.row(z) {
+                    at.extend((run.start / TILE..run.end.div_ceil(TILE)).map(|x| (z / TILE, x)));
+                }
+            }
+        }
+        Tile::at(at, chunk, cells, margin)
     }
 
     /// Cells with the margin.

@@ -34,7 +34,7 @@ use crate::grid::context::{Context, chunks};
 use crate::grid::dilate::{Ball, Dilation};
 use crate::grid::label::{Components, Labeller, Labels, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
-use crate::grid::slice::{Bits, Run, Runs, SliceStore, clip};
+use crate::grid::slice::{Bits, Run, Runs, clip};
 use crate::grid::window::Window;
 use crate::solid::change::Change;
 use crate::solid::dents::Lining;
@@ -318,8 +318,7 @@ impl Solid {
     /// With those cells of the groups that change, in which the solid grows without a change of topology.
     fn grown_into(self, labels: &Labels, context: &Context) -> Result<Solid> {
         let target = labels.cells(CHANGES, self.cells, context)?;
-        let none = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let grown = self.growth(none, &target, Change::Filled, context)?;
+        let grown = self.growth(context.no_cells(), &target, Change::Filled, context)?;
         if grown.is_empty() { Ok(self) } else { self.with(&grown, context) }
     }
 }

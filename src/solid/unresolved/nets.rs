@@ -15,10 +15,10 @@
 
 use super::{CHANGES, Kind, Narrow, STAYS, Seen};
 use crate::error::Result;
-use crate::grid::context::{Context, chunks};
+use crate::grid::context::Context;
 use crate::grid::label::{Labels, Scratch};
 use crate::grid::occupancy::Occupancy;
-use crate::grid::slice::{Bits, Runs, SliceStore, Slices};
+use crate::grid::slice::{Bits, Runs, SliceStore};
 use crate::solid::Solid;
 use crate::solid::reopen::blocks::{Blocks, within};
 
@@ -62,7 +62,7 @@ impl Solid {
 
     /// The cells of the groups that have the verdict [`CHANGES`].
     fn marked(&self, labels: &[Labels], context: &Context) -> Result<SliceStore> {
-        self.slices_of(context, context.memory.chunks_in_flight, |chunk, slices| {
+        context.slices_of(self.cells[1], context.memory.chunks_in_flight, |chunk, slices| {
             let (mut bits, mut scratch) = (Bits::new(self.cells[0], self.cells[2]), Scratch::default());
             for y in chunk {
                 bits.clear();
@@ -75,7 +75,7 @@ impl Solid {
 
     /// The pits in some blocks.
     fn pits_in(&self, blocks: &Blocks, occupancy: &Occupancy, context: &Context) -> Result<SliceStore> {
-        self.slices_of(context, context.jobs(6, self.cells), |chunk, slices| {
+        context.slices_of(self.cells[1], context.jobs(6, self.cells), |chunk, slices| {
             let mut seen = Seen::new(self, occupancy, Kind::Pits, chunk.end);
             let (mut bits, mut here) = (Bits::new(self.cells[0], self.cells[2]), Runs::default());
             for y in chunk {
@@ -85,27 +85,5 @@ impl Solid {
             }
             Ok(())
         })
-    }
-
-    /// The slices that `work` makes of chunks, so many jobs in flight.
-    fn slices_of(
-        &self,
-        context: &Context,
-        jobs: usize,
-        work: impl Fn(std::ops::Range<u32>, &mut Slices) -> Result<()> + Sync,
-    ) -> Result<SliceStore> {
-        let mut out = SliceStore::new(&context.workspace, context.memory.store_quota);
-        let mut left = chunks(self.cells[1]);
-        context.workers.in_order(
-            jobs,
-            || Ok(left.next()),
-            |chunk| {
-                let mut slices = Slices::default();
-                work(chunk, &mut slices)?;
-                Ok(slices)
-            },
-            |slices| out.extend(&slices),
-        )?;
-        Ok(out)
     }
 }
