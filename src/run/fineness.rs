@@ -49,11 +49,11 @@ const CLEAN: f64 = 0.05;
 /// | 3.0 | 8; 3.042, 1.429 | 7; 1.089, .771 | 5; 1.073, .799 | 5; 1.113, .842 |
 const NOISES: f64 = 3.0;
 
-/// Points lie amid noise if what those near each other fill has such a dimension ([`Density::dimension`]). Then noise it is, and not fins and slots.
+/// Points lie amid noise if what those near each other fill has such a dimension ([`Density::near_dimension`]). Then noise it is, and not fins and slots.
 const AMID_NOISE: std::ops::RangeInclusive<f64> = 2.3..=3.4;
 
-/// And the shell is no thicker in cells twice as wide than so many times ([`Density::thicker`]). Where a body is filled, it is twice as thick, or nearly.
-const SHELL: f64 = 1.45;
+/// And if what points fill that are far from each other has less than this ([`Density::far_dimension`]). Otherwise they fill a body.
+const FILLED: f64 = 2.6;
 
 /// That of terrain and ground, whose columns cannot come apart: cells that are empty by chance are bridged.
 ///
@@ -120,8 +120,8 @@ pub(super) fn default_side(usual: f64, density: Density) -> f64 {
     let clean = density.noise.map_or(usual, |noise| noise / CLEAN);
     let carried = (FINER * usual).max(even).max(clean);
     let side = if carried <= WORTH * usual { carried } else { usual };
-    let amid_noise = density.dimension.is_some_and(|dimension| AMID_NOISE.contains(&dimension));
-    let is_shell = density.thicker.is_some_and(|thicker| thicker <= SHELL);
+    let amid_noise = density.near_dimension.is_some_and(|near| AMID_NOISE.contains(&near));
+    let is_shell = density.far_dimension.is_some_and(|far| far < FILLED);
     let noise = density.noise.filter(|_| amid_noise && is_shell);
     side.max(density.distance.map_or(0.0, |distance| AUTO_CELL * distance))
         .max(noise.map_or(0.0, |noise| NOISES * noise))
@@ -141,7 +141,7 @@ mod tests {
             noise in prop::option::of(0.0f64..1.0),
         ) {
             let noises = noise.map(|noise| noise * distance);
-            let density = Density { distance: Some(distance), middle: None, noise: noises, thicker: None, dimension: None };
+            let density = Density { distance: Some(distance), middle: None, noise: noises, near_dimension: None, far_dimension: None };
             let side = |kind| auto_side(density, ratio * distance, kind).unwrap();
             let terrain = side(Some(Kind::Terrain));
             let narrow = (terrain / distance - ratio.clamp(0.6, 1.0)).abs() < 1e-9;
@@ -161,12 +161,12 @@ mod tests {
             distance in prop::option::of(0.0f64..3.0),
             middle in prop::option::of(0.0f64..3.0),
             noise in prop::option::of(prop_oneof![0.0f64..0.2, 0.0f64..2.0]),
-            thicker in prop::option::of(0.5f64..5.0),
-            dimension in prop::option::of(1.0f64..5.0),
+            near_dimension in prop::option::of(1.0f64..5.0),
+            far_dimension in prop::option::of(1.5f64..3.5),
         ) {
-            let side = default_side(1.0, Density { distance, middle, noise, thicker, dimension });
-            let amid_noise = dimension.is_some_and(|dimension| (2.3..=3.4).contains(&dimension))
-                && thicker.is_some_and(|thicker| thicker <= 1.45);
+            let side = default_side(1.0, Density { distance, middle, noise, near_dimension, far_dimension });
+            let amid_noise = near_dimension.is_some_and(|near| (2.3..=3.4).contains(&near))
+                && far_dimension.is_some_and(|far| far < 2.6);
             let least = distance.map_or(0.0, |d| 1.25 * d).max(if amid_noise { 3.0 * noise.unwrap_or(0.0) } else { 0.0 });
             // Never coarser than by k = 4, the sampling distance or the noise, whichever is most; never finer than half of the first.
             prop_assert!(side >= least && side >= 0.5 && side <= least.max(1.0));
@@ -177,9 +177,9 @@ mod tests {
             // Points that are denser, more even or cleaner never make cells coarser.
             let less = |of: Option<f64>| of.map(|of| of * 0.9);
             for better in [
-                Density { distance: less(distance), middle, noise, thicker, dimension },
-                Density { distance, middle: less(middle), noise, thicker, dimension },
-                Density { distance, middle, noise: less(noise), thicker, dimension },
+                Density { distance: less(distance), middle, noise, near_dimension, far_dimension },
+                Density { distance, middle: less(middle), noise, near_dimension, far_dimension },
+                Density { distance, middle, noise: less(noise), near_dimension, far_dimension },
             ] {
                 prop_assert!(default_side(1.0, better) <= side);
             }

@@ -448,10 +448,12 @@ fn gathered(mut c: u64) -> u64 {
     (c | c >> 32) & 0x001F_FFFF
 }
 
-/// A number that looks like a random one, of three.
+/// A number that looks like a random one, of three. Each is mixed before the next is joined to it: the bits of k and of -k, times any number, differ in all but the last few, as those of a
+/// small number and of a negative one do.
 #[inline]
 fn hash(of: [u64; 3]) -> Hash {
-    mixed(of[0].wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ mixed(of[1].wrapping_mul(0xD6E8_FEB8_6659_FD93) ^ of[2]))
+    let last = mixed(of[2]);
+    mixed(of[0].wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ mixed(of[1].wrapping_mul(0xD6E8_FEB8_6659_FD93) ^ last))
 }
 
 #[inline]
@@ -464,6 +466,13 @@ fn mixed(mut h: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_two_cells_near_the_origin_have_one_hash() {
+        let hashes: std::collections::BTreeSet<Hash> =
+            (0..64u64.pow(3)).map(|i| hash([i % 64, i / 64 % 64, i / 4096].map(|c| c.wrapping_sub(32)))).collect();
+        assert_eq!(hashes.len(), 64usize.pow(3));
+    }
 
     #[test]
     fn numbers_are_gathered_again() {

@@ -1,6 +1,7 @@
 //! The survey: what passes over the points find before the grid is laid.
 
 mod density;
+mod dimension;
 mod extent;
 mod levels;
 mod noise;

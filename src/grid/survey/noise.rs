@@ -17,77 +17,25 @@ const CELLS: usize = 32;
 /// In cells twice as wide, the variance across a bent surface is so many times as large.
 const BENT: f64 = 16.0;
 
-/// The standard deviation of points from their surface, in the input's units.
+/// The standard deviation of points from their surface, which they are samples of `distance` apart, in the input's units; none if too few cells tell.
 ///
 /// Of cells 4 to 8 sampling distances wide and of those twice as wide, the lower quartile of the variance across their points' plane is found. It is that of the flattest parts: neither
 /// edges nor folds. It is the noise's and that of what is bent, which is 16 times as much in the wider cells.
 ///
 /// In parts of the side by k = 4: samples and own vertices of horse, rocker arm, dragon and bunny, plates and blocks have 0 to .015; noise of .025 % of the diagonal .064, raw scans .11.
-pub(super) fn noise(variances: &Variances) -> f64 {
-    let [wide, narrow] = variances.each_ref().map(|found| found[found.len() / 4]);
-    (BENT * narrow - wide).max(0.0).sqrt() / (BENT - 1.0).sqrt()
-}
-
-/// How many times as far points lie from their plane in the wider cells, by the middle variances; none if these are 0. Amid noise 1.0 to 1.4, where bodies are a few of its standard
-/// deviations thick up to 2.1; in a body that points fill 1.5 to 2, rarely less in small ones; where a clean surface is bent 4.
-pub(super) fn thicker(variances: &Variances) -> Option<f64> {
-    let [wide, narrow] = variances.each_ref().map(|found| found[found.len() / 2]);
-    (narrow > 0.0).then(|| (wide / narrow).sqrt())
-}
-
-/// The variances across the planes of cells that tell, in their order: of cells 8 to 16 sampling distances wide, and of those 4 to 8 wide.
-pub(super) type Variances = [Vec<f64>; 2];
-
-/// The variances of a cloud whose samples are `distance` apart; none if too few cells tell.
-pub(super) fn variances(levels: &Levels, distance: f64) -> Option<Variances> {
+pub(super) fn noise(levels: &Levels, distance: f64) -> Option<f64> {
     let mut variances = levels.iter().take_while(|(side, _)| *side > WIDE * distance).map(|(side, level)| {
         let least = PART * (side / distance) * (side / distance);
         let tells = |points: u64, places: &Places| points as f64 >= least && places.points().len() >= LEAST;
         let telling = level.telling().filter(|(points, places)| tells(*points, places));
         let mut found: Vec<f64> = telling.map(|(_, places)| variance(places)).collect();
         found.sort_unstable_by(f64::total_cmp);
-        (found.len() >= CELLS).then_some(found)
+        (found.len() >= CELLS).then(|| found[found.len() / 4])
     });
-    let mut last = [None, None];
-    variances.by_ref().for_each(|variances| last = [last[1].take(), variances]);
+    let mut last = [None; 2];
+    variances.by_ref().for_each(|variance| last = [last[1], variance]);
     let [wide, narrow] = last;
-    Some([wide?, narrow?])
-}
-
-/// Pairs of points are counted in cells of more than this side, up to twice that, in sampling distances.
-const PAIRS: f64 = 2.0;
-/// The farthest two points of a near pair, in sampling distances; of the others, twice as far.
-const NEAR: f64 = 0.4;
-/// Fewer near pairs say nothing.
-const NEAR_PAIRS: u32 = 16;
-
-/// The dimension of what points fill that lie nearer to each other than sampling distances: pairs within a radius are as many as its square on a surface, as its cube in a volume. None if
-/// too few are near.
-///
-/// ```text
-///    .  .   . .      a comb's walls: each point's nearest lie beside it         .  . .       noise: they lie above it and below, as well
-///   .  . .  . .                                                              .  .  .   .
-/// ```
-///
-/// So it tells noise from fins and slots that are hardly farther apart than samples, which [`noise`] does not. Samples at random: bodies, fins and second layers 1.6 to 1.9, noise of .2, .5,
-/// and 1 to 3 sampling distances 2.1, 2.4 and 2.5 to 3.0. Grids and the vertices of meshes: 3.8 and more.
-///
-/// Source: the correlation dimension of P. Grassberger and I. Procaccia, *Measuring the strangeness of strange attractors* (1983).
-pub(super) fn dimension(levels: &Levels, distance: f64) -> Option<f64> {
-    let (_, level) = levels.wider_than(PAIRS * distance)?;
-    let (near, far) = ((NEAR * distance).powi(2), (2.0 * NEAR * distance).powi(2));
-    let mut pairs = [0u32; 2];
-    for (_, places) in level.telling() {
-        for (i, p) in places.points().enumerate() {
-            for q in places.points().take(i) {
-                let squared: f64 = (0..3).map(|a| (p[a] - q[a]).powi(2)).sum();
-                pairs[0] += u32::from(squared <= near);
-                pairs[1] += u32::from(squared <= far);
-            }
-        }
-    }
-    let [near, far] = pairs.map(f64::from);
-    (pairs[0] >= NEAR_PAIRS).then(|| libm::log2(far / near))
+    Some((BENT * narrow? - wide?).max(0.0).sqrt() / (BENT - 1.0).sqrt())
 }
 
 /// The variance of points across their flattest direction, as of a sample: three of them have none.

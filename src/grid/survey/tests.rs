@@ -36,7 +36,7 @@ mod naive {
     }
 
     fn hash([a, b, c]: [u64; 3]) -> u64 {
-        mixed(a.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ mixed(b.wrapping_mul(0xD6E8_FEB8_6659_FD93) ^ c))
+        mixed(a.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ mixed(b.wrapping_mul(0xD6E8_FEB8_6659_FD93) ^ mixed(c)))
     }
 
     /// The power of two of level 0's cells.
@@ -106,8 +106,8 @@ mod naive {
         distance
     }
 
-    /// The lower quartile (4) or the middle (2) of the variances across the planes of cells.
-    fn quantile(points: &[[f64; 3]], side: f64, distance: f64, part: usize) -> Option<f64> {
+    /// The lower quartile of the variances across the planes of cells.
+    fn quartile(points: &[[f64; 3]], side: f64, distance: f64) -> Option<f64> {
         let telling: Vec<(u64, Vec<[f64; 3]>)> = cells(points, side)
             .into_values()
             .take(256)
@@ -117,7 +117,7 @@ mod naive {
         let of = telling.iter().filter(|(count, places)| *count as f64 >= least && places.len() >= 6);
         let mut variances: Vec<f64> = of.map(|(_, places)| variance(places)).collect();
         variances.sort_unstable_by(f64::total_cmp);
-        (variances.len() >= 32).then(|| variances[variances.len() / part])
+        (variances.len() >= 32).then(|| variances[variances.len() / 4])
     }
 
     /// The least mean square distance from a plane through the mean, over n - 3: by the directions of Jacobi's rotations.
@@ -149,24 +149,23 @@ mod naive {
         (sizes.len() >= 32).then(|| side / (sizes[sizes.len() / 2] as f64 / 0.78).sqrt())
     }
 
-    /// Variances in the cells of more than 4 sampling distances, and in those twice as wide.
-    fn variances(points: &[[f64; 3]], sides: &[f64], distance: f64, part: usize) -> Option<(f64, f64)> {
-        let level = sides.iter().rposition(|side| *side > 4.0 * distance)?;
-        let of = |level: usize| quantile(points, sides[level], distance, part);
-        Some((of(level)?, of(level.checked_sub(1)?)?))
-    }
-
     pub fn noise(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
-        let (narrow, wide) = variances(points, sides, distance, 4)?;
+        let level = sides.iter().rposition(|side| *side > 4.0 * distance)?;
+        let of = |level: usize| quartile(points, sides[level], distance);
+        let (narrow, wide) = (of(level)?, of(level.checked_sub(1)?)?);
         Some(((16.0 * narrow - wide).max(0.0) / 15.0).sqrt())
     }
 
-    pub fn thicker(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
-        let (narrow, wide) = variances(points, sides, distance, 2)?;
-        (narrow > 0.0).then(|| (wide / narrow).sqrt())
+    pub fn far_dimension(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+        let level = sides.iter().rposition(|side| *side > 4.0 * distance)?;
+        let beside = |level: usize| {
+            let counts: Vec<f64> = cells(points, sides[level]).into_values().map(|of| of.0 as f64).take(1024).collect();
+            counts.iter().map(|c| c * c).sum::<f64>() / counts.iter().sum::<f64>()
+        };
+        Some(libm::log2(beside(level.checked_sub(1)?) / beside(level)))
     }
 
-    pub fn dimension(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
+    pub fn near_dimension(points: &[[f64; 3]], sides: &[f64], distance: f64) -> Option<f64> {
         let side = *sides.iter().rfind(|side| **side > 2.0 * distance)?;
         let mut pairs = [0.0; 2];
         for (_, places) in cells(points, side).into_values().take(256) {
@@ -239,12 +238,9 @@ proptest! {
         let (a, b) = (found.noise.unwrap_or(0.0), noise.unwrap_or(0.0));
         // Roots of differences of what was found in two ways.
         prop_assert!((a * a - b * b).abs() <= 1e-9 * distance * distance, "{} {}", a, b);
-        // Of a flat surface, rounding is all there is.
-        if noise.is_some_and(|noise| noise > 1e-3 * distance) {
-            let (a, b) = (found.thicker.unwrap(), naive::thicker(&points, &sides, distance).unwrap());
-            prop_assert!((a - b).abs() <= 1e-6 * b, "{} {}", a, b);
-        }
-        prop_assert_eq!(found.dimension.map(f64::to_bits), naive::dimension(&points, &sides, distance).map(f64::to_bits));
+        let [near, far] = [naive::near_dimension, naive::far_dimension].map(|of| of(&points, &sides, distance));
+        prop_assert_eq!(found.near_dimension.map(f64::to_bits), near.map(f64::to_bits));
+        prop_assert_eq!(found.far_dimension.map(f64::to_bits), far.map(f64::to_bits));
         // To the bit whatever the order.
         let sorted = {
             let mut points = points.clone();
@@ -321,7 +317,7 @@ fn noise_is_told_from_what_is_bent() {
                 if part == 0.0 {
                     assert!(told < 0.04, "{what}");
                 } else {
-                    assert!((0.7..1.2).contains(&(told / part)), "{what}");
+                    assert!((0.65..1.2).contains(&(told / part)), "{what}");
                 }
             }
         }
@@ -330,7 +326,7 @@ fn noise_is_told_from_what_is_bent() {
 
 #[test]
 fn noise_fills_a_volume_and_fins_do_not() {
-    let of = |points: Vec<[f64; 3]>| density(&[points], None, 1).dimension.unwrap();
+    let of = |points: Vec<[f64; 3]>| density(&[points], None, 1).near_dimension.unwrap();
     for kind in ["sphere", "pipe", "block", "folds"] {
         let distance = body(kind, 100_000, 0.0, 1).1;
         let noisy = |part: f64| of(body(kind, 100_000, part * distance, 1).0);
@@ -352,19 +348,19 @@ fn noise_fills_a_volume_and_fins_do_not() {
     }
 }
 
-/// The shell of noisy points is hardly thicker in wider cells, a body that points fill is twice as thick, or nearly.
+/// Far from each other, points of a noisy surface fill a surface.
 #[test]
 fn a_filled_body_is_no_shell() {
-    let of = |points: Vec<[f64; 3]>| density(&[points], None, 1).thicker.unwrap();
+    let of = |points: Vec<[f64; 3]>| density(&[points], None, 1).far_dimension.unwrap();
     for kind in ["sphere", "block"] {
-        for part in [0.7, 1.5, 2.0] {
+        for part in [0.7, 1.5, 2.0, 3.0] {
             let distance = body(kind, 100_000, 0.0, 1).1;
             let told = of(body(kind, 100_000, part * distance, 1).0);
-            assert!((0.9..1.45).contains(&told), "{kind}, {part}: {told}");
+            assert!((1.9..2.5).contains(&told), "{kind}, {part}: {told}");
         }
     }
     let mut unit = random(3);
-    for count in [60_000, 200_000] {
+    for count in [20_000, 60_000, 200_000] {
         for side in [1.0, 1.2, 1.4, 1.7] {
             let cube = (0..count).map(|_| [(); 3].map(|()| side * unit())).collect::<Vec<_>>();
             let ball = (0..3 * count).map(|_| [(); 3].map(|()| side * (2.0 * unit() - 1.0)));
@@ -373,7 +369,7 @@ fn a_filled_body_is_no_shell() {
             for points in [cube, ball] {
                 let askew = points.iter().map(|[x, y, z]| [0.8 * x - 0.6 * y, 0.6 * x + 0.8 * y, *z]).collect();
                 let told = of(askew);
-                assert!(told > 1.45, "{count} points, {side}: {told}");
+                assert!(told > 2.6, "{count} points, {side}: {told}");
             }
         }
     }
@@ -393,6 +389,6 @@ fn the_middle_is_where_even_samples_lie_and_sparser_where_they_do_not() {
         };
         let told = [of(points.clone()), of(thinned(10)), of(thinned(50))];
         assert!((0.9..1.12).contains(&told[0]), "{kind}: {told:?}");
-        assert!(told[1] > 1.3 && told[2] > 1.2, "{kind}: {told:?}");
+        assert!(told[1] > 1.3 && told[2] > 1.1, "{kind}: {told:?}");
     }
 }
