@@ -13,6 +13,12 @@ const ENOUGH: i64 = 7;
 /// What a wall weighs, against a face between free cells.
 pub const WEIGHT: f32 = 4.0;
 
+/// A wall is *double* if occupied cells lie farther across it than those of one plane do: by this in their variance, in cells squared. So two walls are that lie about one cell apart or more, up to the ball's radius.
+pub(super) const DOUBLE: f64 = 0.25;
+
+/// What a double wall weighs: there may be a slot or a fin between its sides, and then these are alike.
+pub const LIGHT: f32 = 0.05;
+
 /// How far a wall's sides are looked for, in half cells.
 const REACH: i32 = 8;
 
@@ -45,6 +51,9 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
             moments = Moments::of(occupied, wall, &wide);
         }
         let normal = moments.normal();
+        // Cells that a plane passes have their middles within half of their width across it on either side.
+        let width: f64 = normal.iter().map(|c| c.abs()).sum();
+        let weight = if moments.variance(normal) > width * width / 12.0 + DOUBLE { LIGHT } else { WEIGHT };
         let side = |sign: f64| {
             (2..=REACH).find_map(|half| {
                 let t = sign * f64::from(half) / 2.0;
@@ -53,7 +62,7 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
                 (!occupied[cell]).then_some(cell as u32)
             })
         };
-        Some(Wall { cell, sides: [side(1.0)?, side(-1.0)?], normal: normal.map(|c| c as f32), weight: WEIGHT })
+        Some(Wall { cell, sides: [side(1.0)?, side(-1.0)?], normal: normal.map(|c| c as f32), weight })
     };
     walls.par_iter().with_min_len(TOGETHER).filter_map(wall).collect()
 }
@@ -124,6 +133,14 @@ impl Moments {
             }
         }
         sums
+    }
+
+    /// The variance of the cells' offsets along a direction.
+    fn variance(&self, [x, y, z]: [f64; 3]) -> f64 {
+        let [xx, yy, zz, xy, yz, zx] = self.second.map(|sum| sum as f64 / self.count as f64);
+        let mean: f64 =
+            self.first.iter().zip([x, y, z]).map(|(sum, c)| *sum as f64 * c).sum::<f64>() / self.count as f64;
+        x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + y * z * yz + z * x * zx) - mean * mean
     }
 
     /// The direction in which the cells spread least.

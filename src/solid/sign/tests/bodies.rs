@@ -35,7 +35,7 @@ pub enum Shape {
 #[derive(Debug, Clone, Copy)]
 pub struct Body {
     pub shape: Shape,
-    axes: [[f64; 3]; 3],
+    pub axes: [[f64; 3]; 3],
     middle: [f64; 3],
     pub size: usize,
     /// Middle and radius of a hole, in the block.

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::super::block::Block;
-use super::super::normal::{NEAR, Wall, two_sided};
+use super::super::normal::{DOUBLE, LIGHT, NEAR, WEIGHT, Wall, two_sided};
 use super::{Numbers, dot, marked, numbers_of};
 
 const SIDE: usize = 21;
@@ -56,6 +56,50 @@ proptest! {
         prop_assert!(mean > 0.98, "{} degrees off on average", mean.acos().to_degrees());
         let expected = numbers_of(&occupied).into_iter().filter(|&cell| inner(cell)).count();
         prop_assert_eq!(found as usize, expected, "every cell of a plane has two sides");
+    }
+
+    /// A wall is light if the cells near it spread across it by more than the cells of one plane; one plane's are not, those of two planes are.
+    #[test]
+    fn walls_are_light_where_two_of_them_lie_near_each_other(
+        seed in any::<u64>(),
+        apart in prop_oneof![Just(0.0), 1.4f64..2.0],
+        missing in 0.0f64..0.2,
+    ) {
+        let mut numbers = Numbers::new(seed);
+        let normal = numbers.direction();
+        let block = Block::new([SIDE as u32; 3]);
+        // Cells that a plane passes, as it does points.
+        let width: f64 = normal.iter().map(|c| c.abs()).sum();
+        let passed = |cell: &[usize; 3]| (height(*cell, normal, 0.0).abs() - apart / 2.0).abs() <= width / 2.0;
+        let occupied = marked(&block, |cell| passed(cell) && numbers.part() >= missing);
+        let (mut light, mut all) = (0, 0);
+        for wall in walls_of(&block, &occupied) {
+            let cell = block.cell(wall.cell as usize);
+            if !cell.into_iter().all(|c| (4..SIDE - 4).contains(&c)) {
+                continue;
+            }
+            let across = wall.normal.map(f64::from);
+            let offsets_within = |squared: i32| -> Vec<f64> {
+                let round = Block::ball(squared).into_iter().filter(|d| {
+                    occupied[block.index([0, 1, 2].map(|a| (cell[a] as i64 + i64::from(d[a])) as usize))]
+                });
+                round.map(|d| dot(d.map(f64::from), across)).collect()
+            };
+            let mut offsets = offsets_within(NEAR.0);
+            if offsets.len() < 7 {
+                offsets = offsets_within(NEAR.1);
+            }
+            let mean = offsets.iter().sum::<f64>() / offsets.len() as f64;
+            let variance = offsets.iter().map(|o| (o - mean) * (o - mean)).sum::<f64>() / offsets.len() as f64;
+            let width: f64 = across.iter().map(|c| c.abs()).sum();
+            let more = variance - width * width / 12.0 - DOUBLE;
+            // Normals are kept in single precision.
+            prop_assert!(more.abs() < 1e-4 || wall.weight == if more > 0.0 { LIGHT } else { WEIGHT }, "{more}");
+            light += u32::from(wall.weight == LIGHT);
+            all += 1;
+        }
+        let share = f64::from(light) / f64::from(all);
+        prop_assert!(if apart == 0.0 { share < 0.05 } else { share > 0.3 }, "{light} of {all}");
     }
 
     /// The sides are free, opposite, and the first free ones on their half of the line.
