@@ -177,47 +177,7 @@ impl Signed {
         let Seen { block, occupied, walls, outliers: _, emptied } = seen;
         context.account.field(bytes_of_block(&block, walls.len() as u64, context.workers.threads() as u64));
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
-        let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
-        let mut radius = (FIRST * longest).max(2.0);
-        let mut outside = rolling::reached(&block, &occupied, radius);
-        outside.iter_mut().zip(&emptied).for_each(|(outside, empty)| *outside |= empty);
-        let mut field = Field::new(&block, &occupied, outside);
-        let lined = field.lined.iter().zip(&occupied).filter(|(lined, occupied)| **lined & !**occupied).count();
-        context
-            .account
-            .field(bytes_held(&block, walls.len() as u64) + support::bytes(block.size() as u64, lined as u64));
-        let mut tries = 0;
-        loop {
-            context.workers.check_cancelled()?;
-            context.workers.between_steps();
-            field.solve(&two_sided, &context.workers);
-            if let Some(bare) = support::bare(&field, &two_sided) {
-                let mut gains = false;
-                while !gains && radius / STEP >= SMALLEST {
-                    radius /= STEP;
-                    gains = field.open(&bare.cells, &rolling::reached(&block, &occupied, radius));
-                }
-                if gains {
-                    continue;
-                }
-                field.give_up(&bare.whole);
-            }
-            let nothing: Vec<bool> = two_sided.iter().map(|wall| field.same_side(wall.sides)).collect();
-            tries += 1;
-            let count = nothing.iter().filter(|n| **n).count();
-            let new = if tries < TRIES && count as f64 > SEEN * nothing.len() as f64 {
-                sheet::weigh(&block, &mut two_sided, &nothing)
-            } else {
-                0
-            };
-            if new == 0 {
-                break;
-            }
-        }
-        let mut sides = field.sides();
-        // What the field holds beside that would lie there while membranes have fields of their own.
-        let lined = std::mem::take(&mut field.lined);
-        drop(field);
+        let (mut sides, lined) = Signed::sides_and_lined((&block, &occupied, &emptied), &mut two_sided, context)?;
         context.workers.between_steps();
         let near_membranes = membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
         let membranes = membrane::count(&block, &lined, &sides);
@@ -250,6 +210,77 @@ impl Signed {
         })
     }
 
+    /// The sides of cells, and which of them are lined.
+    ///
+    /// The walls of narrow slots may have made what lies between these outside, and a membrane behind it. So if there are membranes, double
+    /// walls may weigh little, and what has less of a membrane and no less of an inside is the answer.
+    fn sides_and_lined(seen: Cells, walls: &mut [Wall], context: &Context) -> Result<(Vec<Side>, Vec<bool>)> {
+        let (block, occupied, _) = seen;
+        let (sides, lined) = Signed::solved(seen, walls, context)?;
+        let membranes = membrane::count(block, &lined, &sides);
+        if membranes < SUSPECT {
+            return Ok((sides, lined));
+        }
+        let weights: Vec<f32> = walls.iter().map(|wall| wall.weight).collect();
+        normal::weigh_doubles(block, occupied, walls);
+        // Lined are the same cells.
+        drop(lined);
+        let (other, lined) = Signed::solved(seen, walls, context)?;
+        let inside = |sides: &[Side]| sides.iter().filter(|side| **side == Side::Inside).count();
+        if 2 * membrane::count(block, &lined, &other) <= membranes && inside(&other) >= inside(&sides) {
+            return Ok((other, lined));
+        }
+        walls.iter_mut().zip(weights).for_each(|(wall, weight)| wall.weight = weight);
+        Ok((sides, lined))
+    }
+
+    /// The sides of cells, by the field that walls with these weights have; and which cells are lined.
+    fn solved(
+        (block, occupied, emptied): Cells,
+        walls: &mut [Wall],
+        context: &Context,
+    ) -> Result<(Vec<Side>, Vec<bool>)> {
+        let longest = f64::from(block.cells.into_iter().max().unwrap_or(1));
+        let mut radius = (FIRST * longest).max(2.0);
+        let mut outside = rolling::reached(block, occupied, radius);
+        outside.iter_mut().zip(emptied).for_each(|(outside, empty)| *outside |= empty);
+        let mut field = Field::new(block, occupied, outside);
+        let lined = field.lined.iter().zip(occupied).filter(|(lined, occupied)| **lined & !**occupied).count();
+        context
+            .account
+            .field(bytes_held(block, walls.len() as u64) + support::bytes(block.size() as u64, lined as u64));
+        let mut tries = 0;
+        loop {
+            context.workers.check_cancelled()?;
+            context.workers.between_steps();
+            field.solve(walls, &context.workers);
+            if let Some(bare) = support::bare(&field, walls) {
+                let mut gains = false;
+                while !gains && radius / STEP >= SMALLEST {
+                    radius /= STEP;
+                    gains = field.open(&bare.cells, &rolling::reached(block, occupied, radius));
+                }
+                if gains {
+                    continue;
+                }
+                field.give_up(&bare.whole);
+            }
+            let nothing: Vec<bool> = walls.iter().map(|wall| field.same_side(wall.sides)).collect();
+            tries += 1;
+            let count = nothing.iter().filter(|n| **n).count();
+            let new = if tries < TRIES && count as f64 > SEEN * nothing.len() as f64 {
+                sheet::weigh(block, walls, &nothing)
+            } else {
+                0
+            };
+            if new == 0 {
+                break;
+            }
+        }
+        let sides = field.sides();
+        Ok((sides, field.lined))
+    }
+
     /// The sides of a row of cells of the level, from [`PAD`] cells before its first one to as many after its last; none if all of it is outside, beyond the level.
     pub fn row(&self, y: i64, z: i64) -> Option<&[Side]> {
         let first = self.block.at([-(PAD as i64), y, z])?;
@@ -259,19 +290,19 @@ impl Signed {
 
 /// Bytes for each cell of the block: its flags and number, and, as if every cell's u were looked for, the cell, u, and what conjugate gradients
 /// hold of it.
-const CELL: u64 = 6 + 4 + 8 + 20;
+const CELL: u64 = 7 + 4 + 8 + 20;
 
 /// The same before that: its flag and number.
 const CELL_SEEN: u64 = 1 + 4;
 
-/// Bytes for each cell of a block that is there: six flags, its u and how open it is.
-const CELL_HELD: u64 = 6 + 2 * 4;
+/// Bytes for each cell of a block that is there: seven flags, one of them its side in the other answer; its u and how open it is.
+const CELL_HELD: u64 = 7 + 2 * 4;
 
 /// What conjugate gradients hold of it.
 const CELL_SOLVED: u64 = 4 * 4;
 
-/// Bytes for each of its walls: in two lists, with what is known of it.
-const WALL_HELD: u64 = 4 + size_of::<Wall>() as u64;
+/// Bytes for each of its walls: in two lists, with what is known of it, and its weight in the other answer.
+const WALL_HELD: u64 = 4 + size_of::<Wall>() as u64 + 4;
 
 /// Its terms in two cells' equations, in vectors that grow.
 const WALL_SOLVED: u64 = 48;
@@ -307,11 +338,17 @@ fn block_cells(cells: Cell) -> u64 {
     cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * PAD as u64).product()
 }
 
+/// A level's block; which of its cells are occupied; and which are empty, by lines of sight.
+type Cells<'a> = (&'a Block, &'a [bool], &'a [bool]);
+
 /// How often sheets are looked for.
 const TRIES: usize = 8;
 
 /// The part of the walls that part nothing, from which on sheets are looked for.
 const SEEN: f64 = 0.02;
+
+/// From so many cells on, membranes may come of narrow slots. Fewer are a hole of five cells at the most.
+const SUSPECT: u64 = 27;
 
 /// A ball smaller than this, in cells, is no ball.
 const SMALLEST: f64 = 1.5;

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::block::Block;
 
-/// Squared radius of the ball whose occupied cells tell a wall's normal; and the one if there are too few in it.
+/// Squared radius of the ball whose occupied cells tell a wall's normal; and the one if there are too few in it, and by which double walls are told.
 pub(super) const NEAR: (i32, i32) = (5, 12);
 
 /// Fewer occupied cells in the smaller ball are too few.
@@ -13,8 +13,8 @@ const ENOUGH: i64 = 7;
 /// What a wall weighs, against a face between free cells.
 pub const WEIGHT: f32 = 4.0;
 
-/// A wall is *double* if occupied cells lie farther across it than those of one plane do: by this in their variance, in cells squared. So two walls are that lie about one cell apart or more, up to the ball's radius.
-pub(super) const DOUBLE: f64 = 0.25;
+/// A wall is *double* if occupied cells lie farther across it than those of one plane do: by this in their variance, in cells squared. So two walls are that lie 1.3 cells apart or more, up to the ball's radius.
+pub(super) const DOUBLE: f64 = 0.4;
 
 /// What a double wall weighs: there may be a slot or a fin between its sides, and then these are alike.
 pub const LIGHT: f32 = 0.05;
@@ -51,9 +51,6 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
             moments = Moments::of(occupied, wall, &wide);
         }
         let normal = moments.normal();
-        // Cells that a plane passes have their middles within half of their width across it on either side.
-        let width: f64 = normal.iter().map(|c| c.abs()).sum();
-        let weight = if moments.variance(normal) > width * width / 12.0 + DOUBLE { LIGHT } else { WEIGHT };
         let side = |sign: f64| {
             (2..=REACH).find_map(|half| {
                 let t = sign * f64::from(half) / 2.0;
@@ -62,9 +59,23 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
                 (!occupied[cell]).then_some(cell as u32)
             })
         };
-        Some(Wall { cell, sides: [side(1.0)?, side(-1.0)?], normal: normal.map(|c| c as f32), weight })
+        Some(Wall { cell, sides: [side(1.0)?, side(-1.0)?], normal: normal.map(|c| c as f32), weight: WEIGHT })
     };
     walls.par_iter().with_min_len(TOGETHER).filter_map(wall).collect()
+}
+
+/// Gives each wall its weight, by whether it is double: whether the occupied cells in the wider ball spread across it by more than one plane's do.
+pub fn weigh_doubles(block: &Block, occupied: &[bool], walls: &mut [Wall]) {
+    let wide: Vec<([i64; 3], isize)> =
+        Block::ball(NEAR.1).into_iter().map(|d| (d.map(i64::from), block.step(d))).collect();
+    walls.par_iter_mut().with_min_len(TOGETHER).for_each(|wall| {
+        let normal = wall.normal.map(f64::from);
+        // Cells that a plane passes have their middles within half of their width across it on either side.
+        let width: f64 = normal.iter().map(|c| c.abs()).sum();
+        let is_double =
+            Moments::of(occupied, wall.cell as usize, &wide).variance(normal) > width * width / 12.0 + DOUBLE;
+        wall.weight = if is_double { LIGHT } else { WEIGHT };
+    });
 }
 
 /// The rows of a ball whose radius is less than three cells.

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::super::block::Block;
-use super::super::normal::{DOUBLE, LIGHT, NEAR, WEIGHT, Wall, two_sided};
+use super::super::normal::{DOUBLE, LIGHT, NEAR, WEIGHT, Wall, two_sided, weigh_doubles};
 use super::{Numbers, dot, marked, numbers_of};
 
 const SIDE: usize = 21;
@@ -73,22 +73,18 @@ proptest! {
         let passed = |cell: &[usize; 3]| (height(*cell, normal, 0.0).abs() - apart / 2.0).abs() <= width / 2.0;
         let occupied = marked(&block, |cell| passed(cell) && numbers.part() >= missing);
         let (mut light, mut all) = (0, 0);
-        for wall in walls_of(&block, &occupied) {
+        let mut walls = walls_of(&block, &occupied);
+        weigh_doubles(&block, &occupied, &mut walls);
+        for wall in walls {
             let cell = block.cell(wall.cell as usize);
             if !cell.into_iter().all(|c| (4..SIDE - 4).contains(&c)) {
                 continue;
             }
             let across = wall.normal.map(f64::from);
-            let offsets_within = |squared: i32| -> Vec<f64> {
-                let round = Block::ball(squared).into_iter().filter(|d| {
-                    occupied[block.index([0, 1, 2].map(|a| (cell[a] as i64 + i64::from(d[a])) as usize))]
-                });
-                round.map(|d| dot(d.map(f64::from), across)).collect()
-            };
-            let mut offsets = offsets_within(NEAR.0);
-            if offsets.len() < 7 {
-                offsets = offsets_within(NEAR.1);
-            }
+            let round = Block::ball(NEAR.1).into_iter().filter(|d| {
+                occupied[block.index([0, 1, 2].map(|a| (cell[a] as i64 + i64::from(d[a])) as usize))]
+            });
+            let offsets: Vec<f64> = round.map(|d| dot(d.map(f64::from), across)).collect();
             let mean = offsets.iter().sum::<f64>() / offsets.len() as f64;
             let variance = offsets.iter().map(|o| (o - mean) * (o - mean)).sum::<f64>() / offsets.len() as f64;
             let width: f64 = across.iter().map(|c| c.abs()).sum();
