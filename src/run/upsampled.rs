@@ -1,8 +1,8 @@
 //! Sparse clouds: where cells that are wide enough for the points leave the body unsealed, places of its surface between the points are added to them.
 //!
 //! ```text
-//!   survey ─► cells closed as they are ─┬─► sealed ───────────────────────────────────────────► run
-//!                                       └─► the surface by the winding number ─┬─► none ──────► run
+//!   survey ─► cells closed as they are ─┬─► sealed, few walls double ─────────────────────────► run
+//!                                       └─► the surface by the winding number ─┬─► none, or the same ──► run
 //!                                           ([`crate::solid::winding`])        └─► survey with its places ─► closed as it tells ─► run with them
 //! ```
 
@@ -97,9 +97,12 @@ fn looked_for<T: Coordinate>(
     let of_points = context(&surveyed.workload)?;
     let buckets = sort(&surveyed, &of_points)?;
     let cells = close(&surveyed, &buckets, &of_points)?;
-    if is_sealed(&cells) {
+    let told = how_told(&cells);
+    if told == Told::Surely {
         return Ok(surveyed);
     }
+    // What the body must have if it is to stand.
+    let ours = if told == Told::Barely { Some(cells.closed.solid.characteristic()?) } else { None };
     let count = surveyed.survey.points;
     let surveyed = surveyed.with_workload(|workload| workload.with_upsampling(count));
     let (points, records): (Vec<_>, Vec<_>) =
@@ -107,6 +110,9 @@ fn looked_for<T: Coordinate>(
     let most = MOST_TRIANGLES * faces(&cells) as f64 * in_usual_cells(&surveyed, settings)?;
     drop((buckets, cells, of_points));
     let Some(told) = winding::surface_of(&points, workers)? else { return Ok(surveyed) };
+    if ours.is_some_and(|ours| ours == told.characteristic || !told.is_steady) {
+        return Ok(surveyed);
+    }
     drop(points);
     let all = all_points(cloud, count, workers)?;
     let mut tries = 0;
@@ -155,8 +161,26 @@ fn faces(cells: &ClosedCells) -> u64 {
     cells.closed.solid.faces.iter().map(|faces| u64::from(*faces)).sum()
 }
 
-fn is_sealed(cells: &ClosedCells) -> bool {
-    matches!(&cells.closed.how, How::Sign(parted) if parted.is_sealed()) && cells.narrow.count == 0
+/// How surely the cells tell the body.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Told {
+    Surely,
+    /// It is sealed, but its walls lie so near each other that two may have become one.
+    Barely,
+    Not,
+}
+
+fn how_told(cells: &ClosedCells) -> Told {
+    match &cells.closed.how {
+        How::Sign(parted) if parted.is_sealed() && cells.narrow.count == 0 => {
+            if parted.is_resolved() {
+                Told::Surely
+            } else {
+                Told::Barely
+            }
+        }
+        _ => Told::Not,
+    }
 }
 
 /// A point with the record of its attributes.

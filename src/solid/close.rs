@@ -99,6 +99,8 @@ pub enum How {
 pub struct Parted {
     /// How many there are.
     pub walls: u64,
+    /// How many are double: two of the surface's walls, or its bends, lie so near each other that their cells are near the same.
+    pub doubles: u64,
     /// How many have the inside on both sides, or the outside.
     pub part_nothing: u64,
     /// Cells of membranes, where inside and outside meet and no wall is near: what holes are closed with.
@@ -150,6 +152,7 @@ impl Parted {
         let sighted = sights.map(|sights| Sighted { places: sights.places(), emptied });
         Parted {
             walls: signed.walls,
+            doubles: signed.doubles,
             part_nothing: signed.part_nothing,
             membranes: signed.membranes,
             open: signed.open.iter().map(patch).collect(),
@@ -162,6 +165,11 @@ impl Parted {
     /// The part of the border between inside and outside that is membranes, on that level.
     pub fn spanned(&self) -> f64 {
         self.membranes as f64 / (self.walls + self.membranes).max(1) as f64
+    }
+
+    /// Whether cells of this width tell most of the surface from the rest of it: fewer than half of the walls are double.
+    pub fn is_resolved(&self) -> bool {
+        2 * self.doubles < self.walls
     }
 
     /// Whether the mesh encloses the inside: the samples part inside and outside everywhere. No patch of walls has the same side on both of its

@@ -121,6 +121,8 @@ pub struct Signed {
     pub emptied: u64,
     /// Number of walls: occupied cells that have free cells on both sides.
     pub walls: u64,
+    /// How many of them are double: occupied cells spread across them by more than one plane's do.
+    pub doubles: u64,
     /// How many of them have the same side on both sides.
     pub part_nothing: u64,
     /// How many of these have the outside there.
@@ -177,7 +179,9 @@ impl Signed {
         let Seen { block, occupied, walls, outliers: _, emptied } = seen;
         context.account.field(bytes_of_block(&block, walls.len() as u64, context.workers.threads() as u64));
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
-        let (mut sides, lined) = Signed::sides_and_lined((&block, &occupied, &emptied), &mut two_sided, context)?;
+        let doubles = normal::doubles(&block, &occupied, &two_sided);
+        let seen = (&block, &occupied[..], &emptied[..]);
+        let (mut sides, lined) = Signed::sides_and_lined(seen, &mut two_sided, &doubles, context)?;
         context.workers.between_steps();
         let near_membranes = membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
         let membranes = membrane::count(&block, &lined, &sides);
@@ -197,6 +201,7 @@ impl Signed {
         Ok(Signed {
             emptied,
             walls: two_sided.len() as u64,
+            doubles: doubles.iter().filter(|is_double| **is_double).count() as u64,
             part_nothing,
             part_outside,
             membranes,
@@ -214,15 +219,21 @@ impl Signed {
     ///
     /// The walls of narrow slots may have made what lies between these outside, and a membrane behind it. So if there are membranes, double
     /// walls may weigh little, and what has less of a membrane and no less of an inside is the answer.
-    fn sides_and_lined(seen: Cells, walls: &mut [Wall], context: &Context) -> Result<(Vec<Side>, Vec<bool>)> {
-        let (block, occupied, _) = seen;
+    fn sides_and_lined(
+        seen: Cells,
+        walls: &mut [Wall],
+        doubles: &[bool],
+        context: &Context,
+    ) -> Result<(Vec<Side>, Vec<bool>)> {
+        let (block, ..) = seen;
         let (sides, lined) = Signed::solved(seen, walls, context)?;
         let membranes = membrane::count(block, &lined, &sides);
         if membranes < SUSPECT {
             return Ok((sides, lined));
         }
         let weights: Vec<f32> = walls.iter().map(|wall| wall.weight).collect();
-        normal::weigh_doubles(block, occupied, walls);
+        let weight = |is_double: bool| if is_double { normal::LIGHT } else { normal::WEIGHT };
+        walls.iter_mut().zip(doubles).for_each(|(wall, is_double)| wall.weight = weight(*is_double));
         // Lined are the same cells.
         drop(lined);
         let (other, lined) = Signed::solved(seen, walls, context)?;
@@ -301,8 +312,8 @@ const CELL_HELD: u64 = 7 + 2 * 4;
 /// What conjugate gradients hold of it.
 const CELL_SOLVED: u64 = 4 * 4;
 
-/// Bytes for each of its walls: in two lists, with what is known of it, and its weight in the other answer.
-const WALL_HELD: u64 = 4 + size_of::<Wall>() as u64 + 4;
+/// Bytes for each of its walls: in two lists, with what is known of it, whether it is double, and its weight in the other answer.
+const WALL_HELD: u64 = 4 + size_of::<Wall>() as u64 + 1 + 4;
 
 /// Its terms in two cells' equations, in vectors that grow.
 const WALL_SOLVED: u64 = 48;

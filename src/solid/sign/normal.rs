@@ -64,18 +64,17 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
     walls.par_iter().with_min_len(TOGETHER).filter_map(wall).collect()
 }
 
-/// Gives each wall its weight, by whether it is double: whether the occupied cells in the wider ball spread across it by more than one plane's do.
-pub fn weigh_doubles(block: &Block, occupied: &[bool], walls: &mut [Wall]) {
+/// Which walls are double: the occupied cells in the wider ball spread across them by more than one plane's do.
+pub fn doubles(block: &Block, occupied: &[bool], walls: &[Wall]) -> Vec<bool> {
     let wide: Vec<([i64; 3], isize)> =
         Block::ball(NEAR.1).into_iter().map(|d| (d.map(i64::from), block.step(d))).collect();
-    walls.par_iter_mut().with_min_len(TOGETHER).for_each(|wall| {
+    let is_double = |wall: &Wall| {
         let normal = wall.normal.map(f64::from);
         // Cells that a plane passes have their middles within half of their width across it on either side.
         let width: f64 = normal.iter().map(|c| c.abs()).sum();
-        let is_double =
-            Moments::of(occupied, wall.cell as usize, &wide).variance(normal) > width * width / 12.0 + DOUBLE;
-        wall.weight = if is_double { LIGHT } else { WEIGHT };
-    });
+        Moments::of(occupied, wall.cell as usize, &wide).variance(normal) > width * width / 12.0 + DOUBLE
+    };
+    walls.par_iter().with_min_len(TOGETHER).map(is_double).collect()
 }
 
 /// The rows of a ball whose radius is less than three cells.

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::super::block::Block;
-use super::super::normal::{DOUBLE, LIGHT, NEAR, WEIGHT, Wall, two_sided, weigh_doubles};
+use super::super::normal::{DOUBLE, NEAR, Wall, doubles, two_sided};
 use super::{Numbers, dot, marked, numbers_of};
 
 const SIDE: usize = 21;
@@ -58,9 +58,9 @@ proptest! {
         prop_assert_eq!(found as usize, expected, "every cell of a plane has two sides");
     }
 
-    /// A wall is light if the cells near it spread across it by more than the cells of one plane; one plane's are not, those of two planes are.
+    /// A wall is double if the cells near it spread across it by more than the cells of one plane; one plane's are not, those of two planes are.
     #[test]
-    fn walls_are_light_where_two_of_them_lie_near_each_other(
+    fn walls_are_double_where_two_of_them_lie_near_each_other(
         seed in any::<u64>(),
         apart in prop_oneof![Just(0.0), 1.4f64..2.0],
         missing in 0.0f64..0.2,
@@ -72,10 +72,10 @@ proptest! {
         let width: f64 = normal.iter().map(|c| c.abs()).sum();
         let passed = |cell: &[usize; 3]| (height(*cell, normal, 0.0).abs() - apart / 2.0).abs() <= width / 2.0;
         let occupied = marked(&block, |cell| passed(cell) && numbers.part() >= missing);
-        let (mut light, mut all) = (0, 0);
-        let mut walls = walls_of(&block, &occupied);
-        weigh_doubles(&block, &occupied, &mut walls);
-        for wall in walls {
+        let (mut double, mut all) = (0, 0);
+        let walls = walls_of(&block, &occupied);
+        let told = doubles(&block, &occupied, &walls);
+        for (wall, is_double) in walls.into_iter().zip(told) {
             let cell = block.cell(wall.cell as usize);
             if !cell.into_iter().all(|c| (4..SIDE - 4).contains(&c)) {
                 continue;
@@ -90,12 +90,12 @@ proptest! {
             let width: f64 = across.iter().map(|c| c.abs()).sum();
             let more = variance - width * width / 12.0 - DOUBLE;
             // Normals are kept in single precision.
-            prop_assert!(more.abs() < 1e-4 || wall.weight == if more > 0.0 { LIGHT } else { WEIGHT }, "{more}");
-            light += u32::from(wall.weight == LIGHT);
+            prop_assert!(more.abs() < 1e-4 || is_double == (more > 0.0), "{more}");
+            double += u32::from(is_double);
             all += 1;
         }
-        let share = f64::from(light) / f64::from(all);
-        prop_assert!(if apart == 0.0 { share < 0.05 } else { share > 0.3 }, "{light} of {all}");
+        let share = f64::from(double) / f64::from(all);
+        prop_assert!(if apart == 0.0 { share < 0.05 } else { share > 0.3 }, "{double} of {all}");
     }
 
     /// The sides are free, opposite, and the first free ones on their half of the line.
