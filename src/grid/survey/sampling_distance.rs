@@ -7,9 +7,8 @@ use super::noise::WIDE;
 const STRAY: u64 = 20;
 
 /// Cells that points are found in, for each w² of surface, w their side. A plane passes 1.5 on average over its positions, but
-/// some of them only by a corner, where hardly a point falls. With 1.2, d is that of the area on average; with this, cells are 5 % narrower, and fewer
-/// results are wrong (`benches/results/2026-11-30-webs.md`).
-const CELLS_OF_SURFACE: f64 = 1.32;
+/// some of them only by a corner, where hardly a point falls.
+const CELLS_OF_SURFACE: f64 = 1.2;
 /// Points to a cell, on average, below which cells are small enough to measure the surface: few, so that folds of the surface
 /// do not share cells, and enough to tell how many cells of the surface are empty by chance.
 const POINTS_TO_A_CELL: f64 = 16.0;
@@ -23,7 +22,7 @@ const STEPS: u32 = 12;
 /// e^−λ gets none: so from the n/λ cells of the surface come its area and d. `None` for a single place.
 ///
 /// On the horse, the dragon, the rocker arm, cube, sphere, torus and lattices (4,000 to 500,000 points at random, half of them
-/// thinned to a tenth, or the meshes' own vertices) d comes out at 0.89 to 1.05 of what their area gives. It is too small
+/// thinned to a tenth, or the meshes' own vertices) d comes out at 0.93 to 1.1 of what their area gives. It is too small
 /// (0.8) for a plate so thin that both its sides share cells.
 ///
 /// It is a mean over the surface, not a high quantile: where one part is sampled ten times as densely as another, d is that of

@@ -98,7 +98,7 @@ mod naive {
             let found = points / (left.len() as f64 / sizes.len() as f64 * distinct);
             let mut mean = found;
             (0..12).for_each(|_| mean = found * (1.0 - libm::exp(-mean)));
-            distance = side / (1.32 * mean.max(found / 2.0)).sqrt();
+            distance = side / (1.2 * mean.max(found / 2.0)).sqrt();
             if found < 16.0 {
                 break;
             }
