@@ -342,3 +342,74 @@ fn occupied_cells_are_kept_where_they_are_solid() {
         assert_eq!(left.row(0), [Run { start: 0, end: 3 }, Run { start: 4, end: 7 }]);
     });
 }
+
+/// Slots and fins as wide as one to three cells of the level that sides are told on, which are three of the grid's: slots are open from mouth to floor, and fins are whole.
+#[test]
+fn slots_are_open_that_are_hardly_wider_than_the_levels_cells() {
+    let cells = [150, 300, 80];
+    for (number, width) in [3.5, 4.5, 5.0, 5.5, 6.0, 7.0, 9.0].into_iter().enumerate() {
+        let mut numbers = Numbers::seed_from_u64(number as u64);
+        let turn: f64 = numbers.random_range(-0.2..0.2);
+        let (sin, cos) = turn.sin_cos();
+        let place = |[x, y, z]: [f64; 3]| [75.0 + cos * x - sin * z, 150.0 + y, 30.0 + sin * x + cos * z];
+        let half = 4.5 * width;
+        // Four slots of this width between five fins, which stand on a block: by height and by place along x.
+        let (deep, long) = (30.0, 140.0);
+        let mut occupied = Vec::new();
+        // A sample to 1.6 cells of area: so four cells in five of the surface have one.
+        let mut face = |from: [f64; 2], to: [f64; 2]| {
+            let length = (to[0] - from[0]).hypot(to[1] - from[1]);
+            for _ in 0..(1.6 * length * 2.0 * long) as u32 {
+                let (t, y) = (numbers.random_range(0.0..1.0), numbers.random_range(-long..long));
+                let p = place([from[0] + t * (to[0] - from[0]), y, from[1] + t * (to[1] - from[1])]);
+                occupied.push(p.map(|c| c as u32));
+            }
+        };
+        face([-half, -20.0], [half, -20.0]);
+        for sign in [-1.0, 1.0] {
+            face([sign * half, -20.0], [sign * half, deep]);
+        }
+        for i in 0..9 {
+            let from = -half + f64::from(i) * width;
+            let level = if i % 2 == 0 { deep } else { 0.0 };
+            face([from, level], [from + width, level]);
+            if i > 0 {
+                face([from, 0.0], [from, deep]);
+            }
+        }
+        for end in [-long, long] {
+            for _ in 0..(1.6 * 2.0 * half * (deep + 20.0)) as u32 {
+                let (x, z) = (numbers.random_range(-half..half), numbers.random_range(-20.0..deep));
+                let of = ((x + half) / width) as u32;
+                if z < 0.0 || of % 2 == 0 {
+                    occupied.push(place([x, end, z]).map(|c| c as u32));
+                }
+            }
+        }
+        let [slots, fins] = [1, 0].map(|first| -> Vec<Cell> {
+            let middles = (first..9).step_by(2).map(|i| -half + (f64::from(i) + 0.5) * width);
+            let places = middles.flat_map(|x| (0..2000).map(move |_| x)).collect::<Vec<f64>>();
+            places
+                .into_iter()
+                .map(|x| {
+                    place([x, numbers.random_range(-130.0..130.0), numbers.random_range(4.0..26.0)]).map(|c| c as u32)
+                })
+                .collect()
+        });
+        with_context(cells, |context| {
+            let occupancy = Occupancy::of_cells(occupied, cells, context).unwrap();
+            let (solid, _) = closed(occupancy, None, context);
+            let full = |of: &[Cell]| {
+                let (mut bits, mut runs) = (vec![Bits::new(cells[0], cells[2]); cells[1] as usize], Runs::default());
+                (0..).zip(&mut bits).for_each(|(y, bits)| solid.store.paint(y, bits, &mut runs).unwrap());
+                of.iter().filter(|[x, y, z]| bits[*y as usize].get((*x).into(), (*z).into())).count() as f64
+                    / of.len() as f64
+            };
+            let (slots, fins) = (full(&slots), full(&fins));
+            assert!(
+                slots < 0.1 && fins > 0.9,
+                "width {width}, turned by {turn}: {slots} of the slots and {fins} of the fins are solid"
+            );
+        });
+    }
+}

@@ -191,7 +191,10 @@ impl Sides {
             let decisive = |most: usize, least: usize| 4 * most >= component.len() && 4 * least <= most;
             if decisive(outside_behind, inside_behind) || !touches_outside && 4 * inside_near < component.len() {
                 verdicts.push((component, true));
-            } else if touches_outside && decisive(inside_behind, outside_behind) {
+            } else if touches_outside
+                && (decisive(inside_behind, outside_behind)
+                    || 4 * outside_behind < component.len() && 4 * inside_near < component.len())
+            {
                 verdicts.push((component, false));
             }
         }

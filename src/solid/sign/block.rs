@@ -19,8 +19,8 @@ pub enum Side {
     Outside,
     /// Free, and inside.
     Inside,
-    /// Free, on the outer side of walls, but reached from nowhere: not among what is found.
-    Enclosed,
+    /// Free, but of too few cells to tell.
+    Unknown,
 }
 
 /// Cells added on every side, so that what looks about a cell need not look where the block ends.

@@ -136,8 +136,9 @@ impl<'a> Field<'a> {
     }
 
     /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start. Else it is enclosed: a cavity if
-    /// walls line it ([`Field::is_lined`]), and else inside.
-    pub fn sides(&self) -> Vec<Side> {
+    /// walls line it ([`Field::is_lined`]), and else inside. On a level whose cells `are_wide`, wider than the grid's, a component of few inside cells has no side: where a slot or a fin
+    /// is hardly wider than a cell, walls cut it to pieces, and the grid's own cells tell more.
+    pub fn sides(&self, are_wide: bool) -> Vec<Side> {
         let first = |(occupied, outside): (&bool, &bool)| match (occupied, outside) {
             (true, _) => Side::Wall,
             (false, true) => Side::Outside,
@@ -157,12 +158,32 @@ impl<'a> Field<'a> {
                 self.spread(&mut sides, vec![cell], |cell| enclosed.push(cell));
                 if enclosed.len() < CAVITY || !self.is_lined(&enclosed) {
                     // Not outside, and not to be found again.
-                    enclosed.into_iter().for_each(|cell| sides[cell] = Side::Enclosed);
+                    enclosed.into_iter().for_each(|cell| sides[cell] = Side::Unknown);
                 }
             }
         }
-        sides.iter_mut().filter(|side| **side == Side::Enclosed).for_each(|side| *side = Side::Inside);
+        sides.iter_mut().filter(|side| **side == Side::Unknown).for_each(|side| *side = Side::Inside);
+        if are_wide {
+            self.forget_pieces(&mut sides);
+        }
         sides
+    }
+
+    /// Takes their side from components, joined by faces, of few inside cells.
+    fn forget_pieces(&self, sides: &mut [Side]) {
+        let mut waits: Vec<bool> = sides.iter().map(|side| *side == Side::Inside).collect();
+        for cell in 0..waits.len() {
+            let mut piece = Vec::new();
+            piece.extend(std::mem::take(&mut waits[cell]).then_some(cell));
+            let mut at = 0;
+            while let Some(&cell) = piece.get(at) {
+                piece.extend(self.block.beside(cell).into_iter().filter(|&next| std::mem::take(&mut waits[next])));
+                at += 1;
+            }
+            if piece.len() < CAVITY {
+                piece.into_iter().for_each(|cell| sides[cell] = Side::Unknown);
+            }
+        }
     }
 
     /// Makes cells that are not inside outside, and all that faces join to them.

@@ -71,6 +71,8 @@ pub struct Seen {
     outliers: Vec<u32>,
     /// Whether each cell is empty as lines of sight say; no flags if there are none.
     emptied: Vec<bool>,
+    /// How many of the grid's cells are taken together along every axis.
+    factor: u32,
 }
 
 impl Seen {
@@ -84,7 +86,7 @@ impl Seen {
         context.account.field(outliers::bytes(block.cells, cells as u64));
         let outliers = context.workers.pool().install(|| outliers::take_out(&block, &mut occupied));
         let walls: Vec<u32> = (0..occupied.len() as u32).filter(|&cell| occupied[cell as usize]).collect();
-        Ok(Seen { block, occupied, walls, outliers, emptied: Vec::new() })
+        Ok(Seen { block, occupied, walls, outliers, emptied: Vec::new(), factor })
     }
 
     /// The same with what lines of sight say, if there are any; `factor` as in [`Seen::of`].
@@ -176,18 +178,18 @@ impl Signed {
     }
 
     fn found(seen: Seen, context: &Context) -> Result<Signed> {
-        let Seen { block, occupied, walls, outliers: _, emptied } = seen;
+        let Seen { block, occupied, walls, outliers: _, emptied, factor } = seen;
         context.account.field(bytes_of_block(&block, walls.len() as u64, context.workers.threads() as u64));
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let doubles = normal::doubles(&block, &occupied, &two_sided);
-        let seen = (&block, &occupied[..], &emptied[..]);
+        let seen = Cells { block: &block, occupied: &occupied, emptied: &emptied, are_wide: factor > 1 };
         let (mut sides, lined) = Signed::sides_and_lined(seen, &mut two_sided, &doubles, context)?;
         context.workers.between_steps();
         let near_membranes = membrane::stretch(&block, &two_sided, &lined, &emptied, &mut sides, &context.workers);
         let membranes = membrane::count(&block, &lined, &sides);
         drop(lined);
         let of = |wall: &Wall| wall.sides.map(|cell| sides[cell as usize]);
-        let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b).count() as u64;
+        let part_nothing = two_sided.iter().map(of).filter(|[a, b]| a == b && *a != Side::Unknown).count() as u64;
         let part_outside = two_sided.iter().map(of).filter(|both| *both == [Side::Outside; 2]).count() as u64;
         let outside = two_sided.iter().filter(|wall| of(wall) == [Side::Outside; 2]);
         let where_outside = sheet::sparse(outside.map(|wall| block.cell(wall.cell as usize)));
@@ -225,7 +227,7 @@ impl Signed {
         doubles: &[bool],
         context: &Context,
     ) -> Result<(Vec<Side>, Vec<bool>)> {
-        let (block, ..) = seen;
+        let block = seen.block;
         let (sides, lined) = Signed::solved(seen, walls, context)?;
         let membranes = membrane::count(block, &lined, &sides);
         if membranes < SUSPECT {
@@ -247,7 +249,7 @@ impl Signed {
 
     /// The sides of cells, by the field that walls with these weights have; and which cells are lined.
     fn solved(
-        (block, occupied, emptied): Cells,
+        Cells { block, occupied, emptied, are_wide }: Cells,
         walls: &mut [Wall],
         context: &Context,
     ) -> Result<(Vec<Side>, Vec<bool>)> {
@@ -288,7 +290,7 @@ impl Signed {
                 break;
             }
         }
-        let sides = field.sides();
+        let sides = field.sides(are_wide);
         Ok((sides, field.lined))
     }
 
@@ -349,8 +351,14 @@ fn block_cells(cells: Cell) -> u64 {
     cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * PAD as u64).product()
 }
 
-/// A level's block; which of its cells are occupied; and which are empty, by lines of sight.
-type Cells<'a> = (&'a Block, &'a [bool], &'a [bool]);
+/// A level's cells: which are occupied, which are empty by lines of sight, and whether they are wider than the grid's.
+#[derive(Clone, Copy)]
+struct Cells<'a> {
+    block: &'a Block,
+    occupied: &'a [bool],
+    emptied: &'a [bool],
+    are_wide: bool,
+}
 
 /// How often sheets are looked for.
 const TRIES: usize = 8;
