@@ -136,7 +136,7 @@ impl<'a> Field<'a> {
     }
 
     /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start. Else it is enclosed: a cavity if
-    /// walls line it ([`Field::is_lined`]), and else inside. On a level whose cells `are_wide`, wider than the grid's, a component of few inside cells has no side: where a slot or a fin
+    /// walls line it ([`Field::is_lined`]), and else inside. On a level whose cells `are_wide`, wider than the grid's, few enclosed cells that walls line have no side, and so has a component of few inside cells: where a slot or a fin
     /// is hardly wider than a cell, walls cut it to pieces, and the grid's own cells tell more.
     pub fn sides(&self, are_wide: bool) -> Vec<Side> {
         let first = |(occupied, outside): (&bool, &bool)| match (occupied, outside) {
@@ -152,18 +152,22 @@ impl<'a> Field<'a> {
         };
         let starts = (0..sides.len()).into_par_iter().with_min_len(ALONE).filter(is_start).collect();
         self.spread(&mut sides, starts, |_| {});
+        let mut pieces = Vec::new();
         for cell in 0..sides.len() {
             if sides[cell] == Side::Inside && self.is_outside(cell) {
                 let mut enclosed = Vec::new();
                 self.spread(&mut sides, vec![cell], |cell| enclosed.push(cell));
-                if enclosed.len() < CAVITY || !self.is_lined(&enclosed) {
+                let is_lined = self.is_lined(&enclosed);
+                if enclosed.len() < CAVITY || !is_lined {
                     // Not outside, and not to be found again.
-                    enclosed.into_iter().for_each(|cell| sides[cell] = Side::Unknown);
+                    enclosed.iter().for_each(|&cell| sides[cell] = Side::Unknown);
+                    pieces.extend(enclosed.into_iter().filter(|_| is_lined));
                 }
             }
         }
         sides.iter_mut().filter(|side| **side == Side::Unknown).for_each(|side| *side = Side::Inside);
         if are_wide {
+            pieces.into_iter().for_each(|cell| sides[cell] = Side::Unknown);
             self.forget_pieces(&mut sides);
         }
         sides

@@ -220,7 +220,7 @@ impl Signed {
     /// The sides of cells, and which of them are lined.
     ///
     /// The walls of narrow slots may have made what lies between these outside, and a membrane behind it. So if there are membranes, double
-    /// walls may weigh little, and what has less of a membrane and no less of an inside is the answer.
+    /// walls may weigh little, and what has much less of a membrane is the answer, unless that is because much of the body is gone.
     fn sides_and_lined(
         seen: Cells,
         walls: &mut [Wall],
@@ -240,7 +240,8 @@ impl Signed {
         drop(lined);
         let (other, lined) = Signed::solved(seen, walls, context)?;
         let inside = |sides: &[Side]| sides.iter().filter(|side| **side == Side::Inside).count();
-        if 2 * membrane::count(block, &lined, &other) <= membranes && inside(&other) >= inside(&sides) {
+        let keeps_the_body = 10 * inside(&other) >= 9 * inside(&sides);
+        if 2 * membrane::count(block, &lined, &other) <= membranes && keeps_the_body {
             return Ok((other, lined));
         }
         walls.iter_mut().zip(weights).for_each(|(wall, weight)| wall.weight = weight);
@@ -366,8 +367,8 @@ const TRIES: usize = 8;
 /// The part of the walls that part nothing, from which on sheets are looked for.
 const SEEN: f64 = 0.02;
 
-/// From so many cells on, membranes may come of narrow slots. Fewer are a hole of five cells at the most.
-const SUSPECT: u64 = 27;
+/// From so many cells on, membranes may come of narrow slots: a web is cut off by as many. Fewer are a hole of ten cells at the most.
+const SUSPECT: u64 = 100;
 
 /// A ball smaller than this, in cells, is no ball.
 const SMALLEST: f64 = 1.5;

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::super::block::Block;
+use super::super::block::{Block, Side};
 use super::super::field::Field;
 use super::super::normal::{Wall, two_sided};
 use super::{Numbers, marked, numbers_of, workers};
@@ -173,5 +173,45 @@ proptest! {
             prop_assert!(!opened || field.is_outside(cell));
             prop_assert!(!field.is_asked(cell) || field.u[cell] == before[cell]);
         }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// On wide cells, components of inside cells, joined by faces, have no side if they have fewer than 27 cells. All else is as on the grid's own.
+    #[test]
+    fn pieces_of_few_wide_cells_have_no_side(seed in any::<u64>(), holes in 0.0f64..0.1) {
+        let mut numbers = Numbers::new(seed);
+        let cells = [14usize; 3];
+        let block = Block::new(cells.map(|c| c as u32));
+        // A box of rooms: walls at random places along each axis.
+        let walls = [(); 3].map(|()| [0, 13, 1 + numbers.below(12), 1 + numbers.below(12), 1 + numbers.below(12)]);
+        let occupied = marked(&block, |cell| (0..3).any(|a| walls[a].contains(&cell[a])) && numbers.part() >= holes);
+        let level = marked(&block, |_| true);
+        let outside: Vec<bool> = level.iter().map(|level| !level).collect();
+        let of_walls = two_sided(&block, &occupied, &numbers_of(&occupied));
+        let mut field = Field::new(&block, &occupied, outside);
+        field.solve(&of_walls, &workers());
+        let [own, wide] = [false, true].map(|are_wide| field.sides(are_wide));
+        // First the enclosed cells, then what is left of the inside.
+        let mut expected = own.clone();
+        for is_low in [true, false] {
+            let is_of = |cell: usize| expected[cell] == Side::Inside && (!is_low || field.u[cell] <= 0.0);
+            let mut waits: Vec<bool> = (0..own.len()).map(is_of).collect();
+            for first in 0..own.len() {
+                let (mut piece, mut stack) = (Vec::new(), vec![first]);
+                while let Some(cell) = stack.pop() {
+                    if std::mem::take(&mut waits[cell]) {
+                        piece.push(cell);
+                        stack.extend(block.beside(cell));
+                    }
+                }
+                if piece.len() < 27 && (!is_low || !piece.is_empty() && field.is_lined(&piece)) {
+                    piece.into_iter().for_each(|cell| expected[cell] = Side::Unknown);
+                }
+            }
+        }
+        prop_assert_eq!(wide, expected);
     }
 }

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::super::block::Block;
 use super::super::{Seen, Side, Signed, outliers};
 use super::bodies::{Body, Shape};
-use super::{Numbers, dot, level, marked, numbers_of, square_between};
+use super::{Numbers, dot, level, numbers_of, square_between};
 use crate::run::testing::with_context;
 
 impl Signed {
@@ -16,17 +16,12 @@ impl Signed {
     }
 }
 
-fn signed(block: Block, occupied: Vec<bool>) -> Signed {
-    signed_of_wide(block, occupied, 1)
-}
-
-/// That of cells that many of the grid's are in, along every axis.
-fn signed_of_wide(block: Block, mut occupied: Vec<bool>, factor: u32) -> Signed {
+fn signed(block: Block, mut occupied: Vec<bool>) -> Signed {
     let outliers = outliers::take_out(&block, &mut occupied);
     let walls = numbers_of(&occupied);
     let cells = block.cells;
     with_context(cells, |context| {
-        Signed::find(Seen { block, occupied, walls, outliers, emptied: Vec::new(), factor }, context).unwrap()
+        Signed::find(Seen { block, occupied, walls, outliers, emptied: Vec::new(), factor: 1 }, context).unwrap()
     })
 }
 
@@ -241,39 +236,4 @@ fn the_web_between_two_slots_is_inside() {
     });
     let wrong = wrong.count();
     assert!(wrong <= 15, "{wrong} of 60");
-}
-
-proptest! {
-    /// Components of inside cells, joined by faces, are as on the grid's own cells; but those of fewer than 27 have no side.
-    #[test]
-    fn pieces_of_few_wide_cells_have_no_side(seed in any::<u64>(), share in 0.0f64..0.3) {
-        let mut numbers = Numbers::new(seed);
-        let cells = [18usize; 3];
-        let block = Block::new(cells.map(|c| c as u32));
-        // A box of rooms: walls at random places along each axis.
-        let walls: [Vec<usize>; 3] = [(); 3].map(|()| [0, cells[0] - 1].into_iter().chain((0..4).map(|_| numbers.below(cells[0]))).collect());
-        let occupied = marked(&block, |cell| (0..3).any(|a| walls[a].contains(&cell[a])) && numbers.part() >= share / 4.0);
-        let [own, wide] = [1, 2].map(|factor| signed_of_wide(block.clone(), occupied.clone(), factor));
-        let inside: Vec<bool> = own.sides.iter().map(|side| *side == Side::Inside).collect();
-        let mut seen = vec![false; inside.len()];
-        for first in (0..inside.len()).filter(|&cell| inside[cell]) {
-            if seen[first] {
-                continue;
-            }
-            let (mut piece, mut stack) = (Vec::new(), vec![first]);
-            seen[first] = true;
-            while let Some(cell) = stack.pop() {
-                piece.push(cell);
-                for next in block.beside(cell) {
-                    if inside[next] && !std::mem::replace(&mut seen[next], true) {
-                        stack.push(next);
-                    }
-                }
-            }
-            let expected = if piece.len() < 27 { Side::Unknown } else { Side::Inside };
-            prop_assert!(piece.iter().all(|&cell| wide.sides[cell] == expected), "{} cells", piece.len());
-        }
-        let others = |signed: &Signed| -> Vec<Side> { signed.sides.iter().zip(&inside).filter(|(_, inside)| !**inside).map(|(side, _)| *side).collect() };
-        prop_assert!(others(&own) == others(&wide));
-    }
 }
