@@ -382,7 +382,7 @@ fn slots_are_open_that_are_hardly_wider_than_the_levels_cells() {
             for _ in 0..(1.6 * 2.0 * half * (deep + 20.0)) as u32 {
                 let (x, z) = (numbers.random_range(-half..half), numbers.random_range(-20.0..deep));
                 let of = ((x + half) / width) as u32;
-                if z < 0.0 || of % 2 == 0 {
+                if z < 0.0 || of.is_multiple_of(2) {
                     occupied.push(place([x, end, z]).map(|c| c as u32));
                 }
             }
