@@ -1,9 +1,10 @@
-//! Sparse clouds: where cells that are wide enough for the points leave the body unsealed, places of its surface between the points are added to them.
+//! Sparse clouds: where cells that are wide enough for the points leave the body unsealed, or hardly tell its walls apart, places of its surface between the points are added to them.
 //!
 //! ```text
-//!   survey ─► cells closed as they are ─┬─► sealed, few walls double ─────────────────────────► run
-//!                                       └─► the surface by the winding number ─┬─► none, or the same ──► run
-//!                                           ([`crate::solid::winding`])        └─► survey with its places ─► closed as it tells ─► run with them
+//!   survey ─► cells closed as they are ─┬─► sealed, and few walls are double ───────────────────► run
+//!                                       └─► the surface by the winding number ─┬─► none ────────► run
+//!                                           ([`crate::solid::winding`])        ├─► sealed before, with its pieces and handles ─► run
+//!                                                                              └─► survey with its places ─► closed as it tells ─► run with them
 //! ```
 
 use crate::error::Result;
@@ -25,7 +26,7 @@ use crate::run::surveyed::{Surveyed, Upsampled, survey_cloud};
 use crate::run::workload::Workload;
 use crate::settings::closing::Sealing;
 use crate::settings::{Fineness, Resolution, Settings};
-use crate::solid::close::How;
+use crate::solid::close::{How, Parted};
 use crate::solid::winding::{self, Sampled};
 use crate::storage::spool::Workspace;
 
@@ -97,12 +98,12 @@ fn looked_for<T: Coordinate>(
     let of_points = context(&surveyed.workload)?;
     let buckets = sort(&surveyed, &of_points)?;
     let cells = close(&surveyed, &buckets, &of_points)?;
-    let told = how_told(&cells);
-    if told == Told::Surely {
+    let sealed = sealed(&cells);
+    if sealed.is_some_and(Parted::is_resolved) {
         return Ok(surveyed);
     }
-    // What the body must have if it is to stand.
-    let ours = if told == Told::Barely { Some(cells.closed.solid.characteristic()?) } else { None };
+    // The Euler number that all points together must tell, too, if a sealed body is to stand.
+    let of_sealed = sealed.map(|_| cells.closed.solid.characteristic()).transpose()?;
     let count = surveyed.survey.points;
     let surveyed = surveyed.with_workload(|workload| workload.with_upsampling(count));
     let (points, records): (Vec<_>, Vec<_>) =
@@ -110,7 +111,7 @@ fn looked_for<T: Coordinate>(
     let most = MOST_TRIANGLES * faces(&cells) as f64 * in_usual_cells(&surveyed, settings)?;
     drop((buckets, cells, of_points));
     let Some(told) = winding::surface_of(&points, workers)? else { return Ok(surveyed) };
-    if ours.is_some_and(|ours| ours == told.characteristic || !told.is_steady) {
+    if of_sealed.is_some_and(|of_sealed| of_sealed == told.characteristic || !told.is_steady) {
         return Ok(surveyed);
     }
     drop(points);
@@ -161,25 +162,11 @@ fn faces(cells: &ClosedCells) -> u64 {
     cells.closed.solid.faces.iter().map(|faces| u64::from(*faces)).sum()
 }
 
-/// How surely the cells tell the body.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Told {
-    Surely,
-    /// It is sealed, but its walls lie so near each other that two may have become one.
-    Barely,
-    Not,
-}
-
-fn how_told(cells: &ClosedCells) -> Told {
+/// What the walls part, if the body is sealed.
+fn sealed(cells: &ClosedCells) -> Option<&Parted> {
     match &cells.closed.how {
-        How::Sign(parted) if parted.is_sealed() && cells.narrow.count == 0 => {
-            if parted.is_resolved() {
-                Told::Surely
-            } else {
-                Told::Barely
-            }
-        }
-        _ => Told::Not,
+        How::Sign(parted) if parted.is_sealed() && cells.narrow.count == 0 => Some(parted),
+        _ => None,
     }
 }
 

@@ -99,7 +99,7 @@ pub enum How {
 pub struct Parted {
     /// How many there are.
     pub walls: u64,
-    /// How many are double: two of the surface's walls, or its bends, lie so near each other that their cells are near the same.
+    /// How many are double ([`Signed::doubles`]).
     pub doubles: u64,
     /// How many have the inside on both sides, or the outside.
     pub part_nothing: u64,
@@ -167,7 +167,7 @@ impl Parted {
         self.membranes as f64 / (self.walls + self.membranes).max(1) as f64
     }
 
-    /// Whether cells of this width tell most of the surface from the rest of it: fewer than half of the walls are double.
+    /// Whether the level's cells tell the surface's walls apart: fewer than half of the walls are double.
     pub fn is_resolved(&self) -> bool {
         2 * self.doubles < self.walls
     }

@@ -144,7 +144,7 @@ impl Measure for Evidence {
 impl Evidence {
     /// The walls decide, if those of a quarter of the cells speak, and four times as many for one side as for the other: a rim round a hole is not enough.
     /// Else what is cut off from the outside is inside, unless walls round it have the inside behind them: that is a slot, where the ball fits by chance before
-    /// the outside gets there. And what the outside reaches with hardly a wall that speaks is outside: a slot between thin fins, of which nobody knows yet that they are inside.
+    /// the outside gets there. What the outside reaches is outside, too, if hardly a wall speaks: a slot between thin fins, whose side is not known yet.
     fn verdict(&self) -> u8 {
         let decisive = |most: u64, least: u64| 4 * most >= self.cells && 4 * least <= most;
         let (is_outside, cut_off) = (decisive(self.inside_behind, self.outside_behind), self.touches_outside == 0);

@@ -95,7 +95,7 @@ pub struct CloudArguments {
     /// Keep points that lie apart from all surfaces; else the surface does not go to them
     #[arg(long, help_heading = "Surface")]
     pub keep_outliers: bool,
-    /// Whether places of the surface are added between points that are too sparse for the shape: up to 5,000 points, if the cells are those by default and leave the mesh unsealed
+    /// Whether places of the surface are added between points that are too sparse for the shape: up to 5,000 points, if the cells are those by default and leave the mesh unsealed or hardly tell its walls apart
     #[arg(
         long,
         value_enum,

@@ -197,7 +197,7 @@ impl<'a> Reconstruction<'a> {
     }
 
     /// Whether places of the surface are added between points that are too sparse for the shape, as they are by default: up to 5,000 points, if the
-    /// cells are those by default and leave the mesh unsealed.
+    /// cells are those by default and leave the mesh unsealed or hardly tell its walls apart.
     pub fn upsample(mut self, upsample: bool) -> Self {
         self.job.settings.upsample = upsample;
         self

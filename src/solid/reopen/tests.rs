@@ -320,15 +320,22 @@ fn a_cell_opens_where_that_changes_no_topology() {
     assert!(opened > 1000);
 }
 
-/// A speck of which a cell opens is a lone cell then and goes; that makes no tunnel. Found at random.
+/// A speck of two cells, of which one opens, is a lone cell then and goes; that makes no tunnel. Found at random.
 #[test]
 fn a_speck_that_opens_goes() {
+    let turn = [0.2205198517794151, 1.3705877683247611, 0.02918021817055758];
     let density = 1.9608536042200786_f64;
-    let mut numbers = Numbers::new(140);
-    let turn = [(); 3].map(|()| 1.5 * numbers.part());
-    let places = comb(&mut numbers, 3.5716622507278477, 2.564305476996651, 13.90168810691492, 0.5, density, turn);
+    let places = comb(
+        &mut Numbers::new(17261759677854004274),
+        3.5716622507278477,
+        2.564305476996651,
+        13.90168810691492,
+        0.5,
+        density,
+        turn,
+    );
     let Both { before, streamed, twin, .. } = both_ways(&places, density.sqrt(), 2);
     assert!(twin.all().all(|cell| streamed.at(cell) == twin.at(cell)));
-    assert!(before.groups().len() > streamed.groups().len());
-    assert!(tunnels(&streamed) <= tunnels(&before));
+    assert_eq!((before.groups().len(), streamed.groups().len()), (3, 2));
+    assert_eq!((tunnels(&before), tunnels(&streamed)), (0, 0));
 }

@@ -19,7 +19,7 @@ pub enum Side {
     Outside,
     /// Free, and inside.
     Inside,
-    /// Free, but of too few cells to tell.
+    /// Free, in a piece of too few cells to tell.
     Unknown,
 }
 

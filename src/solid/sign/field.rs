@@ -136,8 +136,10 @@ impl<'a> Field<'a> {
     }
 
     /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start. Else it is enclosed: a cavity if
-    /// walls line it ([`Field::is_lined`]), and else inside. On a level whose cells `are_wide`, wider than the grid's, few enclosed cells that walls line have no side, and so has a component of few inside cells: where a slot or a fin
-    /// is hardly wider than a cell, walls cut it to pieces, and the grid's own cells tell more.
+    /// walls line it ([`Field::is_lined`]), and else inside.
+    ///
+    /// Where the level's cells are wider than the grid's (`are_wide`), pieces have no side: few enclosed cells that walls line, and components of few inside
+    /// cells. Walls cut a slot or a fin to such pieces where it is hardly wider than a cell, and the grid's own cells tell more.
     pub fn sides(&self, are_wide: bool) -> Vec<Side> {
         let first = |(occupied, outside): (&bool, &bool)| match (occupied, outside) {
             (true, _) => Side::Wall,
@@ -173,7 +175,7 @@ impl<'a> Field<'a> {
         sides
     }
 
-    /// Takes their side from components, joined by faces, of few inside cells.
+    /// Takes the side from components of few inside cells, which faces join.
     fn forget_pieces(&self, sides: &mut [Side]) {
         let mut waits: Vec<bool> = sides.iter().map(|side| *side == Side::Inside).collect();
         for cell in 0..waits.len() {

@@ -123,7 +123,7 @@ pub struct Signed {
     pub emptied: u64,
     /// Number of walls: occupied cells that have free cells on both sides.
     pub walls: u64,
-    /// How many of them are double: occupied cells spread across them by more than one plane's do.
+    /// How many of them are double: the occupied cells near them lie farther across them than those of one plane do, as where two walls lie near each other.
     pub doubles: u64,
     /// How many of them have the same side on both sides.
     pub part_nothing: u64,
@@ -219,8 +219,8 @@ impl Signed {
 
     /// The sides of cells, and which of them are lined.
     ///
-    /// The walls of narrow slots may have made what lies between these outside, and a membrane behind it. So if there are membranes, double
-    /// walls may weigh little, and what has much less of a membrane is the answer, unless that is because much of the body is gone.
+    /// The walls of narrow slots may have made the web between two slots outside, which a membrane then cuts off. So if membranes are large, the field is
+    /// found once more, with double walls that weigh little. That is the answer if it has half of the membranes or less, and most of the body.
     fn sides_and_lined(
         seen: Cells,
         walls: &mut [Wall],
@@ -367,7 +367,7 @@ const TRIES: usize = 8;
 /// The part of the walls that part nothing, from which on sheets are looked for.
 const SEEN: f64 = 0.02;
 
-/// From so many cells on, membranes may come of narrow slots: a web is cut off by as many. Fewer are a hole of ten cells at the most.
+/// Membranes of fewer cells cut off no web that is worth another answer: they are as large as a hole ten cells wide.
 const SUSPECT: u64 = 100;
 
 /// A ball smaller than this, in cells, is no ball.
