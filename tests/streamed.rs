@@ -638,9 +638,9 @@ fn far_points_do_not_cost_what_lies_between() {
     assert_eq!(near(&run.mesh), near(&other.mesh), "the ball is as it is alone");
 }
 
-// The twin looks for intersections among all pairs: some ten seconds a case.
+// The twin looks for intersections among all pairs: up to a few seconds a case.
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 4, max_global_rejects: 100_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 16, max_global_rejects: 100_000, ..ProptestConfig::default() })]
 
     #[test]
     #[ignore = "exhaustive"]

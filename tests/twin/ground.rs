@@ -168,8 +168,18 @@ impl Ground {
         self.open.base || [[x - 1, y - 1], [x, y - 1], [x - 1, y], [x, y]].iter().all(|p| self.live.contains(p))
     }
 
-    /// Whether the triangles of a face are written.
+    /// Whether the triangles of a face are made.
+    pub fn makes(&self, face: &Face) -> bool {
+        self.is_within(&self.live, face)
+    }
+
+    /// Whether they are written.
     pub fn keeps(&self, face: &Face) -> bool {
+        self.is_within(&self.kept, face)
+    }
+
+    /// Whether a face does not lie on the bottom, and its columns are some of these.
+    fn is_within(&self, columns: &BTreeSet<Place>, face: &Face) -> bool {
         if self.open.base {
             return true;
         }
@@ -177,8 +187,7 @@ impl Ground {
         if face.axis == self.open.up && face.cell[self.open.up] == bottom {
             return false;
         }
-        let kept = |cell: [i32; 3]| self.kept.contains(&[cell[2 - self.open.up], cell[1]]);
-        face.sides().into_iter().all(kept)
+        face.sides().into_iter().all(|cell| columns.contains(&[cell[2 - self.open.up], cell[1]]))
     }
 
     /// The surface's height, along the grid's axis, at the place `q` of a corner's vertex, and whether all round it is bridged.

@@ -153,6 +153,7 @@ pub fn reconstruct(points: &[[f64; 3]], params: &Params) -> TwinMesh {
         let ground = Ground::of(points, &solid::occupied(points, params), open, params);
         let solid = ground.solid();
         let mut surface = surface::surface(&solid, params.smooth, params.diagonals);
+        surface.leave_out(|face| !ground.makes(face));
         surface.kept = surface.faces.iter().map(|face| ground.keeps(face)).collect();
         for v in 0..surface.positions.len() {
             surface.cut_off[v] = surface.corners[v].is_some_and(|corner| !ground.makes_all_round(corner));

@@ -45,6 +45,21 @@ pub struct Surface {
     pub solid: Cells,
 }
 
+impl Surface {
+    /// Leaves out the triangles of some faces.
+    pub fn leave_out(&mut self, is_out: impl Fn(&Face) -> bool) {
+        let stays: Vec<bool> = self.faces.iter().map(|face| !is_out(face)).collect();
+        fn only<T>(list: &mut Vec<T>, stays: &[bool]) {
+            let mut at = stays.iter();
+            list.retain(|_| at.next() == Some(&true));
+        }
+        only(&mut self.triangles, &stays);
+        only(&mut self.slices, &stays);
+        only(&mut self.faces, &stays);
+        only(&mut self.kept, &stays);
+    }
+}
+
 /// Who is who before there are triangles.
 #[derive(Default)]
 struct Vertices {
