@@ -21,6 +21,9 @@ const ALONE: usize = 1 << 14;
 /// Fewer enclosed cells are no cavity.
 const CAVITY: usize = 27;
 
+/// A layer of cells along walls is a piece if it has so many faces for each cell that lead to free cells on the other side: gaps in the walls of a narrow slot are many.
+const OPEN: f64 = 0.125;
+
 /// The field on the free cells of a block.
 #[derive(Debug)]
 pub struct Field<'a> {
@@ -138,7 +141,7 @@ impl<'a> Field<'a> {
     /// The side of every cell. What is not inside is outside if a path of such cells leads to what was outside from the start. Else it is enclosed: a cavity if
     /// walls line it ([`Field::is_lined`]), and else inside.
     ///
-    /// Where the level's cells are wider than the grid's (`are_wide`), pieces have no side: few enclosed cells that walls line, and components of few inside
+    /// Where the level's cells are wider than the grid's (`are_wide`), pieces ([`Field::is_piece`]) have no side: enclosed cells that walls line, and components of inside
     /// cells. Walls cut a slot or a fin to such pieces where it is hardly wider than a cell, and the grid's own cells tell more.
     pub fn sides(&self, are_wide: bool) -> Vec<Side> {
         let first = |(occupied, outside): (&bool, &bool)| match (occupied, outside) {
@@ -160,7 +163,9 @@ impl<'a> Field<'a> {
                 let mut enclosed = Vec::new();
                 self.spread(&mut sides, vec![cell], |cell| enclosed.push(cell));
                 let is_lined = self.is_lined(&enclosed);
-                if enclosed.len() < CAVITY || !is_lined {
+                let is_inside = |cell: usize| self.is_asked(cell) && self.u[cell] > 0.0;
+                let is_piece = are_wide && is_lined && self.is_piece(&enclosed, is_inside);
+                if enclosed.len() < CAVITY || !is_lined || is_piece {
                     // Not outside, and not to be found again.
                     enclosed.iter().for_each(|&cell| sides[cell] = Side::Unknown);
                     pieces.extend(enclosed.into_iter().filter(|_| is_lined));
@@ -175,7 +180,14 @@ impl<'a> Field<'a> {
         sides
     }
 
-    /// Takes the side from components of few inside cells, which faces join.
+    /// Whether cells that faces join are a piece: few; or few of them without an occupied cell round them, while many faces lead to free cells on the other side.
+    fn is_piece(&self, cells: &[usize], is_other: impl Fn(usize) -> bool) -> bool {
+        let deep = cells.iter().filter(|cell| !self.lined[**cell]).count();
+        let open = || cells.iter().flat_map(|cell| self.block.beside(*cell)).filter(|next| is_other(*next)).count();
+        cells.len() < CAVITY || (deep < CAVITY && open() as f64 >= OPEN * cells.len() as f64)
+    }
+
+    /// Takes the side from pieces of the inside, which faces join.
     fn forget_pieces(&self, sides: &mut [Side]) {
         let mut waits: Vec<bool> = sides.iter().map(|side| *side == Side::Inside).collect();
         for cell in 0..waits.len() {
@@ -186,7 +198,8 @@ impl<'a> Field<'a> {
                 piece.extend(self.block.beside(cell).into_iter().filter(|&next| std::mem::take(&mut waits[next])));
                 at += 1;
             }
-            if piece.len() < CAVITY {
+            let is_other = |next: usize| matches!(sides[next], Side::Outside | Side::Unknown);
+            if self.is_piece(&piece, is_other) {
                 piece.into_iter().for_each(|cell| sides[cell] = Side::Unknown);
             }
         }
