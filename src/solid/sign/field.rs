@@ -21,8 +21,8 @@ const ALONE: usize = 1 << 14;
 /// Fewer enclosed cells are no cavity.
 const CAVITY: usize = 27;
 
-/// A layer of cells along walls is a piece if it has so many faces for each cell that lead to free cells on the other side: gaps in the walls of a narrow slot are many.
-const OPEN: f64 = 0.125;
+/// A layer of cells along walls is a piece if so many faces for each of its cells lead through gaps to the other side.
+const LEAKY: f64 = 0.125;
 
 /// The field on the free cells of a block.
 #[derive(Debug)]
@@ -180,11 +180,17 @@ impl<'a> Field<'a> {
         sides
     }
 
-    /// Whether cells that faces join are a piece: few; or few of them without an occupied cell round them, while many faces lead to free cells on the other side.
+    /// Whether cells that faces join are a piece: few; or few of them without an occupied cell round them, and the faces to cells on the other side are many, and lead through gaps.
     fn is_piece(&self, cells: &[usize], is_other: impl Fn(usize) -> bool) -> bool {
-        let deep = cells.iter().filter(|cell| !self.lined[**cell]).count();
-        let open = || cells.iter().flat_map(|cell| self.block.beside(*cell)).filter(|next| is_other(*next)).count();
-        cells.len() < CAVITY || (deep < CAVITY && open() as f64 >= OPEN * cells.len() as f64)
+        let is_layer = || cells.iter().filter(|cell| !self.lined[**cell]).count() < CAVITY;
+        let leads_through_gaps = || {
+            let beside = |cell: usize| self.block.beside(cell).map(|next| (cell, next));
+            let to_others = cells.iter().flat_map(|cell| beside(*cell)).filter(|(_, next)| is_other(*next));
+            let [count, open] = to_others
+                .fold([0, 0], |[count, open], (cell, next)| [count + 1, open + usize::from(self.is_open(cell, next))]);
+            open == 0 && count as f64 >= LEAKY * cells.len() as f64
+        };
+        cells.len() < CAVITY || (is_layer() && leads_through_gaps())
     }
 
     /// Takes the side from pieces of the inside, which faces join.
