@@ -21,7 +21,7 @@ const ALONE: usize = 1 << 14;
 /// Fewer enclosed cells are no cavity.
 const CAVITY: usize = 27;
 
-/// A layer of cells along walls is a piece if so many faces for each of its cells lead through gaps to the other side.
+/// A layer of cells along walls is a piece if so many faces for each of its cells lead to the other side.
 const LEAKY: f64 = 0.125;
 
 /// The field on the free cells of a block.
@@ -164,7 +164,7 @@ impl<'a> Field<'a> {
                 self.spread(&mut sides, vec![cell], |cell| enclosed.push(cell));
                 let is_lined = self.is_lined(&enclosed);
                 let is_inside = |cell: usize| self.is_asked(cell) && self.u[cell] > 0.0;
-                let is_piece = are_wide && is_lined && self.is_piece(&enclosed, is_inside);
+                let is_piece = are_wide && is_lined && self.is_piece(&enclosed, false, is_inside);
                 if enclosed.len() < CAVITY || !is_lined || is_piece {
                     // Not outside, and not to be found again.
                     enclosed.iter().for_each(|&cell| sides[cell] = Side::Unknown);
@@ -180,20 +180,21 @@ impl<'a> Field<'a> {
         sides
     }
 
-    /// Whether cells that faces join are a piece: few; or few of them without an occupied cell round them, and the faces to cells on the other side are many, and lead through gaps.
-    fn is_piece(&self, cells: &[usize], is_other: impl Fn(usize) -> bool) -> bool {
+    /// Whether cells that faces join are a piece: few; or few of them without an occupied cell round them, and many faces lead to cells on the other side. If `through_gaps`, all these
+    /// faces must have a gap on them.
+    fn is_piece(&self, cells: &[usize], through_gaps: bool, is_other: impl Fn(usize) -> bool) -> bool {
         let is_layer = || cells.iter().filter(|cell| !self.lined[**cell]).count() < CAVITY;
-        let leads_through_gaps = || {
+        let leaks = || {
             let beside = |cell: usize| self.block.beside(cell).map(|next| (cell, next));
             let to_others = cells.iter().flat_map(|cell| beside(*cell)).filter(|(_, next)| is_other(*next));
             let [count, open] = to_others
                 .fold([0, 0], |[count, open], (cell, next)| [count + 1, open + usize::from(self.is_open(cell, next))]);
-            open == 0 && count as f64 >= LEAKY * cells.len() as f64
+            count as f64 >= LEAKY * cells.len() as f64 && (open == 0 || !through_gaps)
         };
-        cells.len() < CAVITY || (is_layer() && leads_through_gaps())
+        cells.len() < CAVITY || (is_layer() && leaks())
     }
 
-    /// Takes the side from pieces of the inside, which faces join.
+    /// Takes the side from pieces of the inside, which faces join. What lies before a floor or a dome may be a layer, too: its mouth is open.
     fn forget_pieces(&self, sides: &mut [Side]) {
         let mut waits: Vec<bool> = sides.iter().map(|side| *side == Side::Inside).collect();
         for cell in 0..waits.len() {
@@ -205,7 +206,7 @@ impl<'a> Field<'a> {
                 at += 1;
             }
             let is_other = |next: usize| matches!(sides[next], Side::Outside | Side::Unknown);
-            if self.is_piece(&piece, is_other) {
+            if self.is_piece(&piece, true, is_other) {
                 piece.into_iter().for_each(|cell| sides[cell] = Side::Unknown);
             }
         }
