@@ -19,7 +19,7 @@ pub enum Side {
     Outside,
     /// Free, and inside.
     Inside,
-    /// Free, in a piece of too few cells to tell.
+    /// Free, in a piece that the level's cells do not tell the side of.
     Unknown,
 }
 

@@ -18,7 +18,7 @@ const GAP: f32 = 0.1;
 /// The number of cells that one thread takes at a time.
 const ALONE: usize = 1 << 14;
 
-/// Fewer enclosed cells are no cavity.
+/// Fewer enclosed cells are no cavity. On wide cells fewer are a piece, and so may a component be with fewer that lie clear of walls.
 const CAVITY: usize = 27;
 
 /// A layer of cells along walls is a piece if so many faces for each of its cells lead to the other side.
@@ -163,8 +163,8 @@ impl<'a> Field<'a> {
                 let mut enclosed = Vec::new();
                 self.spread(&mut sides, vec![cell], |cell| enclosed.push(cell));
                 let is_lined = self.is_lined(&enclosed);
-                let is_inside = |cell: usize| self.is_asked(cell) && self.u[cell] > 0.0;
-                let is_piece = are_wide && is_lined && self.is_piece(&enclosed, false, is_inside);
+                let is_other = |next: usize| !self.occupied[next] && !self.is_outside(next);
+                let is_piece = are_wide && is_lined && self.is_piece(&enclosed, false, is_other);
                 if enclosed.len() < CAVITY || !is_lined || is_piece {
                     // Not outside, and not to be found again.
                     enclosed.iter().for_each(|&cell| sides[cell] = Side::Unknown);
@@ -180,8 +180,8 @@ impl<'a> Field<'a> {
         sides
     }
 
-    /// Whether cells that faces join are a piece: few; or few of them without an occupied cell round them, and many faces lead to cells on the other side. If `through_gaps`, all these
-    /// faces must have a gap on them.
+    /// Whether cells that faces join are a piece: few cells; or a layer along walls, of which many faces lead to cells on the other side. If `through_gaps`, a layer is one only if a gap lies on each
+    /// of these faces.
     fn is_piece(&self, cells: &[usize], through_gaps: bool, is_other: impl Fn(usize) -> bool) -> bool {
         let is_layer = || cells.iter().filter(|cell| !self.lined[**cell]).count() < CAVITY;
         let leaks = || {
