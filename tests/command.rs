@@ -1168,6 +1168,47 @@ fn a_pipe_is_closed_over_its_ends_and_not_called_sealed() {
     assert!(answer.err.contains("\nclosing  not sealed: "), "{}", answer.err);
 }
 
+/// Points at random on both sides of a spherical shell that is .065 thick, or on a sphere alone.
+fn shell(points: usize, thickness: f64) -> String {
+    let mut state = 1u64;
+    let mut part = || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 33) as f64 / f64::from(1u32 << 31)
+    };
+    let mut lines = Vec::new();
+    while lines.len() < points {
+        let way = [(); 3].map(|()| 2.0 * part() - 1.0);
+        let length = way.iter().map(|c| c * c).sum::<f64>().sqrt();
+        if (0.1..1.0).contains(&length) {
+            let inner = (1.0 - thickness) * (1.0 - thickness);
+            let radius = if part() < inner / (1.0 + inner) { 1.0 - thickness } else { 1.0 };
+            let [x, y, z] = way.map(|c| c / length * radius);
+            lines.push(format!("{x:.6} {y:.6} {z:.6}"));
+        }
+    }
+    lines.join("\n")
+}
+
+/// The level's cells take the two walls of a shell for one that is two sampling distances thick, and so its void for the inside.
+#[test]
+fn a_shell_that_is_too_thin_for_its_void_to_be_seen_is_not_called_sealed() {
+    let f = Folder::new();
+    f.write("ball.xyz", shell(30_000, 0.0));
+    f.write("shell.xyz", shell(30_000, 0.065));
+    f.ok("ball.xyz -o ball.ply --report ball.json");
+    let ball = &report(&f, "ball.json")["closing"];
+    assert_eq!((&ball["sealed"], &ball["unresolved"]), (&true.into(), &serde_json::Value::Null), "{ball}");
+    let told = f.ok("shell.xyz -o shell.ply --report shell.json -v").err;
+    let report = report(&f, "shell.json");
+    let closing = &report["closing"];
+    assert_eq!((&closing["sealed"], &closing["parted"]), (&false.into(), &true.into()), "{closing}");
+    let [level, cell] = [&closing["unresolved"], &report["grid"]["cell_size"]].map(|side| side.as_f64().unwrap());
+    let cells = level / cell;
+    assert!(cells >= 0.999 && (cells - cells.round()).abs() < 1e-6, "{cells} cells");
+    assert!(told.contains("\nclosing  closed, with slots, voids or walls that may be too narrow to be seen\n"), "{told}");
+    assert!(told.contains("warning: not sealed: slots, voids or walls are hardly wider than "), "{told}");
+}
+
 /// Makes meshes of knots that differ by their seeds alone, k.bin, until one's report is as asked; gives that and what was told. Which one that is depends on every width.
 fn first_knot(
     f: &Folder,

@@ -19,6 +19,7 @@ use crate::settings::surface::Fit;
 use crate::solid::close::{self, Closed, ClosingOptions, How};
 use crate::solid::component::Components;
 use crate::solid::heightfield::HeightField;
+use crate::solid::level;
 use crate::solid::membranes::{Common, Membranes};
 use crate::solid::reopen::{Reopening, STEPS, STEPS_BEFORE, Sampling};
 use crate::solid::sign::Sights;
@@ -94,7 +95,8 @@ impl ClosedCells {
                 &counted
             }
         };
-        Ok(workload.with_faces_of_slices(faces, *falls).with_fit(fit).with_buckets(&points).with_means(means))
+        let workload = workload.with_faces_of_slices(faces, *falls).with_fit(fit).with_buckets(&points);
+        Ok(workload.with_means(means).with_field_found(context.account.closing().field))
     }
 
     /// Moves what lies in memory of the cells to disk.
@@ -282,7 +284,7 @@ fn reopened<T: Coordinate>(
     progress.begin(Phase::Reopen, None);
     let Closed { solid, occupancy, thickened, .. } = closed;
     let coarser = occupancy.coarser(context)?.occupied;
-    let side = close::side_in_samples(occupancy.occupied as f64 / coarser.max(1) as f64);
+    let side = level::side_in_samples(occupancy.occupied as f64 / coarser.max(1) as f64);
     let sampled = Sampled { buckets, occupied: &occupancy.store, grid: &surveyed.grid, counted: Counted::All };
     let sampling = Sampling { side, thickened: thickened.as_ref() };
     let (slices, all) = (u64::from(solid.cells[1]), Cell::new(STEPS_BEFORE + STEPS));

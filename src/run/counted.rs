@@ -9,7 +9,9 @@
 //!                       └─► it does not, or the least is asked for ─► count ─► refused with a figure that does, or run
 //! ```
 
-use crate::error::Result;
+use bytesize::ByteSize;
+
+use crate::error::{Error, Result};
 use crate::grid::bucket::Buckets;
 use crate::grid::context::Context;
 use crate::input::{Carried, Cloud};
@@ -29,7 +31,7 @@ use crate::storage::spool::Workspace;
 /// `budget` is in bytes, as for [`MemoryPlan::for_budget`]; what counting cannot do without is taken in any case.
 ///
 /// # Errors
-/// Errors of reading the input and of closing cells; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
+/// Errors of reading the input and of closing cells, [`Error::Budget`] among them; [`Error::Io`]; [`Error::Interrupted`].
 pub(super) fn counted(
     cloud: &Cloud,
     surveyed: &Surveyed,
@@ -48,9 +50,14 @@ pub(super) fn counted(
     }
     let context = Context::new(workers, workspace, memory);
     let workload = match expected.precision {
-        Precision::Single => workload::<f32>(cloud, surveyed, settings, &context, progress)?,
-        Precision::Double => workload::<f64>(cloud, surveyed, settings, &context, progress)?,
+        Precision::Single => workload::<f32>(cloud, surveyed, settings, &context, progress),
+        Precision::Double => workload::<f64>(cloud, surveyed, settings, &context, progress),
     };
+    // A finer level may be needed ([`crate::solid::level`]), which is not taken in any case.
+    let workload = workload.map_err(|error| match error {
+        Error::Budget { needed, what, .. } => Error::Budget { given: ByteSize(budget), needed, what },
+        other => other,
+    })?;
     context.memory.between_phases(workers);
     Ok(Some(workload))
 }

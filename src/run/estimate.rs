@@ -34,8 +34,9 @@ use crate::run::workload::{ColumnWorkload, Workload};
 use crate::settings::Settings;
 use crate::settings::closing::Sealing;
 use crate::settings::open::{Kind, Open};
-use crate::solid::close::{COARSE, ClosingOptions, close, side_in_samples};
+use crate::solid::close::{ClosingOptions, close};
 use crate::solid::heightfield::{self, HeightFieldOptions};
+use crate::solid::level::{COARSE, side_in_samples};
 use crate::storage::spool::Workspace;
 use crate::surface::vertices::{self, Weight};
 

@@ -31,6 +31,7 @@ impl Report {
         self.closing.sealed = !self.closing.ends
             && self.closing.parted
             && self.closing.narrow_handles == 0
+            && self.closing.unresolved.is_none()
             && self.closing.steady != Some(false)
             && self.closing.over_holes() < MUCH_BRIDGED;
         self.warnings = self.find_warnings();
@@ -149,6 +150,18 @@ impl Closing {
             let side = |a: usize| format!("{} to {}", short(bounds.min[a]), short(bounds.max[a]));
             format!("x {}, y {}, z {}", side(0), side(1), side(2))
         };
+        if self.parted
+            && self.narrow_handle.is_none()
+            && let Some(side) = self.unresolved
+        {
+            return Some(Warning::new(
+                format!(
+                    "not sealed: slots, voids or walls are hardly wider than {}, as wide as the cells that inside and outside are told apart on; some may be filled",
+                    short(side)
+                ),
+                "--bounds cuts out a part of the cloud, whose cells are finer",
+            ));
+        }
         if self.parted {
             let widest = self.narrow_handle.as_ref()?;
             let (handles, place) = match (self.narrow_handles, self.narrow_reopened) {

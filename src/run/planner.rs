@@ -26,6 +26,7 @@ use crate::run::workload::{SurveyWorkload, Workload};
 use crate::settings::surface::Fit;
 use crate::simplify::Extent;
 use crate::solid::heightfield;
+use crate::solid::level;
 use crate::solid::reopen;
 use crate::solid::sign;
 use crate::surface::thickness;
@@ -124,7 +125,7 @@ impl MemoryPlan {
         let mut left = budget.saturating_sub(process);
         // Kept in memory only what leaves the passes the larger part, and twice the least: a slab may turn out to have more faces than
         // expected, and the budget that is then named must not be eaten up by what it would allow to keep.
-        let spare = 2 * (Self::least(workload, threads) - process);
+        let spare = (2 * (Self::least(workload, threads) - process)).max(deciding_finer(workload) + BESIDE);
         let (keepable, kept) = already.unwrap_or_else(|| {
             let slices = workload.slice_bytes().max(1 << 20) * 3 / 2;
             let buckets = if workload.is_outlasting() { 0 } else { workload.bucket_bytes() };
@@ -186,6 +187,18 @@ impl MemoryPlan {
 
     pub(super) fn fills_beside(&self, check: Need) -> bool {
         check.within(self.working).bytes() + FILLING * jobs_of_all(self.threads) <= self.working
+    }
+
+    /// Asks for so many bytes, of which it only turns out while cells are closed that `what` needs them.
+    ///
+    /// # Errors
+    /// [`Error::Budget`] if the passes have less, with a budget that would do.
+    pub fn grant(&self, bytes: u64, what: &'static str) -> Result<()> {
+        if bytes <= self.working {
+            return Ok(());
+        }
+        let needed = process(self.threads) + self.passes.transfers + BESIDE + bytes;
+        Err(Error::Budget { given: ByteSize(self.budget), needed: ByteSize(needed.next_multiple_of(1 << 20)), what })
     }
 
     /// The least budget for a workload on `threads` threads, in bytes.
@@ -312,7 +325,13 @@ pub(super) fn deciding(workload: &Workload) -> u64 {
     }
     let factor = workload.cells.into_iter().max().unwrap_or(1).div_ceil(sign::LONGEST).max(1);
     let finest = workload.cells.map(|cells| cells.div_ceil(factor));
-    sign::bytes(workload.cells_of_level()).max(sign::outliers::bytes(finest, workload.points))
+    let known = workload.field_found();
+    sign::bytes(workload.cells_of_level()).max(sign::outliers::bytes(finest, workload.points)).max(known)
+}
+
+/// Bytes of a finer level, if the cells turn out to need one; a surface that is not closed needs none.
+fn deciding_finer(workload: &Workload) -> u64 {
+    if workload.columns.is_some() { 0 } else { level::bytes_of_finer(workload.cells) }
 }
 
 /// Bytes of looking along lines of sight with so many blocks of points in flight, if there are any.
@@ -400,7 +419,7 @@ mod tests {
 
     #[test]
     fn what_was_kept_leaves_memory_where_slabs_have_no_room_beside_it() {
-        let with = |faces: u64| load(4_000_000, 300).with_faces(vec![faces; slab_count(1, 300) as usize], false);
+        let with = |faces: u64| load(4_000_000, 100).with_faces(vec![faces; slab_count(1, 100) as usize], false);
         let (expected, counted) = (with(10_000), with(700_000));
         let least = MemoryPlan::least(&counted, 2);
         let given = MemoryPlan::for_budget(least, &expected, 2).unwrap();

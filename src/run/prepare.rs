@@ -69,7 +69,7 @@ pub fn plan(job: &Job, workers: &Workers, progress: &mut Progress) -> Result<Pla
     let tiles = expected_tiles(job, &surveyed)?;
     let whole = |error| of_whole_budget(error, &settings, budget, workers);
     let mut surveyed = rehearsed(surveyed, &settings, workers, &workspace, left, progress)?;
-    match counted(&cloud, &surveyed, &settings, (workers, &workspace), left, progress)? {
+    match counted(&cloud, &surveyed, &settings, (workers, &workspace), left, progress).map_err(whole)? {
         Some(workload) => surveyed.workload = workload,
         None => progress.note(&format!(
             "{} has no room for the points, so faces are not counted: a run may need more memory than what is told here",

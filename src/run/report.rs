@@ -178,7 +178,7 @@ pub struct GridReport {
 pub struct Closing {
     /// The ball's radius, in cells, where one was asked for.
     pub radius: Option<u32>,
-    /// Whether the mesh encloses the inside: samples part inside and outside everywhere, no handle is too narrow to be believed, and little of the surface bridges holes.
+    /// Whether the mesh encloses the inside: samples part inside and outside everywhere, no handle is too narrow to be believed and no slot too narrow to be seen, and little of the surface bridges holes.
     pub sealed: bool,
     /// Whether samples part inside and outside everywhere: there are no patches, and `part_nothing` is below 2 %.
     pub parted: bool,
@@ -197,6 +197,8 @@ pub struct Closing {
     pub open: Vec<PatchReport>,
     /// Patches that have the inside on both sides, the largest first: slots and folds that were filled.
     pub filled: Vec<PatchReport>,
+    /// The side of the cells that inside and outside were told apart on, if slots, fins or shells are too narrow for them.
+    pub unresolved: Option<f64>,
     /// Cells left out as outliers.
     pub outlier_cells: u64,
     /// Handles that are two cells wide or less, so that nobody can tell whether they are the object's. They are counted where samples part inside and outside everywhere.
@@ -368,9 +370,10 @@ impl Closing {
             patches.iter().take(MOST_PATCHES).map(report).collect()
         };
         let is_parted = parted.is_some_and(|parted| parted.is_sealed());
+        let unresolved = parted.and_then(|parted| parted.unresolved).map(|cells| f64::from(cells) * grid.cell_size());
         Closing {
             radius,
-            sealed: is_parted && made.narrow.count == 0,
+            sealed: is_parted && made.narrow.count == 0 && unresolved.is_none(),
             parted: is_parted,
             ends: false,
             steady: None,
@@ -379,6 +382,7 @@ impl Closing {
             part_nothing: parted.map_or(0.0, |parted| parted.part_nothing as f64 / walls),
             open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),
             filled: parted.map_or_else(Vec::new, |parted| patches(&parted.filled)),
+            unresolved,
             outlier_cells: parted.map_or(0, |parted| parted.outliers),
             narrow_handles: made.narrow.count,
             narrow_reopened: made.narrow.reopened,

@@ -194,6 +194,9 @@ impl Closing {
             None if self.parted && self.narrow_handles > 0 => {
                 format!("closed, with handles that may not be the object's: {}", thousands(self.narrow_handles))
             }
+            None if self.parted && self.unresolved.is_some() => {
+                "closed, with slots, voids or walls that may be too narrow to be seen".to_owned()
+            }
             None if self.parted => {
                 format!("closed over holes: {:.1} % of the surface bridges them", 100.0 * self.over_holes())
             }

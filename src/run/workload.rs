@@ -54,6 +54,8 @@ pub struct Workload {
     bridging: Option<bool>,
     /// Cells of the grid to a cell of the level that inside and outside are told apart on, along every axis, at the least.
     level: u32,
+    /// Bytes that telling them apart was found to take, once cells have been closed; 0 before that.
+    field_found: u64,
     /// Whether lines of sight are looked along.
     sighted: bool,
     /// Whether points and mesh lie on disk in any case, since they are to outlast the run.
@@ -183,6 +185,7 @@ impl Workload {
             levels: false,
             bridging: None,
             level: 1,
+            field_found: 0,
             sighted: false,
             outlasting: false,
             transfers: false,
@@ -301,6 +304,16 @@ impl Workload {
     /// The same workload when inside and outside are told apart on cells so many times as wide as the grid's, or wider.
     pub fn with_level(self, level: u32) -> Workload {
         Workload { level: level.max(1), ..self }
+    }
+
+    /// The same workload when telling inside and outside apart was found to take so many bytes.
+    pub fn with_field_found(self, bytes: u64) -> Workload {
+        Workload { field_found: bytes, ..self }
+    }
+
+    /// Bytes that this was found to take; 0 if it is not known.
+    pub(crate) fn field_found(&self) -> u64 {
+        self.field_found
     }
 
     /// The grid's cells taken together as those of that level.

@@ -3,8 +3,7 @@
 //! Tells inside and outside apart by the sign of a field ([`crate::solid::sign`]) or by a ball that is asked for ([`crate::solid::seal`]), decides finer
 //! cells by falling balls, and leaves out what is too small to be kept.
 //!
-//! The field is found on one coarse level, whose cells are at least 1.1 sampling distances wide, and no more than [`sign::LONGEST`] along any axis. A window
-//! of slices, however few, holds what finer levels need: on these the balls are a few cells wide.
+//! The field is found on one coarse level ([`crate::solid::level`]). A window of slices, however few, holds what finer levels need: on these the balls are a few cells wide.
 
 use crate::error::{Error, Result};
 use crate::grid::bucket::Buckets;
@@ -21,11 +20,12 @@ use crate::solid::Solid;
 use crate::solid::component;
 use crate::solid::component::Components;
 use crate::solid::heightfield;
+use crate::solid::level::{Level, LevelInput, side_in_samples};
 use crate::solid::membranes::Membranes;
 use crate::solid::seal;
 use crate::solid::seal::Pyramid;
 use crate::solid::sign;
-use crate::solid::sign::{Patch, Seen, Sights, Signed};
+use crate::solid::sign::{Patch, Seen, Sights};
 use crate::solid::thicken::Sheets;
 use crate::solid::watershed;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
@@ -113,6 +113,8 @@ pub struct Parted {
     pub outliers: u64,
     /// What lines of sight said, if any is known.
     pub sighted: Option<Sighted>,
+    /// The side of that level's cells, in cells of the grid, if slots, fins or shells are too narrow for them.
+    pub unresolved: Option<u32>,
 }
 
 /// What lines of sight said.
@@ -135,13 +137,14 @@ pub struct PartingNothing {
 }
 
 /// A body is not sealed if one wall in so many parts nothing.
-const SEALED: u64 = 50;
+pub(super) const SEALED: u64 = 50;
 
 impl Parted {
-    fn of(signed: &Signed, factor: u32, outliers: u64, sights: Option<&Sights<'_>>) -> Parted {
+    pub(super) fn of(level: &Level, outliers: u64, sights: Option<&Sights<'_>>) -> Parted {
+        let Level { signed, factor, is_unresolved } = level;
         let patch = |patch: &Patch| {
             let [low, high] = patch.cells;
-            let scale = f64::from(factor);
+            let scale = f64::from(*factor);
             PartingNothing {
                 walls: patch.walls,
                 cells: [low.map(|c| c as f64 * scale), high.map(|c| (c + 1) as f64 * scale)],
@@ -159,6 +162,7 @@ impl Parted {
             filled: signed.filled.iter().map(patch).collect(),
             outliers,
             sighted,
+            unresolved: is_unresolved.then_some(*factor),
         }
     }
 
@@ -328,36 +332,8 @@ pub fn close_below<T: Coordinate>(
     Ok(Closed { solid, occupancy, how, falls: false, components: None, membranes: None, thickened: None })
 }
 
-/// The side of the cells that the field is looked for on, in sampling distances, at the least.
-pub(crate) const COARSE: f64 = 1.1;
-
-/// The outside leaks through walls if one place in so many is sparse: of fins and of sheets without gaps up to .09 of the places are, of bodies that need coarser cells .16
-/// and more.
-const SPARSE: u64 = 8;
-
 /// The last ball's radius, in sampling distances.
 const BALL: f64 = 1.5;
-
-/// The side of a cell in sampling distances, from how many occupied cells there are for each one twice as large. Of samples at random on a surface that is
-/// q = exp(-r²/1.5) of its cells empty by chance, 4 / ((1 + q) (1 + q²)).
-pub(crate) fn side_in_samples(filling: f64) -> f64 {
-    const TABLE: [(f64, f64); 11] = [
-        (1.0, 0.1),
-        (1.09, 0.3),
-        (1.26, 0.5),
-        (1.45, 0.65),
-        (1.70, 0.8),
-        (2.09, 1.0),
-        (2.52, 1.2),
-        (2.73, 1.3),
-        (3.11, 1.5),
-        (3.72, 2.0),
-        (4.0, 3.0),
-    ];
-    let above = TABLE.iter().position(|(f, _)| *f > filling).unwrap_or(TABLE.len() - 1).max(1);
-    let ((f0, r0), (f1, r1)) = (TABLE[above - 1], TABLE[above]);
-    r0 + (r1 - r0) * ((filling - f0) / (f1 - f0)).clamp(0.0, 1.0)
-}
 
 /// Closes the occupied cells by the sign of a field on a coarse level ([`crate::solid::sign`]), and finer levels by what that says.
 fn close_signed(
@@ -377,44 +353,26 @@ fn close_signed(
     if let Some(seen) = first.take_if(|first| !asked.keep_outliers && first.has_outliers()) {
         occupancy = occupancy.filtered(|cell| !seen.is_outlier(cell.map(|c| c / least)), context)?;
     }
-    let coarser = occupancy.coarser(context)?;
-    let side = side_in_samples(occupancy.occupied as f64 / coarser.occupied as f64);
-    let factor = (COARSE / side).ceil().min(f64::from(longest / 8).max(1.0)).max(f64::from(least)) as u32;
-    let level = factor.ilog2();
+    let coarser = occupancy.coarser(context)?.occupied;
+    let side = side_in_samples(occupancy.occupied as f64 / coarser as f64);
     let last = ((BALL / side).powi(2) as u32).clamp(LAST, 64);
-    let (mut factor, mut level) = (factor, level);
     let fall_from = |factor: u32, level: u32| (factor >> level).max(1).pow(2);
     let last_of = |l: u32| if l > 0 { LAST_COARSE.max(last >> (2 * l)) } else { last };
-    // The field's pass, which may have to be made again with coarser cells, and those of the fall.
-    let of_fall =
-        slices_of_falls(slices, level, fall_from(factor, level), last_of) + AFTER_THE_FALL[0] * u64::from(slices);
-    progress.expect(u64::from(slices) + of_fall);
-    let seen = match first.filter(|_| factor == least) {
-        Some(first) => first,
-        None => Seen::of(&occupancy, factor, context)?,
-    };
-    let mut signed = Signed::find(seen.with_sights(sights, factor, context)?, context)?;
-    progress.done(slices);
-    // Where the sampling is uneven, the cells may be too fine for a part of it, through which the outside leaks. Slots that are filled only fill more on coarser ones, and so
-    // does the air between thin fins, which have the outside on both sides though their samples lie close enough.
-    let leaks = |signed: &Signed| {
-        let many = !signed.open.is_empty() || SEALED * signed.part_outside >= signed.walls;
-        let [all, sparse] = signed.where_outside;
-        many && SPARSE * sparse >= all
-    };
-    for coarser in [2, 3, 4].map(|times| times * factor) {
-        if asked.rough || !leaks(&signed) || longest / coarser < 16 {
-            break;
+    // The field's passes, of which there may be more with other cells, and those of the fall.
+    let mut tried = |factor: u32, is_done: bool| {
+        let level = factor.ilog2();
+        let of_fall = slices_of_falls(slices, level, fall_from(factor, level), last_of);
+        match is_done {
+            false => progress.expect(u64::from(slices) + of_fall + AFTER_THE_FALL[0] * u64::from(slices)),
+            true => progress.done(slices),
         }
-        progress.expect(u64::from(slices) + of_fall);
-        let seen = Seen::of(&occupancy, coarser, context)?.with_sights(sights, coarser, context)?;
-        let found = Signed::find(seen, context)?;
-        progress.done(slices);
-        if Parted::of(&found, coarser, 0, sights).is_sealed() {
-            (signed, factor, level) = (found, coarser, coarser.ilog2());
-        }
-    }
-    drop(coarser);
+    };
+    let of = LevelInput { occupancy: &occupancy, side, least, rough: asked.rough, sights };
+    let mut found = Level::find(of, first, context, &mut tried)?;
+    let how = How::Sign(Parted::of(&found, all - occupancy.occupied, sights));
+    let Level { signed, factor, .. } = &mut found;
+    let factor = *factor;
+    let level = factor.ilog2();
     let of_fall = slices_of_falls(slices, level, fall_from(factor, level), last_of);
     progress.expect(of_fall + AFTER_THE_FALL[0] * u64::from(slices));
     let mut levels: Vec<Occupancy> = Vec::new();
@@ -422,7 +380,7 @@ fn close_signed(
         levels.push(levels.last().unwrap_or(&occupancy).coarser(context)?);
     }
     let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
-    let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
+    let mut sides = Sides::signed(signed, factor, at(level), level, context)?;
     signed.sides = Vec::new();
     let membranes = Membranes::of(&signed.block, factor, &std::mem::take(&mut signed.near_membranes), context)?;
     let sheets = |level: u32| Sheets { block: &signed.block, walls: &signed.sheets, factor, level };
@@ -446,7 +404,6 @@ fn close_signed(
     progress.done(slices);
     let solid = solid.without_unresolved(&occupancy, context)?;
     progress.done(slices);
-    let how = How::Sign(Parted::of(&signed, factor, all - occupancy.occupied, sights));
     Ok(Closed { solid, occupancy, how, falls: level > 0, components: None, membranes, thickened })
 }
 
@@ -464,34 +421,6 @@ mod tests {
     /// All cells count, and the field tells the sides.
     const ASKED: ClosingOptions =
         ClosingOptions { seal: Sealing::Auto, window: None, keep_outliers: true, min_component: None, rough: false };
-
-    /// Cells of points at random on a sphere, of which one half has so many times fewer.
-    fn sphere(cells: Cell, points: usize, sparser: f64, numbers: &mut TestRng) -> BTreeSet<Cell> {
-        let [middle, radius] = [f64::from(cells[0]) / 2.0, f64::from(cells[0]) / 2.0 - 3.0];
-        let mut out = BTreeSet::new();
-        for _ in 0..points {
-            let way: [f64; 3] = loop {
-                let way: [f64; 3] = std::array::from_fn(|_| numbers.random_range(-1.0..1.0));
-                let length = way.iter().map(|c| c * c).sum::<f64>().sqrt();
-                if (0.1..1.0).contains(&length) {
-                    break way.map(|c| c / length);
-                }
-            };
-            if way[0] < 0.0 || numbers.random_range(0.0..1.0) * sparser < 1.0 {
-                out.insert(way.map(|c| (middle + radius * c) as u32));
-            }
-        }
-        out
-    }
-
-    /// What the field says on a level, as docs/algorithm.md has it, section 5.6: whether the outside leaks in, and whether it is sealed.
-    fn judged(signed: &Signed) -> [bool; 2] {
-        let in_fifty = |number: u64| number * 50 >= signed.walls;
-        let sparse = 8 * signed.where_outside[1] >= signed.where_outside[0];
-        let leaks = sparse && (!signed.open.is_empty() || in_fifty(signed.part_outside));
-        let sealed = signed.open.is_empty() && signed.filled.is_empty() && !in_fifty(signed.part_nothing);
-        [leaks, sealed]
-    }
 
     /// Points at random on a block and on thin fins that stand on it, turned: cells of 1.37 sampling distances.
     fn finned(turn: &[[f64; 3]; 3], between: f64, numbers: &mut TestRng) -> (BTreeSet<Cell>, Vec<Cell>) {
@@ -560,33 +489,5 @@ mod tests {
             });
         }
         assert!(wrong.is_empty(), "{wrong:?}");
-    }
-
-    #[test]
-    #[ignore = "exhaustive"]
-    fn the_level_that_is_taken_is_the_one_that_the_rule_names() {
-        let cells = [96; 3];
-        let mut taken = BTreeSet::new();
-        for seed in 0..8u8 {
-            let mut numbers = TestRng::from_seed(RngAlgorithm::ChaCha, &[seed; 32]);
-            let sparser = [1.0, 4.0, 9.0, 16.0][usize::from(seed) % 4];
-            let occupied = sphere(cells, 60_000, sparser, &mut numbers);
-            with_context(cells, |context| {
-                let occupancy = || Occupancy::of_cells(occupied.iter().copied(), cells, context).unwrap();
-                let halves: BTreeSet<Cell> = occupied.iter().map(|cell| cell.map(|c| c / 2)).collect();
-                let side = side_in_samples(occupied.len() as f64 / halves.len() as f64);
-                let factor = (COARSE / side).ceil() as u32;
-                let found = |factor| Signed::find(Seen::of(&occupancy(), factor, context).unwrap(), context).unwrap();
-                let first = found(factor);
-                let others = [2, 3, 4].map(|times| times * factor).into_iter().filter(|factor| 96 / factor >= 16);
-                let sealed = others.filter(|_| judged(&first)[0]).find(|factor| judged(&found(*factor))[1]);
-                let expected = Parted::of(&sealed.map_or(first, found), sealed.unwrap_or(factor), 0, None);
-
-                let closed = close(occupancy(), 1.0, ASKED, context, |_, _| ()).unwrap();
-                assert_eq!(closed.how, How::Sign(expected), "seed {seed}");
-                taken.insert(sealed.map(|sealed| sealed / factor));
-            });
-        }
-        assert!(taken.len() > 1 && taken.contains(&None), "no sphere needed coarser cells: {taken:?}");
     }
 }

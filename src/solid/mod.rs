@@ -15,6 +15,7 @@ pub mod exterior;
 mod growth;
 pub mod heightfield;
 pub mod isolated;
+pub(crate) mod level;
 pub mod membranes;
 pub mod prongs;
 pub mod reopen;

@@ -51,13 +51,24 @@ impl Block {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn of(occupancy: &Occupancy, factor: u32) -> Result<(Block, Vec<bool>)> {
-        let block = Block::new(occupancy.cells.map(|c| c.div_ceil(factor)));
+        Block::of_slices(occupancy, factor, 0..occupancy.cells[1].div_ceil(factor))
+    }
+
+    /// The same for some slices of the level; the padding holds what is occupied of those beside them.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn of_slices(occupancy: &Occupancy, factor: u32, slices: Range<u32>) -> Result<(Block, Vec<bool>)> {
+        let [width, _, rows] = occupancy.cells.map(|c| c.div_ceil(factor));
+        let block = Block::new([width, slices.len() as u32, rows]);
         let mut occupied = vec![false; block.size()];
         let mut runs = Runs::default();
-        for y in 0..occupancy.cells[1] {
+        let below = (slices.start * factor).saturating_sub(PAD as u32 * factor);
+        for y in below..occupancy.cells[1].min((slices.end + PAD as u32) * factor) {
             occupancy.store.read(y, &mut runs)?;
+            let slice = (y / factor) as usize + PAD - slices.start as usize;
             for z in 0..runs.row_count() {
-                let first = block.index([0, (y / factor) as usize, (z / factor) as usize]);
+                let first = (slice * block.rows + (z / factor) as usize + PAD) * block.width + PAD;
                 for run in runs.row(z) {
                     let cells = (run.start / factor) as usize..run.end.div_ceil(factor) as usize;
                     occupied[first + cells.start..first + cells.end].fill(true);

@@ -26,6 +26,7 @@
 
 mod block;
 mod distance;
+mod doubles;
 mod field;
 mod membrane;
 mod normal;
@@ -44,6 +45,7 @@ use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
 
 pub use self::block::{Block, PAD, Side};
+pub use self::doubles::Doubles;
 use self::field::Field;
 use self::normal::Wall;
 use self::sheet::Sheet;
@@ -125,6 +127,10 @@ pub struct Signed {
     pub walls: u64,
     /// How many of them are double: the occupied cells near them lie farther across them than those of one plane do, as where two walls lie near each other.
     pub doubles: u64,
+    /// How many of them are so thick that they may be two.
+    pub thick: u64,
+    /// How many cells have no side, as they lie in pieces.
+    pub pieces: usize,
     /// How many of them have the same side on both sides.
     pub part_nothing: u64,
     /// How many of these have the outside there.
@@ -182,6 +188,7 @@ impl Signed {
         context.account.field(bytes_of_block(&block, walls.len() as u64, context.workers.threads() as u64));
         let mut two_sided = normal::two_sided(&block, &occupied, &walls);
         let doubles = normal::doubles(&block, &occupied, &two_sided);
+        let thick = two_sided.iter().filter(|wall| normal::is_thick(&block, &occupied, wall)).count() as u64;
         let seen = Cells { block: &block, occupied: &occupied, emptied: &emptied, are_wide: factor > 1 };
         let (mut sides, lined) = Signed::sides_and_lined(seen, &mut two_sided, &doubles, context)?;
         context.workers.between_steps();
@@ -204,6 +211,8 @@ impl Signed {
             emptied,
             walls: two_sided.len() as u64,
             doubles: doubles.iter().filter(|is_double| **is_double).count() as u64,
+            thick,
+            pieces: sides.iter().filter(|side| **side == Side::Unknown).count(),
             part_nothing,
             part_outside,
             membranes,
@@ -336,9 +345,17 @@ fn bytes_held(block: &Block, walls: u64) -> u64 {
     block.size() as u64 * CELL_HELD + walls * WALL_HELD
 }
 
-/// The most memory that finding the sides of a grid of so many cells takes.
+/// The most memory that finding the sides of a grid of so many cells takes, but for a finer level.
 pub fn bytes(cells: Cell) -> u64 {
-    block_cells(cells) * CELL
+    (block_cells(cells) * CELL).max(doubles::bytes(cells))
+}
+
+/// The most memory that finding the sides takes on a level of such a grid whose cells are taken together by `factor`, of which so many are occupied.
+pub fn bytes_of_level(cells: Cell, factor: u32, occupied: u64, threads: usize) -> u64 {
+    let block = Block::new(cells.map(|c| c.div_ceil(factor)));
+    // Of each wall, the cells beside it are lined: two or three.
+    let judging = bytes_held(&block, occupied) + support::bytes(block.size() as u64, 3 * occupied);
+    bytes_of_block(&block, occupied, threads as u64).max(judging).max(outliers::bytes(block.cells, occupied))
 }
 
 /// The most memory that looking along lines of sight takes before that, and beside blocks of points.
@@ -348,7 +365,11 @@ pub fn sights_bytes(cells: Cell) -> u64 {
 
 /// The cells of the finest block of a grid.
 fn block_cells(cells: Cell) -> u64 {
-    let factor = cells.into_iter().max().unwrap_or(1).div_ceil(LONGEST).max(1);
+    cells_of_level(cells, cells.into_iter().max().unwrap_or(1).div_ceil(LONGEST).max(1))
+}
+
+/// The cells of the block of a level of such a grid whose cells are taken together by `factor`, padding included.
+pub fn cells_of_level(cells: Cell, factor: u32) -> u64 {
     cells.into_iter().map(|c| u64::from(c.div_ceil(factor)) + 2 * PAD as u64).product()
 }
 

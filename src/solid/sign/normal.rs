@@ -77,6 +77,35 @@ pub fn doubles(block: &Block, occupied: &[bool], walls: &[Wall]) -> Vec<bool> {
     walls.par_iter().with_min_len(TOGETHER).map(is_double).collect()
 }
 
+/// A wall is *thick* if the cells from its one side to the other spread across it by more than the cells of one plane do, by this, in cells. No plane's do, however it lies;
+/// of two planes 1 to 2 cells apart, one wall in five or more is thick.
+pub(super) const THICK: f64 = 0.3;
+
+/// Whether the occupied cells along a wall's normal, from the last one before its one side to the last one before the other, are too many for one plane.
+///
+/// ```text
+///   b  #  #  #  #  a      the last cells before a and b: their middles lie no farther apart, along n, than a plane's cells are wide, |n_x| + |n_y| + |n_z|
+///      ^-------^
+/// ```
+pub fn is_thick(block: &Block, occupied: &[bool], wall: &Wall) -> bool {
+    let normal = wall.normal.map(f64::from);
+    let strides = block.strides();
+    let last = |sign: f64| {
+        let mut last = 0.0;
+        for half in 2..=REACH {
+            let steps = normal.map(|n| (sign * f64::from(half) / 2.0 * n).round());
+            let step: isize = (0..3).map(|a| steps[a] as isize * strides[a]).sum();
+            if !occupied[wall.cell.wrapping_add_signed(step as i32) as usize] {
+                break;
+            }
+            last = (0..3).map(|a| steps[a] * normal[a]).sum::<f64>();
+        }
+        last
+    };
+    let width: f64 = normal.iter().map(|c| c.abs()).sum();
+    last(1.0) - last(-1.0) > width + THICK
+}
+
 /// The rows of a ball whose radius is less than three cells.
 struct Rows {
     /// For each row: its slice and row counted from the middle, the step to its own middle, and the bits of its cells as [`Block::five`] has them.

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::super::block::Block;
-use super::super::normal::{DOUBLE, NEAR, Wall, doubles, two_sided};
+use super::super::normal::{DOUBLE, NEAR, Wall, doubles, is_thick, two_sided};
 use super::{Numbers, dot, marked, numbers_of};
 
 const SIDE: usize = 21;
@@ -96,6 +96,46 @@ proptest! {
         }
         let share = f64::from(double) / f64::from(all);
         prop_assert!(if apart == 0.0 { share < 0.05 } else { share > 0.3 }, "{double} of {all}");
+    }
+
+    /// A wall is thick if the occupied cells along its normal spread by more than one plane's. Of one plane none is, however it lies and whatever is missing; of two planes whose cells
+    /// touch, or are the same, many are.
+    #[test]
+    fn walls_are_thick_where_two_of_them_have_no_cell_between(
+        seed in any::<u64>(),
+        apart in prop_oneof![Just(0.0), 1.1f64..1.7],
+        missing in 0.0f64..0.2,
+    ) {
+        let mut numbers = Numbers::new(seed);
+        let normal = numbers.direction();
+        let block = Block::new([SIDE as u32; 3]);
+        let width: f64 = normal.iter().map(|c| c.abs()).sum();
+        let passed = |cell: &[usize; 3]| (height(*cell, normal, 0.0).abs() - apart / 2.0).abs() <= width / 2.0;
+        let occupied = marked(&block, |cell| passed(cell) && numbers.part() >= missing);
+        let (mut thick, mut all) = (0, 0);
+        for wall in walls_of(&block, &occupied) {
+            let cell = block.cell(wall.cell as usize);
+            if !cell.into_iter().all(|c| (4..SIDE - 4).contains(&c)) {
+                continue;
+            }
+            let across = wall.normal.map(f64::from);
+            // What a line along the normal meets before the first free cell.
+            let before = |way: f64| {
+                let met = (2..=8).map(|half| across.map(|c| (way * f64::from(half) / 2.0 * c).round()));
+                let met = met.take_while(|step| {
+                    occupied[block.index([0, 1, 2].map(|a| (cell[a] as i64 + step[a] as i64) as usize))]
+                });
+                met.last().map_or(0.0, |step| dot(step, across))
+            };
+            let width: f64 = across.iter().map(|c| c.abs()).sum();
+            let more = before(1.0) - before(-1.0) - width - 0.3;
+            let told = is_thick(&block, &occupied, &wall);
+            prop_assert!(more.abs() < 1e-4 || told == (more > 0.0), "{more}");
+            thick += u32::from(told);
+            all += 1;
+        }
+        let share = f64::from(thick) / f64::from(all);
+        prop_assert!(if apart == 0.0 { share < 0.01 } else { share > 0.01 }, "{thick} of {all}");
     }
 
     /// The sides are free, opposite, and the first free ones on their half of the line.
