@@ -1168,7 +1168,7 @@ fn a_pipe_is_closed_over_its_ends_and_not_called_sealed() {
     assert!(answer.err.contains("\nclosing  not sealed: "), "{}", answer.err);
 }
 
-/// Points at random on both sides of a spherical shell that is .065 thick, or on a sphere alone.
+/// Points at random on both sides of a spherical shell, or on a sphere alone.
 fn shell(points: usize, thickness: f64) -> String {
     let mut state = 1u64;
     let mut part = || {
@@ -1189,12 +1189,12 @@ fn shell(points: usize, thickness: f64) -> String {
     lines.join("\n")
 }
 
-/// The level's cells take the two walls of a shell for one that is two sampling distances thick, and so its void for the inside.
+/// The level's cells take the two walls of a shell that is two sampling distances thick for one, and so its void for the inside.
 #[test]
 fn a_shell_that_is_too_thin_for_its_void_to_be_seen_is_not_called_sealed() {
     let f = Folder::new();
     f.write("ball.xyz", shell(30_000, 0.0));
-    f.write("shell.xyz", shell(30_000, 0.065));
+    f.write("shell.xyz", shell(120_000, 0.018));
     f.ok("ball.xyz -o ball.ply --report ball.json");
     let ball = &report(&f, "ball.json")["closing"];
     assert_eq!((&ball["sealed"], &ball["unresolved"]), (&true.into(), &serde_json::Value::Null), "{ball}");
@@ -1205,7 +1205,10 @@ fn a_shell_that_is_too_thin_for_its_void_to_be_seen_is_not_called_sealed() {
     let [level, cell] = [&closing["unresolved"], &report["grid"]["cell_size"]].map(|side| side.as_f64().unwrap());
     let cells = level / cell;
     assert!(cells >= 0.999 && (cells - cells.round()).abs() < 1e-6, "{cells} cells");
-    assert!(told.contains("\nclosing  closed, with slots, voids or walls that may be too narrow to be seen\n"), "{told}");
+    assert!(
+        told.contains("\nclosing  closed, with slots, voids or walls that may be too narrow to be seen\n"),
+        "{told}"
+    );
     assert!(told.contains("warning: not sealed: slots, voids or walls are hardly wider than "), "{told}");
 }
 

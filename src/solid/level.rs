@@ -118,6 +118,10 @@ impl Level {
             for coarser in [2, 3, 4].map(|times| times * factor).into_iter().filter(|factor| longest / factor >= 16) {
                 let found = Level::of(signed(coarser, None)?, coarser);
                 if Parted::of(&found, 0, sights).is_sealed() {
+                    // What would seal is two walls taken for one.
+                    if level.is_unresolved || found.is_unresolved {
+                        break;
+                    }
                     return Ok(found);
                 }
             }
@@ -265,8 +269,9 @@ mod tests {
         let sampled = (1.1 / side).ceil() as u32;
         let factor = sampled.max(longest.div_ceil(128));
         let found = |factor| Signed::find(Seen::of(&occupancy, factor, context).unwrap(), context).unwrap();
+        let is_thick = |signed: &Signed| signed.thick as f64 > 0.03 * signed.walls as f64;
         let parted = |signed: Signed, factor, is_unresolved: bool| {
-            let is_unresolved = is_unresolved || signed.thick as f64 > 0.03 * signed.walls as f64;
+            let is_unresolved = is_unresolved || is_thick(&signed);
             (factor, Parted::of(&Level { signed, factor, is_unresolved }, 0, None))
         };
         let first = found(factor);
@@ -276,6 +281,9 @@ mod tests {
         {
             let found = found(coarser);
             if judged(&found)[1] {
+                if is_thick(&first) || is_thick(&found) {
+                    break;
+                }
                 return parted(found, coarser, false);
             }
         }
@@ -288,8 +296,7 @@ mod tests {
             let rise = counted.doubles as f64 / counted.walls as f64 - signed.doubles as f64 / signed.walls as f64;
             signed.pieces >= 100 || rise > 0.02
         };
-        if !is_too_coarse(&first) && first.thick as f64 <= 0.03 * first.walls as f64 && first.doubles * 2 < first.walls
-        {
+        if !is_too_coarse(&first) && !is_thick(&first) && first.doubles * 2 < first.walls {
             return parted(first, factor, false);
         }
         let room =
@@ -299,8 +306,9 @@ mod tests {
             let part = |signed: &Signed, of: u64| of as f64 / signed.walls as f64;
             let nothing = [&found, &first].map(|signed| part(signed, signed.part_nothing));
             let thick = [&found, &first].map(|signed| part(signed, signed.thick));
-            let is_worse = |[new, old]: [f64; 2], few: f64| new > few && new > old;
-            if !judged(&found)[0] && !is_worse(nothing, 0.02 - 1e-12) && !is_worse(thick, 0.03) {
+            let parts = nothing[0] * 50.0 < 1.0 || nothing[0] <= nothing[1];
+            let is_thicker = thick[0] > 0.03 && thick[0] > thick[1];
+            if !judged(&found)[0] && parts && !is_thicker {
                 let is_unresolved = is_too_coarse(&found);
                 return parted(found, finer, is_unresolved);
             }
