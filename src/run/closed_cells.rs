@@ -213,7 +213,7 @@ pub(super) fn closed_cells<T: Coordinate>(
         progress.set_total(total);
         progress.set(done);
     };
-    let closed = match &settings.open {
+    let mut closed = match &settings.open {
         None => {
             let sights = Sights::of(cloud, grid);
             close::close_seen(occupancy, grid.cell_size(), asked, sights.as_ref(), context, done)?
@@ -238,6 +238,12 @@ pub(super) fn closed_cells<T: Coordinate>(
         }
         false => None,
     };
+    // Noise makes walls thick and double, too.
+    if let How::Sign(parted) = &mut closed.how
+        && shell.is_some_and(|shell| shell.is_noisy())
+    {
+        parted.unresolved = None;
+    }
     let without_specks = |solid: Solid| match settings.min_component.filter(|_| signed) {
         Some(least) => solid.without_specks_of_outside(least, context),
         None => Ok(solid),
