@@ -1194,7 +1194,7 @@ fn shell(points: usize, thickness: f64) -> String {
 fn a_shell_that_is_too_thin_for_its_void_to_be_seen_is_not_called_sealed() {
     let f = Folder::new();
     f.write("ball.xyz", shell(30_000, 0.0));
-    f.write("shell.xyz", shell(120_000, 0.018));
+    f.write("shell.xyz", shell(150_000, 0.027));
     f.ok("ball.xyz -o ball.ply --report ball.json");
     let ball = &report(&f, "ball.json")["closing"];
     assert_eq!((&ball["sealed"], &ball["unresolved"]), (&true.into(), &serde_json::Value::Null), "{ball}");
