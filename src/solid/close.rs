@@ -25,7 +25,7 @@ use crate::solid::membranes::Membranes;
 use crate::solid::seal;
 use crate::solid::seal::Pyramid;
 use crate::solid::sign;
-use crate::solid::sign::{Patch, Seen, Sights};
+use crate::solid::sign::{Patch, SEALED, Seen, Sights};
 use crate::solid::thicken::Sheets;
 use crate::solid::watershed;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
@@ -135,9 +135,6 @@ pub struct PartingNothing {
     /// Its box, in cells of the grid.
     pub cells: [[f64; 3]; 2],
 }
-
-/// A body is not sealed if one wall in so many parts nothing.
-pub(super) const SEALED: u64 = 50;
 
 impl Parted {
     pub(super) fn of(level: &Level, outliers: u64, sights: Option<&Sights<'_>>) -> Parted {

@@ -11,9 +11,8 @@ use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
-use crate::solid::close::{Parted, SEALED};
 use crate::solid::sign;
-use crate::solid::sign::{Doubles, Seen, Sights, Signed};
+use crate::solid::sign::{Doubles, SEALED, Seen, Sights, Signed};
 
 /// The side of the cells that the field is looked for on, in sampling distances, at the least.
 pub(crate) const COARSE: f64 = 1.1;
@@ -117,7 +116,7 @@ impl Level {
         if level.leaks() {
             for coarser in [2, 3, 4].map(|times| times * factor).into_iter().filter(|factor| longest / factor >= 16) {
                 let found = Level::of(signed(coarser, None)?, coarser);
-                if Parted::of(&found, 0, sights).is_sealed() {
+                if found.signed.is_sealed() {
                     // What would seal is two walls taken for one.
                     if level.is_unresolved || found.is_unresolved {
                         break;
@@ -197,7 +196,7 @@ mod tests {
     use crate::grid::slice::{Bits, Runs};
     use crate::run::testing::with_context;
     use crate::settings::closing::Sealing;
-    use crate::solid::close::{ClosingOptions, How, close};
+    use crate::solid::close::{ClosingOptions, How, Parted, close};
 
     /// All cells count, and the field tells the sides.
     const ASKED: ClosingOptions =

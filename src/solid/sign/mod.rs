@@ -171,7 +171,15 @@ impl Patch {
     }
 }
 
+/// A body is not sealed if one wall in so many parts nothing.
+pub const SEALED: u64 = 50;
+
 impl Signed {
+    /// Whether the samples part inside and outside everywhere: no patch of walls has the same side on both of its sides, and of all walls less than two in a hundred have.
+    pub fn is_sealed(&self) -> bool {
+        self.open.is_empty() && self.filled.is_empty() && SEALED * self.part_nothing < self.walls
+    }
+
     /// Finds the sides on a level.
     ///
     /// # Errors
