@@ -9,8 +9,9 @@ use asra_stream::internals::run::testing::with_context;
 use asra_stream::internals::settings::closing::Least;
 use asra_stream::internals::settings::closing::Sealing;
 use asra_stream::internals::solid::Solid;
-use asra_stream::internals::solid::close::{ClosingOptions, How, Parted, close};
+use asra_stream::internals::solid::close::{ClosingOptions, How, close};
 use asra_stream::internals::solid::component::keep;
+use asra_stream::internals::solid::parted::Parted;
 use rand::{RngExt, SeedableRng};
 
 /// The cells of a sphere's surface, without those nearer than `hole` to its top.

@@ -1168,13 +1168,18 @@ fn a_pipe_is_closed_over_its_ends_and_not_called_sealed() {
     assert!(answer.err.contains("\nclosing  not sealed: "), "{}", answer.err);
 }
 
-/// Points at random on both sides of a spherical shell, or on a sphere alone.
-fn shell(points: usize, thickness: f64) -> String {
+/// Numbers from 0 to 1 that look random.
+fn parts() -> impl FnMut() -> f64 {
     let mut state = 1u64;
-    let mut part = || {
+    move || {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (state >> 33) as f64 / f64::from(1u32 << 31)
-    };
+    }
+}
+
+/// Points at random on both sides of a spherical shell, or on a sphere alone.
+fn shell(points: usize, thickness: f64) -> String {
+    let mut part = parts();
     let mut lines = Vec::new();
     while lines.len() < points {
         let way = [(); 3].map(|()| 2.0 * part() - 1.0);
@@ -1197,19 +1202,50 @@ fn a_shell_that_is_too_thin_for_its_void_to_be_seen_is_not_called_sealed() {
     f.write("shell.xyz", shell(150_000, 0.027));
     f.ok("ball.xyz -o ball.ply --report ball.json");
     let ball = &report(&f, "ball.json")["closing"];
-    assert_eq!((&ball["sealed"], &ball["unresolved"]), (&true.into(), &serde_json::Value::Null), "{ball}");
+    assert_eq!((&ball["sealed"], &ball["too_wide"]), (&true.into(), &serde_json::Value::Null), "{ball}");
     let told = f.ok("shell.xyz -o shell.ply --report shell.json -v").err;
     let report = report(&f, "shell.json");
     let closing = &report["closing"];
     assert_eq!((&closing["sealed"], &closing["parted"]), (&false.into(), &true.into()), "{closing}");
-    let [level, cell] = [&closing["unresolved"], &report["grid"]["cell_size"]].map(|side| side.as_f64().unwrap());
+    let [level, cell] = [&closing["too_wide"], &report["grid"]["cell_size"]].map(|side| side.as_f64().unwrap());
     let cells = level / cell;
     assert!(cells >= 0.999 && (cells - cells.round()).abs() < 1e-6, "{cells} cells");
     assert!(
         told.contains("\nclosing  closed, with slots, voids or walls that may be too narrow to be seen\n"),
         "{told}"
     );
-    assert!(told.contains("warning: not sealed: slots, voids or walls are hardly wider than "), "{told}");
+    assert!(told.contains("warning: not sealed: some slots, voids or walls are hardly wider than "), "{told}");
+}
+
+/// Points at random on boxes within each other, of these half sides.
+fn boxes(halves: &[[f64; 3]]) -> String {
+    let mut part = parts();
+    let mut lines = String::new();
+    for half in halves {
+        for a in 0..3 {
+            let [b, c] = [(a + 1) % 3, (a + 2) % 3];
+            for _ in 0..(14.0 * half[b] * half[c]) as usize {
+                let mut p = half.map(|half| half * (2.0 * part() - 1.0));
+                p[a] = half[a].copysign(p[a]);
+                lines += &format!("{:.5} {:.5} {:.5}\n", p[0], p[1], p[2]);
+            }
+        }
+    }
+    lines
+}
+
+/// A void that is four cells wide needs finer cells, which only shows while cells are closed.
+#[test]
+fn a_budget_without_room_for_finer_cells_is_refused_with_one_that_does() {
+    let f = Folder::new();
+    f.write("b.xyz", boxes(&[0.0, 6.0, 10.5].map(|inwards| [65.0, 20.0, 20.0].map(|half: f64| half - inwards))));
+    f.ok("b.xyz -o roomy.ply --report r.json");
+    let told = report(&f, "r.json");
+    assert_eq!((&told["check"]["components"], &told["closing"]["too_wide"]), (&3.into(), &serde_json::Value::Null));
+    let refused = f.fails("b.xyz -o b.ply --max-memory 14M", 71, &["narrow slots or shells"]);
+    let figure = refused.err.split("pass --max-memory ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    f.ok(&format!("b.xyz -o b.ply --max-memory {figure}"));
+    assert!(f.read("b.ply") == f.read("roomy.ply"), "the budget changes the mesh");
 }
 
 /// Makes meshes of knots that differ by their seeds alone, k.bin, until one's report is as asked; gives that and what was told. Which one that is depends on every width.

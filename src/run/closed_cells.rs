@@ -242,7 +242,7 @@ pub(super) fn closed_cells<T: Coordinate>(
     if let How::Sign(parted) = &mut closed.how
         && shell.is_some_and(|shell| shell.is_noisy())
     {
-        parted.unresolved = None;
+        parted.too_wide = None;
     }
     let without_specks = |solid: Solid| match settings.min_component.filter(|_| signed) {
         Some(least) => solid.without_specks_of_outside(least, context),

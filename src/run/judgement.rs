@@ -31,7 +31,7 @@ impl Report {
         self.closing.sealed = !self.closing.ends
             && self.closing.parted
             && self.closing.narrow_handles == 0
-            && self.closing.unresolved.is_none()
+            && self.closing.too_wide.is_none()
             && self.closing.steady != Some(false)
             && self.closing.over_holes() < MUCH_BRIDGED;
         self.warnings = self.find_warnings();
@@ -129,6 +129,17 @@ impl Report {
     }
 }
 
+/// What is wrong where slots, voids or walls are too narrow for cells of this side.
+fn narrow_slots(side: f64) -> Warning {
+    Warning::new(
+        format!(
+            "not sealed: some slots, voids or walls are hardly wider than {}, the side of the cells that tell inside from outside; they may be filled or missing",
+            short(side)
+        ),
+        "--bounds, for a part of the cloud, makes these cells finer, as far as the samples allow",
+    )
+}
+
 impl Closing {
     /// The part of the surface that bridges holes: the larger of what the mesh shows, and of what the level shows that tells inside and outside apart. Where samples lie many cells apart,
     /// hardly any place of a hole is far from all of them in the mesh's measure.
@@ -150,20 +161,8 @@ impl Closing {
             let side = |a: usize| format!("{} to {}", short(bounds.min[a]), short(bounds.max[a]));
             format!("x {}, y {}, z {}", side(0), side(1), side(2))
         };
-        if self.parted
-            && self.narrow_handle.is_none()
-            && let Some(side) = self.unresolved
-        {
-            return Some(Warning::new(
-                format!(
-                    "not sealed: slots, voids or walls are hardly wider than {}, as wide as the cells that inside and outside are told apart on; some may be filled",
-                    short(side)
-                ),
-                "--bounds cuts out a part of the cloud, whose cells are finer",
-            ));
-        }
         if self.parted {
-            let widest = self.narrow_handle.as_ref()?;
+            let Some(widest) = &self.narrow_handle else { return self.too_wide.map(narrow_slots) };
             let (handles, place) = match (self.narrow_handles, self.narrow_reopened) {
                 (1, false) => ("a handle of the mesh is".to_owned(), "in"),
                 (many, false) => (format!("{} handles of the mesh are", thousands(many)), "the widest in"),

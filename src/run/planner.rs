@@ -125,6 +125,7 @@ impl MemoryPlan {
         let mut left = budget.saturating_sub(process);
         // Kept in memory only what leaves the passes the larger part, and twice the least: a slab may turn out to have more faces than
         // expected, and the budget that is then named must not be eaten up by what it would allow to keep.
+        // A finer level may be needed, too, which no least budget has.
         let spare = (2 * (Self::least(workload, threads) - process)).max(deciding_finer(workload) + BESIDE);
         let (keepable, kept) = already.unwrap_or_else(|| {
             let slices = workload.slice_bytes().max(1 << 20) * 3 / 2;
@@ -189,11 +190,11 @@ impl MemoryPlan {
         check.within(self.working).bytes() + FILLING * jobs_of_all(self.threads) <= self.working
     }
 
-    /// Asks for so many bytes, of which it only turns out while cells are closed that `what` needs them.
+    /// Checks that the passes have so many bytes. That `what` needs them may only turn out while cells are closed.
     ///
     /// # Errors
-    /// [`Error::Budget`] if the passes have less, with a budget that would do.
-    pub fn grant(&self, bytes: u64, what: &'static str) -> Result<()> {
+    /// [`Error::Budget`] if they have less, with a budget that would do.
+    pub fn require(&self, bytes: u64, what: &'static str) -> Result<()> {
         if bytes <= self.working {
             return Ok(());
         }
@@ -323,10 +324,10 @@ pub(super) fn deciding(workload: &Workload) -> u64 {
     if workload.columns.is_some() {
         return 0;
     }
-    let factor = workload.cells.into_iter().max().unwrap_or(1).div_ceil(sign::LONGEST).max(1);
+    let factor = sign::least_factor(workload.cells, sign::LONGEST);
     let finest = workload.cells.map(|cells| cells.div_ceil(factor));
-    let known = workload.field_found();
-    sign::bytes(workload.cells_of_level()).max(sign::outliers::bytes(finest, workload.points)).max(known)
+    let outliers = sign::outliers::bytes(finest, workload.points);
+    sign::bytes(workload.cells_of_level()).max(outliers).max(workload.field_found())
 }
 
 /// Bytes of a finer level, if the cells turn out to need one; a surface that is not closed needs none.

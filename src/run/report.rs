@@ -24,9 +24,10 @@ use crate::settings::simplification::{Simplification, Tolerance};
 use crate::settings::surface::{Fit, SurfaceOptions};
 use crate::settings::{Fineness, Settings};
 use crate::simplify::Figures;
-use crate::solid::close::{How, PartingNothing, Sighted};
+use crate::solid::close::How;
 use crate::solid::component::Components;
 use crate::solid::heightfield::ColumnCounts as Columns;
+use crate::solid::parted::{PartingNothing, Sighted};
 use crate::stitch::counts::Counts;
 use crate::stitch::reach::SeamReport;
 use crate::surface::thickness::Shell;
@@ -197,8 +198,8 @@ pub struct Closing {
     pub open: Vec<PatchReport>,
     /// Patches that have the inside on both sides, the largest first: slots and folds that were filled.
     pub filled: Vec<PatchReport>,
-    /// The side of the cells that inside and outside were told apart on, if slots, fins or shells are too narrow for them.
-    pub unresolved: Option<f64>,
+    /// The side of the cells that inside and outside were told apart on, if they are too wide for slots, fins or shells.
+    pub too_wide: Option<f64>,
     /// Cells left out as outliers.
     pub outlier_cells: u64,
     /// Handles that are two cells wide or less, so that nobody can tell whether they are the object's. They are counted where samples part inside and outside everywhere.
@@ -370,10 +371,10 @@ impl Closing {
             patches.iter().take(MOST_PATCHES).map(report).collect()
         };
         let is_parted = parted.is_some_and(|parted| parted.is_sealed());
-        let unresolved = parted.and_then(|parted| parted.unresolved).map(|cells| f64::from(cells) * grid.cell_size());
+        let too_wide = parted.and_then(|parted| parted.too_wide).map(|cells| f64::from(cells) * grid.cell_size());
         Closing {
             radius,
-            sealed: is_parted && made.narrow.count == 0 && unresolved.is_none(),
+            sealed: is_parted && made.narrow.count == 0 && too_wide.is_none(),
             parted: is_parted,
             ends: false,
             steady: None,
@@ -382,7 +383,7 @@ impl Closing {
             part_nothing: parted.map_or(0.0, |parted| parted.part_nothing as f64 / walls),
             open: parted.map_or_else(Vec::new, |parted| patches(&parted.open)),
             filled: parted.map_or_else(Vec::new, |parted| patches(&parted.filled)),
-            unresolved,
+            too_wide,
             outlier_cells: parted.map_or(0, |parted| parted.outliers),
             narrow_handles: made.narrow.count,
             narrow_reopened: made.narrow.reopened,

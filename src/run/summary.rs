@@ -13,8 +13,8 @@ use crate::run::report::{Closing, FitReport, GridReport, OutputReport, Report};
 use crate::settings::open::Kind;
 use crate::settings::surface::Fit;
 use crate::simplify::Figures;
-use crate::solid::close::Sighted;
 use crate::solid::component::Components;
+use crate::solid::parted::Sighted;
 use crate::stitch::counts::Counts;
 
 impl Report {
@@ -194,7 +194,7 @@ impl Closing {
             None if self.parted && self.narrow_handles > 0 => {
                 format!("closed, with handles that may not be the object's: {}", thousands(self.narrow_handles))
             }
-            None if self.parted && self.unresolved.is_some() => {
+            None if self.parted && self.too_wide.is_some() => {
                 "closed, with slots, voids or walls that may be too narrow to be seen".to_owned()
             }
             None if self.parted => {

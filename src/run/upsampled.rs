@@ -26,7 +26,8 @@ use crate::run::surveyed::{Surveyed, Upsampled, survey_cloud};
 use crate::run::workload::Workload;
 use crate::settings::closing::Sealing;
 use crate::settings::{Fineness, Resolution, Settings};
-use crate::solid::close::{How, Parted};
+use crate::solid::close::How;
+use crate::solid::parted::Parted;
 use crate::solid::winding::{self, Sampled};
 use crate::storage::spool::Workspace;
 

@@ -20,12 +20,13 @@ use crate::solid::Solid;
 use crate::solid::component;
 use crate::solid::component::Components;
 use crate::solid::heightfield;
-use crate::solid::level::{Level, LevelInput, side_in_samples};
+use crate::solid::level::{self, Level, side_in_samples};
 use crate::solid::membranes::Membranes;
+use crate::solid::parted::Parted;
 use crate::solid::seal;
 use crate::solid::seal::Pyramid;
 use crate::solid::sign;
-use crate::solid::sign::{Patch, SEALED, Seen, Sights};
+use crate::solid::sign::{Seen, Sights, Signed};
 use crate::solid::thicken::Sheets;
 use crate::solid::watershed;
 use crate::solid::watershed::{LAST, LAST_COARSE, Sides};
@@ -92,92 +93,6 @@ pub enum How {
     Ball(ClosingBall),
     /// By the sign of a field.
     Sign(Parted),
-}
-
-/// What the walls part: the occupied cells that have free cells on both sides, on the level that the field was found on.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Parted {
-    /// How many there are.
-    pub walls: u64,
-    /// How many are double ([`Signed::doubles`]).
-    pub doubles: u64,
-    /// How many have the inside on both sides, or the outside.
-    pub part_nothing: u64,
-    /// Cells of membranes, where inside and outside meet and no wall is near: what holes are closed with.
-    pub membranes: u64,
-    /// Patches with the outside on both sides, the largest first.
-    pub open: Vec<PartingNothing>,
-    /// Patches with the inside on both sides, the largest first.
-    pub filled: Vec<PartingNothing>,
-    /// Occupied cells left out as outliers.
-    pub outliers: u64,
-    /// What lines of sight said, if any is known.
-    pub sighted: Option<Sighted>,
-    /// The side of that level's cells, in cells of the grid, if slots, fins or shells are too narrow for them.
-    pub unresolved: Option<u32>,
-}
-
-/// What lines of sight said.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(not(feature = "internals"), non_exhaustive)]
-pub struct Sighted {
-    /// Places that points were scanned from.
-    pub places: usize,
-    /// The part of the box's cells that lines of sight go through, so that they are outside.
-    pub emptied: f64,
-}
-
-/// A patch of walls that part nothing.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct PartingNothing {
-    /// Number of its walls.
-    pub walls: u64,
-    /// Its box, in cells of the grid.
-    pub cells: [[f64; 3]; 2],
-}
-
-impl Parted {
-    pub(super) fn of(level: &Level, outliers: u64, sights: Option<&Sights<'_>>) -> Parted {
-        let Level { signed, factor, is_unresolved } = level;
-        let patch = |patch: &Patch| {
-            let [low, high] = patch.cells;
-            let scale = f64::from(*factor);
-            PartingNothing {
-                walls: patch.walls,
-                cells: [low.map(|c| c as f64 * scale), high.map(|c| (c + 1) as f64 * scale)],
-            }
-        };
-        let cells: u64 = signed.block.cells.into_iter().map(u64::from).product();
-        let emptied = signed.emptied as f64 / cells as f64;
-        let sighted = sights.map(|sights| Sighted { places: sights.places(), emptied });
-        Parted {
-            walls: signed.walls,
-            doubles: signed.doubles,
-            part_nothing: signed.part_nothing,
-            membranes: signed.membranes,
-            open: signed.open.iter().map(patch).collect(),
-            filled: signed.filled.iter().map(patch).collect(),
-            outliers,
-            sighted,
-            unresolved: is_unresolved.then_some(*factor),
-        }
-    }
-
-    /// The part of the border between inside and outside that is membranes, on that level.
-    pub fn spanned(&self) -> f64 {
-        self.membranes as f64 / (self.walls + self.membranes).max(1) as f64
-    }
-
-    /// Whether the level's cells tell the surface's walls apart: fewer than half of the walls are double.
-    pub fn is_resolved(&self) -> bool {
-        2 * self.doubles < self.walls
-    }
-
-    /// Whether the mesh encloses the inside: the samples part inside and outside everywhere. No patch of walls has the same side on both of its
-    /// sides, and of all walls less than two in a hundred have.
-    pub fn is_sealed(&self) -> bool {
-        self.open.is_empty() && self.filled.is_empty() && SEALED * self.part_nothing < self.walls
-    }
 }
 
 /// The passes over the slices that closing takes, and who is told of them.
@@ -341,8 +256,7 @@ fn close_signed(
     progress: &mut Passes,
 ) -> Result<Closed> {
     let slices = occupancy.cells[1];
-    let longest = occupancy.cells.into_iter().max().unwrap_or(1);
-    let least = longest.div_ceil(if asked.rough { sign::ROUGH } else { sign::LONGEST });
+    let least = sign::least_factor(occupancy.cells, if asked.rough { sign::ROUGH } else { sign::LONGEST });
     let first = Seen::of(&occupancy, least, context)?;
     let all = occupancy.occupied;
     // It serves as the level that the field is found on, if that has the same cells.
@@ -355,29 +269,40 @@ fn close_signed(
     let last = ((BALL / side).powi(2) as u32).clamp(LAST, 64);
     let fall_from = |factor: u32, level: u32| (factor >> level).max(1).pow(2);
     let last_of = |l: u32| if l > 0 { LAST_COARSE.max(last >> (2 * l)) } else { last };
-    // The field's passes, of which there may be more with other cells, and those of the fall.
-    let mut tried = |factor: u32, is_done: bool| {
+    let sampled = level::least_sampled(side, occupancy.cells);
+    let mut first = first.filter(|_| sampled <= least);
+    // There are passes over the slices for each level that is tried, and then those of the fall from the level that is taken.
+    let after = |factor: u32| {
         let level = factor.ilog2();
-        let of_fall = slices_of_falls(slices, level, fall_from(factor, level), last_of);
-        match is_done {
-            false => progress.expect(u64::from(slices) + of_fall + AFTER_THE_FALL[0] * u64::from(slices)),
-            true => progress.done(slices),
-        }
+        slices_of_falls(slices, level, fall_from(factor, level), last_of) + AFTER_THE_FALL[0] * u64::from(slices)
     };
-    let of = LevelInput { occupancy: &occupancy, side, least, rough: asked.rough, sights };
-    let mut found = Level::find(of, first, context, &mut tried)?;
-    let how = How::Sign(Parted::of(&found, all - occupancy.occupied, sights));
-    let Level { signed, factor, .. } = &mut found;
-    let factor = *factor;
+    let find = &mut |factor: u32| {
+        progress.expect(u64::from(slices) + after(factor));
+        let seen = match first.take() {
+            Some(first) => first,
+            None => Seen::of(&occupancy, factor, context)?,
+        };
+        let signed = Signed::find(seen.with_sights(sights, factor, context)?, context)?;
+        progress.done(slices);
+        Ok(signed)
+    };
+    let Level { mut signed, factor, is_too_wide } = match asked.rough {
+        true => Level::at(sampled.max(least), find)?,
+        false => Level::find(&occupancy, sampled, find, context)?,
+    };
+    let how = How::Sign(Parted {
+        outliers: all - occupancy.occupied,
+        too_wide: is_too_wide.then_some(factor),
+        ..Parted::of(&signed, factor, sights)
+    });
+    progress.expect(after(factor));
     let level = factor.ilog2();
-    let of_fall = slices_of_falls(slices, level, fall_from(factor, level), last_of);
-    progress.expect(of_fall + AFTER_THE_FALL[0] * u64::from(slices));
     let mut levels: Vec<Occupancy> = Vec::new();
     while (levels.len() as u32) < level {
         levels.push(levels.last().unwrap_or(&occupancy).coarser(context)?);
     }
     let at = |l: u32| if l == 0 { &occupancy } else { &levels[l as usize - 1] };
-    let mut sides = Sides::signed(signed, factor, at(level), level, context)?;
+    let mut sides = Sides::signed(&signed, factor, at(level), level, context)?;
     signed.sides = Vec::new();
     let membranes = Membranes::of(&signed.block, factor, &std::mem::take(&mut signed.near_membranes), context)?;
     let sheets = |level: u32| Sheets { block: &signed.block, walls: &signed.sheets, factor, level };

@@ -4,15 +4,18 @@
 //!
 //! ```text
 //!   the outside leaks in between samples ──────────────────► cells of 2, 3, 4 times the side: the first that seals
-//!   slots, fins or shells hardly wider than its cells ─────► finer cells, as many as there is room for
+//!   they are too wide for slots, fins or shells ───────────► finer cells, as far as the samples and FINER_CELLS allow
 //! ```
+
+use std::ops::Range;
 
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
+use crate::solid::parted::{Parted, SEALED};
 use crate::solid::sign;
-use crate::solid::sign::{Doubles, SEALED, Seen, Sights, Signed};
+use crate::solid::sign::{Signed, WallCount};
 
 /// The side of the cells that the field is looked for on, in sampling distances, at the least.
 pub(crate) const COARSE: f64 = 1.1;
@@ -42,38 +45,26 @@ pub(crate) fn side_in_samples(filling: f64) -> f64 {
     r0 + (r1 - r0) * ((filling - f0) / (f1 - f0)).clamp(0.0, 1.0)
 }
 
+/// The least factor that the sampling allows, where the side of a grid's cell is `side` sampling distances.
+pub(super) fn least_sampled(side: f64, cells: Cell) -> u32 {
+    let longest = cells.into_iter().max().unwrap_or(1);
+    (COARSE / side).ceil().min(f64::from(longest / 8).max(1.0)) as u32
+}
+
 /// Cells of the level in pieces without a side: with so many, its walls cut slots or fins to pieces.
 const PIECES: usize = 100;
 
-/// Walls of which a larger part, by this, is double on finer cells were taken together for one: of edges and noise the part falls.
+/// If the part of walls that are double is larger by this on finer cells, walls were taken together for one: of edges the part falls.
 const MORE_DOUBLES: f64 = 0.02;
 
 /// If this part of the walls is thick, walls were taken together for one. Of bodies whose walls lie three cells apart one in fifty is, of two layers two cells apart one in twenty-five.
 const MANY_THICK: f64 = 0.03;
-
-/// The most cells along any axis of a finer level.
-const FINER_LONGEST: u32 = 2 * sign::LONGEST;
 
 /// The most cells of a finer level, padding included: its field takes about 35 bytes for each.
 const FINER_CELLS: u64 = 6_500_000;
 
 /// For a plan, one cell in so many is a wall.
 const MOST_WALLS: u64 = 6;
-
-/// What a level is chosen for.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct LevelInput<'a> {
-    /// The occupied cells that count.
-    pub occupancy: &'a Occupancy,
-    /// The side of their cells in sampling distances.
-    pub side: f64,
-    /// How many of them are taken together at the least, along every axis.
-    pub least: u32,
-    /// Whether a rough answer will do, and no other cells are tried.
-    pub rough: bool,
-    /// What lines of sight say.
-    pub sights: Option<&'a Sights<'a>>,
-}
 
 /// The level that was chosen.
 #[derive(Debug)]
@@ -82,72 +73,64 @@ pub(super) struct Level {
     pub signed: Signed,
     /// How many of the grid's cells are taken together along every axis.
     pub factor: u32,
-    /// Whether slots, fins or shells are too narrow for its cells, and samples or room are too few for finer ones.
-    pub is_unresolved: bool,
+    /// Whether its cells are too wide for slots, fins or shells, and samples or room are too few for finer ones.
+    pub is_too_wide: bool,
 }
 
 impl Level {
-    /// Finds the level, and the sides on it. `first` is the level of the least factor, if it is known. `tried` is told when a level's sides are going to be found and when they are.
+    /// Finds the level for these cells, and the sides on it. `sampled` is the least factor that their sampling allows; `signed` finds the sides for a factor.
     ///
     /// # Errors
-    /// [`crate::Error::Budget`] if finer cells are needed and take more than the budget has; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
+    /// [`crate::Error::Budget`] if finer cells are needed and take more than the budget has; those of `signed`; [`crate::Error::Io`]; [`crate::Error::Interrupted`].
     pub(super) fn find(
-        of: LevelInput<'_>,
-        first: Option<Seen>,
+        occupancy: &Occupancy,
+        sampled: u32,
+        signed: &mut dyn FnMut(u32) -> Result<Signed>,
         context: &Context,
-        tried: &mut dyn FnMut(u32, bool),
     ) -> Result<Level> {
-        let LevelInput { occupancy, side, least, rough, sights } = of;
-        let longest = occupancy.cells.into_iter().max().unwrap_or(1);
-        let sampled = (COARSE / side).ceil().min(f64::from(longest / 8).max(1.0)) as u32;
-        let factor = sampled.max(least);
-        let mut signed = |factor: u32, seen: Option<Seen>| {
-            tried(factor, false);
-            let seen = seen.map_or_else(|| Seen::of(occupancy, factor, context), Ok)?;
-            let signed = Signed::find(seen.with_sights(sights, factor, context)?, context)?;
-            tried(factor, true);
-            Ok::<_, crate::Error>(signed)
-        };
-        let first = first.filter(|_| factor == least);
-        let mut level = Level::of(signed(factor, first)?, factor);
-        if rough {
-            return Ok(level);
-        }
-        if level.leaks() {
-            for coarser in [2, 3, 4].map(|times| times * factor).into_iter().filter(|factor| longest / factor >= 16) {
-                let found = Level::of(signed(coarser, None)?, coarser);
-                if found.signed.is_sealed() {
-                    // What would seal is two walls taken for one.
-                    if level.is_unresolved || found.is_unresolved {
+        let cells = occupancy.cells;
+        let longest = cells.into_iter().max().unwrap_or(1);
+        let first = Level::at(sampled.max(sign::least_factor(cells, sign::LONGEST)), signed)?;
+        if first.leaks() {
+            let coarser = [2, 3, 4].map(|times| times * first.factor);
+            for factor in coarser.into_iter().filter(|factor| longest / factor >= 16) {
+                let found = Level::at(factor, signed)?;
+                if Parted::of(&found.signed, factor, None).is_sealed() {
+                    // What seals may be two walls that are taken for one.
+                    if first.is_too_wide || found.is_too_wide {
                         break;
                     }
                     return Ok(found);
                 }
             }
         }
-        let finest = sampled.max(longest.div_ceil(FINER_LONGEST)).max(1);
-        if finest >= factor {
-            return Ok(level);
+        let finest = sampled.max(sign::least_factor(cells, sign::FINER_LONGEST));
+        if finest >= first.factor {
+            return Ok(first);
         }
-        let doubles = Doubles::of(occupancy, finest, context)?;
-        level.is_unresolved |= level.is_too_coarse(doubles) || 2 * level.signed.doubles >= level.signed.walls;
-        let has_room = |factor: &u32| sign::cells_of_level(occupancy.cells, *factor) <= FINER_CELLS;
-        let Some(finer) = (finest..factor).find(has_room).filter(|_| level.is_unresolved) else { return Ok(level) };
-        let bytes = sign::bytes_of_level(occupancy.cells, finer, doubles.occupied, context.workers.threads());
-        context
-            .memory
-            .grant(bytes + level.signed.sides.len() as u64, "telling the walls of narrow slots or shells apart")?;
-        let mut found = Level::of(signed(finer, None)?, finer);
-        if found.leaks() || !found.parts_as_well(&level) {
-            return Ok(level);
+        let walls = WallCount::of(occupancy, finest, context)?;
+        let is_too_wide =
+            first.is_too_wide || first.misses_walls(walls) || 2 * first.signed.doubles >= first.signed.walls;
+        let first = Level { is_too_wide, ..first };
+        let Some(factor) = finer(cells, finest..first.factor).filter(|_| is_too_wide) else { return Ok(first) };
+        let bytes = sign::bytes_of_level(cells, factor, walls.occupied, context.workers.threads());
+        let held = first.signed.sides.len() as u64;
+        context.memory.require(bytes + held, "telling the walls of narrow slots or shells apart")?;
+        let found = Level::at(factor, signed)?;
+        if found.leaks() || !found.parts_as_well(&first) {
+            return Ok(first);
         }
-        found.is_unresolved |= found.is_too_coarse(doubles);
-        Ok(found)
+        Ok(Level { is_too_wide: found.is_too_wide || found.misses_walls(walls), ..found })
     }
 
-    fn of(signed: Signed, factor: u32) -> Level {
-        let is_unresolved = signed.thick as f64 > MANY_THICK * signed.walls as f64;
-        Level { signed, factor, is_unresolved }
+    /// A level, judged by itself.
+    ///
+    /// # Errors
+    /// Those of `signed`.
+    pub(super) fn at(factor: u32, signed: &mut dyn FnMut(u32) -> Result<Signed>) -> Result<Level> {
+        let signed = signed(factor)?;
+        let is_too_wide = signed.thick as f64 > MANY_THICK * signed.walls as f64;
+        Ok(Level { signed, factor, is_too_wide })
     }
 
     /// Whether the outside gets in where the sampling is uneven, as the cells are too fine for a part of it. Slots that are filled only fill more on coarser ones, and so
@@ -162,27 +145,33 @@ impl Level {
     /// Whether the walls part as well as on another level: few of them part nothing, and few are thick, or no more of them than there. Of two layers of points that do not fit, finer cells
     /// make walls within a body. Where they are still as wide as slots, some slots are a wall and some are not, which is worse than none.
     fn parts_as_well(&self, other: &Level) -> bool {
-        let part = |level: &Level, of: u64| of as f64 / level.signed.walls.max(1) as f64;
-        let [nothing, nothing_there] = [self, other].map(|level| part(level, level.signed.part_nothing));
-        let [thick, thick_there] = [self, other].map(|level| part(level, level.signed.thick));
-        (nothing * (SEALED as f64) < 1.0 || nothing <= nothing_there) && (thick <= MANY_THICK || thick <= thick_there)
+        let nothing = |level: &Level| part(level.signed.part_nothing, level.signed.walls);
+        let thick = |level: &Level| part(level.signed.thick, level.signed.walls);
+        let parts = SEALED * self.signed.part_nothing < self.signed.walls || nothing(self) <= nothing(other);
+        parts && (thick(self) <= MANY_THICK || thick(self) <= thick(other))
     }
 
-    /// Whether finer cells, whose walls are `finer`, show slots, fins or shells that these cells are too wide for.
-    fn is_too_coarse(&self, finer: Doubles) -> bool {
-        let part = |doubles: u64, walls: u64| doubles as f64 / walls.max(1) as f64;
+    /// Whether finer cells, whose walls are `finer`, show slots, fins or shells that these cells do not.
+    fn misses_walls(&self, finer: WallCount) -> bool {
         let here = part(self.signed.doubles, self.signed.walls);
         self.signed.pieces >= PIECES || part(finer.doubles, finer.walls) > here + MORE_DOUBLES
     }
 }
 
-/// The most memory that finer cells take, in bytes, for a plan: it is asked for only where there are narrow slots or shells.
+fn part(of: u64, walls: u64) -> f64 {
+    of as f64 / walls.max(1) as f64
+}
+
+/// The first of these factors whose level is small enough.
+fn finer(cells: Cell, mut factors: Range<u32>) -> Option<u32> {
+    factors.find(|factor| sign::cells_of_level(cells, *factor) <= FINER_CELLS)
+}
+
+/// The most memory that finer cells take, in bytes, for a plan: they are only asked for where there are narrow slots or shells.
 pub(crate) fn bytes_of_finer(cells: Cell) -> u64 {
-    let longest = cells.into_iter().max().unwrap_or(1);
-    let [least, factor] =
-        [FINER_LONGEST, sign::LONGEST].map(|longest_of_level| longest.div_ceil(longest_of_level).max(1));
-    let finer = (least..factor).find(|factor| sign::cells_of_level(cells, *factor) <= FINER_CELLS);
-    finer.map_or(0, |finer| sign::bytes_of_level(cells, finer, sign::cells_of_level(cells, finer) / MOST_WALLS, 1))
+    let [finest, first] = [sign::FINER_LONGEST, sign::LONGEST].map(|longest| sign::least_factor(cells, longest));
+    let bytes = |factor: u32| sign::bytes_of_level(cells, factor, sign::cells_of_level(cells, factor) / MOST_WALLS, 1);
+    finer(cells, finest..first).map_or(0, bytes)
 }
 
 #[cfg(test)]
@@ -196,7 +185,8 @@ mod tests {
     use crate::grid::slice::{Bits, Runs};
     use crate::run::testing::with_context;
     use crate::settings::closing::Sealing;
-    use crate::solid::close::{ClosingOptions, How, Parted, close};
+    use crate::solid::close::{ClosingOptions, How, close};
+    use crate::solid::sign::Seen;
 
     /// All cells count, and the field tells the sides.
     const ASKED: ClosingOptions =
@@ -259,7 +249,7 @@ mod tests {
         [leaks, sealed]
     }
 
-    /// The level, as that section has it: its factor, whether it is unresolved, and what the walls part.
+    /// The level, as that section has it: its factor, and what its walls part.
     fn named(occupied: &BTreeSet<Cell>, cells: Cell, context: &Context) -> (u32, Parted) {
         let occupancy = Occupancy::of_cells(occupied.iter().copied(), cells, context).unwrap();
         let halves: BTreeSet<Cell> = occupied.iter().map(|cell| cell.map(|c| c / 2)).collect();
@@ -269,9 +259,9 @@ mod tests {
         let factor = sampled.max(longest.div_ceil(128));
         let found = |factor| Signed::find(Seen::of(&occupancy, factor, context).unwrap(), context).unwrap();
         let is_thick = |signed: &Signed| signed.thick as f64 > 0.03 * signed.walls as f64;
-        let parted = |signed: Signed, factor, is_unresolved: bool| {
-            let is_unresolved = is_unresolved || is_thick(&signed);
-            (factor, Parted::of(&Level { signed, factor, is_unresolved }, 0, None))
+        let parted = |signed: Signed, factor, is_too_wide: bool| {
+            let too_wide = (is_too_wide || is_thick(&signed)).then_some(factor);
+            (factor, Parted { too_wide, ..Parted::of(&signed, factor, None) })
         };
         let first = found(factor);
         let leaks = judged(&first)[0];
@@ -290,12 +280,12 @@ mod tests {
         if finest >= factor {
             return parted(first, factor, false);
         }
-        let counted = Doubles::of(&occupancy, finest, context).unwrap();
-        let is_too_coarse = |signed: &Signed| {
+        let counted = WallCount::of(&occupancy, finest, context).unwrap();
+        let misses_walls = |signed: &Signed| {
             let rise = counted.doubles as f64 / counted.walls as f64 - signed.doubles as f64 / signed.walls as f64;
             signed.pieces >= 100 || rise > 0.02
         };
-        if !is_too_coarse(&first) && !is_thick(&first) && first.doubles * 2 < first.walls {
+        if !misses_walls(&first) && !is_thick(&first) && first.doubles * 2 < first.walls {
             return parted(first, factor, false);
         }
         let room =
@@ -308,8 +298,8 @@ mod tests {
             let parts = nothing[0] * 50.0 < 1.0 || nothing[0] <= nothing[1];
             let is_thicker = thick[0] > 0.03 && thick[0] > thick[1];
             if !judged(&found)[0] && parts && !is_thicker {
-                let is_unresolved = is_too_coarse(&found);
-                return parted(found, finer, is_unresolved);
+                let is_too_wide = misses_walls(&found);
+                return parted(found, finer, is_too_wide);
             }
         }
         parted(first, factor, true)

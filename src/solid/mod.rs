@@ -17,6 +17,7 @@ pub mod heightfield;
 pub mod isolated;
 pub(crate) mod level;
 pub mod membranes;
+pub mod parted;
 pub mod prongs;
 pub mod reopen;
 pub mod seal;

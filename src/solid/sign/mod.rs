@@ -19,14 +19,13 @@
 //! ball may not fit, and u may rise above 0 there. What is inside of a body is lined by its walls; what merely lies before a dome or on a floor is
 //! bare on its other side. So where too much of a component's border is bare, a smaller ball rolls in, until what is left is lined or gone (`support.rs`).
 //!
-//! All of that happens on one level of the pyramid, whose cells are held whole: at most [`LONGEST`] along any axis, so that its memory is bounded.
+//! All of that happens on one level of the pyramid, whose cells are held whole: at most [`LONGEST`] along any axis, more where [`crate::solid::level`] says so, so that its memory is bounded.
 //! What is finer is decided where it is seen, by [`crate::solid::watershed`].
 //!
 //! Source: the idea that an unsigned distance can be given signs by a Laplacian is that of P. Mullen et al., *Signing the Unsigned* (2010).
 
 mod block;
 mod distance;
-mod doubles;
 mod field;
 mod membrane;
 mod normal;
@@ -38,6 +37,7 @@ mod support;
 mod system;
 #[cfg(test)]
 pub(crate) mod tests;
+mod wall_count;
 
 use crate::error::Result;
 use crate::grid::Cell;
@@ -45,15 +45,18 @@ use crate::grid::context::Context;
 use crate::grid::occupancy::Occupancy;
 
 pub use self::block::{Block, PAD, Side};
-pub use self::doubles::Doubles;
 use self::field::Field;
 use self::normal::Wall;
 use self::sheet::Sheet;
 pub use self::sheet::SheetWall;
 pub use self::sights::Sights;
+pub use self::wall_count::WallCount;
 
-/// The most cells along any axis of a level that is held whole.
+/// The most cells along any axis of a level that is held whole, where slots, voids and shells are not narrow.
 pub const LONGEST: u32 = 128;
+
+/// The most where they are.
+pub const FINER_LONGEST: u32 = 256;
 
 /// The most of them where a rough answer will do.
 pub const ROUGH: u32 = 48;
@@ -171,15 +174,7 @@ impl Patch {
     }
 }
 
-/// A body is not sealed if one wall in so many parts nothing.
-pub const SEALED: u64 = 50;
-
 impl Signed {
-    /// Whether the samples part inside and outside everywhere: no patch of walls has the same side on both of its sides, and of all walls less than two in a hundred have.
-    pub fn is_sealed(&self) -> bool {
-        self.open.is_empty() && self.filled.is_empty() && SEALED * self.part_nothing < self.walls
-    }
-
     /// Finds the sides on a level.
     ///
     /// # Errors
@@ -355,7 +350,7 @@ fn bytes_held(block: &Block, walls: u64) -> u64 {
 
 /// The most memory that finding the sides of a grid of so many cells takes, but for a finer level.
 pub fn bytes(cells: Cell) -> u64 {
-    (block_cells(cells) * CELL).max(doubles::bytes(cells))
+    (block_cells(cells) * CELL).max(wall_count::bytes(cells))
 }
 
 /// The most memory that finding the sides takes on a level of such a grid whose cells are taken together by `factor`, of which so many are occupied.
@@ -373,7 +368,12 @@ pub fn sights_bytes(cells: Cell) -> u64 {
 
 /// The cells of the finest block of a grid.
 fn block_cells(cells: Cell) -> u64 {
-    cells_of_level(cells, cells.into_iter().max().unwrap_or(1).div_ceil(LONGEST).max(1))
+    cells_of_level(cells, least_factor(cells, LONGEST))
+}
+
+/// How many of a grid's cells are taken together along every axis, at the least, so that a level has at most `longest` along any.
+pub fn least_factor(cells: Cell, longest: u32) -> u32 {
+    cells.into_iter().max().unwrap_or(1).div_ceil(longest).max(1)
 }
 
 /// The cells of the block of a level of such a grid whose cells are taken together by `factor`, padding included.

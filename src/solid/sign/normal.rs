@@ -38,12 +38,16 @@ pub struct Wall {
     pub weight: f32,
 }
 
+/// The steps from a wall along its normal (`sign` 1) or against it (-1), in whole cells, as far as its sides are looked for.
+fn steps(normal: [f64; 3], sign: f64) -> impl Iterator<Item = [i32; 3]> {
+    (2..=REACH).map(move |half| normal.map(|n| (sign * f64::from(half) / 2.0 * n).round() as i32))
+}
+
 /// Those of the occupied cells `walls` that have free cells on both sides, in their order. The work is dealt out to the pool that it is called in.
 pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
     let near = Rows::of_ball(block, NEAR.0);
     let wide: Vec<([i64; 3], isize)> =
         Block::ball(NEAR.1).into_iter().map(|d| (d.map(i64::from), block.step(d))).collect();
-    let strides = block.strides();
     let wall = |&cell: &u32| {
         let wall = cell as usize;
         let mut moments = Moments::of_rows(occupied, wall, &near);
@@ -52,10 +56,8 @@ pub fn two_sided(block: &Block, occupied: &[bool], walls: &[u32]) -> Vec<Wall> {
         }
         let normal = moments.normal();
         let side = |sign: f64| {
-            (2..=REACH).find_map(|half| {
-                let t = sign * f64::from(half) / 2.0;
-                let step: isize = (0..3).map(|a| (t * normal[a]).round() as isize * strides[a]).sum();
-                let cell = wall.checked_add_signed(step)?;
+            steps(normal, sign).find_map(|step| {
+                let cell = wall.checked_add_signed(block.step(step))?;
                 (!occupied[cell]).then_some(cell as u32)
             })
         };
@@ -89,18 +91,10 @@ pub(super) const THICK: f64 = 0.3;
 /// ```
 pub fn is_thick(block: &Block, occupied: &[bool], wall: &Wall) -> bool {
     let normal = wall.normal.map(f64::from);
-    let strides = block.strides();
     let last = |sign: f64| {
-        let mut last = 0.0;
-        for half in 2..=REACH {
-            let steps = normal.map(|n| (sign * f64::from(half) / 2.0 * n).round());
-            let step: isize = (0..3).map(|a| steps[a] as isize * strides[a]).sum();
-            if !occupied[wall.cell.wrapping_add_signed(step as i32) as usize] {
-                break;
-            }
-            last = (0..3).map(|a| steps[a] * normal[a]).sum::<f64>();
-        }
-        last
+        let is_occupied = |step: &[i32; 3]| occupied[(wall.cell as usize).wrapping_add_signed(block.step(*step))];
+        let last = steps(normal, sign).take_while(is_occupied).last().unwrap_or([0; 3]);
+        (0..3).map(|a| f64::from(last[a]) * normal[a]).sum::<f64>()
     };
     let width: f64 = normal.iter().map(|c| c.abs()).sum();
     last(1.0) - last(-1.0) > width + THICK

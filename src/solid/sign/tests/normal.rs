@@ -17,6 +17,23 @@ fn walls_of(block: &Block, occupied: &[bool]) -> Vec<Wall> {
     two_sided(block, occupied, &numbers_of(occupied))
 }
 
+/// Cells that two planes pass, so far apart, at any angle, without a part of them.
+fn two_planes(seed: u64, apart: f64, missing: f64) -> (Block, Vec<bool>) {
+    let mut numbers = Numbers::new(seed);
+    let normal = numbers.direction();
+    let block = Block::new([SIDE as u32; 3]);
+    // A plane passes as many cells as points on it lie in.
+    let width: f64 = normal.iter().map(|c| c.abs()).sum();
+    let passed = |cell: &[usize; 3]| (height(*cell, normal, 0.0).abs() - apart / 2.0).abs() <= width / 2.0;
+    let occupied = marked(&block, |cell| passed(cell) && numbers.part() >= missing);
+    (block, occupied)
+}
+
+/// Whether a cell lies so far from the block's border that nothing near it is cut off.
+fn is_amid(cell: [usize; 3]) -> bool {
+    cell.into_iter().all(|c| (4..SIDE - 4).contains(&c))
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
@@ -39,7 +56,7 @@ proptest! {
         };
         let walls = walls_of(&block, &occupied);
         // The plane's cells end at the border of the box; there a normal may be anything.
-        let inner = |cell: u32| block.cell(cell as usize).into_iter().all(|c| (4..SIDE - 4).contains(&c));
+        let inner = |cell: u32| is_amid(block.cell(cell as usize));
         let (mut found, mut straight) = (0, 0.0);
         for wall in walls.iter().filter(|wall| inner(wall.cell)) {
             let [a, b] = wall.sides.map(|side| height(block.cell(side as usize), normal, offset));
@@ -65,19 +82,13 @@ proptest! {
         apart in prop_oneof![Just(0.0), 1.4f64..2.0],
         missing in 0.0f64..0.2,
     ) {
-        let mut numbers = Numbers::new(seed);
-        let normal = numbers.direction();
-        let block = Block::new([SIDE as u32; 3]);
-        // Cells that a plane passes, as it does points.
-        let width: f64 = normal.iter().map(|c| c.abs()).sum();
-        let passed = |cell: &[usize; 3]| (height(*cell, normal, 0.0).abs() - apart / 2.0).abs() <= width / 2.0;
-        let occupied = marked(&block, |cell| passed(cell) && numbers.part() >= missing);
+        let (block, occupied) = two_planes(seed, apart, missing);
         let (mut double, mut all) = (0, 0);
         let walls = walls_of(&block, &occupied);
         let told = doubles(&block, &occupied, &walls);
         for (wall, is_double) in walls.into_iter().zip(told) {
             let cell = block.cell(wall.cell as usize);
-            if !cell.into_iter().all(|c| (4..SIDE - 4).contains(&c)) {
+            if !is_amid(cell) {
                 continue;
             }
             let across = wall.normal.map(f64::from);
@@ -106,16 +117,11 @@ proptest! {
         apart in prop_oneof![Just(0.0), 1.1f64..1.7],
         missing in 0.0f64..0.2,
     ) {
-        let mut numbers = Numbers::new(seed);
-        let normal = numbers.direction();
-        let block = Block::new([SIDE as u32; 3]);
-        let width: f64 = normal.iter().map(|c| c.abs()).sum();
-        let passed = |cell: &[usize; 3]| (height(*cell, normal, 0.0).abs() - apart / 2.0).abs() <= width / 2.0;
-        let occupied = marked(&block, |cell| passed(cell) && numbers.part() >= missing);
+        let (block, occupied) = two_planes(seed, apart, missing);
         let (mut thick, mut all) = (0, 0);
         for wall in walls_of(&block, &occupied) {
             let cell = block.cell(wall.cell as usize);
-            if !cell.into_iter().all(|c| (4..SIDE - 4).contains(&c)) {
+            if !is_amid(cell) {
                 continue;
             }
             let across = wall.normal.map(f64::from);
