@@ -1,4 +1,11 @@
-//! Parts of the solid and of what is not solid. Cavities that are specks are filled: what is shut off within the solid, and no larger than what is left out as a speck.
+//! Parts of the solid and of what is not solid. Cavities are what is shut off within the solid. Those that are specks are filled, as they are no larger than what is left out as a speck; and those that are bare, whatever their size:
+//!
+//! ```text
+//!    # # # # # # # # #       # occupied, + solid though no point lies there. A wedge is narrower than the field's cells: it is filled from
+//!          + + . . + + # #   where these tell its sides. Here and there in it, cells get no side from the field, and a ball finds the
+//!            # # # . + + +   outside beyond the lower wall. Such a bubble is lined by + mostly. What lies in a body's void is lined by #.
+//!                # # # # #
+//! ```
 //!
 //! ```text
 //!   # # # # # # #        . outside, # solid, o a speck of the outside: a stray in the body leaves one, or a few samples that lie
@@ -11,11 +18,13 @@ use bytemuck::{Pod, Zeroable};
 use crate::error::Result;
 use crate::grid::context::{Context, chunks};
 use crate::grid::label::{Components, Labeller, Measure, Parts};
-use crate::grid::slice::{Run, Runs};
+use crate::grid::occupancy::Occupancy;
+use crate::grid::slice::{Run, Runs, SliceStore};
 use crate::settings::closing::Least;
 use crate::solid::Solid;
 use crate::solid::change::Change;
 use crate::solid::component::FEW;
+use crate::solid::dents::{LinedSlices, Lining};
 
 /// The verdicts.
 const OPEN: u8 = 0;
@@ -37,7 +46,75 @@ impl Measure for Part {
     }
 }
 
+/// A run of cells that are not solid, or all that hangs together with it, and what lines it.
+#[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
+#[repr(C)]
+struct LinedPart {
+    part: Part,
+    lining: Lining,
+}
+
+impl Measure for LinedPart {
+    fn add(&mut self, other: &LinedPart) {
+        self.part.add(&other.part);
+        self.lining.add(&other.lining);
+    }
+}
+
+impl LinedPart {
+    /// Whether it is a cavity that hardly any point lines.
+    fn is_bare_cavity(&self) -> bool {
+        self.part.at_end == 0 && self.lining.is_bare()
+    }
+}
+
 impl Solid {
+    /// The solid with those cavities filled that hardly any point lines, as [`Solid::without_dents`] has it, with the same `thick`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], [`crate::Error::Interrupted`].
+    pub fn without_bare_cavities(
+        self,
+        thick: Option<&SliceStore>,
+        occupancy: &Occupancy,
+        context: &Context,
+    ) -> Result<Solid> {
+        let mut labeller = Labeller::new(context);
+        let mut jobs = chunks(self.cells[1]);
+        context.workers.in_order(
+            context.jobs(3, self.cells),
+            || Ok(jobs.next()),
+            |chunk| {
+                let mut around = LinedSlices::of(&self, thick, occupancy);
+                let (mut slices, mut parts) = (Vec::with_capacity(chunk.len()), Vec::new());
+                for y in chunk {
+                    around.slide_to(y.into())?;
+                    let free = self.free(y)?;
+                    for z in 0..free.row_count() {
+                        let lined = |run: &Run| LinedPart {
+                            part: self.part(y, z, *run),
+                            lining: around.lining(y.into(), z, *run),
+                        };
+                        parts.extend(free.row(z).iter().map(lined));
+                    }
+                    slices.push(free);
+                }
+                let mut parts = parts.into_iter();
+                Ok(Parts::of(slices, |_, _, _| parts.next().expect("every run is a part")))
+            },
+            |parts: Parts<LinedPart>| labeller.add(parts),
+        )?;
+        let mut any = false;
+        let labels = labeller.finish()?.judged(context, |part| {
+            any |= part.is_bare_cavity();
+            if part.is_bare_cavity() { FILLED } else { OPEN }
+        })?;
+        if !any {
+            return Ok(self);
+        }
+        self.changed(&labels, FILLED, Change::Filled, context)
+    }
+
     /// The solid with those cavities filled that have fewer cells than a component must have to be no speck, `least` and [`Least::Auto`] alike; but none, if all of these
     /// together are no few.
     ///
@@ -76,22 +153,32 @@ impl Solid {
             || Ok(jobs.next()),
             |chunk| {
                 let first = chunk.start;
-                let read = |y| {
-                    let mut runs = Runs::default();
-                    self.store.read(y, &mut runs)?;
-                    Ok(if solid { runs } else { between(&runs, self.cells[0]) })
-                };
+                let read = |y| if solid { self.runs(y) } else { self.free(y) };
                 let slices = chunk.map(read).collect::<Result<Vec<Runs>>>()?;
-                let [width, count, rows] = self.cells;
-                Ok(Parts::of(slices, |slice, z, Run { start, end }| {
-                    let y = first + slice as u32;
-                    let at_end = start == 0 || end == width || y == 0 || y + 1 == count || z == 0 || z + 1 == rows;
-                    Part { cells: u64::from(end - start), at_end: at_end.into() }
-                }))
+                Ok(Parts::of(slices, |slice, z, run| self.part(first + slice as u32, z, run)))
             },
             |parts: Parts<Part>| labeller.add(parts),
         )?;
         labeller.finish()
+    }
+
+    /// The runs of slice `y`.
+    fn runs(&self, y: u32) -> Result<Runs> {
+        let mut runs = Runs::default();
+        self.store.read(y, &mut runs)?;
+        Ok(runs)
+    }
+
+    /// The runs of cells of slice `y` that are not solid.
+    fn free(&self, y: u32) -> Result<Runs> {
+        Ok(between(&self.runs(y)?, self.cells[0]))
+    }
+
+    /// A run of row `z` of slice `y`.
+    fn part(&self, y: u32, z: u32, Run { start, end }: Run) -> Part {
+        let [width, slices, rows] = self.cells;
+        let at_end = start == 0 || end == width || y == 0 || y + 1 == slices || z == 0 || z + 1 == rows;
+        Part { cells: u64::from(end - start), at_end: at_end.into() }
     }
 }
 
@@ -173,8 +260,77 @@ mod tests {
         all().filter(|cell| !holes.contains(cell) || few && specks.contains(cell)).collect()
     }
 
+    /// A solid of some cells of the box.
+    fn solid_of(cells: impl Iterator<Item = Cell>, context: &Context) -> Solid {
+        let Occupancy { store, occupied, .. } = Occupancy::of_cells(cells, CELLS, context).unwrap();
+        Solid { cells: CELLS, store, volume: occupied, faces: vec![0; CELLS[1] as usize], ground: None }
+    }
+
+    /// Its cells.
+    fn cells_of(solid: &Solid) -> BTreeSet<Cell> {
+        let mut found = BTreeSet::new();
+        for y in 0..CELLS[1] {
+            let runs = solid.runs(y).unwrap();
+            for z in 0..CELLS[2] {
+                found.extend(runs.row(z).iter().flat_map(|run| (run.start..run.end).map(move |x| [x, y, z])));
+            }
+        }
+        assert_eq!(found.len() as u64, solid.volume);
+        found
+    }
+
+    /// Blocks of holes, which meet here and there.
+    fn blocks(seeds: Vec<([u32; 3], [u32; 3])>) -> BTreeSet<Cell> {
+        let held = |cell: &Cell, (low, size): &([u32; 3], [u32; 3])| {
+            (0..3).all(|a| (low[a]..low[a] + size[a]).contains(&cell[a]))
+        };
+        all().filter(|cell| seeds.iter().any(|block| held(cell, block))).collect()
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(40))]
+        #[test]
+        fn cavities_that_no_point_lines_are_filled_and_nothing_else(
+            seeds in prop::collection::vec(((1u32..14, 1u32..69, 1u32..13).prop_map(<[u32; 3]>::from), prop::array::uniform3(1u32..6)), 1..40),
+            shares in prop::collection::vec((0.0f64..0.6, 0.0f64..0.6), 7),
+            draws in prop::collection::vec(0.0f64..1.0, 97),
+        ) {
+            let holes = blocks(seeds);
+            // The shares of occupied and of thickened cells differ from one part of the box to the next.
+            let draw = |[x, y, z]: &Cell| draws[(7 * x + 31 * y + 5 * z) as usize % 97];
+            let of = |cell: &Cell| shares[cell[1] as usize / 10];
+            let marked = |from: &dyn Fn(&Cell) -> [f64; 2]| -> BTreeSet<Cell> {
+                all().filter(|cell| !holes.contains(cell) && draw(cell) >= from(cell)[0] && draw(cell) < from(cell)[1]).collect()
+            };
+            let occupied = marked(&|cell| [0.0, of(cell).0]);
+            let thick = if shares[0].0 < 0.5 { marked(&|cell| [of(cell).0, of(cell).0 + of(cell).1]) } else { BTreeSet::new() };
+            let mut expected: BTreeSet<Cell> = all().filter(|cell| !holes.contains(cell)).collect();
+            for cavity in parts(&holes).into_iter().filter(|part| !at_end(part)) {
+                let beside = cavity.iter().flat_map(|cell| {
+                    (0..6).map(move |side| {
+                        let mut next = *cell;
+                        next[side / 2] = next[side / 2].wrapping_add_signed(if side % 2 == 0 { 1 } else { -1 });
+                        next
+                    })
+                });
+                let (mut sampled, mut bare) = (0, 0);
+                for cell in beside.filter(|cell| !holes.contains(cell)) {
+                    sampled += u32::from(occupied.contains(&cell));
+                    bare += u32::from(!occupied.contains(&cell) && !thick.contains(&cell));
+                }
+                if 5 * sampled < 2 * bare {
+                    expected.extend(cavity);
+                }
+            }
+            let found = with_context(CELLS, |context| {
+                let solid = solid_of(all().filter(|cell| !holes.contains(cell)), context);
+                let occupancy = Occupancy::of_cells(occupied.iter().copied(), CELLS, context).unwrap();
+                let thick = (!thick.is_empty()).then(|| Occupancy::of_cells(thick.iter().copied(), CELLS, context).unwrap().store);
+                cells_of(&solid.without_bare_cavities(thick.as_ref(), &occupancy, context).unwrap())
+            });
+            prop_assert_eq!(found, expected);
+        }
+
         #[test]
         fn specks_of_the_outside_are_filled_and_nothing_else(
             seeds in prop::collection::vec((0u32..15, 0u32..70, 0u32..14, 0usize..3, 1u32..9), 1..150),
@@ -195,21 +351,9 @@ mod tests {
                 _ => u64::MAX,
             };
             let (pieces, found): (u64, BTreeSet<Cell>) = with_context(CELLS, |context| {
-                let solid = all().filter(|cell| !holes.contains(cell));
-                let Occupancy { store, occupied, .. } = Occupancy::of_cells(solid, CELLS, context).unwrap();
-                let solid = Solid { cells: CELLS, store, volume: occupied, faces: vec![0; 70], ground: None };
+                let solid = solid_of(all().filter(|cell| !holes.contains(cell)), context);
                 let pieces = solid.pieces(4, context).unwrap();
-                let filled = solid.without_specks_of_outside(least, context).unwrap();
-                let mut runs = Runs::default();
-                let mut found = BTreeSet::new();
-                for y in 0..CELLS[1] {
-                    filled.store.read(y, &mut runs).unwrap();
-                    for z in 0..CELLS[2] {
-                        found.extend(runs.row(z).iter().flat_map(|run| (run.start..run.end).map(move |x| [x, y, z])));
-                    }
-                }
-                assert_eq!(found.len() as u64, filled.volume);
-                (pieces, found)
+                (pieces, cells_of(&solid.without_specks_of_outside(least, context).unwrap()))
             });
             let cavities = parts(&holes).into_iter().filter(|part| part.len() >= 4 && !at_end(part)).count();
             prop_assert_eq!(pieces as usize, parts(&all().filter(|cell| !holes.contains(cell)).collect()).len() + cavities);

@@ -324,6 +324,11 @@ fn close_signed(
     let solid = if let Some(thickened) = &thickened { solid.with(thickened, context)? } else { solid };
     let solid = solid.without_dents(thickened.as_ref(), &occupancy, context)?;
     progress.done(slices);
+    // Where the field told every cell's side, each cavity is one that it found lined.
+    let solid = match level {
+        0 => solid,
+        _ => solid.without_bare_cavities(thickened.as_ref(), &occupancy, context)?,
+    };
     let solid = solid.without_unresolved(&occupancy, context)?;
     progress.done(slices);
     Ok(Closed { solid, occupancy, how, falls: level > 0, components: None, membranes, thickened })

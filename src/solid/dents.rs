@@ -50,9 +50,8 @@ impl Solid {
         )?;
         let mut any = false;
         let labels = labeller.finish()?.judged(context, |lining| {
-            let verdict = lining.verdict();
-            any |= verdict == FILLED;
-            verdict
+            any |= lining.is_bare();
+            if lining.is_bare() { FILLED } else { OPEN }
         })?;
         if !any {
             return Ok(self);
@@ -73,8 +72,8 @@ impl Solid {
         let [width, _, rows] = self.cells;
         let mut near_solid = padded.dilation(ball, slices.end + pad + ball.radius());
         let mut covered = padded.dilation(ball, slices.end + pad);
-        let mut around = [(); 2].map(|()| Window::new(3, || Bits::new(width, rows)));
-        let [mut solid, mut dent, mut thickened] = [(); 3].map(|()| Bits::new(width, rows));
+        let mut around = LinedSlices::of(self, thick, occupancy);
+        let [mut solid, mut dent] = [(); 2].map(|()| Bits::new(width, rows));
         let mut runs = Runs::default();
         let (mut held, mut linings) = (Vec::with_capacity(slices.len()), Vec::new());
         for y in slices.map(i64::from) {
@@ -88,16 +87,7 @@ impl Solid {
                 }
                 Ok(())
             })?;
-            let [telling, occupied] = &mut around;
-            telling.slide_to(y - 1, |y, bits| {
-                self.store.paint(y, bits, &mut runs)?;
-                if let Some(thick) = thick {
-                    thick.paint(y, &mut thickened, &mut runs)?;
-                    bits.and_not(&thickened);
-                }
-                Ok(())
-            })?;
-            occupied.slide_to(y - 1, |y, bits| occupancy.store.paint(y, bits, &mut runs))?;
+            around.slide_to(y)?;
             self.store.paint(y, &mut solid, &mut runs)?;
             dent.clear();
             for z in 0..rows {
@@ -108,12 +98,55 @@ impl Solid {
             }
             let dent = Runs::from_bits(&dent);
             for z in 0..rows {
-                linings.extend(dent.row(z).iter().map(|run| Lining::of(&around, y, z, *run)));
+                linings.extend(dent.row(z).iter().map(|run| around.lining(y, z, *run)));
             }
             held.push(dent);
         }
         let mut linings = linings.into_iter();
         Ok(Parts::of(held, |_, _, _| linings.next().expect("every run has its lining")))
+    }
+}
+
+/// The slices that line what is not solid, a few at a time.
+pub(super) struct LinedSlices<'a> {
+    solid: &'a SliceStore,
+    thick: Option<&'a SliceStore>,
+    occupied: &'a SliceStore,
+    /// The solid cells that tell, and the occupied ones.
+    around: [Window<Bits>; 2],
+    thickened: Bits,
+    runs: Runs,
+}
+
+impl LinedSlices<'_> {
+    /// Those of a solid; the cells that sheets were thickened by tell nothing.
+    pub(super) fn of<'a>(solid: &'a Solid, thick: Option<&'a SliceStore>, occupancy: &'a Occupancy) -> LinedSlices<'a> {
+        let [width, _, rows] = solid.cells;
+        let around = [(); 2].map(|()| Window::new(3, || Bits::new(width, rows)));
+        let thickened = Bits::new(width, rows);
+        LinedSlices { solid: &solid.store, thick, occupied: &occupancy.store, around, thickened, runs: Runs::default() }
+    }
+
+    /// Goes on to slice `y`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub(super) fn slide_to(&mut self, y: i64) -> Result<()> {
+        let LinedSlices { solid, thick, occupied, around: [telling, samples], thickened, runs } = self;
+        telling.slide_to(y - 1, |y, bits| {
+            solid.paint(y, bits, runs)?;
+            if let Some(thick) = thick {
+                thick.paint(y, thickened, runs)?;
+                bits.and_not(thickened);
+            }
+            Ok(())
+        })?;
+        samples.slide_to(y - 1, |y, bits| occupied.paint(y, bits, runs))
+    }
+
+    /// The lining of a run of row `z` of slice `y`.
+    pub(super) fn lining(&self, y: i64, z: u32, run: Run) -> Lining {
+        Lining::of(&self.around, y, z, run)
     }
 }
 
@@ -175,10 +208,10 @@ impl Lining {
         5 * self.sampled >= 3 * (self.sampled + self.bare)
     }
 
-    /// Less than two sampled faces in seven: found by trying, from .3 to .67 sampled faces for each bare one. With .67, concavities of the horse are
+    /// Whether hardly any of it was: less than two sampled faces in seven, found by trying, from .3 to .67 sampled faces for each bare one. With .67, concavities of the horse are
     /// filled (mean squared error .069 instead of .035).
-    fn verdict(&self) -> u8 {
-        if 5 * self.sampled < 2 * self.bare { FILLED } else { OPEN }
+    pub(super) fn is_bare(&self) -> bool {
+        5 * self.sampled < 2 * self.bare
     }
 }
 
