@@ -1,16 +1,20 @@
-//! Parts of the solid and of what is not solid. Cavities are what is shut off within the solid. Those that are specks are filled, as they are no larger than what is left out as a speck; and those that are bare, whatever their size:
+//! Parts of the solid and of what is not solid. *Cavities* are what is shut off within the solid. Two kinds are filled.
 //!
-//! ```text
-//!    # # # # # # # # #       # occupied, + solid though no point lies there. A wedge is narrower than the field's cells: it is filled from
-//!          + + . . + + # #   where these tell its sides. Here and there in it, cells get no side from the field, and a ball finds the
-//!            # # # . + + +   outside beyond the lower wall. Such a bubble is lined by + mostly. What lies in a body's void is lined by #.
-//!                # # # # #
-//! ```
+//! Specks are no larger than what is left out as a speck of the solid:
 //!
 //! ```text
 //!   # # # # # # #        . outside, # solid, o a speck of the outside: a stray in the body leaves one, or a few samples that lie
 //!   # # o # # # # .      astray of their wall. Nothing tells it from noise, and the surface would have a piece more, inside.
 //!   # # # # # # #
+//! ```
+//!
+//! Bare cavities have any size, and hardly a point lines them:
+//!
+//! ```text
+//!   # # # # # # # # #    # occupied, + solid though no point lies there, o a bare cavity. Where a wedge is narrower than the field's
+//!     # # + + o o + +    cells, it is filled. Here and there in it, the field gives cells no side, and a ball finds the outside beyond
+//!         # # # o + +    the lower wall. A void of the body is lined by #.
+//!             # # # #
 //! ```
 
 use bytemuck::{Pod, Zeroable};
@@ -22,13 +26,8 @@ use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Run, Runs, SliceStore};
 use crate::settings::closing::Least;
 use crate::solid::Solid;
-use crate::solid::change::Change;
 use crate::solid::component::FEW;
 use crate::solid::dents::{LinedSlices, Lining};
-
-/// The verdicts.
-const OPEN: u8 = 0;
-const FILLED: u8 = 1;
 
 /// A run of cells, or all that hangs together with it.
 #[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
@@ -39,6 +38,13 @@ struct Part {
     at_end: u64,
 }
 
+impl Part {
+    /// Whether what is not solid is shut off.
+    fn is_cavity(&self) -> bool {
+        self.at_end == 0
+    }
+}
+
 impl Measure for Part {
     fn add(&mut self, other: &Part) {
         self.cells += other.cells;
@@ -46,7 +52,7 @@ impl Measure for Part {
     }
 }
 
-/// A run of cells that are not solid, or all that hangs together with it, and what lines it.
+/// The same of what is not solid, with what lines it.
 #[derive(Debug, Clone, Copy, Default, Zeroable, Pod)]
 #[repr(C)]
 struct LinedPart {
@@ -61,13 +67,6 @@ impl Measure for LinedPart {
     }
 }
 
-impl LinedPart {
-    /// Whether it is a cavity that hardly any point lines.
-    fn is_bare_cavity(&self) -> bool {
-        self.part.at_end == 0 && self.lining.is_bare()
-    }
-}
-
 impl Solid {
     /// The solid with those cavities filled that hardly any point lines, as [`Solid::without_dents`] has it, with the same `thick`.
     ///
@@ -79,6 +78,12 @@ impl Solid {
         occupancy: &Occupancy,
         context: &Context,
     ) -> Result<Solid> {
+        let mut any = false;
+        self.parts(false, context)?.for_each(|part| any |= part.is_cavity())?;
+        // Most solids have none, and what lines their outside would be counted for nothing.
+        if !any {
+            return Ok(self);
+        }
         let mut labeller = Labeller::new(context);
         let mut jobs = chunks(self.cells[1]);
         context.workers.in_order(
@@ -104,15 +109,8 @@ impl Solid {
             },
             |parts: Parts<LinedPart>| labeller.add(parts),
         )?;
-        let mut any = false;
-        let labels = labeller.finish()?.judged(context, |part| {
-            any |= part.is_bare_cavity();
-            if part.is_bare_cavity() { FILLED } else { OPEN }
-        })?;
-        if !any {
-            return Ok(self);
-        }
-        self.changed(&labels, FILLED, Change::Filled, context)
+        let is_bare = |lined: &LinedPart| lined.part.is_cavity() && lined.lining.is_bare();
+        self.filled_where(labeller.finish()?, is_bare, context)
     }
 
     /// The solid with those cavities filled that have fewer cells than a component must have to be no speck, `least` and [`Least::Auto`] alike; but none, if all of these
@@ -123,14 +121,13 @@ impl Solid {
     pub fn without_specks_of_outside(self, least: Least, context: &Context) -> Result<Solid> {
         let limit = least.cells(self.volume).min(Least::Auto.cells(self.volume));
         let labelled = self.parts(false, context)?;
-        let is_speck = |part: &Part| part.at_end == 0 && part.cells < limit;
+        let is_speck = |part: &Part| part.is_cavity() && part.cells < limit;
         let mut specks = 0;
         labelled.for_each(|part| specks += if is_speck(part) { part.cells } else { 0 })?;
         if specks == 0 || FEW * specks >= self.volume {
             return Ok(self);
         }
-        let labels = labelled.judged(context, |part| if is_speck(part) { FILLED } else { OPEN })?;
-        self.changed(&labels, FILLED, Change::Filled, context)
+        self.filled_where(labelled, is_speck, context)
     }
 
     /// The pieces of the surface: those of the solid, and cavities of at least so many cells.
@@ -140,7 +137,7 @@ impl Solid {
     pub fn pieces(&self, least: u64, context: &Context) -> Result<u64> {
         let mut count = 0;
         self.parts(true, context)?.for_each(|_| count += 1)?;
-        self.parts(false, context)?.for_each(|part| count += u64::from(part.at_end == 0 && part.cells >= least))?;
+        self.parts(false, context)?.for_each(|part| count += u64::from(part.is_cavity() && part.cells >= least))?;
         Ok(count)
     }
 
@@ -209,7 +206,6 @@ mod tests {
 
     use super::*;
     use crate::grid::Cell;
-    use crate::grid::occupancy::Occupancy;
     use crate::run::testing::with_context;
 
     const CELLS: Cell = [15, 70, 14];

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::grid::Cell;
 use crate::grid::context::{Context, chunks};
-use crate::grid::label::{Labels, Scratch};
+use crate::grid::label::{Components, Labels, Measure, Scratch};
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
 use crate::solid::{Solid, faces};
 
@@ -17,6 +17,23 @@ pub(super) enum Change {
 }
 
 impl Solid {
+    /// The solid with those components filled that `is_filled` names.
+    pub(super) fn filled_where<M: Measure>(
+        self,
+        components: Components<M>,
+        is_filled: impl Fn(&M) -> bool,
+        context: &Context,
+    ) -> Result<Solid> {
+        const FILLED: u8 = 1;
+        let mut any = false;
+        let labels = components.judged(context, |measure| {
+            let fills = is_filled(measure);
+            any |= fills;
+            if fills { FILLED } else { 0 }
+        })?;
+        if any { self.changed(&labels, FILLED, Change::Filled, context) } else { Ok(self) }
+    }
+
     /// The solid with the groups changed that have a verdict.
     pub(super) fn changed(&self, labels: &Labels, verdict: u8, change: Change, context: &Context) -> Result<Solid> {
         self.with_slices(context, |y, slice, group, scratch: &mut Scratch| match change {

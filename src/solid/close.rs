@@ -324,7 +324,7 @@ fn close_signed(
     let solid = if let Some(thickened) = &thickened { solid.with(thickened, context)? } else { solid };
     let solid = solid.without_dents(thickened.as_ref(), &occupancy, context)?;
     progress.done(slices);
-    // Where the field told every cell's side, each cavity is one that it found lined.
+    // On the grid's own level the field tells the side of every free cell, and its cavities are lined.
     let solid = match level {
         0 => solid,
         _ => solid.without_bare_cavities(thickened.as_ref(), &occupancy, context)?,

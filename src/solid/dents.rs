@@ -20,17 +20,12 @@ use crate::grid::label::{Labeller, Measure, Parts};
 use crate::grid::occupancy::Occupancy;
 use crate::grid::slice::{Bits, Run, Runs, SliceStore, clip, words_of};
 use crate::grid::window::Window;
-use crate::solid::change::Change;
 use crate::solid::exterior::{Padded, invert};
 use crate::solid::{Solid, move_back};
 
 /// Squared radius of the ball that does not reach a dent. With 4 to 9, dents stay between points of a half thinned to a tenth; with 25, the bunny's mean
 /// squared error at k = 4 is an eighth larger.
 const REACHES: u32 = 16;
-
-/// The verdicts on dents.
-const OPEN: u8 = 0;
-const FILLED: u8 = 1;
 
 impl Solid {
     /// The same solid with those dents filled that hardly any point lines. `thick` are those of its cells that sheets were thickened by
@@ -48,15 +43,7 @@ impl Solid {
             |slices| self.dents(thick, occupancy, ball, slices),
             |parts: Parts<Lining>| labeller.add(parts),
         )?;
-        let mut any = false;
-        let labels = labeller.finish()?.judged(context, |lining| {
-            any |= lining.is_bare();
-            if lining.is_bare() { FILLED } else { OPEN }
-        })?;
-        if !any {
-            return Ok(self);
-        }
-        self.changed(&labels, FILLED, Change::Filled, context)
+        self.filled_where(labeller.finish()?, Lining::is_bare, context)
     }
 
     /// The dents of some slices, as far as they hang together there, with the lining of each.
