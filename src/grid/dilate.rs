@@ -15,6 +15,8 @@
 //! So a slice is looked at once, whatever the radius, and a word of it costs an OR for each row of half a ball. All that goes over the rows of a
 //! slice as if they were one row: the bit behind each ([`crate::grid::slice`]) keeps them apart.
 
+use multiversion::multiversion;
+
 use crate::error::Result;
 use crate::grid::slice::{Bits, behind};
 
@@ -215,12 +217,19 @@ impl Dilation {
             into: &self.into[nearest as usize..],
             under_way: &mut self.under_way,
         };
-        let (first, all) = (tile.start * words, tile.len() * words);
-        if all < BLOCK {
-            (0..all).for_each(|i| discs.put::<1>(i, first));
-        } else {
-            // The last block may overlap the one before: to put a word twice does no harm.
-            (0..all).step_by(BLOCK).for_each(|i| discs.put::<BLOCK>(i.min(all - BLOCK), first));
+        put_words(&mut discs, tile.start * words, tile.len() * words);
+    }
+}
+
+/// All `count` words of a tile, which begins at word `first` of the slice.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn put_words(discs: &mut Discs<'_>, first: usize, count: usize) {
+    if count < BLOCK {
+        (0..count).for_each(|i| discs.put::<1>(i, first));
+    } else {
+        // The last block may overlap the one before: to put a word twice does no harm.
+        for i in (0..count).step_by(BLOCK) {
+            discs.put::<BLOCK>(i.min(count - BLOCK), first);
         }
     }
 }
@@ -235,7 +244,7 @@ struct Discs<'a> {
 
 impl Discs<'_> {
     /// Words `i..i + N` of the tile, which begins at word `first` of the slice.
-    #[inline]
+    #[inline(always)]
     fn put<const N: usize>(&mut self, i: usize, first: usize) {
         let mut words = [0u64; N];
         for (rows, into) in self.discs.iter().zip(self.into).rev() {
@@ -264,13 +273,14 @@ impl Discs<'_> {
 }
 
 /// The `N` words from `at` on: of known number, so that the loops over them are unrolled.
-#[inline]
+#[inline(always)]
 fn block<const N: usize>(words: &[u64], at: usize) -> &[u64; N] {
     words[at..].first_chunk().expect("the rows round a tile are there")
 }
 
 /// Sets both neighbours of every set cell of rows of `words` words, whose last words have the cells `last`. Before the first and after the last
 /// row there is one word more, which is clear.
+#[multiversion(targets("x86_64+avx+avx2"))]
 fn widen(narrow: &[u64], wide: &mut [u64], words: usize, last: u64) {
     let n = narrow.len() - 2;
     let (before, here, after, out) = (&narrow[..n], &narrow[1..n + 1], &narrow[2..n + 2], &mut wide[1..n + 1]);

@@ -11,6 +11,7 @@ use super::signs::linked;
 use super::wall::{HIDDEN, Relation, SEEN, THIN};
 use super::*;
 use crate::grid::context::CHUNK_SLICES;
+use crate::points::vector::{dot, minus};
 use crate::solid::growth::ROUNDS;
 
 /// The cells with points, and what is known of these.
@@ -139,11 +140,42 @@ pub fn twin(solid: &Marks, points: &Points, side: f64, thickened: &Marks) -> (Ma
     (less(&left, &opened), wide | wide_anew)
 }
 
-/// The walls as they are seen from outside the solid.
+/// The walls as they are seen from outside the solid: of each, the outside is looked for step by step, either way, until another wall ends the look.
 fn seen(solid: &Marks, walls: &BTreeMap<[i64; 3], Wall>) -> BTreeMap<[i64; 3], Wall> {
-    let (whole, held) = (stretch(solid), held(solid.cells, walls));
     let seen = |at: &[i64; 3], wall: &Wall| {
-        wall.seen([at[2], at[0], at[1]], &mut Rounds::new(&held, wall::NEXT_REACH), &whole)
+        let cell = [at[2], at[0], at[1]];
+        let (middle, normal) = (wall.at(cell), wall.across());
+        let mut stops = [9.0f64; 2];
+        for step in cube(3) {
+            let Some(other) = walls.get(&key(add(cell, step))) else { continue };
+            let d = minus(other.at(add(cell, step)), middle);
+            let along = dot(d, normal);
+            if along.abs() >= 0.8 && dot(normal, other.across()).abs() >= 0.7 && dot(d, d) - along * along <= 1.4 * 1.4
+            {
+                let stop = &mut stops[usize::from(along < 0.0)];
+                *stop = stop.min(along.abs());
+            }
+        }
+        let [along, against] = [(1.0, stops[0]), (-1.0, stops[1])].map(|(side, stop)| {
+            for step in 3..=16 {
+                let t = 0.2 * f64::from(step);
+                if !solid.at([0, 1, 2].map(|a| (middle[a] + side * t * normal[a]).floor() as i64)) {
+                    return t;
+                }
+                if t > stop {
+                    break;
+                }
+            }
+            9.0
+        });
+        let (nearer, side) = (along.min(against), if against > along { 1 } else { -1 });
+        let is_clear = (against - along).abs() >= 1.0;
+        let [kind, sign, hint] = match nearer {
+            _ if nearer > 1.6 => [2, 0, if nearer <= 2.4 && is_clear { side } else { 0 }],
+            _ if is_clear && wall.confidence > 0.0 => [0, side, 0],
+            _ => [1, 0, 0],
+        };
+        Wall { kind: kind as u8, sign, hint, ..*wall }
     };
     walls.iter().map(|(at, wall)| (*at, seen(at, wall))).collect()
 }
@@ -465,17 +497,4 @@ pub fn held<T: Copy>(cells: Place, values: &BTreeMap<[i64; 3], T>) -> Held<T> {
         (Cells::of(&runs), values.range([y, 0, 0]..[y + 1, 0, 0]).map(|(_, value)| *value).collect())
     };
     Held::of(-20, (-20..cells[1] + 20).map(slice).collect())
-}
-
-/// The same of marks.
-pub fn stretch(marks: &Marks) -> Stretch {
-    let slice = |y: i64| {
-        let mut runs = Runs::default();
-        for z in 0..marks.cells[2] {
-            (0..marks.cells[0]).filter(|x| marks.at([*x, y, z])).for_each(|x| runs.push_run(x as u32, x as u32 + 1));
-            runs.end_row();
-        }
-        runs
-    };
-    Stretch::of(-20, (-20..marks.cells[1] + 20).map(slice).collect())
 }

@@ -81,32 +81,21 @@ impl Wall {
     /// The same wall, as it is seen from outside the solid; `walls` are cubes of [`NEXT_REACH`] cells either way.
     pub fn seen(&self, cell: [i64; 3], walls: &mut Rounds<Wall>, solid: &Stretch) -> Wall {
         let (normal, at) = (self.across(), self.at(cell));
-        let mut stops = [FAR; 2];
-        walls.round(cell, |other, wall| {
-            let d = minus(wall.at(other), at);
-            let across = dot(d, normal);
-            let parallel = dot(normal, wall.across()).abs() >= NEXT.1;
-            if across.abs() >= NEXT.0 && parallel && dot(d, d) - across * across <= NEXT.2 * NEXT.2 {
-                let stop = &mut stops[usize::from(across < 0.0)];
-                *stop = stop.min(across.abs());
-            }
-        });
-        let far = |side: f64, stop: f64| {
+        let mut free = [1.0, -1.0].map(|side| {
             let mut before = None;
-            for step in LOOK {
-                let t = STEP * f64::from(step);
-                let there = plus(at, times(side * t, normal)).map(|c| c.floor() as i64);
-                if before != Some(there) && !solid.get(there) {
-                    return t;
-                }
-                if t > stop {
-                    break;
-                }
-                before = Some(there);
+            LOOK.clone().find(|step| {
+                let there = plus(at, times(side * (STEP * f64::from(*step)), normal)).map(|c| c.floor() as i64);
+                before.replace(there) != Some(there) && !solid.get(there)
+            })
+        });
+        // Most walls have the outside nearer than another wall can be, or nowhere near: these are not looked for.
+        if free.iter().flatten().any(|step| !is_before(*step, NEXT.0)) {
+            let stops = self.stops(cell, walls);
+            for (free, stop) in free.iter_mut().zip(stops) {
+                *free = free.filter(|step| is_before(*step, stop));
             }
-            FAR
-        };
-        let (along, against) = (far(1.0, stops[0]), far(-1.0, stops[1]));
+        }
+        let [along, against] = free.map(|step| step.map_or(FAR, |step| STEP * f64::from(step)));
         let (least, more) = (along.min(against), against - along);
         let side = if more > 0.0 { 1 } else { -1 };
         let (kind, sign, hint) = if least > NEARBY.0 {
@@ -118,6 +107,27 @@ impl Wall {
         };
         Wall { kind, sign, hint, ..*self }
     }
+
+    /// How far off the next walls are along the normal and against it.
+    fn stops(&self, cell: [i64; 3], walls: &mut Rounds<Wall>) -> [f64; 2] {
+        let (normal, at) = (self.across(), self.at(cell));
+        let mut stops = [FAR; 2];
+        walls.round(cell, |other, wall| {
+            let d = minus(wall.at(other), at);
+            let across = dot(d, normal);
+            let parallel = dot(normal, wall.across()).abs() >= NEXT.1;
+            if across.abs() >= NEXT.0 && parallel && dot(d, d) - across * across <= NEXT.2 * NEXT.2 {
+                let stop = &mut stops[usize::from(across < 0.0)];
+                *stop = stop.min(across.abs());
+            }
+        });
+        stops
+    }
+}
+
+/// Whether the look gets to a step, if a wall so far off ends it: it takes one step more.
+fn is_before(step: u32, stop: f64) -> bool {
+    step == *LOOK.start() || STEP * f64::from(step - 1) <= stop
 }
 
 /// How two walls lie, and whether the outside is on the same side of their normals: 1 if it surely is, -1 if it surely is not.

@@ -15,7 +15,7 @@
 use crate::error::Result;
 use crate::grid::slice::{Bits, Runs, clip};
 use crate::grid::window::Window;
-use crate::solid::exterior::{Padded, invert};
+use crate::solid::exterior::Padded;
 use crate::solid::{Solid, move_back};
 
 /// Finds the tubes, or the struts, of a solid's slices, from the lowest to the highest.
@@ -42,13 +42,13 @@ impl<'a> Tubes<'a> {
     /// Sets the cells of slice `y` that lie in tubes, or in struts, in `bits`, which hold none. `y` must grow.
     pub(super) fn paint(&mut self, y: i64, bits: &mut Bits) -> Result<()> {
         let Tubes { solid, struts, padded, widened, upright, runs } = self;
-        let Padded { pad, cells } = *padded;
+        let pad = padded.pad;
         let [mut sum, mut middles] = [padded.bits(), padded.bits()];
         upright.slide_to(y - 1, |y, plates| {
             widened.slide_to(y - 1, |y, [slice, along, across]| {
                 solid.store.paint_moved(y, pad, slice, runs)?;
                 if *struts {
-                    complement(slice, cells[0]);
+                    complement(slice);
                 }
                 widen(slice, along);
                 widen_rows(slice, across);
@@ -57,7 +57,7 @@ impl<'a> Tubes<'a> {
             for (plate, axis) in plates.iter_mut().zip([1, 2]) {
                 middles.clear();
                 (y - 1..=y + 1).for_each(|y| or(&mut middles, &widened.get(y)[axis]));
-                complement(&mut middles, cells[0]);
+                complement(&mut middles);
                 if axis == 1 { widen(&middles, plate) } else { widen_rows(&middles, plate) }
             }
             Ok(())
@@ -65,7 +65,7 @@ impl<'a> Tubes<'a> {
         // What plates cover: those that lie in the slice, and those that stand on any of the three slices.
         let [slice, along, _] = widened.get(y);
         widen_rows(along, &mut middles);
-        complement(&mut middles, cells[0]);
+        complement(&mut middles);
         widen(&middles, &mut sum);
         widen_rows(&sum, &mut middles);
         (y - 1..=y + 1).for_each(|y| upright.get(y).iter().for_each(|plate| or(&mut middles, plate)));
@@ -80,42 +80,50 @@ impl<'a> Tubes<'a> {
     }
 }
 
+// Slices are narrow: their words are worked on as one row.
+
 /// The cells of `bits` and the next ones along x.
 fn widen(bits: &Bits, out: &mut Bits) {
-    out.clear();
-    for z in (0..bits.row_count()).filter(|z| bits.lit_row(*z).is_some()) {
-        let (row, out) = (bits.row(z), out.row_mut(z));
-        for i in 0..row.len() {
-            let before = if i > 0 { row[i - 1] } else { 0 };
-            let after = row.get(i + 1).copied().unwrap_or(0);
-            out[i] = row[i] | row[i] << 1 | row[i] >> 1 | before >> 63 | after << 63;
-        }
-        clip(out, bits.width());
+    let words = lit_words(out);
+    let (from, last) = (bits.words(), words.len() - 1);
+    let word = |before: u64, word: u64, after: u64| word | word << 1 | word >> 1 | before >> 63 | after << 63;
+    words[0] = word(0, from[0], if last > 0 { from[1] } else { 0 });
+    for (out, near) in words[1..].iter_mut().zip(from.windows(3)) {
+        *out = word(near[0], near[1], near[2]);
     }
+    if last > 0 {
+        words[last] = word(from[last - 1], from[last], 0);
+    }
+    // The bit behind a row's last cell is none, and so no row reaches the next one's first cell.
+    clip_rows(out);
 }
 
 /// The cells of `bits` and those of the rows before and after.
 fn widen_rows(bits: &Bits, out: &mut Bits) {
-    out.clear();
-    for z in 0..bits.row_count() {
-        for near in z.saturating_sub(1)..(z + 2).min(bits.row_count()) {
-            if let Some(row) = bits.lit_row(near) {
-                out.row_mut(z).iter_mut().zip(row).for_each(|(out, row)| *out |= row);
-            }
-        }
-    }
+    let (from, row) = (bits.words(), bits.row_words());
+    let words = lit_words(out);
+    words.copy_from_slice(from);
+    words.iter_mut().zip(&from[row..]).for_each(|(out, after)| *out |= after);
+    words[row..].iter_mut().zip(from).for_each(|(out, before)| *out |= before);
 }
 
 fn or(bits: &mut Bits, other: &Bits) {
-    for z in 0..bits.row_count() {
-        if let Some(row) = other.lit_row(z) {
-            bits.row_mut(z).iter_mut().zip(row).for_each(|(bits, other)| *bits |= other);
-        }
-    }
+    lit_words(bits).iter_mut().zip(other.words()).for_each(|(bits, other)| *bits |= other);
 }
 
-fn complement(bits: &mut Bits, width: u32) {
-    for z in 0..bits.row_count() {
-        invert(bits.row_mut(z), width);
-    }
+fn complement(bits: &mut Bits) {
+    lit_words(bits).iter_mut().for_each(|word| *word = !*word);
+    clip_rows(bits);
+}
+
+/// All words, to write to.
+fn lit_words(bits: &mut Bits) -> &mut [u64] {
+    bits.light(0..bits.row_count() as usize);
+    bits.words_mut()
+}
+
+/// Clears what lies behind the rows' last cells.
+fn clip_rows(bits: &mut Bits) {
+    let (width, row) = (bits.width(), bits.row_words());
+    bits.words_mut().chunks_exact_mut(row).for_each(|row| clip(row, width));
 }
