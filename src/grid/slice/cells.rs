@@ -159,6 +159,18 @@ impl Bits {
         }
     }
 
+    /// Sets the cells that are not set, and clears those that are.
+    pub fn complement(&mut self) {
+        self.lit.fill(true);
+        self.rows.iter_mut().for_each(|word| *word = !*word);
+        self.clip_rows();
+    }
+
+    /// Clears what lies behind the rows' last cells.
+    pub fn clip_rows(&mut self) {
+        self.rows.chunks_exact_mut(self.words).for_each(|row| clip(row, self.width));
+    }
+
     /// Clears every cell that is not set in `other`.
     pub fn and(&mut self, other: &Bits) {
         self.with_lit(other, |row, other| match other {

@@ -214,9 +214,8 @@ struct Site<B> {
 }
 
 impl<B: Fn(f64, f64) -> bool> Site<B> {
-    /// Whether the filter tells the building and the ground, but for a tenth and a fiftieth of their points. A filled cell along a wall can be of any height between, and its window's end of the
-    /// building then falls in small steps: of 600 buildings two lost .2 and .8 % so, and one once 2.4 %.
-    fn is_told(&self, asked: GroundOptions, seed: u64) -> std::result::Result<(), TestCaseError> {
+    /// The points of the ground and of the building, and of each, how many the filter takes for an object and for ground.
+    fn counts(&self, asked: GroundOptions, seed: u64) -> [[usize; 2]; 2] {
         let mut next = random(seed);
         let (sin, cos) = self.turned.sin_cos();
         let mut counts = [[0; 2]; 2];
@@ -233,46 +232,56 @@ impl<B: Fn(f64, f64) -> bool> Site<B> {
         for (building, ground) in building.iter().zip(verdicts(&points, asked, 1 << 26, 2)) {
             counts[usize::from(*building)][usize::from(ground)] += 1;
         }
-        let [[lost, found], [told, taken]] = counts;
-        prop_assert!(taken * 10 < told && lost * 50 < found, "{counts:?}");
-        Ok(())
+        counts
     }
 }
 
+/// Whether the filter tells buildings and ground, but for a hundredth of all points of buildings and a fiftieth of each site's ground. A filled cell along a wall can have any height between.
+/// Where it does, an end of a roof may fall in small steps and be taken for ground: of 600 buildings two lost .2 and .8 %, and once one lost 2.4 %. So no building loses a tenth, and all together lose a hundredth.
+fn are_told(sites: &[[[usize; 2]; 2]]) -> std::result::Result<(), TestCaseError> {
+    let mut of_all = [0; 2];
+    for [[lost, found], [told, taken]] in sites {
+        prop_assert!(taken * 10 < *told && lost * 50 < *found, "{sites:?}");
+        of_all = [of_all[0] + told, of_all[1] + taken];
+    }
+    prop_assert!(of_all[1] * 100 < of_all[0], "{sites:?}");
+    Ok(())
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(16))]
+    #![proptest_config(ProptestConfig::with_cases(1))]
 
     /// The data ends as it likes: at any angle, across roofs.
     #[test]
     fn a_roof_that_the_end_of_the_data_cuts_is_no_ground(
-        seed in any::<u64>(),
-        turned in 0.0f64..1.6,
-        slope in prop::array::uniform2(-0.05f64..0.05),
-        height in 5.0f64..9.0,
-        density in 2usize..6,
+        sites in prop::collection::vec(
+            (any::<u64>(), 0.0f64..1.6, prop::array::uniform2(-0.05f64..0.05), 5.0f64..9.0, 2usize..6),
+            16,
+        ),
     ) {
-        // Along the middle half of one side, as deep as half the widest window.
-        let is_building = |u: f64, v: f64| u < -22.0 && v.abs() < 15.0;
-        let site = Site { side: 60.0, density, turned, slope, height, is_building };
-        site.is_told(GroundOptions { window: 18, hole: 18, ..USUAL }, seed)?;
+        let counts = sites.into_iter().map(|(seed, turned, slope, height, density)| {
+            // Along the middle half of one side, as deep as half the widest window.
+            let is_building = |u: f64, v: f64| u < -22.0 && v.abs() < 15.0;
+            let site = Site { side: 60.0, density, turned, slope, height, is_building };
+            site.counts(GroundOptions { window: 18, hole: 18, ..USUAL }, seed)
+        });
+        are_told(&counts.collect::<Vec<_>>())?;
     }
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(8))]
 
     /// Halls narrower than the widest window and higher than three storeys, at any angle, on slopes. Of lower ones, cells that are filled along a wall can be half as high, and the fall comes in two steps.
     #[test]
-    fn a_hall_is_no_ground(
-        seed in any::<u64>(),
-        turned in 0.0f64..1.6,
-        slope in prop::array::uniform2(-0.05f64..0.05),
-        height in 8.0f64..14.0,
-        width in 10.0f64..60.0,
+    fn halls_are_no_ground(
+        sites in prop::collection::vec(
+            (any::<u64>(), 0.0f64..1.6, prop::array::uniform2(-0.05f64..0.05), 8.0f64..14.0, 10.0f64..60.0),
+            8,
+        ),
     ) {
-        let is_building = |u: f64, v: f64| u.abs() < width / 2.0 && v.abs() < 45.0;
-        let site = Site { side: 160.0, density: 2, turned, slope, height, is_building };
-        site.is_told(GroundOptions { window: 40, hole: 18, ..USUAL }, seed)?;
+        let counts = sites.into_iter().map(|(seed, turned, slope, height, width)| {
+            let is_building = |u: f64, v: f64| u.abs() < width / 2.0 && v.abs() < 45.0;
+            let site = Site { side: 160.0, density: 2, turned, slope, height, is_building };
+            site.counts(GroundOptions { window: 40, hole: 18, ..USUAL }, seed)
+        });
+        are_told(&counts.collect::<Vec<_>>())?;
     }
 }
 

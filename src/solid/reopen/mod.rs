@@ -64,7 +64,7 @@ use crate::grid::slice::{Bits, Run, Runs, SliceStore, Slices};
 use crate::grid::{Cell, Grid};
 use crate::points::Coordinate;
 use crate::solid::change::Change;
-use crate::solid::exterior::{Padded, invert};
+use crate::solid::exterior::Padded;
 use crate::solid::{Solid, move_back};
 
 /// Cells within this squared distance of one touch it.
@@ -297,9 +297,7 @@ impl Solid {
             for y in chunk {
                 let near = dilation.slide_to(i64::from(y + pad), |y, bits| {
                     self.store.paint_moved(y - i64::from(pad), pad, bits, &mut runs)?;
-                    for z in 0..padded.cells[2] {
-                        invert(bits.row_mut(z), padded.cells[0]);
-                    }
+                    bits.complement();
                     Ok(())
                 })?;
                 occupied.paint(y.into(), &mut deep, &mut runs)?;

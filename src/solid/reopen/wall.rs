@@ -125,7 +125,7 @@ impl Wall {
     }
 }
 
-/// Whether the look gets to a step, if a wall so far off ends it: it takes one step more.
+/// Whether the look comes as far as a step, if a wall so far off ends it. The first step beyond the wall is its last.
 fn is_before(step: u32, stop: f64) -> bool {
     step == *LOOK.start() || STEP * f64::from(step - 1) <= stop
 }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::block::{Block, PAD};
 use crate::grid::dilate::{Ball, Dilation};
-use crate::grid::slice::{Bits, clip, set_range};
+use crate::grid::slice::{Bits, set_range};
 
 /// The radius from which a coarser copy will do.
 const ROUND: f64 = 24.0;
@@ -36,14 +36,7 @@ pub fn reached(block: &Block, occupied: &[bool], radius: f64) -> Vec<bool> {
     }
     let mut free = dilated(&coarse, ball);
     drop(coarse);
-    for slice in &mut free {
-        slice.light(0..rows);
-        for z in 0..rows as u32 {
-            let row = slice.row_mut(z);
-            row.iter_mut().for_each(|word| *word = !*word);
-            clip(row, width as u32);
-        }
-    }
+    free.iter_mut().for_each(Bits::complement);
     let centres = filled_from_corner(&free);
     drop(free);
     let covered = dilated(&centres, ball);

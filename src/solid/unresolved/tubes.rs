@@ -48,7 +48,7 @@ impl<'a> Tubes<'a> {
             widened.slide_to(y - 1, |y, [slice, along, across]| {
                 solid.store.paint_moved(y, pad, slice, runs)?;
                 if *struts {
-                    complement(slice);
+                    slice.complement();
                 }
                 widen(slice, along);
                 widen_rows(slice, across);
@@ -57,7 +57,7 @@ impl<'a> Tubes<'a> {
             for (plate, axis) in plates.iter_mut().zip([1, 2]) {
                 middles.clear();
                 (y - 1..=y + 1).for_each(|y| or(&mut middles, &widened.get(y)[axis]));
-                complement(&mut middles);
+                middles.complement();
                 if axis == 1 { widen(&middles, plate) } else { widen_rows(&middles, plate) }
             }
             Ok(())
@@ -65,7 +65,7 @@ impl<'a> Tubes<'a> {
         // What plates cover: those that lie in the slice, and those that stand on any of the three slices.
         let [slice, along, _] = widened.get(y);
         widen_rows(along, &mut middles);
-        complement(&mut middles);
+        middles.complement();
         widen(&middles, &mut sum);
         widen_rows(&sum, &mut middles);
         (y - 1..=y + 1).for_each(|y| upright.get(y).iter().for_each(|plate| or(&mut middles, plate)));
@@ -95,7 +95,7 @@ fn widen(bits: &Bits, out: &mut Bits) {
         words[last] = word(from[last - 1], from[last], 0);
     }
     // The bit behind a row's last cell is none, and so no row reaches the next one's first cell.
-    clip_rows(out);
+    out.clip_rows();
 }
 
 /// The cells of `bits` and those of the rows before and after.
@@ -111,19 +111,8 @@ fn or(bits: &mut Bits, other: &Bits) {
     lit_words(bits).iter_mut().zip(other.words()).for_each(|(bits, other)| *bits |= other);
 }
 
-fn complement(bits: &mut Bits) {
-    lit_words(bits).iter_mut().for_each(|word| *word = !*word);
-    clip_rows(bits);
-}
-
 /// All words, to write to.
 fn lit_words(bits: &mut Bits) -> &mut [u64] {
     bits.light(0..bits.row_count() as usize);
     bits.words_mut()
-}
-
-/// Clears what lies behind the rows' last cells.
-fn clip_rows(bits: &mut Bits) {
-    let (width, row) = (bits.width(), bits.row_words());
-    bits.words_mut().chunks_exact_mut(row).for_each(|row| clip(row, width));
 }
